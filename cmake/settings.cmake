@@ -1,0 +1,28 @@
+# What every target of Bregma is built with. Targets link bregma_settings; third-party headers are system headers.
+add_library(bregma_settings INTERFACE)
+target_include_directories(bregma_settings INTERFACE ${CMAKE_SOURCE_DIR})
+# x86-64-v2: every 64-bit machine a hospital may still have. Faster code is chosen by the release-v3 preset.
+set(BREGMA_MARCH "x86-64-v2" CACHE STRING "Instruction set to build for")
+target_compile_options(bregma_settings INTERFACE -march=${BREGMA_MARCH}
+  $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Werror>)
+
+if(BREGMA_SANITIZE)
+  add_compile_options(-fsanitize=${BREGMA_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+  add_link_options(-fsanitize=${BREGMA_SANITIZE})
+endif()
+
+# bregma_test(NAME test_x SOURCES ... LIBRARIES ... [LABEL unit] [TIMEOUT s]): one GoogleTest program, its tests known to CTest
+# by name and label.
+function(bregma_test)
+  cmake_parse_arguments(arg "" "NAME;LABEL;TIMEOUT" "SOURCES;LIBRARIES" ${ARGN})
+  if(NOT arg_LABEL)
+    set(arg_LABEL unit)
+  endif()
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 120)
+  endif()
+  add_executable(${arg_NAME} ${arg_SOURCES})
+  target_link_libraries(${arg_NAME} PRIVATE bregma_settings ${arg_LIBRARIES} GTest::gtest GTest::gtest_main)
+  include(GoogleTest)
+  gtest_discover_tests(${arg_NAME} PROPERTIES LABELS ${arg_LABEL} TIMEOUT ${arg_TIMEOUT} DISCOVERY_TIMEOUT 60)
+endfunction()

@@ -1,0 +1,179 @@
+#include "idl/dds.hpp"
+
+#include <cstdlib>
+#include <map>
+#include <memory>
+#include <mutex>
+
+#include <ddsc/dds.h>
+
+namespace bregma::dds {
+namespace {
+
+std::int32_t checked(std::int32_t result, const std::string &what) {
+  if (result < 0) {
+    throw Error("DDS: " + what + ": " + dds_strretcode(result));
+  }
+  return result;
+}
+
+using QosPtr = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
+
+QosPtr make_qos(const wire::Qos &qos) {
+  QosPtr out(dds_create_qos(), &dds_delete_qos);
+  dds_qset_reliability(out.get(), qos.reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
+                       DDS_MSECS(100));
+  dds_qset_durability(out.get(), qos.transient_local ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
+  if (qos.depth > 0) {
+    dds_qset_history(out.get(), DDS_HISTORY_KEEP_LAST, qos.depth);
+  } else {
+    dds_qset_history(out.get(), DDS_HISTORY_KEEP_ALL, DDS_LENGTH_UNLIMITED);
+  }
+  if (qos.deadline_ns > 0) {
+    dds_qset_deadline(out.get(), qos.deadline_ns);
+  }
+  if (qos.lease_ns > 0) {
+    dds_qset_liveliness(out.get(), DDS_LIVELINESS_AUTOMATIC, qos.lease_ns);
+  }
+  // Several writers of one instance must not hide each other, and a writer's end must not end what it said.
+  dds_qset_writer_data_lifecycle(out.get(), false);
+  return out;
+}
+
+// A domain's settings can be given only once a process, before its first participant.
+void ensure_domain(std::uint32_t domain_id) {
+  static std::mutex mutex;
+  static std::map<std::uint32_t, Entity> domains;
+  const std::lock_guard lock(mutex);
+  if (domains.contains(domain_id)) {
+    return;
+  }
+  const char *uri = std::getenv("CYCLONEDDS_URI"); // NOLINT(concurrency-mt-unsafe): read before threads start
+  const char *configuration = uri != nullptr && *uri != '\0' ? uri : default_configuration();
+  domains.emplace(domain_id, checked(dds_create_domain(domain_id, configuration),
+                                     "cannot configure domain " + std::to_string(domain_id)));
+}
+
+Entity make_topic(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *name) {
+  return Entity(checked(dds_create_topic(participant.handle(), &descriptor, name, nullptr, nullptr),
+                        std::string("cannot create topic ") + name));
+}
+
+} // namespace
+
+Entity &Entity::operator=(Entity &&other) noexcept {
+  if (this != &other) {
+    if (handle_ > 0) {
+      dds_delete(handle_);
+    }
+    handle_ = std::exchange(other.handle_, 0);
+  }
+  return *this;
+}
+
+Entity::~Entity() {
+  if (handle_ > 0) {
+    dds_delete(handle_);
+  }
+}
+
+const char *default_configuration() {
+  return "<CycloneDDS><Domain>"
+         "<General><Interfaces><NetworkInterface name=\"lo\" multicast=\"false\"/></Interfaces>"
+         "<AllowMulticast>false</AllowMulticast></General>"
+         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+         "<MaxAutoParticipantIndex>60</MaxAutoParticipantIndex>"
+         "<Peers><Peer Address=\"127.0.0.1\"/></Peers></Discovery>"
+         "</Domain></CycloneDDS>";
+}
+
+Participant::Participant(std::uint32_t domain_id) {
+  ensure_domain(domain_id);
+  entity_ = Entity(
+      checked(dds_create_participant(domain_id, nullptr, nullptr), "cannot join domain " + std::to_string(domain_id)));
+}
+
+namespace detail {
+
+Entity make_writer(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *topic_name,
+                   const wire::Qos &qos) {
+  const Entity topic = make_topic(participant, descriptor, topic_name);
+  return Entity(checked(dds_create_writer(participant.handle(), topic.handle(), make_qos(qos).get(), nullptr),
+                        std::string("cannot write topic ") + topic_name));
+}
+
+Entity make_reader(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *topic_name,
+                   const wire::Qos &qos) {
+  const Entity topic = make_topic(participant, descriptor, topic_name);
+  return Entity(checked(dds_create_reader(participant.handle(), topic.handle(), make_qos(qos).get(), nullptr),
+                        std::string("cannot read topic ") + topic_name));
+}
+
+bool write(const Entity &writer, const void *sample) noexcept {
+  return dds_write(writer.handle(), sample) == DDS_RETCODE_OK;
+}
+
+std::uint32_t matched_readers(const Entity &writer) noexcept {
+  dds_publication_matched_status_t status{};
+  return dds_get_publication_matched_status(writer.handle(), &status) == DDS_RETCODE_OK ? status.current_count : 0;
+}
+
+std::uint32_t matched_writers(const Entity &reader) noexcept {
+  dds_subscription_matched_status_t status{};
+  return dds_get_subscription_matched_status(reader.handle(), &status) == DDS_RETCODE_OK ? status.current_count : 0;
+}
+
+ReaderStatus status(const Entity &reader) noexcept {
+  dds_requested_deadline_missed_status_t deadline{};
+  dds_liveliness_changed_status_t liveliness{};
+  dds_subscription_matched_status_t matched{};
+  (void)dds_get_requested_deadline_missed_status(reader.handle(), &deadline);
+  (void)dds_get_liveliness_changed_status(reader.handle(), &liveliness);
+  (void)dds_get_subscription_matched_status(reader.handle(), &matched);
+  const std::uint32_t unmatched = matched.total_count - matched.current_count;
+  return {deadline.total_count, liveliness.alive_count, unmatched + liveliness.not_alive_count};
+}
+
+void take(const Entity &reader, Batch &batch) noexcept {
+  dds_sample_info_t infos[kBatch];
+  batch.samples[0] = nullptr; // asks for a loan
+  batch.count = dds_take(reader.handle(), batch.samples, infos, kBatch, kBatch);
+  for (int i = 0; i < batch.count; ++i) {
+    batch.infos[i] = {infos[i].source_timestamp, infos[i].publication_handle};
+    batch.valid[i] = infos[i].valid_data;
+  }
+}
+
+void give_back(const Entity &reader, Batch &batch) noexcept {
+  if (batch.count > 0) {
+    (void)dds_return_loan(reader.handle(), batch.samples, batch.count);
+  }
+}
+
+} // namespace detail
+
+Guard::Guard(const Participant &participant)
+    : entity_(checked(dds_create_guardcondition(participant.handle()), "cannot create a guard condition")) {}
+
+void Guard::raise() const noexcept { (void)dds_set_guardcondition(entity_.handle(), true); }
+void Guard::lower() const noexcept { (void)dds_set_guardcondition(entity_.handle(), false); }
+
+WaitSet::WaitSet(const Participant &participant)
+    : entity_(checked(dds_create_waitset(participant.handle()), "cannot create a wait set")) {}
+
+void WaitSet::attach(const Guard &guard) {
+  checked(dds_waitset_attach(entity_.handle(), guard.entity().handle(), 0), "cannot wait for a guard");
+}
+
+void WaitSet::attach_reader(const Entity &reader) {
+  checked(dds_set_status_mask(reader.handle(), DDS_DATA_AVAILABLE_STATUS | DDS_REQUESTED_DEADLINE_MISSED_STATUS |
+                                                   DDS_LIVELINESS_CHANGED_STATUS),
+          "cannot choose what to wait for");
+  checked(dds_waitset_attach(entity_.handle(), reader.handle(), 0), "cannot wait for a reader");
+}
+
+bool WaitSet::wait(std::chrono::nanoseconds timeout) const noexcept {
+  return dds_waitset_wait(entity_.handle(), nullptr, 0, timeout.count() > 0 ? timeout.count() : 0) > 0;
+}
+
+} // namespace bregma::dds

@@ -1,0 +1,158 @@
+// Owners of Cyclone's C entities. Nothing outside idl/ includes Cyclone's own API headers.
+//
+// Threads: a Participant may be used by any thread. A Writer or Reader may be used by one thread at a time.
+// Errors: constructors throw dds::Error; write and take never throw and never block for longer than Cyclone's
+// max_blocking_time (100 ms, and only for topics that keep all samples).
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "idl/topics.hpp"
+
+namespace bregma::dds {
+
+class Error : public std::runtime_error {
+public:
+  using std::runtime_error::runtime_error;
+};
+
+// One handle of Cyclone's, deleted with its owner.
+class Entity {
+public:
+  explicit Entity(std::int32_t handle = 0) noexcept : handle_(handle) {}
+  Entity(Entity &&other) noexcept : handle_(std::exchange(other.handle_, 0)) {}
+  Entity &operator=(Entity &&other) noexcept;
+  Entity(const Entity &) = delete;
+  Entity &operator=(const Entity &) = delete;
+  ~Entity();
+  [[nodiscard]] std::int32_t handle() const noexcept { return handle_; }
+
+private:
+  std::int32_t handle_;
+};
+
+// Cyclone's settings when CYCLONEDDS_URI names none: loopback only, discovery without multicast. A network is joined
+// only by saying so.
+[[nodiscard]] const char *default_configuration();
+
+// domain_id: 0 to 230; processes on different domains do not see each other.
+class Participant {
+public:
+  explicit Participant(std::uint32_t domain_id);
+  [[nodiscard]] std::int32_t handle() const noexcept { return entity_.handle(); }
+
+private:
+  Entity entity_;
+};
+
+struct SampleInfo {
+  std::int64_t source_time_ns; // the writer's host clock
+  std::uint64_t writer;        // differs between writers, so that a restarted driver is noticed
+};
+
+struct ReaderStatus {
+  std::uint32_t deadlines_missed; // in all
+  std::uint32_t writers_alive;    // now
+  std::uint32_t writers_lost;     // in all: by end of process or of its lease
+};
+
+namespace detail {
+[[nodiscard]] Entity make_writer(const Participant &participant, const dds_topic_descriptor_t &descriptor,
+                                 const char *topic_name, const wire::Qos &qos);
+[[nodiscard]] Entity make_reader(const Participant &participant, const dds_topic_descriptor_t &descriptor,
+                                 const char *topic_name, const wire::Qos &qos);
+[[nodiscard]] bool write(const Entity &writer, const void *sample) noexcept;
+[[nodiscard]] std::uint32_t matched_readers(const Entity &writer) noexcept;
+[[nodiscard]] std::uint32_t matched_writers(const Entity &reader) noexcept;
+[[nodiscard]] ReaderStatus status(const Entity &reader) noexcept;
+
+inline constexpr std::size_t kBatch = 16;
+struct Batch { // samples on loan from Cyclone
+  void *samples[kBatch] = {};
+  SampleInfo infos[kBatch] = {};
+  bool valid[kBatch] = {};
+  int count = 0;
+};
+void take(const Entity &reader, Batch &batch) noexcept;
+void give_back(const Entity &reader, Batch &batch) noexcept;
+} // namespace detail
+
+template <class T> class Writer {
+public:
+  explicit Writer(const Participant &participant, const wire::Qos &qos = wire::Topic<T>::kQos)
+      : entity_(detail::make_writer(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
+
+  // Serialises and sends on the caller's thread. False when Cyclone refused the sample (a malformed one, or a
+  // keep-all cache that stayed full): the caller counts it.
+  [[nodiscard]] bool write(const T &sample) const noexcept { return detail::write(entity_, &sample); }
+  [[nodiscard]] std::uint32_t matched_readers() const noexcept { return detail::matched_readers(entity_); }
+
+private:
+  Entity entity_;
+};
+
+template <class T> class Reader {
+public:
+  explicit Reader(const Participant &participant, const wire::Qos &qos = wire::Topic<T>::kQos)
+      : entity_(detail::make_reader(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
+
+  // Calls visit(const T &, const SampleInfo &) for every sample that has arrived since the last call, oldest first.
+  // The samples are on loan: they are gone when visit returns. Returns their number.
+  template <class Visit> std::size_t take_each(Visit &&visit) {
+    std::size_t total = 0;
+    detail::Batch batch;
+    do {
+      detail::take(entity_, batch);
+      for (int i = 0; i < batch.count; ++i) {
+        if (batch.valid[i]) {
+          visit(*static_cast<const T *>(batch.samples[i]), batch.infos[i]);
+          ++total;
+        }
+      }
+      detail::give_back(entity_, batch);
+    } while (batch.count == static_cast<int>(detail::kBatch));
+    return total;
+  }
+
+  [[nodiscard]] std::uint32_t matched_writers() const noexcept { return detail::matched_writers(entity_); }
+  // Also resets the state that wakes a WaitSet for a missed deadline or a lost writer.
+  [[nodiscard]] ReaderStatus status() const noexcept { return detail::status(entity_); }
+  [[nodiscard]] const Entity &entity() const noexcept { return entity_; }
+
+private:
+  Entity entity_;
+};
+
+// Lets another thread wake a WaitSet.
+class Guard {
+public:
+  explicit Guard(const Participant &participant);
+  void raise() const noexcept;
+  void lower() const noexcept;
+  [[nodiscard]] const Entity &entity() const noexcept { return entity_; }
+
+private:
+  Entity entity_;
+};
+
+// Sleeps until data arrive, a deadline is missed, a writer is lost, a guard is raised, or time runs out.
+class WaitSet {
+public:
+  explicit WaitSet(const Participant &participant);
+  template <class T> void attach(const Reader<T> &reader) { attach_reader(reader.entity()); }
+  void attach(const Guard &guard);
+  // True when something happened, false when the timeout ran out. Negative timeouts return at once.
+  bool wait(std::chrono::nanoseconds timeout) const noexcept;
+
+private:
+  void attach_reader(const Entity &reader);
+  Entity entity_;
+};
+
+} // namespace bregma::dds

@@ -1,0 +1,65 @@
+// Names and poses as they stand on the wire, and their values in C++. The one border between the two.
+#pragma once
+
+#include <cstring>
+#include <limits>
+#include <string>
+#include <string_view>
+
+#include "algorithms/geometry/rigid3.hpp"
+#include "idl/topics.hpp"
+
+namespace bregma::wire {
+
+inline constexpr std::size_t kNameLength = sizeof(Name) - 1; // bytes, without the NUL
+inline constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+
+// False, and name untouched, when the text is too long: a name is never cut.
+[[nodiscard]] inline bool set_name(Name &name, std::string_view text) noexcept {
+  if (text.size() > kNameLength) {
+    return false;
+  }
+  std::memset(name, 0, sizeof(Name));
+  std::memcpy(name, text.data(), text.size());
+  return true;
+}
+
+[[nodiscard]] inline bool is_terminated(const Name &name) noexcept {
+  return std::memchr(name, 0, sizeof(Name)) != nullptr;
+}
+
+// Reads at most the array, terminated or not.
+[[nodiscard]] inline std::string_view view(const Name &name) noexcept { return {name, strnlen(name, sizeof(Name))}; }
+[[nodiscard]] inline std::string text(const Name &name) { return std::string(view(name)); }
+
+// A person's message in a bounded string; the end of a text that is too long is replaced by "...".
+template <std::size_t N> void set_text(char (&out)[N], std::string_view message) noexcept {
+  static_assert(N > 4);
+  const bool fits = message.size() < N;
+  const std::size_t length = fits ? message.size() : N - 1;
+  std::memcpy(out, message.data(), length);
+  if (!fits) {
+    std::memcpy(out + N - 4, "...", 3);
+  }
+  out[length] = '\0';
+}
+
+template <class Target, class Source> [[nodiscard]] Pose to_wire(const geometry::Rigid3<Target, Source> &T) noexcept {
+  const auto &q = T.rotation();
+  const auto &t = T.translation();
+  return {{q.w(), q.x(), q.y(), q.z()}, {t.x(), t.y(), t.z()}};
+}
+
+// The pose must have passed the border check: finite, unit quaternion. The caller states the frames.
+template <class Target, class Source>
+[[nodiscard]] geometry::Rigid3<Target, Source> from_wire(const Pose &pose) noexcept {
+  const auto &q = pose.rotation_wxyz;
+  const auto &t = pose.translation_mm;
+  return {Eigen::Quaterniond(q[0], q[1], q[2], q[3]), Eigen::Vector3d(t[0], t[1], t[2])};
+}
+
+[[nodiscard]] inline Pose unknown_pose() noexcept {
+  return {{kUnknown, kUnknown, kUnknown, kUnknown}, {kUnknown, kUnknown, kUnknown}};
+}
+
+} // namespace bregma::wire

@@ -1,0 +1,97 @@
+// The topic table: every topic of Bregma with its name, its type and its quality of service, in one place.
+#pragma once
+
+#include <cstdint>
+
+#include "control.h"
+#include "state.h"
+#include "streams.h"
+
+namespace bregma::wire {
+
+#define BREGMA_WIRE_TYPE(Type) using Type = bregma_wire_##Type
+BREGMA_WIRE_TYPE(Name);
+BREGMA_WIRE_TYPE(Pose);
+BREGMA_WIRE_TYPE(TrackedTool);
+BREGMA_WIRE_TYPE(TrueTool);
+BREGMA_WIRE_TYPE(Ellipsoid);
+BREGMA_WIRE_TYPE(FiducialResidual);
+BREGMA_WIRE_TYPE(TargetAccuracy);
+BREGMA_WIRE_TYPE(DeviceHealth);
+BREGMA_WIRE_TYPE(LoopHealth);
+BREGMA_WIRE_TYPE(CommandBody);
+BREGMA_WIRE_TYPE(ToolStatus);
+BREGMA_WIRE_TYPE(RobotMode);
+BREGMA_WIRE_TYPE(SessionState);
+BREGMA_WIRE_TYPE(PoseStatus);
+BREGMA_WIRE_TYPE(RegistrationStatus);
+BREGMA_WIRE_TYPE(RefusalReason);
+BREGMA_WIRE_TYPE(DeformationStatus);
+BREGMA_WIRE_TYPE(CaptureKind);
+BREGMA_WIRE_TYPE(RejectReason);
+BREGMA_WIRE_TYPE(DeviceKind);
+BREGMA_WIRE_TYPE(DeviceStatus);
+BREGMA_WIRE_TYPE(AlarmState);
+BREGMA_WIRE_TYPE(AlarmSeverity);
+BREGMA_WIRE_TYPE(CommandKind);
+BREGMA_WIRE_TYPE(CommandResult);
+#undef BREGMA_WIRE_TYPE
+
+struct Qos {
+  bool reliable;
+  bool transient_local;
+  int depth;                // samples kept an instance; 0 keeps all
+  std::int64_t deadline_ns; // 0: none. A reader is told when an instance is silent for longer.
+  std::int64_t lease_ns;    // liveliness, automatic; 0: none. A dead process is noticed after this time.
+};
+
+inline constexpr std::int64_t kMillisecond_ns = 1'000'000;
+
+namespace qos {
+// Streams: an old sample is worth nothing, so none is sent twice; a silent device is a lost device.
+inline constexpr Qos kTracker{false, false, 8, 200 * kMillisecond_ns, 1'000 * kMillisecond_ns};
+inline constexpr Qos kSensor{false, false, 8, 500 * kMillisecond_ns, 1'000 * kMillisecond_ns};
+inline constexpr Qos kTruth{false, false, 64, 0, 0};
+inline constexpr Qos kBulkIn{true, false, 4, 0, 0};
+// State: the last value of each instance, also for those that come late. Depth 1 is what keeps a stalled client from
+// filling the writer's cache: the next value replaces the last.
+inline constexpr Qos kState{true, true, 1, 0, 1'000 * kMillisecond_ns};
+// A late display can still draw the whole trace.
+inline constexpr Qos kCaptures{true, true, 1024, 0, 1'000 * kMillisecond_ns};
+inline constexpr Qos kControl{true, false, 0, 0, 0};
+} // namespace qos
+
+// X(type, quality of service)
+#define BREGMA_TOPICS(X)                                                                                               \
+  X(TrackerFrame, kTracker)                                                                                            \
+  X(RobotState, kSensor)                                                                                               \
+  X(RangeSample, kSensor)                                                                                              \
+  X(ForceSample, kSensor)                                                                                              \
+  X(ImageSlice, kBulkIn)                                                                                               \
+  X(SurfacePoints, kBulkIn)                                                                                            \
+  X(NavigationState, kState)                                                                                           \
+  X(RegistrationState, kState)                                                                                         \
+  X(AccuracyState, kState)                                                                                             \
+  X(DeformationState, kState)                                                                                          \
+  X(SystemHealth, kState)                                                                                              \
+  X(DeformationField, kState)                                                                                          \
+  X(CapturedPoint, kCaptures)                                                                                          \
+  X(FiducialReport, kState)                                                                                            \
+  X(Alarm, kState)                                                                                                     \
+  X(Command, kControl)                                                                                                 \
+  X(CommandReply, kControl)                                                                                            \
+  X(SimulatedTruth, kTruth)
+
+template <class T> struct Topic;
+
+#define BREGMA_DECLARE_TOPIC(Type, qos_name)                                                                           \
+  using Type = bregma_wire_##Type;                                                                                     \
+  template <> struct Topic<Type> {                                                                                     \
+    static constexpr const char *kName = #Type;                                                                        \
+    static constexpr Qos kQos = qos::qos_name;                                                                         \
+    static const dds_topic_descriptor_t &descriptor() { return bregma_wire_##Type##_desc; }                            \
+  };
+BREGMA_TOPICS(BREGMA_DECLARE_TOPIC)
+#undef BREGMA_DECLARE_TOPIC
+
+} // namespace bregma::wire
