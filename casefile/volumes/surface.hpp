@@ -1,0 +1,69 @@
+// Closed surfaces from images, by ITK (segmentation) and VTK (mesh).
+//
+// Stages: threshold, largest component, morphological closing, holes filled from outside, isosurface (flying edges) of
+// the padded, slightly blurred mask, windowed-sinc smoothing, quadric decimation. The result is one closed 2-manifold,
+// oriented outward, in Image (RAS, mm); anything else is an Error, never a doubtful mesh.
+// Blocking, for seconds; safe from any thread.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "algorithms/geometry/triangle_mesh.hpp"
+#include "casefile/result.hpp"
+#include "casefile/volumes/volume.hpp"
+
+namespace bregma::casefile {
+
+// Called from the calling thread with the share of the work that is done (0 to 1) and the stage's name. Returning false
+// stops the work: the function then returns an Error that says so.
+using Progress = std::function<bool(double, std::string_view)>;
+
+struct SurfaceOptions {
+  std::optional<double> threshold; // intensity from which a voxel belongs to the object; Otsu's where not given
+  double closing_mm = 0.0;         // radius of the ball that closes clefts (sinuses, ear canals, sulci)
+  bool fill_holes = true;          // what the outside cannot reach belongs to the object
+  double blur_mm = 0.7;            // sigma of the Gaussian on the mask: takes the voxel steps off
+  int smoothing_iterations = 20;   // windowed sinc; 0 leaves it out
+  double pass_band = 0.1;          // of the windowed sinc: lower is smoother
+  int vertices = 10'000;           // at most; the mesh is decimated to it
+};
+
+struct SurfaceReport {
+  double threshold = 0.0;        // that was used
+  int full_vertices = 0;         // before decimation
+  double mean_distance_mm = 0.0; // of the full surface's vertices to the decimated surface
+  double max_distance_mm = 0.0;
+  double volume_ml = 0.0;
+};
+
+struct ExtractedSurface {
+  geometry::TriangleMesh mesh;
+  SurfaceReport report;
+};
+
+[[nodiscard]] Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
+                                                       const Progress &progress = {});
+
+// The surface around the voxels that carry any of `labels`, all their parts.
+[[nodiscard]] Result<ExtractedSurface> extract_surface(const LabelVolume &volume, std::span<const std::int16_t> labels,
+                                                       const SurfaceOptions &options, const Progress &progress = {});
+
+struct MeshCheck {
+  bool closed = false;   // every edge has two triangles
+  bool manifold = false; // and every vertex one fan of triangles, no triangle is degenerate
+  bool oriented = false; // neighbours agree on the side, and the enclosed volume is positive
+  int components = 0;
+  double volume_ml = 0.0;
+  double area_cm2 = 0.0;
+};
+[[nodiscard]] MeshCheck check_mesh(const geometry::TriangleMesh &mesh);
+
+// The nearest point on the surface, not only among its vertices.
+[[nodiscard]] Eigen::Vector3d nearest_on_surface(const geometry::TriangleMesh &mesh, const Eigen::Vector3d &point_mm);
+
+} // namespace bregma::casefile
