@@ -1,0 +1,104 @@
+// The command line's connection to a daemon: what it broadcasts, and commands with their replies.
+//
+// Threads: one object, one thread. Errors: the constructor throws dds::Error (the domain cannot be joined); everything
+// else returns a sentence for the person at the terminal.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "casefile/result.hpp"
+#include "idl/dds.hpp"
+#include "idl/names.hpp"
+
+namespace bregma::cli {
+
+// The latest value of everything that the daemon broadcasts. Empty where nothing has arrived.
+struct Snapshot {
+  std::optional<wire::SystemHealth> health;
+  std::optional<wire::RegistrationState> registration;
+  std::optional<wire::FiducialReport> fiducials;
+  std::optional<wire::AccuracyState> accuracy;
+  std::map<std::string, wire::NavigationState> tools;                // by tool
+  std::map<std::string, wire::DeformationState> deformation;         // by target
+  std::map<std::pair<std::string, std::string>, wire::Alarm> alarms; // by kind and subject
+};
+
+// Health is broadcast several times a second; after this long without one the daemon has stopped or hangs, and nothing
+// it has said may be shown as the present.
+inline constexpr std::chrono::nanoseconds kDaemonSilent = std::chrono::seconds(2);
+
+class DaemonLink {
+public:
+  using Duration = std::chrono::nanoseconds;
+
+  explicit DaemonLink(std::uint32_t domain);
+
+  // Until a daemon is there and is known to hear commands and to reach us with replies.
+  [[nodiscard]] casefile::Result<void> wait_for_daemon(Duration timeout = std::chrono::seconds(3));
+
+  // Waits for the daemon if need be, sends, and waits for the reply to this very command. A refusal is a reply
+  // (see result and text), not an error.
+  [[nodiscard]] casefile::Result<wire::CommandReply> send(const wire::CommandBody &body,
+                                                          Duration timeout = std::chrono::seconds(5));
+
+  // Takes in what has arrived; waits up to timeout when nothing has. True when something was new.
+  bool update(Duration timeout);
+
+  // Until the state has come in whole after joining: every topic that has a writer has said something, or has been
+  // given the time to.
+  void settle(Duration timeout = std::chrono::milliseconds(600));
+
+  [[nodiscard]] const Snapshot &snapshot() const { return snapshot_; }
+
+  // How long ago, on this host's clock, the daemon last said that it is alive; nothing before it ever did.
+  [[nodiscard]] std::optional<Duration> silence(std::int64_t now_ns) const;
+  // False also when there has never been a daemon.
+  [[nodiscard]] bool alive(std::int64_t now_ns) const;
+
+  [[nodiscard]] std::uint32_t domain() const { return domain_; }
+  [[nodiscard]] const std::string &client() const { return client_; } // unique to this object
+
+private:
+  [[nodiscard]] casefile::Error no_daemon() const;
+  bool take_all();
+
+  std::uint32_t domain_;
+  std::string client_;
+  std::uint64_t next_id_ = 1;
+  dds::Participant participant_;
+  // In this order: endpoints are announced in the order of their creation, so a daemon whose health has reached us has
+  // heard of the two ends of the control path before.
+  dds::Writer<wire::Command> commands_;
+  dds::Reader<wire::CommandReply> replies_;
+  dds::Reader<wire::RegistrationState> registration_;
+  dds::Reader<wire::FiducialReport> fiducials_;
+  dds::Reader<wire::AccuracyState> accuracy_;
+  dds::Reader<wire::NavigationState> navigation_;
+  dds::Reader<wire::DeformationState> deformation_;
+  dds::Reader<wire::Alarm> alarms_;
+  dds::Reader<wire::SystemHealth> health_;
+  dds::WaitSet wait_;
+  std::map<std::uint64_t, wire::CommandReply> arrived_replies_;
+  Snapshot snapshot_;
+};
+
+// Bodies of the commands. A name longer than the wire holds is an error that shows it.
+[[nodiscard]] casefile::Result<wire::CommandBody> plain_command(wire::CommandKind kind);
+[[nodiscard]] casefile::Result<wire::CommandBody> load_case_command(std::string_view folder);
+[[nodiscard]] casefile::Result<wire::CommandBody> tool_command(wire::CommandKind kind, std::string_view tool);
+[[nodiscard]] casefile::Result<wire::CommandBody> touch_command(wire::CommandKind kind, std::string_view tool,
+                                                                std::string_view point);
+[[nodiscard]] casefile::Result<wire::CommandBody> remove_fiducial_command(std::string_view fiducial);
+[[nodiscard]] casefile::Result<wire::CommandBody> navigate_command(std::string_view tool, std::string_view trajectory);
+[[nodiscard]] casefile::Result<wire::CommandBody> acknowledge_command(std::string_view kind, std::string_view subject);
+
+// Host clock, ns since the Unix epoch (UTC).
+[[nodiscard]] std::int64_t utc_now_ns();
+
+} // namespace bregma::cli
