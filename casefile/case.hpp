@@ -30,9 +30,9 @@ enum class ToolRole { kReference, kPointer, kProbe };
 struct ToolModel {
   std::string name;
   ToolRole role = ToolRole::kPointer;
-  std::vector<Eigen::Vector3d> markers_mm; // in the tool's body frame; at least three, not collinear
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ(); // direction that the markers face, in the body frame
-  Eigen::Vector3d axis = -Eigen::Vector3d::UnitX();  // from the body towards the tip
+  std::vector<Eigen::Vector3d> markers_mm;                  // in the tool's body frame; at least three, not collinear
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();        // direction that the markers face, in the body frame
+  Eigen::Vector3d axis = -Eigen::Vector3d::UnitX();         // from the body towards the tip
   Eigen::Vector3d nominal_tip_mm = Eigen::Vector3d::Zero(); // as manufactured; navigation needs a calibrated tip
 };
 
@@ -43,23 +43,23 @@ struct Surface {
 
 // Limits that a registration has to keep before it can be accepted, and a check before it can be confirmed.
 struct Limits {
-  double fle_image_mm = 0.5;    // 1-sigma a coordinate: with what error fiducials were placed in the image
-  double fle_touch_mm = 0.3;    // 1-sigma a coordinate: placement error of a touch, beside the tracker's
-  double surface_sigma_mm = 0.7; // 1-sigma: skin give and segmentation, along the normal
+  double fle_image_mm = 0.5;      // 1-sigma a coordinate: with what error fiducials were placed in the image
+  double fle_touch_mm = 0.3;      // 1-sigma a coordinate: placement error of a touch, beside the tracker's
+  double surface_sigma_mm = 0.7;  // 1-sigma: skin give and segmentation, along the normal
   double landmark_sigma_mm = 0.5; // 1-sigma a coordinate: placement error of a check landmark
-  double max_check_mm = 3.0;    // a check touch beyond it cannot be confirmed
+  double max_check_mm = 3.0;      // a check touch beyond it cannot be confirmed
   double max_target_tre_mm = 2.0; // predicted RMS TRE above which a registration is not accepted
 };
 
 struct Case {
   std::filesystem::path folder;
-  std::string id;                      // patient-free
+  std::string id; // patient-free
   std::filesystem::path image;
   Surface scalp;
   Surface brain;
-  std::vector<Surface> structures;     // critical ones: never to be touched
+  std::vector<Surface> structures; // critical ones: never to be touched
   std::vector<NamedPoint> fiducials;
-  std::vector<NamedPoint> landmarks;   // for checks, never part of the registration
+  std::vector<NamedPoint> landmarks; // for checks, never part of the registration
   std::vector<NamedPoint> targets;
   std::vector<Trajectory> trajectories;
   std::vector<ToolModel> tools;
@@ -74,5 +74,12 @@ struct Case {
 
 // Reads the folder whole; the first thing that is wrong is the error.
 [[nodiscard]] Result<Case> load_case(const std::filesystem::path &folder);
+
+// Writes the whole folder but the image: surfaces, plans and case.toml, the last one last. c.image is taken relative to
+// the folder where it lies inside. Existing files of these names are replaced; sessions/ is left alone.
+[[nodiscard]] Result<void> save_case(const Case &c);
+
+// The checks that load_case makes on what was read, with case.toml's name in the message: for a case made in memory.
+[[nodiscard]] Result<void> check_case(const Case &c);
 
 } // namespace bregma::casefile

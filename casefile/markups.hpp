@@ -1,0 +1,38 @@
+// Points and lines as 3D Slicer's Markups module keeps them: .mrk.json (read and written, schema 1.0) and .fcsv (read).
+//
+// In memory all positions are RAS, mm. Files state LPS or RAS and are converted; written files are LPS, which is what
+// Slicer writes. Errors name the file, the control point and the value.
+#pragma once
+
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "casefile/case.hpp"
+#include "casefile/result.hpp"
+
+namespace bregma::casefile {
+
+struct Markup {
+  enum class Kind { kPoints, kLine };
+  Kind kind = Kind::kPoints;
+  std::string name;               // of the list or line; may be empty
+  std::vector<NamedPoint> points; // as labelled in the file, labels may be empty; a line has two, entry then target
+};
+
+// Every markup of a file, in its order. Kinds other than Fiducial and Line are refused.
+[[nodiscard]] Result<std::vector<Markup>> read_markups(const std::filesystem::path &file);
+
+// The points of all lists of a file, in order. Lines are refused. Labels are given as they are: load_case checks them.
+[[nodiscard]] Result<std::vector<NamedPoint>> read_points(const std::filesystem::path &file);
+
+// Every line of a file: first control point entry, second target; the line's name, or its file's where it has none.
+[[nodiscard]] Result<std::vector<Trajectory>> read_trajectories(const std::filesystem::path &file);
+
+[[nodiscard]] Result<void> write_points(const std::filesystem::path &file, const std::string &list_name,
+                                        std::span<const NamedPoint> points);
+[[nodiscard]] Result<void> write_trajectories(const std::filesystem::path &file,
+                                              std::span<const Trajectory> trajectories);
+
+} // namespace bregma::casefile

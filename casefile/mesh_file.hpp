@@ -1,0 +1,19 @@
+// Surfaces of a case on disk: PLY (binary little endian written; any PLY that VTK reads), coordinates RAS, mm.
+#pragma once
+
+#include <filesystem>
+
+#include "algorithms/geometry/triangle_mesh.hpp"
+#include "casefile/result.hpp"
+
+namespace bregma::casefile {
+
+// Finite vertices, indices in range, no triangle with a vertex twice.
+[[nodiscard]] Result<geometry::TriangleMesh> read_mesh(const std::filesystem::path &file);
+[[nodiscard]] Result<void> write_mesh(const std::filesystem::path &file, const geometry::TriangleMesh &mesh);
+
+// Closed: every edge belongs to exactly two triangles, which run through it in opposite directions; and outward, that
+// is of positive volume. name is what the message calls the surface.
+[[nodiscard]] Result<void> check_closed(const geometry::TriangleMesh &mesh, const std::string &name);
+
+} // namespace bregma::casefile

@@ -1,0 +1,61 @@
+// Recorded tool poses: folders or .tgz archives of 4x4 matrices, and the headers of PLUS sequence files
+// (.igs.mha).
+//
+// Transforms are named as PLUS names them: "StylusToReference" maps points of Stylus into Reference (mm), that is
+// T_reference_stylus. Errors name the file, the line and the frame.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "algorithms/geometry/rigid3.hpp"
+#include "casefile/result.hpp"
+
+namespace bregma::casefile {
+
+using NamedRigid = geometry::Rigid3<geometry::frame::Target, geometry::frame::Source>;
+
+struct TimedPose {
+  std::int64_t time_ns = 0; // of the recording's own clock
+  NamedRigid pose;
+};
+
+struct PoseSeries {
+  std::string transform;        // its name; empty where the file has none
+  std::vector<TimedPose> poses; // valid ones, in the order of time
+  std::size_t invalid = 0;      // frames that the tracker marked as invalid
+};
+
+// One file a pose: four rows of four numbers; the file's name (before its extension) is the time in ns. A folder, or a
+// .tar/.tgz/.tar.gz/.zip of such files.
+[[nodiscard]] Result<PoseSeries> read_pose_matrices(const std::filesystem::path &folder_or_archive);
+
+struct SequenceFrame {
+  std::int64_t time_ns = 0; // since the start of the recording's clock
+  struct Entry {
+    NamedRigid pose;
+    bool valid = false; // status OK; a frame without status is not valid
+  };
+  std::map<std::string, Entry, std::less<>> transforms; // by name, for example "StylusToTracker"
+};
+
+struct TransformSequence {
+  std::filesystem::path file;
+  std::vector<SequenceFrame> frames;
+
+  [[nodiscard]] std::vector<std::string> names() const;
+  // A recorded transform, its inverse, or a chain of them ("StylusToReference" from StylusToTracker and
+  // ReferenceToTracker of the same frame). A frame counts as invalid when any link is.
+  [[nodiscard]] Result<PoseSeries> series(std::string_view name) const;
+};
+
+[[nodiscard]] Result<TransformSequence> read_transform_sequence(const std::filesystem::path &file);
+
+// Either kind, by what the path is. transform is needed only for sequence files.
+[[nodiscard]] Result<PoseSeries> read_poses(const std::filesystem::path &path, std::string_view transform = {});
+
+} // namespace bregma::casefile

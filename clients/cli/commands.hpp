@@ -1,0 +1,39 @@
+// The commands of `bregma`: each file adds its own to the program and stores what is to be run in the context.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+
+namespace CLI {
+class App;
+}
+
+namespace bregma::cli {
+
+// What a command's exit code says to a script.
+enum ExitCode : int {
+  kOk = 0,
+  kRefused = 1,  // it ran, and the answer is no: verdict not passed, command refused, limit not held
+  kBadInput = 2, // it could not run: usage, unreadable file, no daemon
+};
+
+// Filled while the command line is parsed. A command's callback sets run; main calls it once parsing has succeeded.
+struct Context {
+  bool json = false;        // --json: one JSON document on standard output (watch: one a line)
+  std::uint32_t domain = 0; // --domain: DDS domain of the daemon
+  std::function<int()> run; // returns an ExitCode; may throw, main turns that into one sentence and kBadInput
+};
+
+// --json is on every command: call it for each leaf command.
+void add_json_flag(CLI::App &command, Context &context);
+// --domain, for commands that talk to a daemon.
+void add_domain_option(CLI::App &command, Context &context);
+
+void add_case_command(CLI::App &app, Context &context);      // case ...
+void add_calibrate_command(CLI::App &app, Context &context); // calibrate pivot ...
+void add_register_command(CLI::App &app, Context &context);  // register ...
+void add_live_commands(CLI::App &app, Context &context);     // status, watch, alarms, target
+void add_report_command(CLI::App &app, Context &context);    // report
+void add_doctor_command(CLI::App &app, Context &context);    // doctor, completion
+
+} // namespace bregma::cli

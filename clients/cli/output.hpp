@@ -1,0 +1,43 @@
+// How commands speak: tables and JSON to standard output, one sentence to standard error.
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <Eigen/Core>
+#include <nlohmann/json.hpp>
+
+#include "casefile/result.hpp"
+
+namespace bregma::cli {
+
+// Columns as wide as their widest cell; cells that are numbers stand right. UTF-8 aware. No trailing blanks.
+class Table {
+public:
+  explicit Table(std::vector<std::string> header) : header_(std::move(header)) {}
+  void row(std::vector<std::string> cells) { rows_.push_back(std::move(cells)); }
+  [[nodiscard]] bool empty() const { return rows_.empty(); }
+  [[nodiscard]] std::string text() const;
+
+private:
+  std::vector<std::string> header_;
+  std::vector<std::vector<std::string>> rows_;
+};
+
+// "-" where the value is not known (not finite).
+[[nodiscard]] std::string fixed(double value, int decimals, std::string_view unit = {});
+[[nodiscard]] std::string vector_text(const Eigen::Vector3d &v, int decimals); // "(1.0, 2.0, 3.0)"
+
+// JSON has no NaN: what is not known is null.
+[[nodiscard]] nlohmann::json json_number(double value);
+[[nodiscard]] nlohmann::json json_vector(const Eigen::Vector3d &v);
+[[nodiscard]] nlohmann::json json_matrix(const Eigen::MatrixXd &m); // array of rows
+
+void print(std::string_view text);           // as it is
+void print_json(const nlohmann::json &json); // indented, with a newline
+// "bregma: <message>" on standard error, and kBadInput.
+int fail(const casefile::Error &error);
+int fail(std::string_view message);
+
+} // namespace bregma::cli
