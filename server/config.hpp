@@ -1,0 +1,110 @@
+// Every parameter of bregmad. Units stand in the names; defaults here, ranges and texts in config.cpp.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "casefile/parameters.hpp"
+#include "casefile/result.hpp"
+
+namespace bregma::server {
+
+enum class LogLevel { kDebug, kInfo, kWarning, kError };
+
+struct Config {
+  std::int64_t domain_id = 0;
+
+  struct {
+    std::string trackers = "Tracker"; // names, separated by commas
+    std::string robots = "Robot";
+    std::string forces = "Force";
+    std::string ranges = "Range";
+  } devices;
+
+  struct { // the noise that poses are believed to have
+    double marker_sigma_lateral_mm = 0.10;
+    double marker_sigma_depth_mm = 0.25;
+    double latency_ms = 4.0; // exposure to the driver's write, as the manufacturer states it
+  } tracker;
+
+  struct {
+    double floor_rate_hz = 50.0;
+    double velocity_window_ms = 60.0;
+  } navigation;
+
+  struct {
+    double rate_hz = 10.0;
+    double correlation_length_mm = 12.0; // of the surface error: neighbouring samples share it
+  } registration;
+
+  struct {
+    double rate_hz = 10.0;
+    double false_alarm_rate = 1e-4; // of the drift test, a decision
+    double drift_mm = 2.0;          // the movement that the drift test is tuned to find
+    double raise_after_ms = 200.0;  // a condition holds so long before it is an alarm
+    double clear_after_ms = 1000.0; // and is gone so long before the alarm is cleared
+  } monitoring;
+
+  struct {
+    double rate_hz = 30.0;
+  } deformation;
+
+  struct {
+    double rate_hz = 2.0;
+  } health;
+
+  struct {
+    double window_ms = 300.0;
+    double max_motion_mm = 1.0;
+  } capture;
+
+  struct {
+    double spacing_mm = 3.0;
+    std::int64_t max_samples = 2000;
+  } trace;
+
+  struct {
+    double min_rotation_deg = 30.0;
+    std::int64_t max_samples = 3000;
+  } pivot;
+
+  struct {
+    std::int64_t min_checks = 3;
+  } verification;
+
+  struct {
+    bool enabled = true;
+    double commit_ms = 50.0;
+    bool truth = true; // record SimulatedTruth when a simulator publishes it
+  } recorder;
+
+  struct {
+    std::string directory; // empty: $STATE_DIRECTORY (systemd), else $XDG_STATE_HOME/bregma, else ~/.local/state/bregma
+  } state;
+
+  struct {
+    std::string file; // empty: console only
+    LogLevel level = LogLevel::kInfo;
+  } log;
+
+  struct {
+    bool lock_memory = true;
+    std::int64_t navigation_priority = 70; // SCHED_FIFO; 0: leave it to the ordinary scheduler
+    std::int64_t registration_priority = 0;
+    std::int64_t monitoring_priority = 40;
+    std::int64_t deformation_priority = 50;
+  } realtime;
+};
+
+// The one declaration of all of them; config must outlive the set.
+[[nodiscard]] casefile::ParameterSet declare(Config &config);
+// What ranges alone cannot say: names too long for the wire, a device named twice. Errors name key and value.
+[[nodiscard]] casefile::Result<void> check(const Config &config);
+// "A, B" -> {"A", "B"}; empty text: none.
+[[nodiscard]] std::vector<std::string> split_names(std::string_view list);
+// state.directory, or what stands for it when it is empty.
+[[nodiscard]] std::string state_directory(const Config &config);
+
+} // namespace bregma::server

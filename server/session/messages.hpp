@@ -1,0 +1,214 @@
+// What passes between the session (control thread) and the loops: plain data, so that it fits lock-free rings.
+//
+// One ring a direction and a loop keeps the order in which things were said: NavigationMessage, RegistrationMessage and
+// MonitoringMessage go out, NavigationEvent, wire::RegistrationState and AlarmCondition come back. The session owns the
+// set of samples; the registration loop sees only what the session sends it, so a restart can restore exactly that.
+//
+// Positions of samples are of the tip in Reference (mm), covariances row by row (mm^2), times ns UTC on the host's
+// clock.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <type_traits>
+#include <variant>
+
+#include "idl/topics.hpp"
+
+namespace bregma::server {
+
+using Array3 = std::array<double, 3>;
+using Array9 = std::array<double, 9>;
+using Array36 = std::array<double, 36>;
+
+// ---- to the navigation loop ----
+
+// Averages the tip in Reference over frames exposed in [start_ns, start_ns + window_ns]. Exactly one CaptureResult with
+// the same id answers, at the first frame or tick past the window's end.
+struct CaptureRequest {
+  std::uint64_t id;
+  wire::CaptureKind kind; // CAPTURE_FIDUCIAL_TOUCH or CAPTURE_CHECK
+  wire::Name tool;
+  wire::Name point;
+  std::int64_t start_ns;
+  std::int64_t window_ns;
+  double max_motion_mm; // a tip further from the window's mean was not held still
+};
+
+// While on: a SurfaceSample event wherever the tip is spacing_mm away from the last sample.
+struct TraceRequest {
+  wire::Name tool;
+  bool on;
+  double spacing_mm;
+};
+
+// While on: a PivotPose event for every frame that shows the tool.
+struct PivotRequest {
+  std::uint64_t id; // copied into every pose, so that a late pose of an old pivot is told apart
+  wire::Name tool;
+  bool on;
+};
+
+// A pivot-calibrated tip, in the tool's body frame. Not known (POSE_NOT_CALIBRATED) until such a message names the
+// tool.
+struct ToolTip {
+  wire::Name tool;
+  Array3 tip_mm;
+  Array9 covariance_mm2;
+};
+
+// The plan of a tool; an empty trajectory: navigate without one. on == false: the tool has no plan any more.
+struct PlanSelected {
+  wire::Name tool;
+  wire::Name trajectory;
+  bool on;
+};
+
+// ---- to navigation, registration and monitoring ----
+
+// Accepted by a person: T_image_reference as navigation uses it from now on, bit for bit.
+struct RegistrationAccepted {
+  std::uint64_t revision;
+  wire::Pose T_image_reference;
+  Array36 covariance; // twist order of pose_covariance.hpp
+};
+
+// All samples and the accepted registration are void.
+struct RegistrationReset {
+  std::uint64_t revision;
+};
+
+// state is what clients are shown. verified: a person has verified the accepted registration, which stays true while a
+// Degraded session waits to resume; only with it may a pose be POSE_LIVE, without it POSE_UNVERIFIED at best.
+struct SessionChanged {
+  wire::SessionState state;
+  bool verified;
+};
+
+// ---- to the registration loop ----
+// Every change of the sample set carries the revision of the set after it; RegistrationState::revision answers with the
+// revision of the last change that the estimate contains. So nobody can accept an estimate that lacks a sample.
+
+struct FiducialSample { // replaces an earlier sample of the same point
+  std::uint64_t revision;
+  wire::Name tool;
+  wire::Name point;
+  std::uint64_t frame; // the last that was averaged
+  std::int64_t acquired_time_ns;
+  Array3 position_mm;
+  Array9 covariance_mm2; // tracker, tip and averaging; not the placement error of the touch (limits.fle_touch_mm)
+};
+
+struct FiducialRemoved {
+  std::uint64_t revision;
+  wire::Name point;
+};
+
+struct SurfaceSample {
+  std::uint64_t revision; // set by the session; navigation leaves it 0
+  wire::Name tool;
+  std::uint64_t frame;
+  std::int64_t acquired_time_ns;
+  Array3 position_mm;
+  Array9 covariance_mm2;
+};
+
+// ---- to the monitoring loop ----
+
+// A check touch, as measured and as judged against the accepted registration.
+struct CheckTouch {
+  wire::Name tool;
+  wire::Name landmark;
+  std::uint64_t frame;
+  std::int64_t acquired_time_ns;
+  Array3 position_mm; // of the tip, in Reference
+  Array9 covariance_mm2;
+  Array3 error_mm;         // in Image: shown tip minus landmark
+  Array9 error_covariance; // in Image: expected of error_mm if nothing has moved (registration, touch, landmark)
+  double distance_mm;      // length of error_mm
+  double limit_mm;         // 95 % bound of distance_mm if nothing has moved
+};
+
+// Begin the sequential drift test anew: a person has acknowledged the alarm, or the checks were voided.
+struct DriftRestart {
+  std::int64_t time_ns;
+};
+
+// ---- from the navigation loop ----
+
+enum class CaptureStatus : std::uint8_t {
+  kOk,
+  kNoFrames,        // the tracker was silent
+  kToolHidden,      // the tool was seen in too few of the window's frames
+  kReferenceHidden, // the reference was
+  kMoved,           // see CaptureResult::spread_mm
+  kNotCalibrated    // the tool has no tip
+};
+
+struct CaptureResult {
+  std::uint64_t id;
+  CaptureStatus status;
+  std::uint32_t used_frames;
+  std::uint32_t window_frames; // all that were exposed in the window
+  std::uint64_t frame;         // the last that was used
+  std::int64_t acquired_time_ns;
+  Array3 position_mm;    // mean; this and what follows only with kOk, spread_mm also with kMoved
+  Array9 covariance_mm2; // of the mean
+  double spread_mm;      // largest distance of a frame's tip from the mean
+};
+
+struct PivotPose {
+  std::uint64_t id; // of the PivotRequest
+  std::uint64_t frame;
+  std::int64_t acquired_time_ns;
+  wire::Pose T_tracker_tool;
+  bool reference_visible;
+  wire::Pose T_reference_tool; // only with reference_visible
+};
+
+// ---- from monitoring, inputs and recorder ----
+
+enum class SessionEffect : std::uint8_t {
+  kNone,    // shown, nothing else
+  kDegrade, // Degraded as long as the condition lasts, then the session resumes by itself
+  kDemote,  // back to Registered, and a person verifies again
+  kFault    // only CLOSE_CASE or a restart leaves it
+};
+
+// A condition that began (active) or ended, after its hysteresis. Send changes; a repetition does no harm.
+struct AlarmCondition {
+  wire::Name kind;
+  wire::Name subject; // may be empty
+  bool active;
+  wire::AlarmSeverity severity;
+  SessionEffect effect;
+  std::int64_t time_ns;
+  char text[256];
+};
+
+using NavigationMessage = std::variant<SessionChanged, CaptureRequest, TraceRequest, PivotRequest, ToolTip,
+                                       PlanSelected, RegistrationAccepted, RegistrationReset>;
+using RegistrationMessage = std::variant<SessionChanged, FiducialSample, FiducialRemoved, SurfaceSample,
+                                         RegistrationAccepted, RegistrationReset>;
+using MonitoringMessage =
+    std::variant<SessionChanged, CheckTouch, DriftRestart, RegistrationAccepted, RegistrationReset>;
+using NavigationEvent = std::variant<CaptureResult, SurfaceSample, PivotPose>;
+
+static_assert(std::is_trivially_copyable_v<NavigationMessage> && std::is_trivially_copyable_v<RegistrationMessage> &&
+              std::is_trivially_copyable_v<MonitoringMessage> && std::is_trivially_copyable_v<NavigationEvent> &&
+              std::is_trivially_copyable_v<AlarmCondition>);
+
+// Kinds of alarms: one spelling for those that raise them, the session, and the command line.
+namespace alarm {
+inline constexpr const char *kTrackerLost = "tracker_lost"; // degrades
+inline constexpr const char *kDeviceLost = "device_lost";   // another device
+inline constexpr const char *kReferenceHidden = "reference_hidden";
+inline constexpr const char *kToolHidden = "tool_hidden";
+inline constexpr const char *kDrift = "drift"; // demotes
+inline constexpr const char *kLatency = "latency";
+inline constexpr const char *kRejected = "rejected_samples";
+inline constexpr const char *kDisk = "disk";
+inline constexpr const char *kOverrun = "overrun";
+} // namespace alarm
+
+} // namespace bregma::server
