@@ -1,0 +1,95 @@
+// Has the reference moved against the head since the registration was accepted? A sequential test on check touches and
+// surface residuals.
+//
+// Without drift a residual is e = J(p) x + l + v: x the error of the registration (one for all touches, prior
+// covariance known), l the error of that landmark's place in the image (one for all its touches), v the touch. With
+// drift a constant shift is added from some touch on. The test is the generalised likelihood ratio over the unknown
+// shift and the unknown first touch, by the innovations of a Kalman filter without drift: Willsky & Jones, "A
+// generalized likelihood ratio approach to the detection and estimation of jumps in linear systems", 1976. What is
+// common to all touches cancels by itself, so a landmark touched before and after a bump counts for more than one
+// touched only after it.
+//
+// Frame: Image, mm. No allocation, no exceptions; one thread at a time.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "algorithms/geometry/pose_covariance.hpp"
+
+namespace bregma::monitoring {
+
+using geometry::Matrix3d;
+using geometry::Matrix6d;
+using geometry::Vector3d;
+
+struct CheckTouch {
+  int landmark = 0;                                // index; more than kMaxLandmarks are taken as touched once each
+  Vector3d landmark_mm = Vector3d::Zero();         // where the case says it is
+  Vector3d residual_mm = Vector3d::Zero();         // shown tip minus landmark
+  Matrix3d touch_covariance = Matrix3d::Zero();    // of this touch: tracker, pivot, placement; positive definite
+  Matrix3d landmark_covariance = Matrix3d::Zero(); // of its place in the image, the same for each of its touches
+};
+
+class DriftMonitor {
+public:
+  static constexpr int kMaxLandmarks = 16;
+  static constexpr int kMaxOnsets =
+      16; // first touches of a drift that are kept in view: the newest ones, and the first
+
+  // false_alarm: at most, a touch, in clean operation.
+  explicit DriftMonitor(double false_alarm = 1e-4) noexcept;
+
+  // After a registration was accepted: forgets everything. covariance is that of the accepted pose.
+  void reset(const Matrix6d &registration_covariance) noexcept;
+
+  void add_check(const CheckTouch &touch) noexcept;
+  // signed_mm: of a traced point to the surface, positive outside; normal: outward unit normal there; sigma_mm: of the
+  // sample (skin, segmentation, tracker). Samples nearer than correlation_length_mm to one of the last 16 that were
+  // used tell nothing new and are left out.
+  void add_surface_residual(const Vector3d &point_mm, double signed_mm, double sigma_mm,
+                            const Vector3d &normal) noexcept;
+
+  // The 95 % bound of the distance of a touch at this point if nothing has moved, from what is known before the touch.
+  [[nodiscard]] double check_limit_95_mm(const CheckTouch &touch) const noexcept;
+
+  [[nodiscard]] double statistic() const noexcept { return statistic_; } // of the present, not its maximum so far
+  [[nodiscard]] double threshold() const noexcept { return threshold_; }
+  [[nodiscard]] bool detected() const noexcept { return detected_; } // stays until reset
+  [[nodiscard]] int checks() const noexcept { return checks_; }
+  // The most likely shift, and how many touches ago it began; meaningful when detected.
+  [[nodiscard]] const Vector3d &shift_mm() const noexcept { return shift_; }
+
+private:
+  static constexpr int kMaxState = 6 + 3 * kMaxLandmarks;
+  static constexpr int kRecent = 16;
+  using StateVector = Eigen::Matrix<double, kMaxState, 1>;
+  using StateMatrix = Eigen::Matrix<double, kMaxState, kMaxState>;
+  using Sensitivity = Eigen::Matrix<double, kMaxState, 3>;
+  struct Onset {                             // a hypothesis: the shift began with this observation
+    Sensitivity state = Sensitivity::Zero(); // of the filter's state to the shift
+    Matrix3d information = Matrix3d::Zero();
+    Vector3d score = Vector3d::Zero();
+  };
+
+  template <int Rows>
+  void update(const Eigen::Matrix<double, Rows, kMaxState> &H, const Eigen::Matrix<double, Rows, 3> &shift_part,
+              const Eigen::Matrix<double, Rows, 1> &observed, const Eigen::Matrix<double, Rows, Rows> &noise) noexcept;
+  void open_onset() noexcept;
+  void evaluate() noexcept;
+
+  double threshold_;
+  double statistic_ = 0.0;
+  bool detected_ = false;
+  int checks_ = 0;
+  Vector3d shift_ = Vector3d::Zero();
+  StateVector state_;
+  StateMatrix covariance_;
+  std::array<bool, kMaxLandmarks> known_{};
+  std::array<Onset, kMaxOnsets> onsets_;
+  int onset_count_ = 0;
+  std::array<Vector3d, kRecent> recent_surface_;
+  std::int64_t surface_count_ = 0;
+};
+
+} // namespace bregma::monitoring

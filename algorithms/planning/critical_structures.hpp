@@ -1,0 +1,60 @@
+// Distances to what must not be touched: from the tip at every frame, from a planned line when planning.
+//
+// Distances are by FCL (sphere-swept bounding volumes of the meshes). Frame: Image, mm.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "algorithms/geometry/triangle_mesh.hpp"
+
+namespace bregma::planning {
+
+struct NamedMesh {
+  std::string name;
+  geometry::TriangleMesh mesh; // closed, outward
+};
+
+struct NearestStructure {
+  int index = -1;           // -1: there are none
+  double distance_mm = 0.0; // to its surface; 0 inside; NaN when there are none
+};
+
+struct StructureClearance {
+  std::string name;
+  double distance_mm = 0.0; // of the line's nearest point to the surface; 0 when the line passes through
+};
+
+class CriticalStructures {
+public:
+  // Throws std::invalid_argument that names the structure and what is wrong with its mesh.
+  explicit CriticalStructures(const std::vector<NamedMesh> &structures);
+  ~CriticalStructures();
+  CriticalStructures(CriticalStructures &&) noexcept;
+  CriticalStructures &operator=(CriticalStructures &&) noexcept;
+
+  // What the last query found; makes the next one near it cheap. Start with a fresh one.
+  struct Warm {
+    int index = -1;
+    double distance_mm = 0.0;
+    Eigen::Vector3d tip_mm = Eigen::Vector3d::Zero();
+  };
+
+  // No allocation, no exceptions; const and thread-safe, one Warm a caller.
+  [[nodiscard]] NearestStructure nearest(const Eigen::Vector3d &tip_mm, Warm &warm) const noexcept;
+
+  // Of every structure, nearest first. Allocates: for planning, not for loops.
+  [[nodiscard]] std::vector<StructureClearance> path_clearance(const Eigen::Vector3d &entry_mm,
+                                                               const Eigen::Vector3d &target_mm) const;
+
+  [[nodiscard]] std::size_t size() const noexcept;
+  [[nodiscard]] const std::string &name(int index) const;
+
+private:
+  struct Structure;
+  std::vector<std::unique_ptr<Structure>> structures_;
+};
+
+} // namespace bregma::planning

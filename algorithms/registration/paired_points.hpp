@@ -1,0 +1,84 @@
+// Rigid registration of paired points: by least squares, and by maximum likelihood for anisotropic errors.
+//
+// Frames: every pose is T_target_source, covariances of poses are left perturbations in the target frame
+// (geometry/pose_covariance.hpp). Lengths in mm. Pure functions, reentrant, without allocation or exceptions.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+
+#include "algorithms/geometry/pose_covariance.hpp"
+
+namespace bregma::registration {
+
+using geometry::Matrix3d;
+using geometry::Matrix6d;
+using geometry::Vector3d;
+using PairedPose = geometry::Rigid3<geometry::frame::Target, geometry::frame::Source>;
+
+inline constexpr int kMaxFiducials = 64;
+
+// Least squares, sum w_i |T s_i - t_i|^2, by singular values: Arun, Huang, Blostein 1987, with the reflection handled
+// after Umeyama 1991. Empty weights: all one. Nothing when there are fewer than three points, the lists differ in
+// length, a value is not finite, or the points are collinear (second singular value below 1e-9 of the first).
+[[nodiscard]] std::optional<PairedPose> fit_rigid(std::span<const Vector3d> source_mm,
+                                                  std::span<const Vector3d> target_mm,
+                                                  std::span<const double> weights = {}) noexcept;
+
+// RMS distances (mm) of points from their centroid along their principal axes, largest first. The second says how far
+// they are from lying on a line.
+[[nodiscard]] Vector3d spread_mm(std::span<const Vector3d> points_mm) noexcept;
+
+struct PointPair {
+  Vector3d source_mm = Vector3d::Zero();
+  Vector3d target_mm = Vector3d::Zero();
+  Matrix3d source_covariance = Matrix3d::Zero(); // mm^2, in the source frame
+  Matrix3d target_covariance = Matrix3d::Zero(); // mm^2, in the target frame; the sum must be positive definite
+};
+
+// How one fiducial fits to an estimate that it took part in.
+struct FiducialFit {
+  Vector3d residual_mm = Vector3d::Zero(); // mapped source minus target, in the target frame
+  double norm_mm = 0.0;
+  // Distance when this fiducial takes no part, to first order; NaN where the others do not fix the pose.
+  double leave_one_out_mm = 0.0;
+  double chi_square = 0.0; // of the residual under its own covariance; the same for the left-out prediction
+  double p_value = 1.0;    // chance of so large a chi-square if the fiducial is as good as stated
+};
+
+struct PairedFit {
+  bool converged = false;
+  int iterations = 0;
+  int count = 0;
+  PairedPose T_target_source;
+  Matrix6d covariance = Matrix6d::Zero();
+  double fre_mm = 0.0;          // root mean square residual
+  double fre_expected_mm = 0.0; // what the stated covariances would give
+  double chi_square = 0.0;      // of the weighted residuals, 3 count - 6 degrees of freedom
+  double p_value = 1.0;
+  std::array<FiducialFit, kMaxFiducials> fiducials{}; // the first count
+};
+
+// Maximum likelihood: Gauss-Newton with the residual's covariance R Cs R' + Ct taken anew in each iteration
+// (generalised total least squares; Balachandran & Fitzpatrick 2009; Moghari & Abolmaesumi 2007). Starts from fit_rigid
+// unless a start is given. converged is false for what fit_rigid refuses, for more than kMaxFiducials pairs, and for
+// covariances that are not positive definite.
+[[nodiscard]] PairedFit fit_paired(std::span<const PointPair> pairs, const PairedPose *start = nullptr) noexcept;
+
+// The residual of one pair under an estimate with the given covariance. Used for joint estimates too.
+// fixed_by_others: whether the pose stands without this fiducial (leave_one_out_mm is NaN otherwise).
+[[nodiscard]] FiducialFit assess_fiducial(const PointPair &pair, const PairedPose &T_target_source,
+                                          const Matrix6d &covariance, bool fixed_by_others) noexcept;
+
+// Covariance of a tool's pose that a tracker got by plain (unweighted) least squares from markers that err by
+// sigma_lateral in the tracker's x and y and by sigma_depth in z (mm, 1-sigma, independent): (J'J)^-1 J' S J (J'J)^-1,
+// left perturbation in Tracker. Bit i of used: marker i took part. NaN throughout when fewer than three took part or
+// they are collinear. Called for every tool of every frame.
+[[nodiscard]] Matrix6d
+marker_fit_covariance(std::span<const Vector3d> markers_mm, std::uint32_t used,
+                      const geometry::Rigid3<geometry::frame::Tracker, geometry::frame::Tool> &T_tracker_tool,
+                      double sigma_lateral_mm, double sigma_depth_mm) noexcept;
+
+} // namespace bregma::registration

@@ -1,0 +1,119 @@
+// The registration of the patient: one estimate of T_image_reference from touched fiducials and traced skin.
+//
+// Maximum a posteriori by Gauss-Newton on SO(3) x R3: point terms weighted by their full covariances, point-to-plane
+// terms for the surface with Tukey's weights. Errors of the skin and of its segmentation are alike over
+// correlation_length_mm, so samples close together count as fewer: each is down-weighted by its number of correlated
+// neighbours, and the covariance is the sandwich A^-1 B A^-1 with the correlations in B (White 1980). Where surface
+// residuals exceed the stated sigma, the stated sigma is scaled up.
+//
+// Frames: fiducials and samples in Reference, their counterparts and the surface in Image, mm. The covariance is a left
+// perturbation in Image (geometry/pose_covariance.hpp).
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string_view>
+
+#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/registration/surface_model.hpp"
+
+namespace bregma::registration {
+
+using ImageFromReference = geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference>;
+
+struct FiducialObservation {
+  Vector3d reference_mm = Vector3d::Zero();
+  Matrix3d reference_covariance = Matrix3d::Zero(); // tracker, pivot and placement of the touch
+  Vector3d image_mm = Vector3d::Zero();
+  Matrix3d image_covariance = Matrix3d::Zero(); // placement in the image
+};
+
+struct SurfaceSample {
+  Vector3d reference_mm = Vector3d::Zero();
+  Matrix3d covariance = Matrix3d::Zero(); // the sample's own error (tracker, pivot), in Reference; may be zero
+};
+
+struct RegistrationOptions {
+  double surface_sigma_mm = 0.7;       // skin give and segmentation, 1-sigma along the normal
+  double correlation_length_mm = 12.0; // over which they are alike: correlation exp(-d^2 / 2 l^2)
+  double max_target_tre_mm = 2.0;      // predicted RMS at a target beyond which a direction counts as not fixed
+  double min_spread_mm = 5.0;          // RMS distance of the fiducials from their best line
+  double false_refusal = 0.002;        // chance that good fiducials are refused as contradicting, all together
+  int max_iterations = 50;
+};
+
+enum class Refusal { // the names of the wire's RefusalReason
+  kNone,
+  kTooFewFiducials,
+  kCollinearFiducials,
+  kContradictingFiducial,
+  kDirectionNotFixed,
+  kFreTooLarge,
+  kNotConverged
+};
+
+struct RegistrationResult {
+  Refusal refusal = Refusal::kTooFewFiducials;
+  // Valid unless refused for too few or collinear fiducials or as not converged: a refused estimate can still be shown
+  // with its residuals, so that a person sees what to touch again, but must not be navigated by.
+  bool has_estimate = false;
+  ImageFromReference T_image_reference;
+  Matrix6d covariance = Matrix6d::Zero();
+
+  int fiducial_count = 0;
+  std::array<FiducialFit, kMaxFiducials> fiducials{}; // in the order given; leave-one-out within the joint estimate
+  int suspect = -1;                                   // kContradictingFiducial: its index
+  double fre_mm = 0.0;
+  double fre_expected_mm = 0.0;
+  double chi_square = 0.0; // of the fiducials alone, 3 N - 6 degrees of freedom
+  double p_value = 1.0;
+
+  int surface_count = 0;    // samples that took part
+  int surface_left_out = 0; // of these, with no weight: far off the surface
+  double surface_rms_mm = 0.0;
+  double surface_scale = 1.0;     // by which surface_sigma_mm had to be multiplied
+  double surface_effective = 0.0; // independent samples that the surface is worth
+
+  // The least well known motion, about the head's centre; rotations counted at 80 mm.
+  geometry::Vector6d weakest = geometry::Vector6d::Zero(); // unit; rotation, translation
+  double weakest_sigma_mm = 0.0;
+  int worst_target = -1; // index of the target with the largest predicted TRE; -1: the head's centre stood in
+  double worst_target_tre_mm = 0.0;
+
+  double spread_mm = 0.0; // second principal spread of the fiducials
+  int iterations = 0;
+};
+
+// The weakest direction in words, for example "translation along left-right" or "rotation about superior-inferior".
+[[nodiscard]] std::string_view name_direction(const geometry::Vector6d &direction) noexcept;
+
+// Why the result was refused and what to do, for a person; empty when it was not. NUL-terminated, cut at the end of
+// out. subject: the name of the suspect fiducial; target: that of the worst target. Does not allocate.
+void describe(const RegistrationResult &result, const RegistrationOptions &options, std::string_view subject,
+              std::string_view target, std::span<char> out) noexcept;
+
+// Holds the working memory of an estimate, so that a loop can call it without allocating. One thread at a time.
+class RegistrationEstimator {
+public:
+  // surface: in Image, may be null (then samples are ignored), outlives the estimator. Samples beyond
+  // max_surface_samples are ignored, oldest kept.
+  RegistrationEstimator(const SurfaceModel *surface, const RegistrationOptions &options,
+                        int max_surface_samples = 2000);
+  ~RegistrationEstimator();
+  RegistrationEstimator(RegistrationEstimator &&) noexcept;
+  RegistrationEstimator &operator=(RegistrationEstimator &&) noexcept;
+
+  // targets_image_mm: where the accuracy matters. start: a previous estimate (warm), else the fiducials' own fit.
+  // Does not allocate, throw or lock. The result is valid until the next call.
+  const RegistrationResult &estimate(std::span<const FiducialObservation> fiducials,
+                                     std::span<const SurfaceSample> samples, std::span<const Vector3d> targets_image_mm,
+                                     const ImageFromReference *start = nullptr) noexcept;
+
+  [[nodiscard]] const RegistrationOptions &options() const noexcept;
+
+private:
+  struct Workspace;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+} // namespace bregma::registration
