@@ -123,10 +123,12 @@ struct CheckTouch {
   std::int64_t acquired_time_ns;
   Array3 position_mm; // of the tip, in Reference
   Array9 covariance_mm2;
-  Array3 error_mm;         // in Image: shown tip minus landmark
-  Array9 error_covariance; // in Image: expected of error_mm if nothing has moved (registration, touch, landmark)
-  double distance_mm;      // length of error_mm
-  double limit_mm;         // 95 % bound of distance_mm if nothing has moved
+  // In Image, against the accepted registration:
+  std::uint32_t landmark_index; // in the case's list
+  Array3 error_mm;              // shown tip minus landmark
+  Array9 touch_covariance_mm2;  // of this touch: tracker, tip and placement (limits.fle_touch_mm)
+  double distance_mm;           // length of error_mm
+  double limit_mm;              // 95 % bound of distance_mm if nothing has moved: registration, landmark and touch
 };
 
 // Begin the sequential drift test anew: a person has acknowledged the alarm, or the checks were voided.
