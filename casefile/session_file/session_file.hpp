@@ -1,0 +1,113 @@
+// The session file: everything that went in and out of a session, in one SQLite database (WAL while it is written).
+//
+// Tables: meta(key, value), topic(id, name, size), sample(id, topic, time_ns, body), attachment(name, body).
+// A body is the bytes of the wire struct; its size is recorded with the topic, and a reader with another layout is
+// refused. Samples stand in the order in which they were recorded; time_ns is the host's UTC.
+//
+// Threads: a SessionWriter or SessionReader belongs to one thread. A file may be read while it is written.
+// Errors: Result with a sentence that names the file; nothing throws.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include "casefile/result.hpp"
+#include "idl/topics.hpp"
+
+namespace bregma::casefile {
+
+inline constexpr int kSessionFileVersion = 1;
+
+// True for wire types that are plain bytes: a body with a pointer in it means nothing in a file.
+template <class T>
+inline constexpr bool kIsRecordable =
+    std::is_trivially_copyable_v<T> && !std::is_same_v<T, wire::ImageSlice> &&
+    !std::is_same_v<T, wire::SurfacePoints> && !std::is_same_v<T, wire::DeformationField>;
+
+struct Attachment {
+  std::string name; // for example "case.toml", "scalp.ply"
+  std::string body; // bytes
+};
+
+struct MetaEntry {
+  std::string key;
+  std::string value;
+};
+
+struct RecordedTopic {
+  std::string name;
+  std::size_t size = 0; // bytes of one body
+  std::uint64_t count = 0;
+};
+
+// Writes in transactions: begin() is implied by the first write, and only what was committed is in the file. After an
+// error the open transaction is rolled back, and the writer can be used again: a full disk may have been emptied.
+class SessionWriter {
+public:
+  // Makes a new file; one that exists is refused.
+  [[nodiscard]] static Result<SessionWriter> create(const std::filesystem::path &file);
+  SessionWriter(SessionWriter &&) noexcept;
+  SessionWriter &operator=(SessionWriter &&) noexcept;
+  ~SessionWriter(); // commits and closes; the file then stands alone, without -wal beside it
+
+  [[nodiscard]] Result<void> set_meta(std::string_view key, std::string_view value);         // replaces
+  [[nodiscard]] Result<void> attach(std::string_view name, std::span<const std::byte> body); // replaces
+  [[nodiscard]] Result<void> write(std::string_view topic, std::int64_t time_ns, std::span<const std::byte> body);
+  [[nodiscard]] Result<void> commit();
+  void rollback() noexcept;
+
+  template <class T> [[nodiscard]] Result<void> write(std::int64_t time_ns, const T &sample) {
+    static_assert(kIsRecordable<T>);
+    return write(wire::Topic<T>::kName, time_ns, std::as_bytes(std::span(&sample, 1)));
+  }
+
+private:
+  struct Database;
+  explicit SessionWriter(std::unique_ptr<Database> database);
+  std::unique_ptr<Database> database_;
+};
+
+class SessionReader {
+public:
+  // Refuses what is not a session file, and one of an unknown version. A file whose writer was killed is read up to the
+  // last commit.
+  [[nodiscard]] static Result<SessionReader> open(const std::filesystem::path &file);
+  SessionReader(SessionReader &&) noexcept;
+  SessionReader &operator=(SessionReader &&) noexcept;
+  ~SessionReader();
+
+  [[nodiscard]] Result<std::vector<RecordedTopic>> topics() const;
+  [[nodiscard]] Result<std::vector<MetaEntry>> meta() const;
+  [[nodiscard]] Result<std::optional<std::string>> meta(std::string_view key) const; // nullopt: no such key
+  [[nodiscard]] Result<std::vector<std::string>> attachments() const;                // their names
+  [[nodiscard]] Result<std::string> attachment(std::string_view name) const;         // an error when there is none
+
+  // Calls visit(const T &, std::int64_t time_ns) for each sample of T's topic, as recorded; returns their number, 0
+  // when nothing was recorded on the topic. An error when the file's T has another size than this program's.
+  template <class T, class Visit> [[nodiscard]] Result<std::size_t> each(Visit &&visit) const {
+    static_assert(kIsRecordable<T>);
+    T sample;
+    const auto target = std::as_writable_bytes(std::span(&sample, 1));
+    return each_body(wire::Topic<T>::kName, target,
+                     [&](std::int64_t time_ns) { visit(std::as_const(sample), time_ns); });
+  }
+
+private:
+  struct Database;
+  explicit SessionReader(std::unique_ptr<Database> database);
+  // Copies each body into target, then calls visit.
+  [[nodiscard]] Result<std::size_t> each_body(std::string_view topic, std::span<std::byte> target,
+                                              const std::function<void(std::int64_t)> &visit) const;
+  std::unique_ptr<Database> database_;
+};
+
+} // namespace bregma::casefile

@@ -1,0 +1,147 @@
+// Everything in and out of a session goes to its file, off the loops.
+//
+//   loops --- Channel (wait-free byte ring, one per producing thread) ---> recorder thread ---> SessionWriter
+//
+// The recorder drains all rings every 20 ms in one transaction, so SIGKILL loses what is younger than that and the
+// commit under way. A record leaves its ring only after its commit: when the disk is full nothing stops, the recorder
+// says so, tries again, and the rings hold what they can. What they cannot is dropped and counted:
+//
+//   pushed = recorded + dropped + waiting   (per channel; pushes while no file is open are not counted)
+//
+// Threads: push by the one thread that owns the channel; open, attach, set_poll, close and channel by any thread that
+// may block; status by any thread, wait-free.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "casefile/result.hpp"
+#include "casefile/session_file/session_file.hpp"
+#include "idl/topics.hpp"
+#include "server/runtime/byte_ring.hpp"
+#include "server/runtime/latest_value.hpp"
+
+namespace bregma::recording {
+
+struct RecorderOptions {
+  std::size_t channel_bytes = std::size_t{4} << 20; // about two seconds of a 1 kHz loop's records
+  std::chrono::milliseconds interval{20};           // between commits
+  std::chrono::milliseconds retry{200};             // between tries while the disk refuses
+};
+
+struct RecorderStatus {
+  std::uint64_t recorded = 0; // committed to the file, since it was opened
+  std::uint64_t dropped = 0; // since the start: rings that were full, and what a failing disk did not take before close
+  bool open = false;
+  bool failing = false;
+  char text[256] = {}; // why it is failing, for a person
+};
+
+namespace detail {
+struct Failure {
+  bool failing = false;
+  char text[256] = {};
+};
+} // namespace detail
+
+class Recorder;
+
+// The producing end of one thread. Lives as long as its Recorder.
+class Channel {
+public:
+  Channel(std::string name, std::size_t bytes, const std::atomic<bool> &recording);
+
+  // Wait-free, no allocation. False when the record was dropped (and counted).
+  template <class T> bool push(std::int64_t time_ns, const T &sample) noexcept {
+    static_assert(casefile::kIsRecordable<T>);
+    return push_bytes(wire::Topic<T>::kName, time_ns, std::as_bytes(std::span(&sample, 1)));
+  }
+
+  [[nodiscard]] const std::string &name() const noexcept { return name_; }
+  [[nodiscard]] std::uint64_t pushed() const noexcept { return ring_.pushed() + ring_.dropped(); }
+  [[nodiscard]] std::uint64_t dropped() const noexcept { return ring_.dropped(); }
+
+private:
+  friend class Recorder;
+  struct Head {
+    const char *topic; // of static storage
+    std::int64_t time_ns;
+  };
+  bool push_bytes(const char *topic, std::int64_t time_ns, std::span<const std::byte> body) noexcept;
+
+  std::string name_;
+  runtime::ByteRing ring_;
+  const std::atomic<bool> &recording_;
+};
+
+class Recorder {
+public:
+  explicit Recorder(RecorderOptions options = {});
+  ~Recorder(); // closes
+  Recorder(const Recorder &) = delete;
+  Recorder &operator=(const Recorder &) = delete;
+
+  // The channel of that name, made when it is new. One producing thread each; at most kMaxChannels.
+  [[nodiscard]] Channel &channel(std::string_view name);
+
+  // Called on the recorder's thread every 20 ms with a channel of its own: a source that no pipeline may see, such as
+  // the simulator's truth, goes from its reader to the file here. Called also while no file is open, to keep the source
+  // empty.
+  void set_poll(std::function<void(Channel &)> poll);
+
+  // Closes the file that is open, then begins a new one. Attachments and meta go in first.
+  [[nodiscard]] casefile::Result<void> open(const std::filesystem::path &file,
+                                            std::vector<casefile::Attachment> attachments,
+                                            std::vector<casefile::MetaEntry> meta);
+  // Puts more into the open file.
+  [[nodiscard]] casefile::Result<void> attach(casefile::Attachment attachment);
+  // Everything pushed before is written. An error when the disk did not take it: that much is counted as dropped.
+  [[nodiscard]] casefile::Result<void> close();
+
+  [[nodiscard]] RecorderStatus status() const noexcept;
+
+  static constexpr std::size_t kMaxChannels = 16;
+
+private:
+  using Task = std::packaged_task<casefile::Result<void>()>;
+  casefile::Result<void> call(std::function<casefile::Result<void>()> task);
+  void run();
+  casefile::Result<void> begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
+                               const std::vector<casefile::MetaEntry> &meta);
+  casefile::Result<void> finish();
+  void drain();
+  casefile::Result<std::uint64_t> write_all();
+  void discard_all(bool count);
+  void report(const casefile::Result<void> &result);
+
+  RecorderOptions options_;
+  std::array<std::unique_ptr<Channel>, kMaxChannels> channels_;
+  std::atomic<std::size_t> channel_count_{0};
+  std::atomic<bool> recording_{false};
+  std::atomic<std::uint64_t> recorded_{0};
+  std::atomic<std::uint64_t> undelivered_{0};
+  runtime::LatestValue<detail::Failure> failure_;
+
+  std::mutex mutex_; // guards what follows; never taken by a loop
+  std::condition_variable wake_;
+  std::vector<Task> tasks_;
+  std::function<void(Channel &)> poll_;
+  bool stopping_ = false;
+
+  std::unique_ptr<casefile::SessionWriter> writer_; // the recorder thread's alone
+  std::thread thread_;
+};
+
+} // namespace bregma::recording

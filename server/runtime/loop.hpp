@@ -1,0 +1,112 @@
+// Loops: absolute deadlines, overruns counted and skipped, statistics for every step.
+//
+//   PeriodicLoop loop({.thread = {.name = "monitoring", .fifo_priority = 50}, .period_ns = 100'000'000},
+//                     [&]() noexcept { monitor.step(clock.now_ns()); });
+//   loop.start(); ... loop.stop();
+//
+// An event-driven loop has its own thread and uses the parts: set_up_thread, DeadlineTicker for its floor tick,
+// LoopStatistics around each step.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <thread>
+#include <type_traits>
+#include <vector>
+
+#include "idl/topics.hpp"
+#include "server/runtime/histogram.hpp"
+#include "server/runtime/realtime.hpp"
+
+namespace bregma::runtime {
+
+// Deadlines at start + n * period. A deadline that was missed by a period or more is skipped, never caught up in a
+// burst.
+class DeadlineTicker {
+public:
+  explicit DeadlineTicker(std::int64_t period_ns) : period_ns_(period_ns) {}
+  void start(std::int64_t now_ns) noexcept { next_ns_ = now_ns + period_ns_; }
+  [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
+  [[nodiscard]] bool due(std::int64_t now_ns) const noexcept { return now_ns >= next_ns_; }
+  // Moves to the first deadline after now; returns how many were skipped, beside the one that was next.
+  std::uint64_t advance(std::int64_t now_ns) noexcept;
+
+private:
+  std::int64_t period_ns_;
+  std::int64_t next_ns_ = 0;
+};
+
+// One thread counts, any thread reads.
+class LoopStatistics {
+public:
+  void count_step(std::int64_t duration_ns) noexcept {
+    durations_.add(duration_ns);
+    steps_.store(steps_.load(std::memory_order_relaxed) + 1, std::memory_order_relaxed);
+  }
+  void count_overruns(std::uint64_t number) noexcept {
+    overruns_.store(overruns_.load(std::memory_order_relaxed) + number, std::memory_order_relaxed);
+  }
+
+  [[nodiscard]] std::uint64_t steps() const noexcept { return steps_.load(std::memory_order_relaxed); }
+  [[nodiscard]] std::uint64_t overruns() const noexcept { return overruns_.load(std::memory_order_relaxed); }
+  [[nodiscard]] HistogramSnapshot durations() const noexcept { return durations_.snapshot(); }
+  // The name must be a loop's: at most 15 bytes. rate_hz: 0 when event driven.
+  [[nodiscard]] wire::LoopHealth health(const char *name, double rate_hz) const noexcept;
+
+private:
+  std::atomic<std::uint64_t> steps_{0};
+  std::atomic<std::uint64_t> overruns_{0};
+  Histogram durations_;
+};
+
+// Counts a step from here to the end of the scope.
+class TimedStep {
+public:
+  explicit TimedStep(LoopStatistics &statistics) noexcept;
+  ~TimedStep();
+  TimedStep(const TimedStep &) = delete;
+  TimedStep &operator=(const TimedStep &) = delete;
+
+private:
+  LoopStatistics &statistics_;
+  std::int64_t began_ns_;
+};
+
+struct LoopOptions {
+  ThreadOptions thread;
+  std::int64_t period_ns = 0; // above 0
+};
+
+// Threads: start, stop and the destructor belong to one thread; the readers to any.
+class PeriodicLoop {
+public:
+  template <class Step>
+  PeriodicLoop(LoopOptions options, Step step) : options_(std::move(options)), step_(std::move(step)) {
+    static_assert(std::is_nothrow_invocable_v<Step &>, "a loop step must be noexcept");
+  }
+  ~PeriodicLoop() { stop(); }
+  PeriodicLoop(const PeriodicLoop &) = delete;
+  PeriodicLoop &operator=(const PeriodicLoop &) = delete;
+
+  // Returns when the thread is set up: one sentence for each thing that could not be set. A loop that runs is left
+  // alone.
+  std::vector<std::string> start();
+  // Returns when the step under way is done and the thread has ended, after 50 ms at most beside it. May start again.
+  void stop();
+
+  [[nodiscard]] const LoopStatistics &statistics() const noexcept { return statistics_; }
+  [[nodiscard]] wire::LoopHealth health() const noexcept;
+
+private:
+  void run() noexcept;
+
+  LoopOptions options_;
+  std::function<void()> step_;
+  LoopStatistics statistics_;
+  std::atomic<bool> stopping_{false};
+  std::thread thread_;
+};
+
+} // namespace bregma::runtime
