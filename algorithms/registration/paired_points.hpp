@@ -44,8 +44,9 @@ struct FiducialFit {
   double norm_mm = 0.0;
   // Distance when this fiducial takes no part, to first order; NaN where the others do not fix the pose.
   double leave_one_out_mm = 0.0;
-  double chi_square = 0.0; // of the residual under its own covariance; the same for the left-out prediction
-  double p_value = 1.0;    // chance of so large a chi-square if the fiducial is as good as stated
+  double chi_square = 0.0;           // of the residual under its own covariance, and of the left-out prediction
+  double expected_squared_mm2 = 0.0; // what the squared residual would be on average
+  double p_value = 1.0;              // chance of so large a chi-square if the fiducial is as good as stated
 };
 
 struct PairedFit {
@@ -67,10 +68,12 @@ struct PairedFit {
 // covariances that are not positive definite.
 [[nodiscard]] PairedFit fit_paired(std::span<const PointPair> pairs, const PairedPose *start = nullptr) noexcept;
 
-// The residual of one pair under an estimate with the given covariance. Used for joint estimates too.
-// fixed_by_others: whether the pose stands without this fiducial (leave_one_out_mm is NaN otherwise).
+// The residual of one pair that took part in an estimate with weights W = (R Cs R' + Ct)^-1. normal_inverse: inverse of
+// the estimate's normal matrix; covariance: of the estimate, equal to it where the weights tell the whole truth, larger
+// where other terms are correlated. fixed_by_others: whether the pose stands without this pair.
 [[nodiscard]] FiducialFit assess_fiducial(const PointPair &pair, const PairedPose &T_target_source,
-                                          const Matrix6d &covariance, bool fixed_by_others) noexcept;
+                                          const Matrix6d &covariance, const Matrix6d &normal_inverse,
+                                          bool fixed_by_others) noexcept;
 
 // Covariance of a tool's pose that a tracker got by plain (unweighted) least squares from markers that err by
 // sigma_lateral in the tracker's x and y and by sigma_depth in z (mm, 1-sigma, independent): (J'J)^-1 J' S J (J'J)^-1,

@@ -5,6 +5,7 @@
 // throw. Frame: that of the mesh (usually Image), mm.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -19,7 +20,7 @@ struct SurfacePoint {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double distance_mm = 0.0; // never negative
   double signed_mm = 0.0;   // negative inside
-  int triangle = -1;        // of the mesh as given; -1 when nothing is nearer than the bound that was asked for
+  int triangle = -1;        // of the mesh as given
 };
 
 class SurfaceModel {
@@ -59,19 +60,15 @@ private:
   };
 
   [[nodiscard]] static Closest closest_on_triangle(const Corners &t, const Eigen::Vector3d &p) noexcept;
-  [[nodiscard]] Eigen::Vector3d pseudonormal(std::uint32_t slot, Feature feature) const noexcept;
   void build(std::vector<std::uint32_t> &order, const geometry::TriangleMesh &mesh);
   void build_normals(const geometry::TriangleMesh &mesh);
 
   // Triangles stand in the order of the tree ("slots").
   std::vector<Node> nodes_;
   std::vector<Corners> corners_;
-  std::vector<int> mesh_index_;     // slot to triangle of the mesh
-  std::vector<std::uint32_t> slot_; // and back
-  std::vector<Eigen::Vector3d> face_normal_;
-  std::vector<Eigen::Vector3d> edge_normal_; // three a slot: AB, BC, CA
-  std::vector<Eigen::Vector3d> vertex_normal_;
-  std::vector<Eigen::Vector3i> slot_vertices_;
+  std::vector<int> mesh_index_;          // slot to triangle of the mesh
+  std::vector<std::uint32_t> slot_;      // and back
+  std::vector<Eigen::Vector3d> normals_; // kFeatures a slot
   Eigen::Vector3d low_, high_;
   bool closed_ = false;
 };
