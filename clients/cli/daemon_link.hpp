@@ -29,8 +29,8 @@ struct Snapshot {
   std::map<std::pair<std::string, std::string>, wire::Alarm> alarms; // by kind and subject
 };
 
-// Health is broadcast several times a second; after this long without one the daemon has stopped or hangs, and nothing
-// it has said may be shown as the present.
+// Health is broadcast twice a second by default; after this long without one the daemon has stopped or hangs, and
+// nothing it has said may be shown as the present.
 inline constexpr std::chrono::nanoseconds kDaemonSilent = std::chrono::seconds(2);
 
 class DaemonLink {

@@ -1,0 +1,40 @@
+#include "clients/cli/command_reply.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/wire_labels.hpp"
+
+namespace bregma::cli {
+
+int show_reply(const casefile::Result<wire::CommandReply> &reply, const Context &context) {
+  if (!reply) {
+    return fail(reply.error());
+  }
+  const bool done = reply->result == bregma_wire_COMMAND_DONE;
+  if (context.json) {
+    print_json({{"result", label(reply->result)},
+                {"session", label(reply->session)},
+                {"value_mm", json_number(reply->value_mm)},
+                {"text", reply->text}});
+  } else if (done) {
+    const std::string text = *reply->text == '\0' ? "done" : printable(reply->text);
+    print(text + " (session: " + std::string(label(reply->session)) + ")\n");
+  } else {
+    (void)fail(std::string(label(reply->result)) + ": " + printable(reply->text));
+  }
+  return done ? kOk : kRefused;
+}
+
+int send_and_show(const casefile::Result<wire::CommandBody> &body, const Context &context,
+                  DaemonLink::Duration timeout) {
+  if (!body) {
+    return fail(body.error());
+  }
+  DaemonLink link(context.domain);
+  return show_reply(link.send(*body, timeout), context);
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,197 @@
+// `bregma status | watch | alarms | target`: what a running daemon says, and what it is asked to do.
+#include <memory>
+#include <string>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "casefile/case.hpp"
+#include "clients/cli/command_reply.hpp"
+#include "clients/cli/commands.hpp"
+#include "clients/cli/live_view.hpp"
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/watch_command.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using nlohmann::json;
+
+int status(const Context &context) {
+  DaemonLink link(context.domain);
+  const auto there = link.wait_for_daemon();
+  if (!there && !link.snapshot().health) {
+    return fail(there.error());
+  }
+  link.settle();
+  const std::int64_t now_ns = utc_now_ns();
+  if (context.json) {
+    print_json(status_json(link.snapshot(), context.domain, now_ns));
+  } else {
+    print(status_text(link.snapshot(), context.domain, now_ns));
+  }
+  return link.alive(now_ns) ? kOk : kBadInput;
+}
+
+int list_alarms(const Context &context) {
+  DaemonLink link(context.domain);
+  if (auto there = link.wait_for_daemon(); !there) {
+    return fail(there.error());
+  }
+  link.settle();
+  const auto alarms = standing_alarms(link.snapshot());
+  if (context.json) {
+    json out = json::array();
+    for (const auto &alarm : alarms) {
+      out.push_back(alarm_json(alarm));
+    }
+    print_json(out);
+    return kOk;
+  }
+  for (const auto &alarm : alarms) {
+    print(alarm_line(alarm, utc_now_ns()) + "\n");
+  }
+  if (alarms.empty()) {
+    print("no alarms\n");
+  }
+  return kOk;
+}
+
+const wire::TargetAccuracy *accuracy_of(const Snapshot &snapshot, const std::string &target) {
+  if (snapshot.accuracy) {
+    const auto &accuracy = *snapshot.accuracy;
+    for (std::size_t i = 0; i < std::min<std::size_t>(accuracy.target_count, std::size(accuracy.targets)); ++i) {
+      if (wire::view(accuracy.targets[i].target) == target) {
+        return &accuracy.targets[i];
+      }
+    }
+  }
+  return nullptr;
+}
+
+int list_targets(const Context &context) {
+  DaemonLink link(context.domain);
+  if (auto there = link.wait_for_daemon(); !there) {
+    return fail(there.error());
+  }
+  link.settle();
+  const std::string folder = link.snapshot().health->case_folder;
+  if (folder.empty()) {
+    return fail("no case is loaded: there are no targets");
+  }
+  const auto loaded = casefile::load_case(folder);
+  if (!loaded) {
+    return fail(loaded.error());
+  }
+  json targets = json::array();
+  Table target_table({"Target", "R mm", "A mm", "S mm", "TRE RMS mm", "TRE 95 % mm"});
+  for (const auto &target : loaded->targets) {
+    const auto *accuracy = accuracy_of(link.snapshot(), target.name);
+    const double rms = accuracy != nullptr ? accuracy->tre_rms_mm : wire::kUnknown;
+    const double bound = accuracy != nullptr ? accuracy->tre_95.semi_axes_mm[0] : wire::kUnknown;
+    const auto &p = target.position_mm;
+    target_table.row(
+        {printable(target.name), fixed(p.x(), 1), fixed(p.y(), 1), fixed(p.z(), 1), fixed(rms, 2), fixed(bound, 2)});
+    targets.push_back({{"target", target.name},
+                       {"position_mm", json_vector(p)},
+                       {"tre_rms_mm", json_number(rms)},
+                       {"tre_95_mm", json_number(bound)}});
+  }
+  json trajectories = json::array();
+  Table trajectory_table({"Trajectory", "Entry R A S mm", "Target R A S mm", "Length mm"});
+  for (const auto &trajectory : loaded->trajectories) {
+    const double length = (trajectory.target_mm - trajectory.entry_mm).norm();
+    trajectory_table.row({printable(trajectory.name), vector_text(trajectory.entry_mm, 1),
+                          vector_text(trajectory.target_mm, 1), fixed(length, 1)});
+    trajectories.push_back({{"trajectory", trajectory.name},
+                            {"entry_mm", json_vector(trajectory.entry_mm)},
+                            {"target_mm", json_vector(trajectory.target_mm)},
+                            {"length_mm", length}});
+  }
+  if (context.json) {
+    print_json({{"case_folder", folder}, {"targets", targets}, {"trajectories", trajectories}});
+    return kOk;
+  }
+  print(target_table.text() + "\n" + trajectory_table.text());
+  print("\nTRE is predicted for the accepted registration; \"-\" until there is one.\n");
+  return kOk;
+}
+
+void add_status_command(CLI::App &app, Context &context) {
+  auto *command = app.add_subcommand("status", "Says once how daemon, registration, devices and loops are");
+  add_json_flag(*command, context);
+  add_domain_option(*command, context);
+  command->footer(
+      "Exit code 2 when no daemon speaks.\n\nExamples:\n  bregma status\n  bregma status --json | jq .devices");
+  command->callback([&context] { context.run = [&context] { return status(context); }; });
+}
+
+void add_alarms_command(CLI::App &app, Context &context) {
+  auto *alarms = app.add_subcommand("alarms", "Lists alarms that stand, and acknowledges them");
+  alarms->require_subcommand(0, 1);
+  add_json_flag(*alarms, context);
+  add_domain_option(*alarms, context);
+  alarms->footer("Examples:\n  bregma alarms\n  bregma alarms ack drift\n  bregma alarms ack tool_hidden Probe");
+  // Called after the subcommand's own callback, which it must not replace.
+  alarms->callback([alarms, &context] {
+    if (alarms->get_subcommands().empty()) {
+      context.run = [&context] { return list_alarms(context); };
+    }
+  });
+
+  auto *list = alarms->add_subcommand("list", "Alarms that are raised or acknowledged");
+  add_json_flag(*list, context);
+  add_domain_option(*list, context);
+  list->callback([&context] { context.run = [&context] { return list_alarms(context); }; });
+
+  auto *acknowledge = alarms->add_subcommand("ack", "Acknowledges an alarm: a person has seen it");
+  auto name = std::make_shared<std::pair<std::string, std::string>>();
+  acknowledge->add_option("kind", name->first, "As listed, for example drift")->required();
+  acknowledge->add_option("subject", name->second, "The device, tool or target that it is about");
+  add_json_flag(*acknowledge, context);
+  add_domain_option(*acknowledge, context);
+  acknowledge->callback([name, &context] {
+    context.run = [name, &context] { return send_and_show(acknowledge_command(name->first, name->second), context); };
+  });
+}
+
+void add_target_command(CLI::App &app, Context &context) {
+  auto *target = app.add_subcommand("target", "Targets of the loaded case, and navigation to them");
+  target->require_subcommand(1);
+  target->footer("Examples:\n  bregma target list\n  bregma target navigate Probe Biopsy\n  bregma target stop");
+
+  auto *list = target->add_subcommand("list", "Targets with predicted error, and trajectories");
+  add_json_flag(*list, context);
+  add_domain_option(*list, context);
+  list->callback([&context] { context.run = [&context] { return list_targets(context); }; });
+
+  auto *navigate = target->add_subcommand("navigate", "Navigates a tool along a trajectory")->alias("select");
+  auto plan = std::make_shared<std::pair<std::string, std::string>>();
+  navigate->add_option("tool", plan->first, "A calibrated tool, for example Probe")->required();
+  navigate->add_option("trajectory", plan->second, "A trajectory of the case")->required();
+  add_json_flag(*navigate, context);
+  add_domain_option(*navigate, context);
+  navigate->callback([plan, &context] {
+    context.run = [plan, &context] { return send_and_show(navigate_command(plan->first, plan->second), context); };
+  });
+
+  auto *stop = target->add_subcommand("stop", "Stops navigation");
+  add_json_flag(*stop, context);
+  add_domain_option(*stop, context);
+  stop->callback([&context] {
+    context.run = [&context] { return send_and_show(plain_command(bregma_wire_COMMAND_STOP_NAVIGATION), context); };
+  });
+}
+
+} // namespace
+
+void add_live_commands(CLI::App &app, Context &context) {
+  add_status_command(app, context);
+  add_watch_command(app, context);
+  add_alarms_command(app, context);
+  add_target_command(app, context);
+}
+
+} // namespace bregma::cli

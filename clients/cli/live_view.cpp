@@ -1,0 +1,221 @@
+#include "clients/cli/live_view.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/wire_labels.hpp"
+
+namespace bregma::cli {
+namespace {
+
+constexpr double kDegree_rad = std::numbers::pi / 180.0;
+
+double seconds_between(std::int64_t from_ns, std::int64_t to_ns) { return static_cast<double>(to_ns - from_ns) * 1e-9; }
+
+template <class Visit>
+void each_tool(const Snapshot &snapshot, std::string_view wanted, std::int64_t now_ns, Visit &&visit) {
+  const DaemonView daemon = view_daemon(snapshot, now_ns);
+  for (const auto &[name, state] : snapshot.tools) {
+    if (wanted.empty() || name == wanted) {
+      visit(view_tool(state, daemon, now_ns));
+    }
+  }
+}
+
+std::string tip_text(const ToolView &view) {
+  return fixed(view.tip_mm[0], 1) + " " + fixed(view.tip_mm[1], 1) + " " + fixed(view.tip_mm[2], 1);
+}
+
+std::string nearest_text(const ToolView &view) {
+  return std::isfinite(view.nearest_mm) ? view.nearest_structure + " " + fixed(view.nearest_mm, 1) : "-";
+}
+
+// FRE only ever in these words: it says how well the fiducials agree, not how well the target is hit.
+std::string consistency_text(const Snapshot &snapshot) {
+  if (!snapshot.registration) {
+    return "registration: no news";
+  }
+  const auto &registration = *snapshot.registration;
+  std::string out = "registration " + std::string(label(registration.status));
+  if (std::isfinite(registration.fre_mm)) {
+    out += ", fiducials consistent to " + fixed(registration.fre_mm, 2, "mm") + " (FRE; not an accuracy)";
+  }
+  return out;
+}
+
+} // namespace
+
+DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns) {
+  DaemonView out;
+  if (!snapshot.health) {
+    out.text = "no daemon";
+    return out;
+  }
+  out.silent_s = seconds_between(snapshot.health->time_ns, now_ns);
+  if (now_ns - snapshot.health->time_ns >= kDaemonSilent.count()) {
+    out.presence = Presence::kSilent;
+    out.text = "SILENT for " + duration_text(out.silent_s);
+    return out;
+  }
+  out.presence = Presence::kAlive;
+  out.text = label(snapshot.health->session);
+  return out;
+}
+
+ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns) {
+  ToolView out;
+  out.tool = printable(wire::view(state.tool));
+  out.trajectory = printable(wire::view(state.trajectory));
+  if (state.acquired_time_ns > 0) {
+    out.age_ms = seconds_between(state.acquired_time_ns, now_ns) * 1e3;
+  }
+  const std::int64_t silent_ns = now_ns - state.published_time_ns;
+  if (daemon.presence != Presence::kAlive) {
+    out.status = "daemon silent";
+    return out;
+  }
+  if (silent_ns >= kToolSilent_ns) {
+    out.status = "no news for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+    return out;
+  }
+  out.status = label(state.status);
+  out.fresh = state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
+  if (!out.fresh) {
+    return out;
+  }
+  std::copy_n(state.T_image_tip.translation_mm, 3, out.tip_mm);
+  out.speed_mm_s = std::hypot(state.velocity_mm_s[0], state.velocity_mm_s[1], state.velocity_mm_s[2]);
+  out.tre_rms_mm = state.tre_rms_mm;
+  out.tre_95_mm = state.tre_95.semi_axes_mm[0];
+  if (!out.trajectory.empty()) {
+    out.distance_to_target_mm = state.distance_to_target_mm;
+    out.lateral_mm = state.lateral_deviation_mm;
+    out.angle_deg = state.angle_rad / kDegree_rad;
+    out.remaining_depth_mm = state.remaining_depth_mm;
+  }
+  out.nearest_structure = printable(wire::view(state.nearest_structure));
+  if (!out.nearest_structure.empty()) {
+    out.nearest_mm = state.nearest_structure_mm;
+  }
+  return out;
+}
+
+std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot) {
+  std::vector<wire::Alarm> out;
+  for (const auto &[key, alarm] : snapshot.alarms) {
+    if (alarm.state != bregma_wire_ALARM_CLEARED) {
+      out.push_back(alarm);
+    }
+  }
+  std::stable_sort(out.begin(), out.end(), [](const auto &a, const auto &b) { return a.severity > b.severity; });
+  return out;
+}
+
+std::string alarm_line(const wire::Alarm &alarm, std::int64_t now_ns) {
+  std::string out = std::string(label(alarm.severity)) + ": " + printable(wire::view(alarm.kind));
+  if (!wire::view(alarm.subject).empty()) {
+    out += " " + printable(wire::view(alarm.subject));
+  }
+  out += " (" + std::string(label(alarm.state)) + ", raised " +
+         duration_text(seconds_between(alarm.raised_time_ns, now_ns)) + " ago";
+  if (alarm.count > 1) {
+    out += ", " + std::to_string(alarm.count) + " times";
+  }
+  out += ")";
+  return *alarm.text == '\0' ? out : out + ": " + printable(alarm.text);
+}
+
+nlohmann::json alarm_json(const wire::Alarm &alarm) {
+  return {{"kind", wire::text(alarm.kind)},
+          {"subject", wire::text(alarm.subject)},
+          {"state", label(alarm.state)},
+          {"severity", label(alarm.severity)},
+          {"raised_time_ns", alarm.raised_time_ns},
+          {"changed_time_ns", alarm.changed_time_ns},
+          {"count", alarm.count},
+          {"text", alarm.text}};
+}
+
+std::string tools_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
+  Table table({"Tool", "Status", "Tip R A S mm", "Age ms", "TRE 95 % mm", "To target mm", "Lateral mm", "Angle deg",
+               "Depth left mm", "Nearest structure mm"});
+  each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {
+    table.row({view.tool, view.status, tip_text(view), fixed(view.age_ms, 1), fixed(view.tre_95_mm, 2),
+               fixed(view.distance_to_target_mm, 1), fixed(view.lateral_mm, 2), fixed(view.angle_deg, 1),
+               fixed(view.remaining_depth_mm, 1), nearest_text(view)});
+  });
+  if (table.empty()) {
+    return tool.empty() ? "No tools yet\n" : "No tool '" + printable(tool) + "' yet\n";
+  }
+  return table.text();
+}
+
+std::string watch_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
+  std::string out = "Session " + view_daemon(snapshot, now_ns).text + ", " + consistency_text(snapshot) + "\n\n";
+  out += tools_table(snapshot, tool, now_ns);
+  const auto alarms = standing_alarms(snapshot);
+  out += alarms.empty() ? "\nAlarms: none\n" : "\nAlarms:\n";
+  for (const auto &alarm : alarms) {
+    out += "  " + alarm_line(alarm, now_ns) + "\n";
+  }
+  return out;
+}
+
+std::string watch_line(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
+  std::string out = view_daemon(snapshot, now_ns).text;
+  each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {
+    out += " | " + view.tool + " " + view.status;
+    if (view.fresh) {
+      out += ", tip " + tip_text(view) + ", TRE 95 % " + fixed(view.tre_95_mm, 2, "mm");
+    }
+    if (std::isfinite(view.distance_to_target_mm)) {
+      out += ", to target " + fixed(view.distance_to_target_mm, 1, "mm") + ", lateral " +
+             fixed(view.lateral_mm, 2, "mm") + ", depth left " + fixed(view.remaining_depth_mm, 1, "mm");
+    }
+    if (std::isfinite(view.nearest_mm)) {
+      out += ", nearest " + nearest_text(view) + " mm";
+    }
+  });
+  for (const auto &alarm : standing_alarms(snapshot)) {
+    out += " | " + alarm_line(alarm, now_ns);
+  }
+  return out;
+}
+
+nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
+  const DaemonView daemon = view_daemon(snapshot, now_ns);
+  const bool alive = daemon.presence == Presence::kAlive;
+  nlohmann::json out{{"time_ns", now_ns},
+                     {"daemon_alive", alive},
+                     {"silent_s", json_number(daemon.silent_s)},
+                     {"session", alive ? nlohmann::json(daemon.text) : nlohmann::json()},
+                     {"tools", nlohmann::json::array()},
+                     {"alarms", nlohmann::json::array()}};
+  each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {
+    out["tools"].push_back(
+        {{"tool", view.tool},
+         {"status", view.status},
+         {"fresh", view.fresh},
+         {"age_ms", json_number(view.age_ms)},
+         {"tip_mm", {json_number(view.tip_mm[0]), json_number(view.tip_mm[1]), json_number(view.tip_mm[2])}},
+         {"speed_mm_s", json_number(view.speed_mm_s)},
+         {"tre_rms_mm", json_number(view.tre_rms_mm)},
+         {"tre_95_mm", json_number(view.tre_95_mm)},
+         {"trajectory", view.trajectory},
+         {"distance_to_target_mm", json_number(view.distance_to_target_mm)},
+         {"lateral_deviation_mm", json_number(view.lateral_mm)},
+         {"angle_deg", json_number(view.angle_deg)},
+         {"remaining_depth_mm", json_number(view.remaining_depth_mm)},
+         {"nearest_structure", view.nearest_structure},
+         {"nearest_structure_mm", json_number(view.nearest_mm)}});
+  });
+  for (const auto &alarm : standing_alarms(snapshot)) {
+    out["alarms"].push_back(alarm_json(alarm));
+  }
+  return out;
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,66 @@
+// What may be shown of a daemon's state at this moment. The one place that decides whether a figure is still the
+// present: views print what stands here and nothing else.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "clients/cli/daemon_link.hpp"
+
+namespace bregma::cli {
+
+// The navigation loop publishes each tool tens of times a second even without frames; after this long without, its last
+// word is no longer the present.
+inline constexpr std::int64_t kToolSilent_ns = 500'000'000;
+
+enum class Presence { kNever, kSilent, kAlive };
+
+struct DaemonView {
+  Presence presence = Presence::kNever;
+  double silent_s = std::numeric_limits<double>::quiet_NaN(); // since it last spoke
+  std::string text;                                           // "navigating"; "no daemon"; "SILENT for 12.3 s"
+};
+[[nodiscard]] DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns);
+
+// Figures are NaN unless the pose is live (or computed for a check touch: "unverified") and the news is fresh.
+struct ToolView {
+  static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  std::string tool;
+  std::string status;
+  bool fresh = false;                                // the figures are the present
+  double age_ms = kUnknown;                          // since exposure, as of now
+  double tip_mm[3] = {kUnknown, kUnknown, kUnknown}; // in Image (RAS)
+  double speed_mm_s = kUnknown;
+  double tre_rms_mm = kUnknown; // predicted, at the tip
+  double tre_95_mm = kUnknown;  // longest semi-axis of the 95 % ellipsoid
+  std::string trajectory;
+  double distance_to_target_mm = kUnknown;
+  double lateral_mm = kUnknown;
+  double angle_deg = kUnknown;
+  double remaining_depth_mm = kUnknown;
+  std::string nearest_structure;
+  double nearest_mm = kUnknown;
+};
+[[nodiscard]] ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns);
+
+// Those that are not cleared, the gravest first.
+[[nodiscard]] std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot);
+
+// `bregma status`: everything, for a person and for a program. NaN is null in JSON.
+[[nodiscard]] std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns);
+[[nodiscard]] nlohmann::json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns);
+
+// `bregma watch`: a table that fits on a screen, one line, or one object. An empty tool shows all.
+[[nodiscard]] std::string tools_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
+[[nodiscard]] std::string watch_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
+[[nodiscard]] std::string watch_line(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
+[[nodiscard]] nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
+
+[[nodiscard]] nlohmann::json alarm_json(const wire::Alarm &alarm);
+[[nodiscard]] std::string alarm_line(const wire::Alarm &alarm, std::int64_t now_ns);
+
+} // namespace bregma::cli

@@ -1,0 +1,247 @@
+// `bregma status`: the whole state, once, for a person and for a program.
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <numeric>
+#include <span>
+
+#include "clients/cli/live_view.hpp"
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/wire_labels.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using nlohmann::json;
+
+std::span<const wire::DeviceHealth> devices(const wire::SystemHealth &health) {
+  return {health.devices, std::min<std::size_t>(health.device_count, std::size(health.devices))};
+}
+
+std::span<const wire::LoopHealth> loops(const wire::SystemHealth &health) {
+  return {health.loops, std::min<std::size_t>(health.loop_count, std::size(health.loops))};
+}
+
+std::span<const wire::TargetAccuracy> targets(const wire::AccuracyState &accuracy) {
+  return {accuracy.targets, std::min<std::size_t>(accuracy.target_count, std::size(accuracy.targets))};
+}
+
+// Its age has grown since the daemon stated it.
+double age_ms(const wire::DeviceHealth &device, const wire::SystemHealth &health, std::int64_t now_ns) {
+  return device.age_ms + static_cast<double>(now_ns - health.time_ns) * 1e-6;
+}
+
+std::uint64_t rejected(const wire::DeviceHealth &device) {
+  return std::accumulate(std::begin(device.rejected), std::end(device.rejected), std::uint64_t{0});
+}
+
+std::string case_text(const wire::SystemHealth &health) {
+  return *health.case_folder == '\0' ? "no case loaded" : "case " + printable(health.case_folder);
+}
+
+std::string registration_text(const Snapshot &snapshot) {
+  if (!snapshot.registration) {
+    return "Registration  no news\n";
+  }
+  const auto &state = *snapshot.registration;
+  std::string out = "Registration  " + std::string(label(state.status));
+  if (state.status == bregma_wire_REGISTRATION_REFUSED) {
+    out += ": " + std::string(label(state.reason));
+    out += wire::view(state.subject).empty() ? "" : " (" + printable(wire::view(state.subject)) + ")";
+  }
+  out += state.accepted_revision > 0 ? ", revision " + std::to_string(state.accepted_revision) + " accepted" : "";
+  out += *state.text == '\0' ? "\n" : "; " + printable(state.text) + "\n";
+  out += "  from " + std::to_string(state.fiducial_count) + " fiducials and " + std::to_string(state.surface_count) +
+         " surface points\n";
+  if (std::isfinite(state.fre_mm)) {
+    out += "  FRE " + fixed(state.fre_mm, 2, "mm") +
+           ": how well the fiducials agree, not how well the target is hit; surface RMS " +
+           fixed(state.surface_rms_mm, 2, "mm") + "\n";
+  }
+  return out;
+}
+
+std::string accuracy_text(const Snapshot &snapshot) {
+  if (!snapshot.accuracy) {
+    return "Accuracy  not known\n";
+  }
+  const auto &accuracy = *snapshot.accuracy;
+  std::string out = "Accuracy  predicted target error (TRE)\n";
+  Table table({"Target", "RMS mm", "95 % mm"});
+  for (const auto &target : targets(accuracy)) {
+    table.row(
+        {printable(wire::view(target.target)), fixed(target.tre_rms_mm, 2), fixed(target.tre_95.semi_axes_mm[0], 2)});
+  }
+  out += table.empty() ? "not known: no accepted registration\n" : table.text();
+  if (accuracy.check_count > 0) {
+    out += "Check touches " + std::to_string(accuracy.check_count) + ", the last " +
+           fixed(accuracy.last_check_mm, 2, "mm") + " (95 % stay below " +
+           fixed(accuracy.last_check_limit_mm, 2, "mm") + " if nothing has moved)\n";
+  } else {
+    out += "Check touches none\n";
+  }
+  out += "Drift " + std::string(accuracy.drift_detected ? "DETECTED" : "none detected") + " (statistic " +
+         fixed(accuracy.drift_statistic, 2) + " of " + fixed(accuracy.drift_threshold, 2) + ")\n";
+  return out;
+}
+
+std::string devices_text(const wire::SystemHealth &health, std::int64_t now_ns) {
+  Table table({"Device", "Kind", "Status", "Rate Hz", "Age ms", "Latency p50 ms", "p99 ms", "Taken", "Rejected", "Lost",
+               "Late", "Clock ms", "Drift ppm", "Connects"});
+  std::string reasons;
+  for (const auto &device : devices(health)) {
+    const std::string name = printable(wire::view(device.device));
+    table.row({name, std::string(label(device.kind)), std::string(label(device.status)), fixed(device.rate_hz, 1),
+               fixed(age_ms(device, health, now_ns), 1), fixed(device.latency_p50_ms, 2),
+               fixed(device.latency_p99_ms, 2), std::to_string(device.taken), std::to_string(rejected(device)),
+               std::to_string(device.lost), std::to_string(device.late), fixed(device.clock_offset_ms, 3),
+               fixed(device.clock_drift_ppm, 1), std::to_string(device.connections)});
+    for (std::size_t i = 0; i < std::size(device.rejected); ++i) {
+      if (device.rejected[i] > 0) {
+        reasons += "  " + name + " rejected " + std::to_string(device.rejected[i]) + ": " +
+                   std::string(label(static_cast<wire::RejectReason>(i))) + "\n";
+      }
+    }
+  }
+  if (health.unknown_device_samples > 0) {
+    reasons += "  " + std::to_string(health.unknown_device_samples) + " samples of devices that nobody configured\n";
+  }
+  return (table.empty() ? "Devices  none\n" : table.text()) + reasons;
+}
+
+std::string loops_text(const wire::SystemHealth &health) {
+  Table table({"Loop", "Rate Hz", "Steps", "Overruns", "Step p50 us", "p99 us", "max us"});
+  for (const auto &loop : loops(health)) {
+    table.row({printable(wire::view(loop.loop)), loop.rate_hz > 0 ? fixed(loop.rate_hz, 1) : "by event",
+               std::to_string(loop.steps), std::to_string(loop.overruns), fixed(loop.step_p50_us, 1),
+               fixed(loop.step_p99_us, 1), fixed(loop.step_max_us, 1)});
+  }
+  return table.empty() ? "" : table.text();
+}
+
+json registration_json(const wire::RegistrationState &state) {
+  return {{"status", label(state.status)},
+          {"reason", label(state.reason)},
+          {"subject", wire::text(state.subject)},
+          {"text", state.text},
+          {"revision", state.revision},
+          {"accepted_revision", state.accepted_revision},
+          {"fiducials", state.fiducial_count},
+          {"surface_points", state.surface_count},
+          {"fiducial_consistency_fre_mm", json_number(state.fre_mm)},
+          {"surface_rms_mm", json_number(state.surface_rms_mm)}};
+}
+
+json accuracy_json(const wire::AccuracyState &accuracy) {
+  json out{{"targets", json::array()},
+           {"check_count", accuracy.check_count},
+           {"last_check_mm", json_number(accuracy.last_check_mm)},
+           {"last_check_limit_mm", json_number(accuracy.last_check_limit_mm)},
+           {"drift_statistic", json_number(accuracy.drift_statistic)},
+           {"drift_threshold", json_number(accuracy.drift_threshold)},
+           {"drift_detected", accuracy.drift_detected}};
+  for (const auto &target : targets(accuracy)) {
+    out["targets"].push_back({{"target", wire::text(target.target)},
+                              {"tre_rms_mm", json_number(target.tre_rms_mm)},
+                              {"tre_95_mm", json_number(target.tre_95.semi_axes_mm[0])}});
+  }
+  return out;
+}
+
+json device_json(const wire::DeviceHealth &device, const wire::SystemHealth &health, std::int64_t now_ns) {
+  json by_reason = json::object();
+  for (std::size_t i = 0; i < std::size(device.rejected); ++i) {
+    by_reason[std::string(label(static_cast<wire::RejectReason>(i)))] = device.rejected[i];
+  }
+  return {{"device", wire::text(device.device)},
+          {"kind", label(device.kind)},
+          {"status", label(device.status)},
+          {"rate_hz", json_number(device.rate_hz)},
+          {"age_ms", json_number(age_ms(device, health, now_ns))},
+          {"latency_p50_ms", json_number(device.latency_p50_ms)},
+          {"latency_p99_ms", json_number(device.latency_p99_ms)},
+          {"taken", device.taken},
+          {"rejected", rejected(device)},
+          {"rejected_by_reason", std::move(by_reason)},
+          {"lost", device.lost},
+          {"late", device.late},
+          {"clock_offset_ms", json_number(device.clock_offset_ms)},
+          {"clock_drift_ppm", json_number(device.clock_drift_ppm)},
+          {"connections", device.connections}};
+}
+
+} // namespace
+
+std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns) {
+  const DaemonView daemon = view_daemon(snapshot, now_ns);
+  std::string out = "bregmad on domain " + std::to_string(domain) + ": " + daemon.text;
+  if (!snapshot.health) {
+    return out + "\n";
+  }
+  const auto &health = *snapshot.health;
+  out += ", " + case_text(health) + ", up " +
+         duration_text(static_cast<double>(health.time_ns - health.started_time_ns) * 1e-9) + "\n";
+  if (daemon.presence != Presence::kAlive) {
+    out += "THIS IS NOT THE PRESENT: what follows is the last word of a daemon that no longer speaks.\n";
+  }
+  out += "\n" + registration_text(snapshot) + accuracy_text(snapshot) + "\n";
+  if (!snapshot.tools.empty()) {
+    out += tools_table(snapshot, {}, now_ns) + "\n";
+  }
+  out += devices_text(health, now_ns) + "\n" + loops_text(health) + "\n";
+  out += "Recorder  " + std::to_string(health.recorded) + " samples recorded, " +
+         std::to_string(health.record_dropped) + " dropped" + (health.recorder_failing ? ", FAILING" : "") + "\n";
+  out += "Memory  " + fixed(static_cast<double>(health.resident_bytes) / 1e6, 1, "MB") + " resident\n";
+  for (const auto &[target, state] : snapshot.deformation) {
+    out += "Deformation  " + printable(target) + ": " + std::string(label(state.status)) + "\n";
+  }
+  const auto alarms = standing_alarms(snapshot);
+  out += alarms.empty() ? "Alarms  none\n" : "Alarms\n";
+  for (const auto &alarm : alarms) {
+    out += "  " + alarm_line(alarm, now_ns) + "\n";
+  }
+  return out;
+}
+
+json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns) {
+  json out = watch_json(snapshot, {}, now_ns);
+  out["domain"] = domain;
+  if (snapshot.registration) {
+    out["registration"] = registration_json(*snapshot.registration);
+  }
+  if (snapshot.accuracy) {
+    out["accuracy"] = accuracy_json(*snapshot.accuracy);
+  }
+  out["deformation"] = json::object();
+  for (const auto &[target, state] : snapshot.deformation) {
+    out["deformation"][target] = label(state.status);
+  }
+  if (!snapshot.health) {
+    return out;
+  }
+  const auto &health = *snapshot.health;
+  out["case_folder"] = health.case_folder;
+  out["started_time_ns"] = health.started_time_ns;
+  out["unknown_device_samples"] = health.unknown_device_samples;
+  out["resident_bytes"] = health.resident_bytes;
+  out["recorder"] = {
+      {"recorded", health.recorded}, {"dropped", health.record_dropped}, {"failing", health.recorder_failing}};
+  out["devices"] = json::array();
+  for (const auto &device : devices(health)) {
+    out["devices"].push_back(device_json(device, health, now_ns));
+  }
+  out["loops"] = json::array();
+  for (const auto &loop : loops(health)) {
+    out["loops"].push_back({{"loop", wire::text(loop.loop)},
+                            {"rate_hz", json_number(loop.rate_hz)},
+                            {"steps", loop.steps},
+                            {"overruns", loop.overruns},
+                            {"step_p50_us", json_number(loop.step_p50_us)},
+                            {"step_p99_us", json_number(loop.step_p99_us)},
+                            {"step_max_us", json_number(loop.step_max_us)}});
+  }
+  return out;
+}
+
+} // namespace bregma::cli

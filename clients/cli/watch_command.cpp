@@ -1,0 +1,187 @@
+#include "clients/cli/watch_command.hpp"
+
+#include <atomic>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <thread>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <CLI/Validators.hpp>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include "clients/cli/live_view.hpp"
+#include "clients/cli/output.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+struct WatchOptions {
+  std::string tool;
+  double rate_hz = 10.0;
+  double wait_s = 3.0;
+  bool until_end = false;
+  int while_pid = 0;
+};
+
+std::atomic<bool> interrupted{false};
+static_assert(std::atomic<bool>::is_always_lock_free); // may be set by a signal handler
+
+// Ctrl-C and SIGTERM end the loop instead of the process, so that the terminal is given back as it was.
+class Interruptible {
+public:
+  Interruptible() {
+    interrupted = false;
+    struct sigaction action {};
+    action.sa_handler = [](int) { interrupted = true; };
+    sigaction(SIGINT, &action, &old_int_);
+    sigaction(SIGTERM, &action, &old_term_);
+  }
+  ~Interruptible() {
+    sigaction(SIGINT, &old_int_, nullptr);
+    sigaction(SIGTERM, &old_term_, nullptr);
+  }
+  Interruptible(const Interruptible &) = delete;
+  Interruptible &operator=(const Interruptible &) = delete;
+
+private:
+  struct sigaction old_int_ {};
+  struct sigaction old_term_ {};
+};
+
+// The terminal's other screen, without a cursor, for as long as the object lives.
+class Screen {
+public:
+  Screen() { print("\x1b[?1049h\x1b[?25l"); }
+  ~Screen() { print("\x1b[?25h\x1b[?1049l"); }
+  Screen(const Screen &) = delete;
+  Screen &operator=(const Screen &) = delete;
+
+  // Over the last drawing, so that nothing flickers. Lines are cut at the edge: a wrapped one would shift the rest.
+  static void draw(const std::string &text) {
+    winsize size{};
+    const bool known = ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    const std::size_t columns = known ? size.ws_col : 10'000;
+    std::string out = "\x1b[H";
+    std::size_t column = 0;
+    for (const char c : text) {
+      if (c == '\n') {
+        out += "\x1b[K\r\n";
+        column = 0;
+      } else {
+        const bool starts_character = (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
+        column += starts_character ? 1 : 0;
+        if (column <= columns) {
+          out += c;
+        }
+      }
+    }
+    print(out + "\x1b[J");
+  }
+};
+
+// A zombie has ended as well: it only waits for its parent.
+bool process_runs(int pid) {
+  if (kill(pid, 0) != 0 && errno == ESRCH) {
+    return false;
+  }
+  std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
+  const std::string text((std::istreambuf_iterator<char>(stat)), std::istreambuf_iterator<char>());
+  const auto name_end = text.rfind(')'); // a name may hold anything
+  return name_end == std::string::npos || name_end + 2 >= text.size() || text[name_end + 2] != 'Z';
+}
+
+// The end that --until-end waits for: the daemon has gone, or its case was closed.
+class EndOfSession {
+public:
+  bool reached(const Snapshot &snapshot, std::int64_t now_ns) {
+    const DaemonView daemon = view_daemon(snapshot, now_ns);
+    if (daemon.presence == Presence::kSilent) {
+      return true;
+    }
+    const bool idle = snapshot.health && snapshot.health->session == bregma_wire_SESSION_IDLE;
+    was_busy_ = was_busy_ || (snapshot.health && !idle);
+    return was_busy_ && idle;
+  }
+
+private:
+  bool was_busy_ = false;
+};
+
+int watch(const WatchOptions &options, const Context &context) {
+  const Interruptible signals;
+  DaemonLink link(context.domain);
+  if (auto there = link.wait_for_daemon(
+          std::chrono::duration_cast<DaemonLink::Duration>(std::chrono::duration<double>(options.wait_s)));
+      !there) {
+    return fail(there.error());
+  }
+  link.settle();
+
+  const bool terminal = !context.json && isatty(STDOUT_FILENO) != 0;
+  const bool lines = !context.json && !terminal;
+  const double rate_hz = lines ? std::min(options.rate_hz, 1.0) : options.rate_hz;
+  const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz));
+  const auto screen = terminal ? std::make_unique<Screen>() : nullptr;
+  EndOfSession end;
+  auto next = Clock::now();
+  std::int64_t now_ns = 0;
+  bool ended = false;
+  do {
+    (void)link.update(0ns); // readers keep the latest value of each tool, so nothing piles up between two drawings
+    now_ns = utc_now_ns();
+    if (terminal) {
+      Screen::draw(watch_table(link.snapshot(), options.tool, now_ns) + "\nCtrl-C ends\n");
+    } else if (lines) {
+      print(watch_line(link.snapshot(), options.tool, now_ns) + "\n");
+    } else {
+      print(watch_json(link.snapshot(), options.tool, now_ns)
+                .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) +
+            "\n");
+    }
+    std::fflush(stdout);
+    next += period;
+    while (Clock::now() < next && !interrupted) {
+      std::this_thread::sleep_for(std::min<Clock::duration>(next - Clock::now(), 50ms));
+    }
+    ended = (options.until_end && end.reached(link.snapshot(), utc_now_ns())) ||
+            (options.while_pid > 0 && !process_runs(options.while_pid));
+  } while (!interrupted && !ended && std::ferror(stdout) == 0);
+  return kOk;
+}
+
+} // namespace
+
+void add_watch_command(CLI::App &app, Context &context) {
+  auto options = std::make_shared<WatchOptions>();
+  auto *command = app.add_subcommand("watch", "Shows session, tools and alarms as they change");
+  command->add_option("--tool", options->tool, "Only this tool");
+  command->add_option("--rate", options->rate_hz, "Drawings (with --json: objects) a second")
+      ->check(CLI::Range(0.1, 100.0))
+      ->capture_default_str();
+  command->add_option("--wait", options->wait_s, "Seconds to wait for a daemon that is not there yet")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->capture_default_str();
+  command->add_flag("--until-end", options->until_end, "End when the daemon has stopped or its case was closed");
+  command->add_option("--while-pid", options->while_pid, "End when this process has ended")->check(CLI::PositiveNumber);
+  add_json_flag(*command, context);
+  add_domain_option(*command, context);
+  command->footer(
+      "On a terminal a table that is redrawn; into a pipe one line a second; with --json one object a line.\n"
+      "A figure that is not the present is shown as \"-\" (null in JSON).\n\n"
+      "Examples:\n"
+      "  bregma watch --tool Probe\n"
+      "  bregma watch --json --rate 2 --until-end > run.jsonl");
+  command->callback([options, &context] { context.run = [options, &context] { return watch(*options, context); }; });
+}
+
+} // namespace bregma::cli

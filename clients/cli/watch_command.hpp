@@ -1,0 +1,10 @@
+// `bregma watch`: the state as it changes.
+#pragma once
+
+#include "clients/cli/commands.hpp"
+
+namespace bregma::cli {
+
+void add_watch_command(CLI::App &app, Context &context);
+
+} // namespace bregma::cli
