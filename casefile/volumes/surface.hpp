@@ -1,9 +1,10 @@
 // Closed surfaces from images, by ITK (segmentation) and VTK (mesh).
 //
 // Stages: threshold, largest component, morphological closing, holes filled from outside, isosurface (flying edges) of
-// the padded, slightly blurred mask, windowed-sinc smoothing, quadric decimation. The result is one closed 2-manifold,
-// oriented outward, in Image (RAS, mm); anything else is an Error, never a doubtful mesh.
-// Blocking, for seconds; safe from any thread.
+// the slightly blurred mask, windowed-sinc smoothing, quadric decimation. Around the image there is nothing: where the
+// object is cut off by its border (the neck) the surface is closed along it, airways included. The result is one closed
+// 2-manifold, oriented outward, in Image (RAS, mm); anything else is an Error, never a doubtful mesh. Blocking, for
+// seconds; safe from any thread.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +25,7 @@ namespace bregma::casefile {
 using Progress = std::function<bool(double, std::string_view)>;
 
 struct SurfaceOptions {
-  std::optional<double> threshold; // intensity from which a voxel belongs to the object; Otsu's where not given
+  std::optional<double> threshold; // intensity above which a voxel belongs to the object; Otsu's where not given
   double closing_mm = 0.0;         // radius of the ball that closes clefts (sinuses, ear canals, sulci)
   bool fill_holes = true;          // what the outside cannot reach belongs to the object
   double blur_mm = 0.7;            // sigma of the Gaussian on the mask: takes the voxel steps off

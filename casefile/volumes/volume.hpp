@@ -1,8 +1,10 @@
 // Images as a case needs them: voxels on a regular grid, with the map from voxel index to Image (RAS, mm).
 //
-// Read through ITK: NIfTI, NRRD, MetaImage, or a folder with a DICOM series. ITK's LPS is turned into RAS once, here.
-// Everything that is wrong with a file is an Error that names it; nothing here throws. Not for a loop: reads block and
-// allocate. Functions are safe to call from any thread, on different files at a time.
+// Read through ITK: NIfTI, NRRD, MetaImage, or a folder with a DICOM series. ITK's LPS is turned into RAS once, here,
+// and voxels are put in the order nearest to it (i towards the right, j anterior, k superior), so that nothing
+// downstream depends on how a scanner or converter stored the same image. Everything that is wrong with a file is an
+// Error that names it; nothing here throws. Not for a loop: reads block and allocate. Functions are safe to call from
+// any thread, on different files at a time.
 #pragma once
 
 #include <array>
@@ -31,7 +33,7 @@ template <class Voxel> struct VoxelGrid {
   }
   [[nodiscard]] Voxel at(int i, int j, int k) const { return voxels[offset(i, j, k)]; }
   [[nodiscard]] Eigen::Vector3d point_mm(const Eigen::Vector3d &index) const {
-    return (T_image_index * index.homogeneous()).head<3>();
+    return T_image_index.topLeftCorner<3, 3>() * index + T_image_index.topRightCorner<3, 1>();
   }
   // Distance between neighbouring voxels along i, j, k, mm.
   [[nodiscard]] Eigen::Vector3d spacing_mm() const { return T_image_index.topLeftCorner<3, 3>().colwise().norm(); }

@@ -1,0 +1,231 @@
+// A DICOM series is a set of slices that each say where they lie. They make a volume only if they lie one behind the
+// other at even gaps along their common normal; whatever else is said of "slice spacing" in the files is not used.
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <sstream>
+
+#include <Eigen/Core>
+#include <Eigen/Eigenvalues> // before ITK brings its own, older copy
+#include <Eigen/Geometry>
+#include <itkGDCMImageIO.h>
+#include <itkGDCMSeriesFileNames.h>
+#include <itkImageSeriesReader.h>
+#include <itkMetaDataObject.h>
+
+#include "casefile/volumes/itk_grid.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kGapTolerance = 0.01; // share of the median gap: positions are written with few digits
+constexpr double kGapTolerance_mm = 0.01;
+constexpr double kTiltTolerance_rad = 0.0018; // 0.1 degrees: 0.35 mm over a stack of 200 mm
+constexpr double kOrientationTolerance = 1e-4;
+
+struct Slice {
+  std::string file;
+  std::string name;                                      // the file's name without its folder, for messages
+  Eigen::Vector3d position_mm = Eigen::Vector3d::Zero(); // LPS, centre of the first pixel
+  Eigen::Vector3d row = Eigen::Vector3d::Zero();         // direction in which columns count up
+  Eigen::Vector3d column = Eigen::Vector3d::Zero();
+  Eigen::Vector2d spacing_mm = Eigen::Vector2d::Zero(); // along row, along column
+  std::array<std::int64_t, 2> size{};
+  double depth_mm = 0.0; // along the common normal
+};
+
+std::string series_error(const fs::path &folder, const std::string &what) {
+  return folder.string() + ": the DICOM series " + what;
+}
+
+// The numbers of a multi-valued decimal string, "a\b\c"; empty where the tag is absent or not numbers.
+std::vector<double> numbers(const itk::MetaDataDictionary &tags, const std::string &tag) {
+  std::string text;
+  itk::ExposeMetaData(tags, tag, text);
+  std::replace(text.begin(), text.end(), '\\', ' ');
+  std::istringstream stream(text);
+  std::vector<double> values;
+  for (double value = 0.0; stream >> value;) {
+    values.push_back(value);
+  }
+  return values;
+}
+
+Result<Slice> read_slice(const fs::path &folder, const std::string &file) {
+  auto io = itk::GDCMImageIO::New();
+  io->SetFileName(file);
+  io->ReadImageInformation();
+  Slice slice;
+  slice.file = file;
+  slice.name = fs::path(file).filename().string();
+  if (io->GetNumberOfDimensions() > 2 && io->GetDimensions(2) > 1) {
+    return failure(series_error(folder, "holds a multi-frame file (" + slice.name +
+                                            "); its slices' positions cannot be checked, convert it to single slices"));
+  }
+  if (io->GetNumberOfComponents() != 1) {
+    return failure(series_error(folder, "is in colour (" + slice.name + "); a scalar image is needed"));
+  }
+  const auto position = numbers(io->GetMetaDataDictionary(), "0020|0032");
+  const auto orientation = numbers(io->GetMetaDataDictionary(), "0020|0037");
+  const auto spacing = numbers(io->GetMetaDataDictionary(), "0028|0030");
+  if (position.size() != 3 || orientation.size() != 6 || spacing.size() != 2) {
+    return failure(series_error(folder, "does not say where its slices lie: " + slice.name +
+                                            " lacks Image Position, Image Orientation or Pixel Spacing"));
+  }
+  slice.position_mm = Eigen::Map<const Eigen::Vector3d>(position.data());
+  slice.row = Eigen::Map<const Eigen::Vector3d>(orientation.data());
+  slice.column = Eigen::Map<const Eigen::Vector3d>(orientation.data() + 3);
+  slice.spacing_mm = {spacing[1], spacing[0]}; // the tag gives the distance between rows first
+  slice.size = {static_cast<std::int64_t>(io->GetDimensions(0)), static_cast<std::int64_t>(io->GetDimensions(1))};
+  if (!(std::abs(slice.row.norm() - 1.0) < 1e-3 && std::abs(slice.column.norm() - 1.0) < 1e-3 &&
+        std::abs(slice.row.dot(slice.column)) < 1e-3 && slice.position_mm.allFinite())) {
+    return failure(series_error(folder, "has a slice (" + slice.name +
+                                            ") whose orientation is not two unit vectors at "
+                                            "right angles"));
+  }
+  return slice;
+}
+
+// All slices in one frame; sorted along the normal.
+Result<void> check_alike(const fs::path &folder, std::vector<Slice> &slices) {
+  const Slice &first = slices.front();
+  const Eigen::Vector3d normal = first.row.cross(first.column).normalized();
+  for (Slice &slice : slices) {
+    const std::string pair = " (" + first.name + " and " + slice.name + ")";
+    if (slice.size != first.size || (slice.spacing_mm - first.spacing_mm).norm() > 1e-4 * first.spacing_mm.norm()) {
+      return failure(series_error(folder, "has slices of different size or pixel spacing" + pair));
+    }
+    if ((slice.row - first.row).norm() > kOrientationTolerance ||
+        (slice.column - first.column).norm() > kOrientationTolerance) {
+      return failure(series_error(folder, "has slices of different orientation" + pair));
+    }
+    slice.depth_mm = normal.dot(slice.position_mm);
+  }
+  std::sort(slices.begin(), slices.end(), [](const Slice &a, const Slice &b) { return a.depth_mm < b.depth_mm; });
+  return {};
+}
+
+struct Stack {
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
+  double gap_mm = 0.0;
+};
+
+// What is wrong with the slices' places, all of it in one sentence.
+Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> &slices) {
+  std::vector<double> gaps;
+  for (std::size_t at = 1; at < slices.size(); ++at) {
+    gaps.push_back(slices[at].depth_mm - slices[at - 1].depth_mm);
+  }
+  std::vector<double> sorted = gaps;
+  std::sort(sorted.begin(), sorted.end());
+  const double median = sorted[sorted.size() / 2];
+  if (sorted.front() <= 1e-3) {
+    const auto at = static_cast<std::size_t>(std::min_element(gaps.begin(), gaps.end()) - gaps.begin());
+    return failure(series_error(folder, "has two slices in the same place (" + slices[at].name + " and " +
+                                            slices[at + 1].name + "): several acquisitions in one series?"));
+  }
+
+  std::string wrong;
+  const double tolerance = kGapTolerance_mm + kGapTolerance * median;
+  const auto is_odd = [&](double gap) { return std::abs(gap - median) > tolerance; };
+  if (const auto odd = std::count_if(gaps.begin(), gaps.end(), is_odd); odd > 0) {
+    const auto smallest = static_cast<std::size_t>(std::min_element(gaps.begin(), gaps.end()) - gaps.begin());
+    const auto largest = static_cast<std::size_t>(std::max_element(gaps.begin(), gaps.end()) - gaps.begin());
+    const auto between = [&](std::size_t at) {
+      return shown(gaps[at], 2) + " mm (" + slices[at].name + " to " + slices[at + 1].name + ")";
+    };
+    wrong = "is unevenly spaced: the gaps between its " + std::to_string(slices.size()) + " slices run from " +
+            between(smallest) + " to " + between(largest) + ", " + std::to_string(odd) + " of " +
+            std::to_string(gaps.size()) + " differ from the median of " + shown(median, 2) + " mm";
+  }
+  const Eigen::Vector3d normal = slices.front().row.cross(slices.front().column).normalized();
+  const Eigen::Vector3d along = slices.back().position_mm - slices.front().position_mm;
+  const double tilt = std::atan2(along.cross(normal).norm(), along.dot(normal));
+  if (tilt > kTiltTolerance_rad) {
+    wrong += (wrong.empty() ? "" : "; it also ") +
+             std::string("has a tilted gantry: the slices are shifted sideways by ") + shown(tilt * 180.0 / M_PI, 1) +
+             " degrees";
+  }
+  if (!wrong.empty()) {
+    return failure(series_error(folder, wrong + ". It must be resampled to an even, straight grid before it is used"));
+  }
+  return Stack{normal, along.norm() / static_cast<double>(gaps.size())};
+}
+
+Result<std::vector<std::string>> files_of(const fs::path &folder, const std::string &series) {
+  auto names = itk::GDCMSeriesFileNames::New();
+  names->SetInputDirectory(folder.string());
+  const std::vector<std::string> found = names->GetSeriesUIDs();
+  if (found.empty()) {
+    return failure(folder.string() + ": the folder holds no DICOM images");
+  }
+  std::string list;
+  for (const std::string &uid : found) {
+    list += (list.empty() ? "" : ", ") + uid;
+  }
+  if (series.empty() && found.size() > 1) {
+    return failure(folder.string() + ": the folder holds " + std::to_string(found.size()) +
+                   " DICOM series, choose one of: " + list);
+  }
+  if (!series.empty() && std::find(found.begin(), found.end(), series) == found.end()) {
+    return failure(folder.string() + ": the folder holds no DICOM series " + series + ", only: " + list);
+  }
+  return names->GetFileNames(series.empty() ? found.front() : series);
+}
+
+} // namespace
+
+Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::string &series) {
+  const auto files = files_of(folder, series);
+  if (!files) {
+    return tl::unexpected(files.error());
+  }
+  std::vector<Slice> slices;
+  for (const std::string &file : *files) {
+    auto slice = read_slice(folder, file);
+    if (!slice) {
+      return tl::unexpected(slice.error());
+    }
+    slices.push_back(std::move(*slice));
+  }
+  if (slices.size() < 3) {
+    return failure(series_error(folder, "has " + std::to_string(slices.size()) + " slices, a volume needs three"));
+  }
+  if (auto alike = check_alike(folder, slices); !alike) {
+    return tl::unexpected(alike.error());
+  }
+  const auto stack = check_even(folder, slices);
+  if (!stack) {
+    return tl::unexpected(stack.error());
+  }
+  const auto voxels = slices.front().size[0] * slices.front().size[1] * static_cast<std::int64_t>(slices.size());
+  if (voxels > kMaxVoxels) {
+    return failure(series_error(folder, "is too large: " + std::to_string(voxels) + " voxels, at most 2^30 are read"));
+  }
+
+  auto reader = itk::ImageSeriesReader<ItkVolume>::New();
+  std::vector<std::string> sorted;
+  std::transform(slices.begin(), slices.end(), std::back_inserter(sorted), [](const Slice &s) { return s.file; });
+  reader->SetImageIO(itk::GDCMImageIO::New());
+  reader->SetFileNames(sorted);
+  reader->Update();
+
+  // The grid is the one that was checked, whatever the reader made of the headers.
+  ItkVolume::Pointer image = reader->GetOutput();
+  const Slice &first = slices.front();
+  ItkVolume::DirectionType direction;
+  for (unsigned row = 0; row < 3; ++row) {
+    direction[row][0] = first.row[row];
+    direction[row][1] = first.column[row];
+    direction[row][2] = stack->normal[row];
+  }
+  const double spacing[] = {first.spacing_mm[0], first.spacing_mm[1], stack->gap_mm};
+  image->SetOrigin(first.position_mm.data());
+  image->SetSpacing(spacing);
+  image->SetDirection(direction);
+  return image;
+}
+
+} // namespace bregma::casefile

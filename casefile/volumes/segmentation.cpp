@@ -1,0 +1,228 @@
+#include "casefile/volumes/segmentation.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Eigenvalues> // before ITK brings its own, older copy
+#include <itkBinaryFillholeImageFilter.h>
+#include <itkBinaryShapeKeepNObjectsImageFilter.h>
+#include <itkExtractImageFilter.h>
+#include <itkImage.h>
+#include <itkImageRegionConstIterator.h>
+#include <itkImageRegionIterator.h>
+#include <itkOtsuThresholdImageFilter.h>
+#include <itkSignedMaurerDistanceMapImageFilter.h>
+#include <itkSmoothingRecursiveGaussianImageFilter.h>
+
+#include "casefile/volumes/itk_grid.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+using Mask = itk::Image<std::uint8_t, 3>;
+using Face = itk::Image<std::uint8_t, 2>;
+
+struct Padding {
+  std::array<int, 3> voxels{}; // on each side, along i, j, k
+};
+
+Padding padding_of(const Eigen::Vector3d &spacing, const SurfaceOptions &options) {
+  Padding padding;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double reach_mm = options.closing_mm + 4.0 * options.blur_mm;
+    padding.voxels[axis] = 2 + static_cast<int>(std::ceil(reach_mm / spacing[static_cast<Eigen::Index>(axis)]));
+  }
+  return padding;
+}
+
+template <class Voxel, class Inside>
+Mask::Pointer padded_mask(const VoxelGrid<Voxel> &volume, const Padding &padding, const Inside &inside) {
+  auto mask = Mask::New();
+  Mask::SizeType size;
+  Mask::SpacingType spacing;
+  for (unsigned axis = 0; axis < 3; ++axis) {
+    size[axis] = static_cast<itk::SizeValueType>(volume.size[axis] + 2 * padding.voxels[axis]);
+    spacing[axis] = volume.spacing_mm()[axis];
+  }
+  mask->SetRegions(size);
+  mask->SetSpacing(spacing);
+  mask->Allocate();
+  mask->FillBuffer(0);
+  std::uint8_t *const to = mask->GetBufferPointer();
+  const auto row = static_cast<std::size_t>(size[0]);
+  for (int k = 0; k < volume.size[2]; ++k) {
+    for (int j = 0; j < volume.size[1]; ++j) {
+      const auto line = (static_cast<std::size_t>(k + padding.voxels[2]) * size[1] +
+                         static_cast<std::size_t>(j + padding.voxels[1])) *
+                            row +
+                        static_cast<std::size_t>(padding.voxels[0]);
+      const std::size_t from = volume.offset(0, j, k);
+      for (std::size_t i = 0; i < static_cast<std::size_t>(volume.size[0]); ++i) {
+        to[line + i] = inside(volume.voxels[from + i]) ? 1 : 0;
+      }
+    }
+  }
+  return mask;
+}
+
+double otsu_threshold(const Volume &volume) {
+  auto image = ItkVolume::New();
+  image->SetRegions(ItkVolume::SizeType{static_cast<itk::SizeValueType>(volume.size[0]),
+                                        static_cast<itk::SizeValueType>(volume.size[1]),
+                                        static_cast<itk::SizeValueType>(volume.size[2])});
+  image->Allocate();
+  std::copy(volume.voxels.begin(), volume.voxels.end(), image->GetBufferPointer());
+  auto filter = itk::OtsuThresholdImageFilter<ItkVolume, Mask>::New();
+  filter->SetInput(image);
+  filter->SetNumberOfHistogramBins(256);
+  filter->Update();
+  return filter->GetThreshold();
+}
+
+Mask::Pointer largest_component(const Mask::Pointer &mask) {
+  auto filter = itk::BinaryShapeKeepNObjectsImageFilter<Mask>::New();
+  filter->SetInput(mask);
+  filter->SetForegroundValue(1);
+  filter->SetBackgroundValue(0);
+  filter->SetNumberOfObjects(1);
+  filter->SetAttribute("NumberOfPixels");
+  filter->Update();
+  return filter->GetOutput();
+}
+
+// Everything within `radius_mm` of the mask; with a negative radius, what lies deeper inside it than that.
+Mask::Pointer grown(const Mask::Pointer &mask, double radius_mm) {
+  auto distance = itk::SignedMaurerDistanceMapImageFilter<Mask, ItkVolume>::New();
+  distance->SetInput(mask);
+  distance->SetUseImageSpacing(true);
+  distance->SetSquaredDistance(false);
+  distance->SetInsideIsPositive(false);
+  distance->Update();
+  auto out = Mask::New();
+  out->CopyInformation(mask);
+  out->SetRegions(mask->GetLargestPossibleRegion());
+  out->Allocate();
+  const float *const from = distance->GetOutput()->GetBufferPointer();
+  std::uint8_t *const to = out->GetBufferPointer();
+  const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
+  std::transform(from, from + count, to, [radius_mm](float d) { return static_cast<double>(d) <= radius_mm ? 1 : 0; });
+  return out;
+}
+
+template <class ImageType> typename ImageType::Pointer filled(const ImageType *mask) {
+  auto filter = itk::BinaryFillholeImageFilter<ImageType>::New();
+  filter->SetInput(mask);
+  filter->SetForegroundValue(1);
+  filter->Update();
+  return filter->GetOutput();
+}
+
+// Where the image cuts the object, an airway would open its inside to the outside: the six faces of the image are
+// filled as planes.
+void close_cuts(const Mask::Pointer &mask, const Padding &padding) {
+  const auto whole = mask->GetLargestPossibleRegion();
+  for (unsigned axis = 0; axis < 3; ++axis) {
+    for (const bool far_side : {false, true}) {
+      auto region = whole;
+      region.SetIndex(axis, far_side ? static_cast<itk::IndexValueType>(whole.GetSize(axis)) - 1 - padding.voxels[axis]
+                                     : padding.voxels[axis]);
+      region.SetSize(axis, 0);
+      auto extract = itk::ExtractImageFilter<Mask, Face>::New();
+      extract->SetInput(mask);
+      extract->SetExtractionRegion(region);
+      extract->SetDirectionCollapseToIdentity();
+      extract->Update();
+      const Face::Pointer face = filled<Face>(extract->GetOutput());
+      region.SetSize(axis, 1);
+      itk::ImageRegionConstIterator<Face> from(face, face->GetLargestPossibleRegion());
+      itk::ImageRegionIterator<Mask> to(mask, region);
+      for (; !to.IsAtEnd(); ++to, ++from) {
+        to.Set(from.Get());
+      }
+    }
+  }
+}
+
+Field smooth_field(const Mask::Pointer &mask, const Padding &padding, const Eigen::Matrix4d &T_image_index,
+                   double blur_mm) {
+  Field field;
+  Eigen::Matrix4d T_unpadded = Eigen::Matrix4d::Identity();
+  for (unsigned axis = 0; axis < 3; ++axis) {
+    field.grid.size[axis] = static_cast<int>(mask->GetLargestPossibleRegion().GetSize(axis));
+    T_unpadded(axis, 3) = -padding.voxels[axis];
+  }
+  field.grid.T_image_index = T_image_index * T_unpadded;
+  const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
+  if (blur_mm > 0.0) {
+    auto blur = itk::SmoothingRecursiveGaussianImageFilter<Mask, ItkVolume>::New();
+    blur->SetInput(mask);
+    blur->SetSigma(blur_mm);
+    blur->Update();
+    const float *const from = blur->GetOutput()->GetBufferPointer();
+    field.grid.voxels.assign(from, from + count);
+  } else {
+    const std::uint8_t *const from = mask->GetBufferPointer();
+    field.grid.voxels.assign(from, from + count);
+  }
+  return field;
+}
+
+bool is_empty(const Mask::Pointer &mask) {
+  const std::uint8_t *const from = mask->GetBufferPointer();
+  const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
+  return std::all_of(from, from + count, [](std::uint8_t v) { return v == 0; });
+}
+
+Result<Field> field_of(Mask::Pointer mask, const Padding &padding, const Eigen::Matrix4d &T_image_index,
+                       const SurfaceOptions &options, const Step &step) {
+  if (options.closing_mm > 0.0) {
+    step(0.3, "closing clefts");
+    mask = grown(mask, options.closing_mm);
+    step(0.5, "closing clefts");
+    mask = grown(mask, -options.closing_mm);
+  }
+  if (options.fill_holes) {
+    step(0.7, "filling holes");
+    close_cuts(mask, padding);
+    mask = filled<Mask>(mask);
+  }
+  if (is_empty(mask)) {
+    return failure("closing has left nothing of the object");
+  }
+  step(0.85, "smoothing the mask");
+  return smooth_field(mask, padding, T_image_index, options.blur_mm);
+}
+
+} // namespace
+
+Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, const Step &step) {
+  step(0.0, "threshold");
+  const double threshold = options.threshold ? *options.threshold : otsu_threshold(volume);
+  const Padding padding = padding_of(volume.spacing_mm(), options);
+  Mask::Pointer mask =
+      padded_mask(volume, padding, [threshold](float v) { return static_cast<double>(v) > threshold; });
+  if (is_empty(mask)) {
+    return failure("no voxel is above the threshold of " + shown(threshold, 3));
+  }
+  step(0.1, "largest component");
+  mask = largest_component(mask);
+  auto field = field_of(mask, padding, volume.T_image_index, options, step);
+  if (field) {
+    field->threshold = threshold;
+  }
+  return field;
+}
+
+Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
+                           const SurfaceOptions &options, const Step &step) {
+  step(0.0, "regions");
+  const Padding padding = padding_of(volume.spacing_mm(), options);
+  const Mask::Pointer mask = padded_mask(
+      volume, padding, [labels](std::int16_t v) { return std::find(labels.begin(), labels.end(), v) != labels.end(); });
+  if (is_empty(mask)) {
+    return failure("no voxel carries the label");
+  }
+  return field_of(mask, padding, volume.T_image_index, options, step);
+}
+
+} // namespace bregma::casefile

@@ -1,0 +1,27 @@
+// Inside casefile/volumes only: from voxels to the mask of one object.
+#pragma once
+
+#include <functional>
+#include <string_view>
+
+#include "casefile/volumes/surface.hpp"
+#include "casefile/volumes/volume.hpp"
+
+namespace bregma::casefile {
+
+// 1 inside the object, 0 outside, smooth between; the object's border is at 0.5. Padded, so that it never touches the
+// border of the grid: voxel (i, j, k) of the image is voxel (i, j, k) + padding here.
+struct Field {
+  VoxelGrid<float> grid; // T_image_index holds for this grid's own indices
+  double threshold = 0.0;
+};
+
+// Says where the work stands (0 to 1) and throws where the caller wants it stopped.
+using Step = std::function<void(double, std::string_view)>;
+
+// Both may throw (ITK's exceptions, the step's).
+[[nodiscard]] Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, const Step &step);
+[[nodiscard]] Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
+                                         const SurfaceOptions &options, const Step &step);
+
+} // namespace bregma::casefile

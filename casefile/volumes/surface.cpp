@@ -1,0 +1,244 @@
+#include "casefile/volumes/surface.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <exception>
+
+#include <Eigen/LU>
+#include <vtkCellArray.h>
+#include <vtkDecimatePro.h>
+#include <vtkFloatArray.h>
+#include <vtkFlyingEdges3D.h>
+#include <vtkIdList.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+#include <vtkQuadricDecimation.h>
+#include <vtkSmartPointer.h>
+#include <vtkStaticCellLocator.h>
+#include <vtkWindowedSincPolyDataFilter.h>
+
+#include "casefile/volumes/segmentation.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+using geometry::TriangleMesh;
+
+// Leaves the filters' call stack when the person has asked to stop.
+struct Stopped : std::exception {};
+
+// Share of the work that segmentation is, by the clock.
+constexpr double kSegmentationShare = 0.6;
+
+Step step_within(const Progress &progress, double from, double to) {
+  return [&progress, from, to](double done, std::string_view stage) {
+    if (progress && !progress(from + (to - from) * done, stage)) {
+      throw Stopped();
+    }
+  };
+}
+
+// In the grid's own axes, mm: index times spacing.
+vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid) {
+  vtkNew<vtkFloatArray> values;
+  // Read only: VTK has no const arrays.
+  values->SetArray(const_cast<float *>(grid.voxels.data()), static_cast<vtkIdType>(grid.voxels.size()), 1); // NOLINT
+  vtkNew<vtkImageData> image;
+  image->SetDimensions(grid.size[0], grid.size[1], grid.size[2]);
+  image->SetSpacing(grid.spacing_mm().data());
+  image->GetPointData()->SetScalars(values);
+  vtkNew<vtkFlyingEdges3D> edges;
+  edges->SetInputData(image);
+  // Not 0.5, which a blurred mask meets in places exactly: triangles would collapse there.
+  edges->SetValue(0, 0.500013);
+  edges->ComputeNormalsOff();
+  edges->ComputeGradientsOff();
+  edges->ComputeScalarsOff();
+  edges->Update();
+  return edges->GetOutput();
+}
+
+vtkSmartPointer<vtkPolyData> smoothed(vtkPolyData *mesh, const SurfaceOptions &options) {
+  if (options.smoothing_iterations < 1) {
+    return mesh;
+  }
+  vtkNew<vtkWindowedSincPolyDataFilter> sinc;
+  sinc->SetInputData(mesh);
+  sinc->SetNumberOfIterations(options.smoothing_iterations);
+  sinc->SetPassBand(options.pass_band);
+  sinc->BoundarySmoothingOff();
+  sinc->FeatureEdgeSmoothingOff();
+  sinc->NonManifoldSmoothingOn();
+  sinc->NormalizeCoordinatesOn();
+  sinc->Update();
+  return sinc->GetOutput();
+}
+
+template <class Filter> vtkSmartPointer<vtkPolyData> decimated_by(Filter &filter, vtkPolyData *mesh, int vertices) {
+  // On a closed surface a collapse takes one vertex and two triangles.
+  const double excess = static_cast<double>(mesh->GetNumberOfPoints() - vertices);
+  filter.SetInputData(mesh);
+  filter.SetTargetReduction(2.0 * excess / static_cast<double>(mesh->GetNumberOfCells()));
+  filter.Update();
+  return filter.GetOutput();
+}
+
+TriangleMesh mesh_in_image(vtkPolyData *data, const VoxelGrid<float> &grid) {
+  const Eigen::Matrix3d A = grid.T_image_index.topLeftCorner<3, 3>() * grid.spacing_mm().cwiseInverse().asDiagonal();
+  const Eigen::Vector3d origin = grid.T_image_index.topRightCorner<3, 1>();
+  TriangleMesh mesh;
+  std::vector<int> new_index(static_cast<std::size_t>(data->GetNumberOfPoints()), -1);
+  vtkNew<vtkIdList> corners;
+  for (vtkIdType cell = 0; cell < data->GetNumberOfCells(); ++cell) {
+    data->GetCellPoints(cell, corners);
+    Eigen::Vector3i triangle;
+    for (int corner = 0; corner < 3; ++corner) {
+      int &index = new_index[static_cast<std::size_t>(corners->GetId(corner))];
+      if (index < 0) { // points that no triangle uses any more are left behind
+        index = static_cast<int>(mesh.vertices_mm.size());
+        mesh.vertices_mm.emplace_back(A * Eigen::Vector3d(data->GetPoint(corners->GetId(corner))) + origin);
+      }
+      triangle[corner] = index;
+    }
+    mesh.triangles.push_back(triangle);
+  }
+  if (check_mesh(mesh).volume_ml < 0.0) {
+    for (Eigen::Vector3i &triangle : mesh.triangles) {
+      std::swap(triangle[1], triangle[2]);
+    }
+  }
+  return mesh;
+}
+
+vtkSmartPointer<vtkPolyData> to_vtk(const TriangleMesh &mesh) {
+  vtkNew<vtkPoints> points;
+  points->SetDataTypeToDouble();
+  for (const Eigen::Vector3d &vertex : mesh.vertices_mm) {
+    points->InsertNextPoint(vertex.data());
+  }
+  vtkNew<vtkCellArray> cells;
+  for (const Eigen::Vector3i &triangle : mesh.triangles) {
+    const vtkIdType corners[] = {triangle[0], triangle[1], triangle[2]};
+    cells->InsertNextCell(3, corners);
+  }
+  auto data = vtkSmartPointer<vtkPolyData>::New();
+  data->SetPoints(points);
+  data->SetPolys(cells);
+  return data;
+}
+
+class NearestPoint {
+public:
+  explicit NearestPoint(vtkSmartPointer<vtkPolyData> data) : data_(std::move(data)) {
+    locator_->SetDataSet(data_);
+    locator_->BuildLocator();
+  }
+  [[nodiscard]] Eigen::Vector3d of(const Eigen::Vector3d &point_mm) {
+    Eigen::Vector3d nearest = point_mm;
+    vtkIdType cell = 0;
+    int sub_cell = 0;
+    double squared = 0.0;
+    locator_->FindClosestPoint(point_mm.data(), nearest.data(), cell, sub_cell, squared);
+    return nearest;
+  }
+
+private:
+  vtkSmartPointer<vtkPolyData> data_;
+  vtkNew<vtkStaticCellLocator> locator_;
+};
+
+void measure_distances(vtkPolyData *full, vtkSmartPointer<vtkPolyData> reduced, SurfaceReport &report) {
+  NearestPoint nearest(std::move(reduced));
+  double sum = 0.0;
+  for (vtkIdType at = 0; at < full->GetNumberOfPoints(); ++at) {
+    const Eigen::Vector3d point(full->GetPoint(at));
+    const double distance = (nearest.of(point) - point).norm();
+    sum += distance;
+    report.max_distance_mm = std::max(report.max_distance_mm, distance);
+  }
+  report.mean_distance_mm = sum / static_cast<double>(full->GetNumberOfPoints());
+}
+
+std::string defect_of(const MeshCheck &check) {
+  return !check.closed ? "is not closed" : !check.manifold ? "is not a manifold" : "is not oriented";
+}
+
+Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &options, const Step &step) {
+  step(0.0, "isosurface");
+  const auto full = smoothed(isosurface(field.grid), options);
+  ExtractedSurface out;
+  out.report.threshold = field.threshold;
+  out.report.full_vertices = static_cast<int>(full->GetNumberOfPoints());
+  const auto sound = [](const MeshCheck &check) { return check.closed && check.manifold && check.oriented; };
+
+  step(0.3, "decimation");
+  vtkSmartPointer<vtkPolyData> reduced = full;
+  MeshCheck check;
+  if (full->GetNumberOfPoints() > options.vertices) {
+    vtkNew<vtkQuadricDecimation> quadric; // the better shape, but it can pinch the surface
+    reduced = decimated_by(*quadric, full, options.vertices);
+    out.mesh = mesh_in_image(reduced, field.grid);
+    check = check_mesh(out.mesh);
+    if (!sound(check)) {
+      step(0.5, "decimation, keeping the topology");
+      vtkNew<vtkDecimatePro> progressive;
+      progressive->PreserveTopologyOn();
+      progressive->BoundaryVertexDeletionOff();
+      reduced = decimated_by(*progressive, full, options.vertices);
+      out.mesh = mesh_in_image(reduced, field.grid);
+      check = check_mesh(out.mesh);
+    }
+  } else {
+    out.mesh = mesh_in_image(full, field.grid);
+    check = check_mesh(out.mesh);
+  }
+  if (!sound(check)) {
+    return failure("the surface " + defect_of(check));
+  }
+  step(0.7, "comparing with the full surface");
+  measure_distances(full, reduced, out.report);
+  out.report.volume_ml = check.volume_ml;
+  step(1.0, "done");
+  return out;
+}
+
+template <class MakeField>
+Result<ExtractedSurface> extract(const SurfaceOptions &options, const Progress &progress, const MakeField &make_field) {
+  if (!(options.vertices >= 100 && options.closing_mm >= 0.0 && options.closing_mm <= 50.0 && options.blur_mm >= 0.0 &&
+        options.blur_mm <= 10.0)) {
+    return failure("a surface needs at least 100 vertices, a closing of 0 to 50 mm and a blur of 0 to 10 mm");
+  }
+  try {
+    const auto field = make_field(step_within(progress, 0.0, kSegmentationShare));
+    if (!field) {
+      return tl::unexpected(field.error());
+    }
+    return surface_of(*field, options, step_within(progress, kSegmentationShare, 1.0));
+  } catch (const Stopped &) {
+    return failure("stopped");
+  } catch (const std::exception &error) {
+    return failure(error.what());
+  }
+}
+
+} // namespace
+
+Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
+                                         const Progress &progress) {
+  return extract(options, progress, [&](const Step &step) { return object_field(volume, options, step); });
+}
+
+Result<ExtractedSurface> extract_surface(const LabelVolume &volume, std::span<const std::int16_t> labels,
+                                         const SurfaceOptions &options, const Progress &progress) {
+  return extract(options, progress, [&](const Step &step) { return region_field(volume, labels, options, step); });
+}
+
+Eigen::Vector3d nearest_on_surface(const TriangleMesh &mesh, const Eigen::Vector3d &point_mm) {
+  return NearestPoint(to_vtk(mesh)).of(point_mm);
+}
+
+} // namespace bregma::casefile

@@ -1,0 +1,370 @@
+#include "casefile/volumes/volume.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <limits>
+#include <sstream>
+
+#include <Eigen/Eigenvalues> // before ITK brings its own, older copy
+#include <Eigen/LU>
+#include <itkGDCMImageIO.h>
+#include <itkImageFileReader.h>
+#include <itkImageFileWriter.h>
+#include <itkMetaDataObject.h>
+#include <itkMetaImageIO.h>
+#include <itkNiftiImageIO.h>
+#include <itkNrrdImageIO.h>
+
+#include "casefile/volumes/itk_grid.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Columns of the index-to-world matrix may be this far from a right angle (cosine) before the grid counts as sheared.
+constexpr double kShearTolerance = 1e-3;
+// Where ITK places the last voxel against where the file's own matrix places it.
+constexpr double kPlacementTolerance_mm = 0.01;
+
+itk::ImageIOBase::Pointer image_io_of(const std::string &path) {
+  auto nifti = itk::NiftiImageIO::New();
+  // Analyze 7.5 does not say which side is left.
+  nifti->SetLegacyAnalyze75Mode(itk::NiftiImageIOEnums::Analyze75Flavor::AnalyzeReject);
+  const itk::ImageIOBase::Pointer known[] = {nifti.GetPointer(), itk::NrrdImageIO::New().GetPointer(),
+                                             itk::MetaImageIO::New().GetPointer()};
+  for (const auto &io : known) {
+    if (io->CanReadFile(path.c_str())) {
+      return io;
+    }
+  }
+  return nullptr;
+}
+
+std::string file_error(const fs::path &path, const std::string &what) { return path.string() + ": " + what; }
+
+// An exception's text without ITK's source locations.
+std::string reason_of(const itk::ExceptionObject &error) {
+  std::string text = error.GetDescription();
+  if (const auto end_of_class = text.find("): "); text.starts_with("itk::ERROR") && end_of_class != std::string::npos) {
+    text.erase(0, end_of_class + 3);
+  }
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
+Result<void> check_header(const fs::path &path, const itk::ImageIOBase &io) {
+  std::int64_t count = 1;
+  std::string shape;
+  for (unsigned axis = 0; axis < io.GetNumberOfDimensions(); ++axis) {
+    const auto size = static_cast<std::int64_t>(io.GetDimensions(axis));
+    shape += (axis > 0 ? " x " : "") + std::to_string(size);
+    if (size < 1) {
+      return failure(file_error(path, "the image is empty: " + shape + " voxels"));
+    }
+    if (axis > 2 && size > 1) {
+      return failure(file_error(path, "the image has more than three dimensions: " + shape));
+    }
+    if (size > kMaxVoxels / count) {
+      return failure(file_error(path, "the image is too large: " + shape + "... voxels, at most 2^30 are read"));
+    }
+    count *= size;
+  }
+  if (io.GetNumberOfDimensions() < 3) {
+    return failure(file_error(path, "the image has two dimensions (" + shape + "), a volume has three"));
+  }
+  if (io.GetNumberOfComponents() != 1) {
+    return failure(file_error(path, "a voxel has " + std::to_string(io.GetNumberOfComponents()) +
+                                        " components (colour or vector); a scalar image is needed"));
+  }
+  return {};
+}
+
+std::string header_field(const itk::ImageIOBase &io, const std::string &key) {
+  std::string value;
+  itk::ExposeMetaData(io.GetMetaDataDictionary(), key, value);
+  return value;
+}
+
+Eigen::Matrix4d ras_from_index(const ItkVolume &image) {
+  Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
+  for (unsigned row = 0; row < 3; ++row) {
+    const double sign = row < 2 ? -1.0 : 1.0; // LPS to RAS
+    for (unsigned column = 0; column < 3; ++column) {
+      T(row, column) = sign * image.GetDirection()[row][column] * image.GetSpacing()[column];
+    }
+    T(row, 3) = sign * image.GetOrigin()[row];
+  }
+  return T;
+}
+
+// NIfTI may carry two matrices, or none: then left and right are a guess.
+Result<void> check_nifti_placement(const fs::path &path, const itk::ImageIOBase &io, const ItkVolume &image) {
+  const std::string qform = header_field(io, "qform_code");
+  const std::string sform = header_field(io, "sform_code");
+  if (qform.starts_with('0') && sform.starts_with('0')) {
+    return failure(file_error(path, "states no orientation (qform_code and sform_code are both 0)"));
+  }
+  if (sform.empty() || sform.starts_with('0')) {
+    return {};
+  }
+  Eigen::Matrix4d stated = Eigen::Matrix4d::Identity();
+  const char *const rows[] = {"srow_x", "srow_y", "srow_z"};
+  for (int row = 0; row < 3; ++row) {
+    std::istringstream text(header_field(io, rows[row]));
+    for (int column = 0; column < 4; ++column) {
+      if (!(text >> stated(row, column))) {
+        return failure(file_error(path, std::string(rows[row]) + " of the header is not four numbers"));
+      }
+    }
+  }
+  const auto size = image.GetLargestPossibleRegion().GetSize();
+  const Eigen::Vector3d last =
+      Eigen::Array3d(static_cast<double>(size[0]), static_cast<double>(size[1]), static_cast<double>(size[2])) - 1.0;
+  double apart = 0.0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Eigen::Vector4d index((corner & 1) != 0 ? last[0] : 0.0, (corner & 2) != 0 ? last[1] : 0.0,
+                                (corner & 4) != 0 ? last[2] : 0.0, 1.0);
+    apart = std::max(apart, ((stated - ras_from_index(image)) * index).norm());
+  }
+  if (!(apart <= kPlacementTolerance_mm * std::max(1.0, last.norm() / 100.0))) {
+    return failure(file_error(path, "its sform is sheared or contradicts its qform: a corner of the image would lie " +
+                                        shown(apart, 2) + " mm apart; resample the image to one of them"));
+  }
+  return {};
+}
+
+Result<ItkVolume::Pointer> read_file(const fs::path &path) {
+  const std::string name = path.string();
+  auto io = image_io_of(name);
+  if (!io) {
+    if (itk::GDCMImageIO::New()->CanReadFile(name.c_str())) {
+      return failure(file_error(path, "is one DICOM file; give the folder of its series"));
+    }
+    return failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
+  }
+  io->SetFileName(name);
+  io->ReadImageInformation();
+  if (auto header = check_header(path, *io); !header) {
+    return tl::unexpected(header.error());
+  }
+  auto reader = itk::ImageFileReader<ItkVolume>::New();
+  reader->SetImageIO(io);
+  reader->SetFileName(name);
+  reader->Update();
+  if (std::string(io->GetNameOfClass()) == "NiftiImageIO") {
+    if (auto placed = check_nifti_placement(path, *io, *reader->GetOutput()); !placed) {
+      return tl::unexpected(placed.error());
+    }
+  }
+  return ItkVolume::Pointer(reader->GetOutput());
+}
+
+Result<void> check_grid(const fs::path &path, const Eigen::Matrix4d &T) {
+  const Eigen::Matrix3d A = T.topLeftCorner<3, 3>();
+  const Eigen::Vector3d spacing = A.colwise().norm();
+  if (!T.allFinite() || !(spacing.minCoeff() > 1e-6) || spacing.maxCoeff() > 1e3) {
+    return failure(file_error(path, "voxel spacing of " + shown(spacing[0], 4) + " x " + shown(spacing[1], 4) + " x " +
+                                        shown(spacing[2], 4) + " mm is not a spacing"));
+  }
+  const Eigen::Matrix3d unit = A * spacing.cwiseInverse().asDiagonal();
+  if (!(std::abs(unit.determinant()) > 1e-3)) {
+    return failure(
+        file_error(path, "the direction matrix is singular (determinant " + shown(unit.determinant(), 6) + ")"));
+  }
+  const double shear = (unit.transpose() * unit - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (shear > kShearTolerance) {
+    return failure(file_error(path, "the axes of the image are not at right angles (cosine " + shown(shear, 4) +
+                                        "); resample it to a straight grid"));
+  }
+  return {};
+}
+
+// Which index axis runs along R, A, S: of the six assignments the one with the largest sum of cosines, so that oblique
+// images have one answer as well.
+std::array<int, 3> axes_along_ras(const Eigen::Matrix4d &T) {
+  const Eigen::Matrix3d cosines = T.topLeftCorner<3, 3>().colwise().normalized().cwiseAbs();
+  std::array<int, 3> axes{0, 1, 2};
+  std::array<int, 3> best = axes;
+  double best_sum = -1.0;
+  do {
+    const double sum = cosines(0, axes[0]) + cosines(1, axes[1]) + cosines(2, axes[2]);
+    if (sum > best_sum + 1e-9) {
+      best_sum = sum;
+      best = axes;
+    }
+  } while (std::next_permutation(axes.begin(), axes.end()));
+  return best;
+}
+
+Volume in_ras_order(const ItkVolume &image) {
+  const Eigen::Matrix4d T_stored = ras_from_index(image);
+  const auto stored_size = image.GetLargestPossibleRegion().GetSize();
+  const std::array<std::int64_t, 3> stored_stride{1, static_cast<std::int64_t>(stored_size[0]),
+                                                  static_cast<std::int64_t>(stored_size[0] * stored_size[1])};
+  const std::array<int, 3> axes = axes_along_ras(T_stored);
+
+  Volume out;
+  Eigen::Matrix4d T_stored_from_new = Eigen::Matrix4d::Zero();
+  T_stored_from_new(3, 3) = 1.0;
+  std::array<std::int64_t, 3> stride{};
+  std::int64_t start = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto from = static_cast<std::size_t>(axes[static_cast<std::size_t>(axis)]);
+    const auto to = static_cast<std::size_t>(axis);
+    const auto length = static_cast<std::int64_t>(stored_size[static_cast<unsigned>(from)]);
+    const bool backwards = T_stored(axis, static_cast<int>(from)) < 0.0;
+    out.size[to] = static_cast<int>(length);
+    stride[to] = backwards ? -stored_stride[from] : stored_stride[from];
+    start += backwards ? (length - 1) * stored_stride[from] : 0;
+    T_stored_from_new(static_cast<int>(from), axis) = backwards ? -1.0 : 1.0;
+    T_stored_from_new(static_cast<int>(from), 3) = backwards ? static_cast<double>(length - 1) : 0.0;
+  }
+  out.T_image_index = T_stored * T_stored_from_new;
+  out.voxels.reserve(image.GetLargestPossibleRegion().GetNumberOfPixels());
+  const float *stored = image.GetBufferPointer();
+  for (int k = 0; k < out.size[2]; ++k) {
+    for (int j = 0; j < out.size[1]; ++j) {
+      for (int i = 0; i < out.size[0]; ++i) {
+        out.voxels.push_back(stored[start + i * stride[0] + j * stride[1] + k * stride[2]]);
+      }
+    }
+  }
+  return out;
+}
+
+Result<void> check_finite(const fs::path &path, const Volume &volume) {
+  const auto bad = std::find_if(volume.voxels.begin(), volume.voxels.end(), [](float v) { return !std::isfinite(v); });
+  if (bad == volume.voxels.end()) {
+    return {};
+  }
+  const auto count = std::count_if(bad, volume.voxels.end(), [](float v) { return !std::isfinite(v); });
+  return failure(file_error(path, std::to_string(count) + " of " + std::to_string(volume.voxels.size()) +
+                                      " voxels are not finite numbers"));
+}
+
+} // namespace
+
+std::string shown(double value, int digits) {
+  std::array<char, 64> text{};
+  std::snprintf(text.data(), text.size(), "%.*f", digits, value);
+  return text.data();
+}
+
+Result<Volume> read_volume(const fs::path &path, const std::string &series) {
+  std::error_code ignored;
+  if (!fs::exists(path, ignored)) {
+    return failure(file_error(path, "no such file or folder"));
+  }
+  itk::Object::SetGlobalWarningDisplay(false); // what matters comes back as an Error
+  try {
+    auto image = fs::is_directory(path, ignored) ? read_dicom_series(path, series) : read_file(path);
+    if (!image) {
+      return tl::unexpected(image.error());
+    }
+    if (auto grid = check_grid(path, ras_from_index(**image)); !grid) {
+      return tl::unexpected(grid.error());
+    }
+    Volume volume = in_ras_order(**image);
+    if (auto finite = check_finite(path, volume); !finite) {
+      return tl::unexpected(finite.error());
+    }
+    return volume;
+  } catch (const itk::ExceptionObject &error) {
+    return failure(file_error(path, "cannot be read: " + reason_of(error)));
+  } catch (const std::exception &error) {
+    return failure(file_error(path, std::string("cannot be read: ") + error.what()));
+  }
+}
+
+Result<LabelVolume> read_labels(const fs::path &path) {
+  auto volume = read_volume(path);
+  if (!volume) {
+    return tl::unexpected(volume.error());
+  }
+  LabelVolume labels{volume->size, volume->T_image_index, {}};
+  labels.voxels.reserve(volume->voxels.size());
+  for (const float value : volume->voxels) {
+    if (value != std::round(value) || std::abs(value) > float{std::numeric_limits<std::int16_t>::max()}) {
+      return failure(file_error(path, "is not a label image: it has a voxel of value " + shown(value, 3) +
+                                          ", regions are whole numbers up to 32767"));
+    }
+    labels.voxels.push_back(static_cast<std::int16_t>(value));
+  }
+  return labels;
+}
+
+Result<void> write_volume(const fs::path &path, const Volume &volume) {
+  const std::string name = path.string();
+  itk::ImageIOBase::Pointer io;
+  if (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
+    io = itk::NiftiImageIO::New();
+  } else if (name.ends_with(".nrrd")) {
+    io = itk::NrrdImageIO::New();
+  } else if (name.ends_with(".mha")) {
+    io = itk::MetaImageIO::New();
+  } else {
+    return failure(file_error(path, "cannot be written: the extension is none of .nii, .nii.gz, .nrrd, .mha"));
+  }
+  auto image = ItkVolume::New();
+  ItkVolume::SizeType size;
+  ItkVolume::SpacingType spacing;
+  ItkVolume::PointType origin;
+  ItkVolume::DirectionType direction;
+  for (unsigned row = 0; row < 3; ++row) {
+    const double sign = row < 2 ? -1.0 : 1.0; // RAS to LPS
+    size[row] = static_cast<itk::SizeValueType>(volume.size[row]);
+    spacing[row] = volume.spacing_mm()[row];
+    origin[row] = sign * volume.T_image_index(row, 3);
+    for (unsigned column = 0; column < 3; ++column) {
+      direction[row][column] = sign * volume.T_image_index(row, column) / volume.spacing_mm()[column];
+    }
+  }
+  try {
+    image->SetRegions(size);
+    image->SetSpacing(spacing);
+    image->SetOrigin(origin);
+    image->SetDirection(direction);
+    image->Allocate();
+    std::copy(volume.voxels.begin(), volume.voxels.end(), image->GetBufferPointer());
+    auto writer = itk::ImageFileWriter<ItkVolume>::New();
+    writer->SetImageIO(io);
+    writer->SetFileName(name);
+    writer->SetInput(image);
+    writer->SetUseCompression(!name.ends_with(".nii"));
+    writer->Update();
+  } catch (const itk::ExceptionObject &error) {
+    return failure(file_error(path, "cannot be written: " + reason_of(error)));
+  }
+  return {};
+}
+
+Result<std::map<int, std::string>> read_label_names(const fs::path &path) {
+  std::ifstream file(path);
+  if (!file) {
+    return failure(file_error(path, "cannot be opened"));
+  }
+  std::map<int, std::string> names;
+  std::string line;
+  for (int number = 1; std::getline(file, line); ++number) {
+    if (line.find_first_not_of(" \t\r") == std::string::npos || line.front() == '#') {
+      continue;
+    }
+    std::istringstream text(line);
+    int label = 0;
+    std::string name;
+    if (!(text >> label >> name)) {
+      return failure(file_error(path, "line " + std::to_string(number) + ": \"" + line.substr(0, 60) +
+                                          "\" is not a region number and a name"));
+    }
+    if (!names.emplace(label, name).second) {
+      return failure(file_error(path, "line " + std::to_string(number) + ": region " + std::to_string(label) +
+                                          " is named a second time"));
+    }
+  }
+  return names;
+}
+
+} // namespace bregma::casefile
