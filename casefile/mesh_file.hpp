@@ -12,8 +12,8 @@ namespace bregma::casefile {
 [[nodiscard]] Result<geometry::TriangleMesh> read_mesh(const std::filesystem::path &file);
 [[nodiscard]] Result<void> write_mesh(const std::filesystem::path &file, const geometry::TriangleMesh &mesh);
 
-// Closed: every edge belongs to exactly two triangles, which run through it in opposite directions; and outward, that
-// is of positive volume. name is what the message calls the surface.
-[[nodiscard]] Result<void> check_closed(const geometry::TriangleMesh &mesh, const std::string &name);
+// Closed: every edge belongs to exactly two triangles, which run along it in opposite directions. And outward: of
+// positive volume. The message says what is wrong, without a name of the surface.
+[[nodiscard]] Result<void> check_closed(const geometry::TriangleMesh &mesh);
 
 } // namespace bregma::casefile

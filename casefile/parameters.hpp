@@ -96,6 +96,9 @@ private:
     ParameterValue standard;
   };
   ParameterSet &declare(Parameter parameter);
+  [[nodiscard]] const Parameter *find(std::string_view key) const;
+  [[nodiscard]] std::vector<std::string> keys() const;
+  [[nodiscard]] bool section_is_known(const std::string &section) const;
 
   std::string program_;
   std::vector<Parameter> parameters_; // sections together, in the order of their first key

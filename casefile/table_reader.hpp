@@ -67,8 +67,8 @@ public:
   std::vector<TableReader> tables(std::string_view key);  // [[key]]
   std::optional<TableReader> table(std::string_view key); // [key]
 
-  // The caller's own check failed: "file:line: key = value: what". An absent key gives "file:line: key: what" with the
-  // line of the table.
+  // The caller's own check failed: "file:line: key = value: what". key may be a path from this table, "tools[2].name".
+  // An absent key gives "file:line: key: what" with the line of the table.
   void refuse(std::string_view key, const std::string &what);
 
   // To be called when everything was read: refuses keys that nobody asked for. The first error of the whole document.

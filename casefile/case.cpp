@@ -1,0 +1,192 @@
+#include "casefile/case.hpp"
+
+#include <algorithm>
+#include <system_error>
+
+#include "casefile/case_check.hpp"
+#include "casefile/markups.hpp"
+#include "casefile/mesh_file.hpp"
+#include "casefile/table_reader.hpp"
+
+namespace bregma::casefile {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+template <class Item> const Item *find_by_name(const std::vector<Item> &items, std::string_view name) {
+  const auto it = std::find_if(items.begin(), items.end(), [name](const Item &item) { return item.name == name; });
+  return it == items.end() ? nullptr : &*it;
+}
+
+ToolRole role_of(const std::string &name) {
+  if (name == "reference") {
+    return ToolRole::kReference;
+  }
+  return name == "probe" ? ToolRole::kProbe : ToolRole::kPointer;
+}
+
+Eigen::Vector3d direction(const Eigen::Vector3d &v) {
+  // A vector too short to have a direction stays zero, which check_case refuses.
+  return v.norm() > 1e-6 ? v.normalized() : Eigen::Vector3d::Zero();
+}
+
+ToolModel read_tool(TableReader &reader) {
+  ToolModel tool;
+  tool.name = reader.require_string("name");
+  tool.role = role_of(reader.require_choice("role", {"reference", "pointer", "probe"}));
+  tool.markers_mm = reader.vector3s("markers_mm");
+  if (!reader.has("markers_mm")) {
+    reader.refuse("markers_mm", "is missing");
+  }
+  tool.normal = direction(reader.vector3("normal", tool.normal));
+  tool.axis = direction(reader.vector3("axis", tool.axis));
+  tool.nominal_tip_mm = reader.vector3("nominal_tip_mm", tool.nominal_tip_mm);
+  static_cast<void>(reader.finish());
+  return tool;
+}
+
+Limits read_limits(TableReader &reader) {
+  Limits limits;
+  const auto length = [&reader](std::string_view key, double &value, double max) {
+    value = reader.number(key, value, "mm", 0.01, max);
+  };
+  length("fle_image_mm", limits.fle_image_mm, 10.0);
+  length("fle_touch_mm", limits.fle_touch_mm, 10.0);
+  length("surface_sigma_mm", limits.surface_sigma_mm, 10.0);
+  length("landmark_sigma_mm", limits.landmark_sigma_mm, 10.0);
+  length("max_check_mm", limits.max_check_mm, 20.0);
+  length("max_target_tre_mm", limits.max_target_tre_mm, 20.0);
+  static_cast<void>(reader.finish());
+  return limits;
+}
+
+// Reads the files that case.toml names. The message of a file that is wrong follows the line that names it.
+class FileLoader {
+public:
+  FileLoader(const fs::path &folder, TableReader &root) : folder_(folder), root_(root) {}
+
+  fs::path path(const std::string &file) const { return folder_ / file; }
+
+  void mesh(const std::string &key, const std::string &file, geometry::TriangleMesh &out) {
+    take(key, good_ ? read_mesh(path(file)) : Result<geometry::TriangleMesh>(), out);
+  }
+  void points(const std::string &key, const std::string &file, std::vector<NamedPoint> &out) {
+    if (!file.empty()) {
+      take(key, good_ ? read_points(path(file)) : Result<std::vector<NamedPoint>>(), out);
+    }
+  }
+  void trajectories(const std::string &key, const std::string &file, std::vector<Trajectory> &out) {
+    if (!file.empty()) {
+      take(key, good_ ? read_trajectories(path(file)) : Result<std::vector<Trajectory>>(), out);
+    }
+  }
+
+private:
+  template <class T> void take(const std::string &key, Result<T> read, T &out) {
+    if (!read) {
+      root_.refuse(key, read.error().message);
+      good_ = false;
+      return;
+    }
+    out = std::move(*read);
+  }
+
+  fs::path folder_;
+  TableReader &root_;
+  bool good_ = true;
+};
+
+struct PlanFiles {
+  std::string scalp, brain, fiducials, landmarks, targets, trajectories;
+  std::vector<std::string> structures;
+};
+
+PlanFiles read_table(TableReader &root, Case &c) {
+  PlanFiles files;
+  c.id = root.require_string("id");
+  c.image = root.require_string("image");
+  files.fiducials = root.require_string("fiducials");
+  files.landmarks = root.string("landmarks", "");
+  files.targets = root.string("targets", "");
+  files.trajectories = root.string("trajectories", "");
+  if (auto surfaces = root.table("surfaces")) {
+    files.scalp = surfaces->require_string("scalp");
+    files.brain = surfaces->require_string("brain");
+    static_cast<void>(surfaces->finish());
+  } else {
+    root.refuse("surfaces", "is missing");
+  }
+  for (TableReader &structure : root.tables("structures")) {
+    c.structures.push_back({structure.require_string("name"), {}});
+    files.structures.push_back(structure.require_string("file"));
+    static_cast<void>(structure.finish());
+  }
+  for (TableReader &tool : root.tables("tools")) {
+    c.tools.push_back(read_tool(tool));
+  }
+  if (auto limits = root.table("limits")) {
+    c.limits = read_limits(*limits);
+  }
+  return files;
+}
+
+} // namespace
+
+const ToolModel *Case::tool(std::string_view name) const { return find_by_name(tools, name); }
+
+const ToolModel *Case::reference() const {
+  const auto it =
+      std::find_if(tools.begin(), tools.end(), [](const ToolModel &tool) { return tool.role == ToolRole::kReference; });
+  return it == tools.end() ? nullptr : &*it;
+}
+
+const Trajectory *Case::trajectory(std::string_view name) const { return find_by_name(trajectories, name); }
+const NamedPoint *Case::fiducial(std::string_view name) const { return find_by_name(fiducials, name); }
+const NamedPoint *Case::landmark(std::string_view name) const { return find_by_name(landmarks, name); }
+
+Result<Case> load_case(const fs::path &folder) {
+  std::error_code error;
+  if (!fs::is_directory(folder, error)) {
+    return failure(folder.string() + ": is not a folder; a case is a folder with case.toml");
+  }
+  const auto document = TomlDocument::read(folder / "case.toml");
+  if (!document) {
+    return tl::unexpected(document.error());
+  }
+  TableReader root = document->root();
+  Case c;
+  c.folder = folder;
+  const PlanFiles files = read_table(root, c);
+  if (auto table = root.finish(); !table) {
+    return tl::unexpected(table.error());
+  }
+
+  c.image = folder / c.image;
+  if (!fs::exists(c.image, error)) {
+    root.refuse("image", "no such file: " + c.image.string());
+  }
+  FileLoader loader(folder, root);
+  c.scalp.name = "scalp";
+  loader.mesh("surfaces.scalp", files.scalp, c.scalp.mesh);
+  c.brain.name = "brain";
+  loader.mesh("surfaces.brain", files.brain, c.brain.mesh);
+  for (std::size_t i = 0; i < files.structures.size(); ++i) {
+    loader.mesh("structures[" + std::to_string(i) + "].file", files.structures[i], c.structures[i].mesh);
+  }
+  loader.points("fiducials", files.fiducials, c.fiducials);
+  loader.points("landmarks", files.landmarks, c.landmarks);
+  loader.points("targets", files.targets, c.targets);
+  loader.trajectories("trajectories", files.trajectories, c.trajectories);
+  if (auto loaded = root.finish(); !loaded) {
+    return tl::unexpected(loaded.error());
+  }
+
+  if (auto problem = detail::find_problem(c)) {
+    root.refuse(problem->key, problem->what);
+    return tl::unexpected(root.finish().error());
+  }
+  return c;
+}
+
+} // namespace bregma::casefile

@@ -1,0 +1,144 @@
+#include <algorithm>
+#include <cctype>
+#include <fstream>
+#include <set>
+#include <system_error>
+
+#include "casefile/case.hpp"
+#include "casefile/markups.hpp"
+#include "casefile/mesh_file.hpp"
+#include "casefile/toml_values.hpp"
+
+namespace bregma::casefile {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string text(const std::string &value) { return detail::to_toml_text(value); }
+std::string number(double value) { return detail::to_toml_text(value); }
+
+std::string vector(const Eigen::Vector3d &v) {
+  return "[" + number(v.x()) + ", " + number(v.y()) + ", " + number(v.z()) + "]";
+}
+
+const char *role_text(ToolRole role) {
+  switch (role) {
+  case ToolRole::kReference:
+    return "reference";
+  case ToolRole::kPointer:
+    return "pointer";
+  case ToolRole::kProbe:
+    break;
+  }
+  return "probe";
+}
+
+// A file name that every file system takes, of a name that a person gave.
+std::string file_stem(const std::string &name, std::set<std::string> &taken) {
+  std::string stem;
+  for (const char c : name) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(c)) != 0 && static_cast<unsigned char>(c) < 128;
+    stem += plain ? static_cast<char>(std::tolower(static_cast<unsigned char>(c))) : '_';
+  }
+  std::string unique = stem;
+  for (int i = 2; !taken.insert(unique).second; ++i) {
+    unique = stem + "_" + std::to_string(i);
+  }
+  return unique;
+}
+
+std::string image_text(const Case &c) {
+  const fs::path relative = c.image.lexically_relative(c.folder);
+  const bool inside = !relative.empty() && *relative.begin() != "..";
+  return text((inside ? relative : c.image).generic_string());
+}
+
+std::string tool_text(const ToolModel &tool) {
+  std::string out =
+      "\n[[tools]]\nname = " + text(tool.name) + "\nrole = \"" + role_text(tool.role) + "\"\nmarkers_mm = [\n";
+  for (const auto &marker : tool.markers_mm) {
+    out += "  " + vector(marker) + ",\n";
+  }
+  return out + "]\nnormal = " + vector(tool.normal) + "\naxis = " + vector(tool.axis) +
+         "\nnominal_tip_mm = " + vector(tool.nominal_tip_mm) + "\n";
+}
+
+std::string limits_text(const Limits &limits) {
+  return "\n# 1-sigma errors a coordinate, and what a registration has to keep.\n[limits]\nfle_image_mm = " +
+         number(limits.fle_image_mm) + "\nfle_touch_mm = " + number(limits.fle_touch_mm) +
+         "\nsurface_sigma_mm = " + number(limits.surface_sigma_mm) +
+         "\nlandmark_sigma_mm = " + number(limits.landmark_sigma_mm) +
+         "\nmax_check_mm = " + number(limits.max_check_mm) +
+         "\nmax_target_tre_mm = " + number(limits.max_target_tre_mm) + "\n";
+}
+
+// Beside the old file first, so that a case.toml is whole whenever it is there.
+Result<void> replace_file(const fs::path &file, const std::string &content) {
+  const fs::path fresh = file.string() + ".new";
+  std::ofstream out(fresh, std::ios::binary);
+  out << content;
+  out.close();
+  std::error_code error;
+  if (out) {
+    fs::rename(fresh, file, error);
+  }
+  if (!out || error) {
+    return failure(file.string() + ": cannot be written" + (error ? ": " + error.message() : ""));
+  }
+  return {};
+}
+
+// Runs the steps until one fails.
+class Steps {
+public:
+  template <class Step> void run(Step step) {
+    if (result_) {
+      result_ = step();
+    }
+  }
+  [[nodiscard]] const Result<void> &result() const { return result_; }
+
+private:
+  Result<void> result_;
+};
+
+} // namespace
+
+Result<void> save_case(const Case &c) {
+  std::error_code error;
+  fs::create_directories(c.folder / "surfaces", error);
+  if (error) {
+    return failure((c.folder / "surfaces").string() + ": cannot be made: " + error.message());
+  }
+  std::string toml = "id = " + text(c.id) + "\nimage = " + image_text(c) + "\n\n# Slicer markups.\n";
+  Steps steps;
+  const auto points = [&](const std::string &name, const std::vector<NamedPoint> &list) {
+    toml += name + " = " + text(name + ".mrk.json") + "\n";
+    steps.run([&] { return write_points(c.folder / (name + ".mrk.json"), name, list); });
+  };
+  points("fiducials", c.fiducials);
+  points("landmarks", c.landmarks);
+  points("targets", c.targets);
+  toml += "trajectories = \"trajectories.mrk.json\"\n";
+  steps.run([&] { return write_trajectories(c.folder / "trajectories.mrk.json", c.trajectories); });
+
+  toml += "\n# Closed surfaces, coordinates RAS in mm.\n[surfaces]\nscalp = \"surfaces/scalp.ply\"\n"
+          "brain = \"surfaces/brain.ply\"\n";
+  steps.run([&] { return write_mesh(c.folder / "surfaces/scalp.ply", c.scalp.mesh); });
+  steps.run([&] { return write_mesh(c.folder / "surfaces/brain.ply", c.brain.mesh); });
+  std::set<std::string> taken{"scalp", "brain"};
+  for (const Surface &structure : c.structures) {
+    const std::string file = "surfaces/" + file_stem(structure.name, taken) + ".ply";
+    toml += "\n[[structures]]\nname = " + text(structure.name) + "\nfile = " + text(file) + "\n";
+    steps.run([&] { return write_mesh(c.folder / file, structure.mesh); });
+  }
+  for (const ToolModel &tool : c.tools) {
+    toml += tool_text(tool);
+  }
+  toml += limits_text(c.limits);
+  steps.run([&] { return replace_file(c.folder / "case.toml", toml); });
+  return steps.result();
+}
+
+} // namespace bregma::casefile
