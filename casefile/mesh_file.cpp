@@ -9,6 +9,7 @@
 #include <system_error>
 #include <unordered_map>
 
+#include <Eigen/Geometry>
 #include <vtkCellArray.h>
 #include <vtkCommand.h>
 #include <vtkIdList.h>

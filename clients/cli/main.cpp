@@ -1,0 +1,66 @@
+// `bregma`: the operator's and engineer's command.
+#include <cstdio>
+#include <exception>
+#include <string>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "clients/cli/commands.hpp"
+#include "clients/cli/output.hpp"
+
+namespace {
+
+using bregma::cli::Context;
+
+constexpr void (*kCommands[])(CLI::App &, Context &) = {
+#ifdef BREGMA_CLI_LIVE
+    bregma::cli::add_live_commands,
+#endif
+#ifdef BREGMA_CLI_CASE
+    bregma::cli::add_case_command,
+#endif
+#ifdef BREGMA_CLI_CALIBRATE
+    bregma::cli::add_calibrate_command,
+#endif
+#ifdef BREGMA_CLI_REGISTER
+    bregma::cli::add_register_command,
+#endif
+#ifdef BREGMA_CLI_REPORT
+    bregma::cli::add_report_command,
+#endif
+#ifdef BREGMA_CLI_DOCTOR
+    bregma::cli::add_doctor_command,
+#endif
+};
+
+int run(int argc, char **argv) {
+  CLI::App app("Bregma: navigation in neurosurgery, from the command line", "bregma");
+  app.set_version_flag("--version", std::string("bregma ") + BREGMA_VERSION);
+  app.require_subcommand(1);
+  app.footer("Every command has --help with examples, and --json.\n"
+             "Exit codes: 0 done, 1 the answer is no (refused, limit not held), 2 it could not run.");
+  Context context;
+  for (const auto add : kCommands) {
+    add(app, context);
+  }
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success &help) {
+    return app.exit(help);
+  } catch (const CLI::ParseError &error) {
+    return bregma::cli::fail(std::string(error.what()) + " (see bregma --help)");
+  }
+  return context.run();
+}
+
+} // namespace
+
+int main(int argc, char **argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::exception &error) {
+    return bregma::cli::fail(error.what());
+  }
+}

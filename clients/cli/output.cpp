@@ -1,0 +1,112 @@
+#include "clients/cli/output.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "clients/cli/commands.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+// Code points, which is what a terminal gives one column each for the scripts that appear here.
+std::size_t width(const std::string &text) {
+  return static_cast<std::size_t>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0U) != 0x80U; }));
+}
+
+bool is_figure(const std::string &cell) {
+  const std::size_t first = cell.find_first_not_of("+-");
+  return cell == "-" || (first != std::string::npos && std::isdigit(static_cast<unsigned char>(cell[first])) != 0);
+}
+
+} // namespace
+
+std::string Table::text() const {
+  std::vector<std::size_t> widths;
+  std::vector<bool> right;
+  for (std::size_t column = 0; column < header_.size(); ++column) {
+    std::size_t widest = width(header_[column]);
+    bool figures = !rows_.empty();
+    for (const auto &row : rows_) {
+      if (column < row.size()) {
+        widest = std::max(widest, width(row[column]));
+        figures = figures && (row[column].empty() || is_figure(row[column]));
+      }
+    }
+    widths.push_back(widest);
+    right.push_back(figures);
+  }
+  std::string out;
+  const auto print_row = [&](const std::vector<std::string> &cells) {
+    std::string line;
+    for (std::size_t column = 0; column < std::min(cells.size(), widths.size()); ++column) {
+      const std::string padding(widths[column] - width(cells[column]), ' ');
+      line += (column == 0 ? "" : "  ") + (right[column] ? padding + cells[column] : cells[column] + padding);
+    }
+    line.erase(line.find_last_not_of(' ') + 1);
+    out += line + "\n";
+  };
+  print_row(header_);
+  for (const auto &row : rows_) {
+    print_row(row);
+  }
+  return out;
+}
+
+std::string fixed(double value, int decimals, std::string_view unit) {
+  if (!std::isfinite(value)) {
+    return "-";
+  }
+  char buffer[64];
+  std::snprintf(buffer, sizeof buffer, "%.*f", decimals, value);
+  std::string out = buffer;
+  // -0.000 is a zero to whoever reads it.
+  if (out.front() == '-' && out.find_first_not_of("-0.") == std::string::npos) {
+    out.erase(0, 1);
+  }
+  return unit.empty() ? out : out + " " + std::string(unit);
+}
+
+std::string vector_text(const Eigen::Vector3d &v, int decimals) {
+  return "(" + fixed(v.x(), decimals) + ", " + fixed(v.y(), decimals) + ", " + fixed(v.z(), decimals) + ")";
+}
+
+nlohmann::json json_number(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(nullptr);
+}
+
+nlohmann::json json_vector(const Eigen::Vector3d &v) {
+  return {json_number(v.x()), json_number(v.y()), json_number(v.z())};
+}
+
+nlohmann::json json_matrix(const Eigen::MatrixXd &m) {
+  auto rows = nlohmann::json::array();
+  for (Eigen::Index i = 0; i < m.rows(); ++i) {
+    auto row = nlohmann::json::array();
+    for (Eigen::Index j = 0; j < m.cols(); ++j) {
+      row.push_back(json_number(m(i, j)));
+    }
+    rows.push_back(std::move(row));
+  }
+  return rows;
+}
+
+void print(std::string_view text) { std::fwrite(text.data(), 1, text.size(), stdout); }
+
+void print_json(const nlohmann::json &json) {
+  // Names come from files and the wire and need not be UTF-8.
+  print(json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
+}
+
+int fail(std::string_view message) {
+  std::fflush(stdout);
+  const std::string line = "bregma: " + std::string(message) + "\n";
+  std::fwrite(line.data(), 1, line.size(), stderr);
+  return kBadInput;
+}
+
+int fail(const casefile::Error &error) { return fail(error.message); }
+
+} // namespace bregma::cli
