@@ -1,0 +1,69 @@
+// A refusal in a person's words.
+#include <array>
+#include <cmath>
+#include <cstdio>
+
+#include "algorithms/registration/registration.hpp"
+
+namespace bregma::registration {
+
+std::string_view name_direction(const geometry::Vector6d &direction) noexcept {
+  // Image is RAS: x to the right, y to the front, z up.
+  static constexpr std::array<std::string_view, 3> kRotations = {
+      "rotation about left-right", "rotation about anterior-posterior", "rotation about superior-inferior"};
+  static constexpr std::array<std::string_view, 3> kTranslations = {
+      "translation along left-right", "translation along anterior-posterior", "translation along superior-inferior"};
+  const bool turns = direction.head<3>().norm() > direction.tail<3>().norm();
+  Eigen::Index axis = 0;
+  (turns ? direction.head<3>() : direction.tail<3>()).cwiseAbs().maxCoeff(&axis);
+  return (turns ? kRotations : kTranslations)[static_cast<std::size_t>(axis)];
+}
+
+void describe(const RegistrationResult &result, const RegistrationOptions &options, std::string_view subject,
+              std::string_view target, std::span<char> out) noexcept {
+  if (out.empty()) {
+    return;
+  }
+  out[0] = '\0';
+  const auto length = [](std::string_view text) { return static_cast<int>(text.size()); };
+  switch (result.refusal) {
+  case Refusal::kNone:
+    break;
+  case Refusal::kTooFewFiducials:
+    std::snprintf(out.data(), out.size(), "%d fiducials touched, at least 3 are needed", result.fiducial_count);
+    break;
+  case Refusal::kCollinearFiducials:
+    std::snprintf(out.data(), out.size(),
+                  "the %d fiducials lie nearly on a line (%.1f mm off it, %.1f mm needed): touch one away from it",
+                  result.fiducial_count, result.spread_mm, options.min_spread_mm);
+    break;
+  case Refusal::kContradictingFiducial: {
+    const FiducialFit &fit = result.fiducials[static_cast<std::size_t>(result.suspect)];
+    std::snprintf(out.data(), out.size(),
+                  "fiducial %.*s contradicts the others: %.1f mm from where they place it; touch it again or remove it",
+                  length(subject), subject.data(), fit.leave_one_out_mm);
+    break;
+  }
+  case Refusal::kDirectionNotFixed: {
+    const std::string_view direction = name_direction(result.weakest);
+    const std::string_view where = target.empty() ? "inside the head" : target;
+    std::snprintf(
+        out.data(), out.size(),
+        "too little surface to fix %.*s: predicted error at %.*s %.1f mm, limit %.1f mm; trace more of the head",
+        length(direction), direction.data(), length(where), where.data(), result.worst_target_tre_mm,
+        options.max_target_tre_mm);
+    break;
+  }
+  case Refusal::kFreTooLarge:
+    std::snprintf(out.data(), out.size(),
+                  "FRE is %.2f mm where the stated errors give %.2f mm, and no single fiducial explains it: touch them "
+                  "again",
+                  result.fre_mm, result.fre_expected_mm);
+    break;
+  case Refusal::kNotConverged:
+    std::snprintf(out.data(), out.size(), "the estimate did not settle in %d iterations", options.max_iterations);
+    break;
+  }
+}
+
+} // namespace bregma::registration

@@ -1,0 +1,262 @@
+#include "algorithms/registration/registration.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+#include "algorithms/registration/surface_terms.hpp"
+#include "algorithms/registration/twist.hpp"
+#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/tre.hpp"
+
+namespace bregma::registration {
+
+using geometry::Matrix36d;
+using geometry::Vector6d;
+
+namespace {
+
+constexpr double kStep_mm = 1e-4;      // an estimate that moves less has settled
+constexpr double kLever_mm = 80.0;     // at which rotations are compared with translations
+constexpr int kRescaled = 6;           // iterations that may change the noise scale
+constexpr int kDamped = 20;            // after which steps are halved: closest points that jump between two facets
+constexpr double kWarmLimit_mm = 10.0; // a start farther from the fiducials' own fit is not used
+
+double motion_mm(const Vector6d &twist) { return kLever_mm * twist.head<3>().norm() + twist.tail<3>().norm(); }
+
+double distance_mm(const ImageFromReference &a, const ImageFromReference &b, const Vector3d &at) {
+  return kLever_mm * geometry::angle_between(a.rotation(), b.rotation()) + (a * at - b * at).norm();
+}
+
+} // namespace
+
+struct RegistrationEstimator::Workspace {
+  Workspace(const SurfaceModel *surface_in, const RegistrationOptions &options_in, int max_surface_samples)
+      : options(options_in), surface(surface_in),
+        terms(surface_in, options_in.surface_sigma_mm, options_in.correlation_length_mm, max_surface_samples) {}
+
+  [[nodiscard]] std::span<const PointPair> used_pairs() const {
+    return {pairs.data(), static_cast<std::size_t>(result.fiducial_count)};
+  }
+
+  void take(std::span<const FiducialObservation> fiducials);
+  [[nodiscard]] bool geometry_allows();
+  [[nodiscard]] Refusal test_consistency(const PairedFit &fit);
+  [[nodiscard]] bool fit_jointly(const ImageFromReference &start);
+  void report_residuals();
+  void find_weakest(std::span<const Vector3d> targets_image_mm);
+
+  RegistrationOptions options;
+  const SurfaceModel *surface;
+  SurfaceTerms terms;
+  std::array<PointPair, kMaxFiducials> pairs; // source: Reference, target: Image
+  std::array<PointPair, kMaxFiducials> others;
+  Vector3d centre = Vector3d::Zero(); // of the fiducials in Image: what the iteration turns about
+  Matrix6d normal_inverse = Matrix6d::Zero();
+  RegistrationResult result;
+};
+
+void RegistrationEstimator::Workspace::take(std::span<const FiducialObservation> fiducials) {
+  result = RegistrationResult{};
+  result.fiducial_count = static_cast<int>(std::min<std::size_t>(fiducials.size(), kMaxFiducials));
+  centre.setZero();
+  for (int i = 0; i < result.fiducial_count; ++i) {
+    const FiducialObservation &f = fiducials[static_cast<std::size_t>(i)];
+    pairs[static_cast<std::size_t>(i)] = {f.reference_mm, f.image_mm, f.reference_covariance, f.image_covariance};
+    centre += f.image_mm / result.fiducial_count;
+  }
+}
+
+// Three fiducials, and not on a line, on either side.
+bool RegistrationEstimator::Workspace::geometry_allows() {
+  if (result.fiducial_count < 3) {
+    result.refusal = Refusal::kTooFewFiducials;
+    return false;
+  }
+  std::array<Vector3d, kMaxFiducials> points;
+  const auto spread_of = [&](auto member) {
+    const auto used = used_pairs();
+    std::transform(used.begin(), used.end(), points.begin(), [member](const PointPair &p) { return p.*member; });
+    return spread_mm({points.data(), used.size()})[1];
+  };
+  result.spread_mm = std::min(spread_of(&PointPair::source_mm), spread_of(&PointPair::target_mm));
+  result.refusal = result.spread_mm < options.min_spread_mm ? Refusal::kCollinearFiducials : Refusal::kNone;
+  return result.refusal == Refusal::kNone;
+}
+
+// Half of the allowed false refusals goes to the sum of all residuals, half to the largest of them (Bonferroni).
+Refusal RegistrationEstimator::Workspace::test_consistency(const PairedFit &fit) {
+  const double allowed = 0.5 * options.false_refusal;
+  const int n = fit.count;
+  bool consistent = fit.p_value >= allowed;
+  for (int i = 0; i < n; ++i) {
+    consistent = consistent && fit.fiducials[static_cast<std::size_t>(i)].p_value >= allowed / n;
+  }
+  if (consistent) {
+    return Refusal::kNone;
+  }
+  if (n < 4) {
+    return Refusal::kFreTooLarge; // three residuals cannot say which of them is wrong
+  }
+  // The one without which the rest agrees best; an outlier spreads over all residuals, so each is tried by a fit.
+  double best_p = 0.0;
+  for (int left_out = 0; left_out < n; ++left_out) {
+    const auto used = used_pairs();
+    const auto end = std::copy_if(used.begin(), used.end(), others.begin(), [&](const PointPair &pair) {
+      return &pair != &used[static_cast<std::size_t>(left_out)];
+    });
+    const PairedFit rest = fit_paired({others.begin(), end});
+    if (rest.converged && rest.p_value > best_p) {
+      best_p = rest.p_value;
+      result.suspect = left_out;
+    }
+  }
+  if (best_p >= options.false_refusal) {
+    return Refusal::kContradictingFiducial;
+  }
+  result.suspect = -1;
+  return Refusal::kFreTooLarge;
+}
+
+bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &start) {
+  ImageFromReference T = start;
+  bool settled = false;
+  while (!settled && result.iterations < options.max_iterations) {
+    Matrix6d of_fiducials = Matrix6d::Zero();
+    Vector6d gradient = Vector6d::Zero();
+    const Matrix3d R = T.rotation_matrix();
+    for (const PointPair &pair : used_pairs()) {
+      const Eigen::LLT<Matrix3d> S(R * pair.source_covariance * R.transpose() + pair.target_covariance);
+      const Vector3d mapped = T * pair.source_mm;
+      const Matrix36d J = geometry::point_jacobian(mapped - centre);
+      const Matrix36d WJ = S.solve(J);
+      of_fiducials += J.transpose() * WJ;
+      gradient += WJ.transpose() * (mapped - pair.target_mm);
+    }
+    terms.linearise(T, centre, result.iterations < kRescaled);
+    Matrix6d normal = of_fiducials;
+    terms.add_to(normal, gradient);
+
+    const Eigen::LDLT<Matrix6d> solver(normal);
+    Vector6d step = -solver.solve(gradient);
+    if (solver.info() != Eigen::Success || !step.allFinite()) {
+      return false;
+    }
+    settled = motion_mm(step) < kStep_mm;
+    ++result.iterations;
+    if (!settled) {
+      T = moved_about(centre, result.iterations > kDamped ? Vector6d(0.5 * step) : step, T);
+      continue;
+    }
+    // The covariance stands where the terms were taken; the last step is not worth another round.
+    const Matrix6d inverse = solver.solve(Matrix6d::Identity());
+    const Matrix6d of_gradient = of_fiducials + terms.gradient_covariance();
+    normal_inverse = covariance_at_origin(inverse, centre);
+    result.covariance = covariance_at_origin(inverse * of_gradient * inverse, centre);
+    result.T_image_reference = T;
+  }
+  return settled;
+}
+
+void RegistrationEstimator::Workspace::report_residuals() {
+  const auto T = result.T_image_reference.as<geometry::frame::Target, geometry::frame::Source>();
+  double squares = 0.0;
+  double expected = 0.0;
+  for (int i = 0; i < result.fiducial_count; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    result.fiducials[k] = assess_fiducial(pairs[k], T, result.covariance, normal_inverse, result.fiducial_count >= 4);
+    squares += result.fiducials[k].residual_mm.squaredNorm();
+    expected += result.fiducials[k].expected_squared_mm2;
+  }
+  result.fre_mm = std::sqrt(squares / result.fiducial_count);
+  result.fre_expected_mm = std::sqrt(std::max(expected, 0.0) / result.fiducial_count);
+  result.surface_count = terms.count();
+  result.surface_left_out = terms.left_out();
+  result.surface_rms_mm = terms.rms_mm();
+  result.surface_scale = terms.scale();
+  result.surface_effective = terms.effective();
+}
+
+// The principal motion of the pose's error, about the head's centre, that moves the worst target most.
+void RegistrationEstimator::Workspace::find_weakest(std::span<const Vector3d> targets_image_mm) {
+  const Vector3d head = surface != nullptr ? surface->centre_mm() : centre;
+  // Without targets: six points inside the head stand in.
+  constexpr double kInside_mm = 60.0;
+  std::array<Vector3d, 6> stand_in;
+  for (int k = 0; k < 3; ++k) {
+    stand_in[static_cast<std::size_t>(2 * k)] = head + kInside_mm * Vector3d::Unit(k);
+    stand_in[static_cast<std::size_t>(2 * k + 1)] = head - kInside_mm * Vector3d::Unit(k);
+  }
+  const bool given = !targets_image_mm.empty();
+  const std::span<const Vector3d> points = given ? targets_image_mm : std::span<const Vector3d>(stand_in);
+  std::size_t worst = 0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const double tre = uncertainty::rms_mm(uncertainty::tre_covariance(result.covariance, points[i]));
+    if (i == 0 || tre > result.worst_target_tre_mm) {
+      result.worst_target_tre_mm = tre;
+      worst = i;
+    }
+  }
+  result.worst_target = given ? static_cast<int>(worst) : -1;
+
+  Vector6d lever;
+  lever << Vector3d::Constant(kLever_mm), Vector3d::Ones();
+  const Matrix6d about_head = covariance_at_origin(result.covariance, -head);
+  const Matrix6d scaled = lever.asDiagonal() * about_head * lever.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(scaled);
+  const Matrix36d J = geometry::point_jacobian(points[worst] - head);
+  double largest = -1.0;
+  for (int k = 0; k < 6; ++k) {
+    const Vector6d direction = solver.eigenvectors().col(k);
+    const Vector6d twist = direction.cwiseQuotient(lever);
+    const double share = solver.eigenvalues()[k] * (J * twist).squaredNorm();
+    if (share > largest) {
+      largest = share;
+      result.weakest = direction;
+      result.weakest_sigma_mm = std::sqrt(std::max(solver.eigenvalues()[k], 0.0));
+    }
+  }
+}
+
+RegistrationEstimator::RegistrationEstimator(const SurfaceModel *surface, const RegistrationOptions &options,
+                                             int max_surface_samples)
+    : workspace_(std::make_unique<Workspace>(surface, options, max_surface_samples)) {}
+RegistrationEstimator::~RegistrationEstimator() = default;
+RegistrationEstimator::RegistrationEstimator(RegistrationEstimator &&) noexcept = default;
+RegistrationEstimator &RegistrationEstimator::operator=(RegistrationEstimator &&) noexcept = default;
+
+const RegistrationOptions &RegistrationEstimator::options() const noexcept { return workspace_->options; }
+
+const RegistrationResult &RegistrationEstimator::estimate(std::span<const FiducialObservation> fiducials,
+                                                          std::span<const SurfaceSample> samples,
+                                                          std::span<const Vector3d> targets_image_mm,
+                                                          const ImageFromReference *start) noexcept {
+  Workspace &w = *workspace_;
+  RegistrationResult &result = w.result;
+  w.take(fiducials);
+  if (!w.geometry_allows()) {
+    return result;
+  }
+  const PairedFit fit = fit_paired(w.used_pairs());
+  result.chi_square = fit.chi_square;
+  result.p_value = fit.p_value;
+  const auto T_fit = fit.T_target_source.as<geometry::frame::Image, geometry::frame::Reference>();
+  w.terms.set_samples(samples);
+  const bool warm = start != nullptr && distance_mm(*start, T_fit, w.pairs.front().source_mm) < kWarmLimit_mm;
+  if (!fit.converged || !w.fit_jointly(warm ? *start : T_fit)) {
+    result.refusal = Refusal::kNotConverged;
+    return result;
+  }
+  result.has_estimate = true;
+  w.report_residuals();
+  w.find_weakest(targets_image_mm);
+  result.refusal = w.test_consistency(fit);
+  if (result.refusal == Refusal::kNone && !(result.worst_target_tre_mm <= w.options.max_target_tre_mm)) {
+    result.refusal = Refusal::kDirectionNotFixed;
+  }
+  return result;
+}
+
+} // namespace bregma::registration
