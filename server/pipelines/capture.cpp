@@ -1,0 +1,98 @@
+#include "server/pipelines/capture.hpp"
+
+#include "server/pipelines/wire_values.hpp"
+
+namespace bregma::server {
+
+// A touch counts when the tool was seen in at least half of the window's frames.
+constexpr double kMinSeenShare = 0.5;
+
+void TouchCapture::start(const CaptureRequest &request) noexcept {
+  request_ = request;
+  busy_ = true;
+  used_ = 0;
+  window_frames_ = reference_hidden_ = not_calibrated_ = 0;
+  marker_sum_.setZero();
+  tip_covariance_.setZero();
+}
+
+void TouchCapture::add(FrameContent content, const TipInReference &tip, std::uint64_t frame,
+                       std::int64_t acquired_ns) noexcept {
+  if (!busy_ || acquired_ns < request_.start_ns || acquired_ns > request_.start_ns + request_.window_ns) {
+    return;
+  }
+  ++window_frames_;
+  reference_hidden_ += content == FrameContent::kReferenceHidden ? 1 : 0;
+  not_calibrated_ += content == FrameContent::kNotCalibrated ? 1 : 0;
+  if (content != FrameContent::kTip || used_ == kMaxFrames) {
+    return;
+  }
+  positions_[used_++] = tip.position_mm;
+  marker_sum_ += tip.marker_covariance;
+  tip_covariance_ = tip.tip_covariance;
+  last_frame_ = frame;
+  last_acquired_ns_ = acquired_ns;
+}
+
+std::optional<CaptureResult> TouchCapture::finish(std::int64_t now_ns) noexcept {
+  if (!busy_ || now_ns <= request_.start_ns + request_.window_ns) {
+    return std::nullopt;
+  }
+  busy_ = false;
+  CaptureResult result{};
+  result.id = request_.id;
+  result.used_frames = static_cast<std::uint32_t>(used_);
+  result.window_frames = window_frames_;
+  result.frame = last_frame_;
+  result.acquired_time_ns = last_acquired_ns_;
+  if (window_frames_ == 0) {
+    result.status = CaptureStatus::kNoFrames;
+    return result;
+  }
+  if (not_calibrated_ > 0) {
+    result.status = CaptureStatus::kNotCalibrated;
+    return result;
+  }
+  if (used_ == 0 || static_cast<double>(used_) < kMinSeenShare * window_frames_) {
+    const bool reference = 2 * reference_hidden_ > window_frames_ - used_;
+    result.status = reference ? CaptureStatus::kReferenceHidden : CaptureStatus::kToolHidden;
+    return result;
+  }
+  const auto count = static_cast<double>(used_);
+  Vector3d mean = Vector3d::Zero();
+  for (std::size_t i = 0; i < used_; ++i) {
+    mean += positions_[i] / count;
+  }
+  for (std::size_t i = 0; i < used_; ++i) {
+    result.spread_mm = std::max(result.spread_mm, (positions_[i] - mean).norm());
+  }
+  result.status = result.spread_mm <= request_.max_motion_mm ? CaptureStatus::kOk : CaptureStatus::kMoved;
+  result.position_mm = array_of(mean);
+  // The markers' noise averages out over the frames, the error of the tip does not.
+  result.covariance_mm2 = array_of(Matrix3d(marker_sum_ / (count * count) + tip_covariance_));
+  return result;
+}
+
+void SurfaceTrace::request(const TraceRequest &request) noexcept {
+  request_ = request;
+  last_.reset();
+}
+
+bool SurfaceTrace::on(const wire::Name &tool) const noexcept { return request_.on && same(request_.tool, tool); }
+
+std::optional<SurfaceSample> SurfaceTrace::add(const TipInReference &tip, std::uint64_t frame,
+                                               std::int64_t acquired_ns) noexcept {
+  if (last_ && (tip.position_mm - *last_).norm() < request_.spacing_mm) {
+    return std::nullopt;
+  }
+  last_ = tip.position_mm;
+  SurfaceSample sample{};
+  copy_name(sample.tool, request_.tool);
+  sample.frame = frame;
+  sample.acquired_time_ns = acquired_ns;
+  sample.position_mm = array_of(tip.position_mm);
+  sample.covariance_mm2 = array_of(Matrix3d(tip.marker_covariance + tip.tip_covariance));
+  return sample;
+}
+
+} // namespace bregma::server

@@ -1,0 +1,65 @@
+// What a person records with a tool: the mean of a touch, a trace over the skin, the poses of a pivot.
+// Used on the navigation thread only; no allocation, no exceptions.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include "algorithms/geometry/pose_covariance.hpp"
+#include "server/session/messages.hpp"
+
+namespace bregma::server {
+
+// The tip of one tool in one frame, in Reference, with its two kinds of error: that of the markers, fresh in every
+// frame, and that of the tip's calibration, the same in all of them.
+struct TipInReference {
+  geometry::Vector3d position_mm;
+  geometry::Matrix3d marker_covariance;
+  geometry::Matrix3d tip_covariance;
+};
+
+enum class FrameContent : std::uint8_t { kTip, kToolHidden, kReferenceHidden, kNotCalibrated };
+
+// Averages a tip that is held still.
+class TouchCapture {
+public:
+  void start(const CaptureRequest &request) noexcept;
+  [[nodiscard]] bool busy() const noexcept { return busy_; }
+  [[nodiscard]] const wire::Name &tool() const noexcept { return request_.tool; }
+
+  // tip is read only with FrameContent::kTip.
+  void add(FrameContent content, const TipInReference &tip, std::uint64_t frame, std::int64_t acquired_ns) noexcept;
+  // The answer, once, when the window is over at the given time.
+  [[nodiscard]] std::optional<CaptureResult> finish(std::int64_t now_ns) noexcept;
+
+private:
+  static constexpr std::size_t kMaxFrames = 4096; // four seconds at 1,000 frames/s
+
+  CaptureRequest request_{};
+  bool busy_ = false;
+  std::array<geometry::Vector3d, kMaxFrames> positions_;
+  std::size_t used_ = 0;
+  std::uint32_t window_frames_ = 0;
+  std::uint32_t reference_hidden_ = 0;
+  std::uint32_t not_calibrated_ = 0;
+  std::uint64_t last_frame_ = 0;
+  std::int64_t last_acquired_ns_ = 0;
+  geometry::Matrix3d marker_sum_;
+  geometry::Matrix3d tip_covariance_;
+};
+
+// Takes a sample wherever the tip has moved on by the spacing.
+class SurfaceTrace {
+public:
+  void request(const TraceRequest &request) noexcept;
+  [[nodiscard]] bool on(const wire::Name &tool) const noexcept;
+  [[nodiscard]] std::optional<SurfaceSample> add(const TipInReference &tip, std::uint64_t frame,
+                                                 std::int64_t acquired_ns) noexcept;
+
+private:
+  TraceRequest request_{};
+  std::optional<geometry::Vector3d> last_;
+};
+
+} // namespace bregma::server

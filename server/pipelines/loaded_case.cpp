@@ -1,0 +1,32 @@
+#include "server/pipelines/loaded_case.hpp"
+
+#include <utility>
+#include <vector>
+
+namespace bregma::server {
+namespace {
+
+std::vector<planning::NamedMesh> named_meshes(const casefile::Case &a_case) {
+  std::vector<planning::NamedMesh> out;
+  for (const casefile::Surface &structure : a_case.structures) {
+    out.push_back({structure.name, structure.mesh});
+  }
+  return out;
+}
+
+registration::RegistrationOptions options_of(const casefile::Limits &limits, double correlation_length_mm) {
+  registration::RegistrationOptions options;
+  options.surface_sigma_mm = limits.surface_sigma_mm;
+  options.max_target_tre_mm = limits.max_target_tre_mm;
+  options.correlation_length_mm = correlation_length_mm;
+  return options;
+}
+
+} // namespace
+
+LoadedCase::LoadedCase(std::shared_ptr<const casefile::Case> loaded, double correlation_length_mm,
+                       int max_surface_samples)
+    : data(std::move(loaded)), scalp(data->scalp.mesh), structures(named_meshes(*data)),
+      estimator(&scalp, options_of(data->limits, correlation_length_mm), max_surface_samples) {}
+
+} // namespace bregma::server

@@ -1,0 +1,87 @@
+// The monitoring pipeline: how far the registration can be trusted (FRE as a consistency figure, predicted TRE at every
+// target, drift), whether the devices, the loops and the recorder do their work, and the alarms that follow.
+//
+// One thread; a step does not allocate, throw, lock or log.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <variant>
+
+#include "algorithms/monitoring/drift_monitor.hpp"
+#include "server/inputs/border.hpp"
+#include "server/pipelines/alarm_conditions.hpp"
+#include "server/pipelines/loaded_case.hpp"
+#include "server/recording/recorder.hpp"
+
+namespace bregma::server {
+
+// A surface sample that was traced after the registration was accepted tells whether it still fits.
+using MonitoringInput = std::variant<CaseChanged, MonitoringMessage, SurfaceSample>;
+
+// What navigation last showed, as far as monitoring needs it.
+struct TrackingView {
+  bool reference_visible = false;
+  std::uint32_t tool_count = 0;
+  struct Tool {
+    wire::Name tool{};
+    wire::PoseStatus status = bregma_wire_POSE_UNKNOWN;
+    bool planned = false;
+    std::int64_t age_ns = 0;
+  } tools[bregma_wire_MAX_TOOLS];
+};
+
+// What the other threads last said.
+struct MonitoringView {
+  TrackingView tracking;
+  inputs::StreamHealth trackers;
+  inputs::StreamHealth sensors;
+  wire::RegistrationState registration{};
+  recording::RecorderStatus recorder;
+  std::uint64_t overruns = 0; // of all loops
+};
+
+struct MonitoringSettings {
+  double false_alarm_rate = 1e-4;
+  std::int64_t raise_after_ns = 200'000'000;
+  std::int64_t clear_after_ns = 1'000'000'000;
+  std::int64_t max_age_ns = 50'000'000; // of a pose that is shown
+};
+
+class MonitoringPipeline {
+public:
+  // alarms: to the control thread; outlives the pipeline.
+  MonitoringPipeline(const MonitoringSettings &settings, AlarmEvents &alarms);
+
+  void handle(const MonitoringInput &input) noexcept;
+  void step(const MonitoringView &view, std::int64_t now_ns) noexcept;
+
+  [[nodiscard]] const wire::AccuracyState &accuracy() const noexcept { return accuracy_; }
+  [[nodiscard]] std::uint64_t case_generation() const noexcept { return generation_; }
+
+private:
+  void on(const CaseChanged &change) noexcept;
+  void on(const MonitoringMessage &message) noexcept;
+  void on(const SurfaceSample &sample) noexcept;
+  void add(const CheckTouch &touch) noexcept;
+  void restart_drift() noexcept;
+  void predict_targets() noexcept;
+  void watch_devices(const MonitoringView &view, std::int64_t now_ns) noexcept;
+  void watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept;
+  [[nodiscard]] AlarmConditions::Kind kind(const char *name, wire::AlarmSeverity severity,
+                                           SessionEffect effect) const noexcept;
+
+  MonitoringSettings settings_;
+  AlarmConditions alarms_;
+  LoadedCase *case_ = nullptr;
+  std::uint64_t generation_ = 0;
+  SessionChanged session_{bregma_wire_SESSION_IDLE, false};
+  std::optional<geometry::UncertainPose<geometry::frame::Image, geometry::frame::Reference>> accepted_;
+  monitoring::DriftMonitor drift_;
+  std::uint64_t rejected_seen_[bregma_wire_MAX_DEVICES] = {}; // in the order of trackers, then sensors
+  std::uint64_t overruns_seen_ = 0;
+  wire::AccuracyState accuracy_{};
+};
+
+} // namespace bregma::server

@@ -1,0 +1,63 @@
+// The registration pipeline: keeps the set of samples that the session sends, and re-estimates the pose of the head
+// when the set has changed, from the last estimate on. The method is algorithms/registration/registration.hpp.
+//
+// It proposes; only a person accepts (RegistrationAccepted). What was accepted stays what it is, bit for bit, whatever
+// the estimate does afterwards. One thread; a step does not allocate, throw, lock or log.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <variant>
+#include <vector>
+
+#include "server/pipelines/loaded_case.hpp"
+#include "server/session/messages.hpp"
+
+namespace bregma::server {
+
+using RegistrationInput = std::variant<CaseChanged, RegistrationMessage>;
+
+class RegistrationPipeline {
+public:
+  explicit RegistrationPipeline(std::size_t max_surface_samples);
+
+  void handle(const RegistrationInput &input) noexcept;
+  void step(std::int64_t now_ns) noexcept;
+
+  // As of the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
+  [[nodiscard]] const wire::RegistrationState &state() const noexcept { return state_; }
+  [[nodiscard]] const wire::FiducialReport &fiducials() const noexcept { return report_; }
+  // True when the last step made a new estimate: the fiducial report has changed.
+  [[nodiscard]] bool estimated() const noexcept { return estimated_; }
+  [[nodiscard]] std::uint64_t case_generation() const noexcept { return generation_; }
+
+private:
+  void on(const CaseChanged &change) noexcept;
+  void on(const RegistrationMessage &message) noexcept;
+  void clear() noexcept;
+  void put(const FiducialSample &sample) noexcept;
+  void remove(const wire::Name &point) noexcept;
+  void estimate() noexcept;
+  void show(const registration::RegistrationResult &result) noexcept;
+  void show_fiducials(const registration::RegistrationResult &result) noexcept;
+
+  LoadedCase *case_ = nullptr;
+  std::uint64_t generation_ = 0;
+  std::uint64_t revision_ = 0;
+  bool changed_ = false;
+  bool estimated_ = false;
+
+  std::array<FiducialSample, registration::kMaxFiducials> samples_{};
+  std::size_t sample_count_ = 0;
+  std::array<registration::FiducialObservation, registration::kMaxFiducials> observations_{};
+  std::vector<registration::SurfaceSample> surface_; // reserved once
+  std::array<Eigen::Vector3d, bregma_wire_MAX_TARGETS> targets_;
+  std::size_t target_count_ = 0;
+  std::optional<registration::ImageFromReference> previous_;
+
+  wire::RegistrationState state_{};
+  wire::FiducialReport report_{};
+};
+
+} // namespace bregma::server
