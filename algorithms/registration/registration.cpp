@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -21,7 +22,7 @@ namespace {
 constexpr double kStep_mm = 1e-4;      // an estimate that moves less has settled
 constexpr double kLever_mm = 80.0;     // at which rotations are compared with translations
 constexpr int kRescaled = 6;           // iterations that may change the noise scale
-constexpr int kDamped = 20;            // after which steps are halved: closest points that jump between two facets
+constexpr double kSlow = 0.5;          // a step that shrank less is shortened: the surface bends within it
 constexpr double kWarmLimit_mm = 10.0; // a start farther from the fiducials' own fit is not used
 
 double motion_mm(const Vector6d &twist) { return kLever_mm * twist.head<3>().norm() + twist.tail<3>().norm(); }
@@ -123,6 +124,7 @@ Refusal RegistrationEstimator::Workspace::test_consistency(const PairedFit &fit)
 bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &start) {
   ImageFromReference T = start;
   bool settled = false;
+  double last_motion = std::numeric_limits<double>::infinity();
   while (!settled && result.iterations < options.max_iterations) {
     Matrix6d of_fiducials = Matrix6d::Zero();
     Vector6d gradient = Vector6d::Zero();
@@ -144,10 +146,15 @@ bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &sta
     if (solver.info() != Eigen::Success || !step.allFinite()) {
       return false;
     }
-    settled = motion_mm(step) < kStep_mm;
+    const double motion = motion_mm(step);
+    settled = motion < kStep_mm;
     ++result.iterations;
     if (!settled) {
-      T = moved_about(centre, result.iterations > kDamped ? Vector6d(0.5 * step) : step, T);
+      if (result.iterations > kRescaled && motion > kSlow * last_motion) {
+        step *= 0.5;
+      }
+      last_motion = motion;
+      T = moved_about(centre, step, T);
       continue;
     }
     // The covariance stands where the terms were taken; the last step is not worth another round.

@@ -11,6 +11,7 @@ namespace {
 constexpr double kTukey = 4.685;       // 95 % efficient for normal errors
 constexpr double kMadToSigma = 1.4826; // median of |x| to standard deviation, normal errors
 constexpr float kCutoff = 3.0F;        // correlation lengths; rho is below 0.012 beyond
+constexpr double kOnSurface_mm = 1e-6; // nearer than this, only the surface knows its normal
 } // namespace
 
 SurfaceTerms::SurfaceTerms(const SurfaceModel *surface, double sigma_mm, double correlation_length_mm, int capacity)
@@ -69,10 +70,14 @@ void SurfaceTerms::linearise(const ImageFromReference &T_image_reference, const 
     const SurfacePoint on = surface_->closest(mapped, triangle_[i]);
     triangle_[i] = on.triangle;
     Term &term = terms_[i];
-    term.jacobian.head<3>() = (mapped - centre).cross(on.normal);
-    term.jacobian.tail<3>() = on.normal;
+    // The gradient of the distance itself, also over an edge: a facet's normal would jump there and the estimate with
+    // it.
+    const Vector3d normal =
+        on.distance_mm > kOnSurface_mm ? Vector3d((mapped - on.point_mm) / on.signed_mm) : on.normal;
+    term.jacobian.head<3>() = (mapped - centre).cross(normal);
+    term.jacobian.tail<3>() = normal;
     term.residual = on.signed_mm;
-    const Vector3d normal_in_reference = R.transpose() * on.normal;
+    const Vector3d normal_in_reference = R.transpose() * normal;
     term.own = normal_in_reference.dot(samples_[i].covariance * normal_in_reference);
     scratch_[i] = std::abs(term.residual) / std::sqrt(variance_ + term.own);
   }
