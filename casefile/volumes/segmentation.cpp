@@ -20,7 +20,7 @@ namespace bregma::casefile {
 namespace {
 
 using Mask = itk::Image<std::uint8_t, 3>;
-using Face = itk::Image<std::uint8_t, 2>;
+using Slice = itk::Image<std::uint8_t, 2>;
 
 struct Padding {
   std::array<int, 3> voxels{}; // on each side, along i, j, k
@@ -117,53 +117,54 @@ template <class ImageType> typename ImageType::Pointer filled(const ImageType *m
   return filter->GetOutput();
 }
 
-// Where the image cuts the object, an airway would open its inside to the outside: the six faces of the image are
-// filled as planes.
-void close_cuts(const Mask::Pointer &mask, const Padding &padding) {
+// Slice by slice along k: airways, open where the image cuts the neck, are closed in the slices above.
+void fill_slices(const Mask::Pointer &mask) {
   const auto whole = mask->GetLargestPossibleRegion();
-  for (unsigned axis = 0; axis < 3; ++axis) {
-    for (const bool far_side : {false, true}) {
-      auto region = whole;
-      region.SetIndex(axis, far_side ? static_cast<itk::IndexValueType>(whole.GetSize(axis)) - 1 - padding.voxels[axis]
-                                     : padding.voxels[axis]);
-      region.SetSize(axis, 0);
-      auto extract = itk::ExtractImageFilter<Mask, Face>::New();
-      extract->SetInput(mask);
-      extract->SetExtractionRegion(region);
-      extract->SetDirectionCollapseToIdentity();
-      extract->Update();
-      const Face::Pointer face = filled<Face>(extract->GetOutput());
-      region.SetSize(axis, 1);
-      itk::ImageRegionConstIterator<Face> from(face, face->GetLargestPossibleRegion());
-      itk::ImageRegionIterator<Mask> to(mask, region);
-      for (; !to.IsAtEnd(); ++to, ++from) {
-        to.Set(from.Get());
-      }
+  for (itk::IndexValueType k = 0; k < static_cast<itk::IndexValueType>(whole.GetSize(2)); ++k) {
+    auto region = whole;
+    region.SetIndex(2, k);
+    region.SetSize(2, 0);
+    auto extract = itk::ExtractImageFilter<Mask, Slice>::New();
+    extract->SetInput(mask);
+    extract->SetExtractionRegion(region);
+    extract->SetDirectionCollapseToIdentity();
+    extract->Update();
+    const Slice::Pointer slice = filled<Slice>(extract->GetOutput());
+    region.SetSize(2, 1);
+    itk::ImageRegionConstIterator<Slice> from(slice, slice->GetLargestPossibleRegion());
+    itk::ImageRegionIterator<Mask> to(mask, region);
+    for (; !to.IsAtEnd(); ++to, ++from) {
+      to.Set(from.Get());
     }
   }
 }
 
-Field smooth_field(const Mask::Pointer &mask, const Padding &padding, const Eigen::Matrix4d &T_image_index,
-                   double blur_mm) {
+ItkVolume::Pointer blurred(const Mask::Pointer &mask, double sigma_mm) {
+  if (sigma_mm > 0.0) {
+    auto blur = itk::SmoothingRecursiveGaussianImageFilter<Mask, ItkVolume>::New();
+    blur->SetInput(mask);
+    blur->SetSigma(sigma_mm);
+    blur->Update();
+    return blur->GetOutput();
+  }
+  auto image = ItkVolume::New();
+  image->SetRegions(mask->GetLargestPossibleRegion());
+  image->Allocate();
+  std::copy_n(mask->GetBufferPointer(), mask->GetLargestPossibleRegion().GetNumberOfPixels(),
+              image->GetBufferPointer());
+  return image;
+}
+
+Field as_field(const ItkVolume &image, const Padding &padding, const Eigen::Matrix4d &T_image_index) {
   Field field;
   Eigen::Matrix4d T_unpadded = Eigen::Matrix4d::Identity();
   for (unsigned axis = 0; axis < 3; ++axis) {
-    field.grid.size[axis] = static_cast<int>(mask->GetLargestPossibleRegion().GetSize(axis));
+    field.grid.size[axis] = static_cast<int>(image.GetLargestPossibleRegion().GetSize(axis));
     T_unpadded(axis, 3) = -padding.voxels[axis];
   }
   field.grid.T_image_index = T_image_index * T_unpadded;
-  const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
-  if (blur_mm > 0.0) {
-    auto blur = itk::SmoothingRecursiveGaussianImageFilter<Mask, ItkVolume>::New();
-    blur->SetInput(mask);
-    blur->SetSigma(blur_mm);
-    blur->Update();
-    const float *const from = blur->GetOutput()->GetBufferPointer();
-    field.grid.voxels.assign(from, from + count);
-  } else {
-    const std::uint8_t *const from = mask->GetBufferPointer();
-    field.grid.voxels.assign(from, from + count);
-  }
+  const float *const from = image.GetBufferPointer();
+  field.grid.voxels.assign(from, from + image.GetLargestPossibleRegion().GetNumberOfPixels());
   return field;
 }
 
@@ -173,24 +174,23 @@ bool is_empty(const Mask::Pointer &mask) {
   return std::all_of(from, from + count, [](std::uint8_t v) { return v == 0; });
 }
 
-Result<Field> field_of(Mask::Pointer mask, const Padding &padding, const Eigen::Matrix4d &T_image_index,
-                       const SurfaceOptions &options, const Step &step) {
+// The mask with its clefts and holes closed.
+Mask::Pointer closed(Mask::Pointer mask, const SurfaceOptions &options, const Step &step) {
   if (options.closing_mm > 0.0) {
     step(0.3, "closing clefts");
     mask = grown(mask, options.closing_mm);
     step(0.5, "closing clefts");
     mask = grown(mask, -options.closing_mm);
   }
+  step(0.7, "filling holes");
   if (options.fill_holes) {
-    step(0.7, "filling holes");
-    close_cuts(mask, padding);
     mask = filled<Mask>(mask);
   }
-  if (is_empty(mask)) {
-    return failure("closing has left nothing of the object");
+  if (options.fill_slices) {
+    fill_slices(mask);
   }
   step(0.85, "smoothing the mask");
-  return smooth_field(mask, padding, T_image_index, options.blur_mm);
+  return mask;
 }
 
 } // namespace
@@ -199,18 +199,16 @@ Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, 
   step(0.0, "threshold");
   const double threshold = options.threshold ? *options.threshold : otsu_threshold(volume);
   const Padding padding = padding_of(volume.spacing_mm(), options);
-  Mask::Pointer mask =
+  const Mask::Pointer mask =
       padded_mask(volume, padding, [threshold](float v) { return static_cast<double>(v) > threshold; });
   if (is_empty(mask)) {
     return failure("no voxel is above the threshold of " + shown(threshold, 3));
   }
   step(0.1, "largest component");
-  mask = largest_component(mask);
-  auto field = field_of(mask, padding, volume.T_image_index, options, step);
-  if (field) {
-    field->threshold = threshold;
-  }
-  return field;
+  const Mask::Pointer object = closed(largest_component(mask), options, step);
+  Field out = as_field(*blurred(object, options.blur_mm), padding, volume.T_image_index);
+  out.threshold = threshold;
+  return out;
 }
 
 Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
@@ -222,7 +220,7 @@ Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16
   if (is_empty(mask)) {
     return failure("no voxel carries the label");
   }
-  return field_of(mask, padding, volume.T_image_index, options, step);
+  return as_field(*blurred(closed(mask, options, step), options.blur_mm), padding, volume.T_image_index);
 }
 
 } // namespace bregma::casefile

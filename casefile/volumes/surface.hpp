@@ -1,8 +1,8 @@
 // Closed surfaces from images, by ITK (segmentation) and VTK (mesh).
 //
-// Stages: threshold, largest component, morphological closing, holes filled from outside, isosurface (flying edges) of
-// the slightly blurred mask, windowed-sinc smoothing, quadric decimation. Around the image there is nothing: where the
-// object is cut off by its border (the neck) the surface is closed along it, airways included. The result is one closed
+// Stages: threshold, largest component, morphological closing, holes filled, isosurface (flying edges) of the slightly
+// blurred mask, windowed-sinc smoothing, quadric decimation. Around the image there is nothing: where the object is cut
+// off by its border (the neck) the surface is closed along it. The result is one closed
 // 2-manifold, oriented outward, in Image (RAS, mm); anything else is an Error, never a doubtful mesh. Blocking, for
 // seconds; safe from any thread.
 #pragma once
@@ -28,7 +28,8 @@ struct SurfaceOptions {
   std::optional<double> threshold; // intensity above which a voxel belongs to the object; Otsu's where not given
   double closing_mm = 0.0;         // radius of the ball that closes clefts (sinuses, ear canals, sulci)
   bool fill_holes = true;          // what the outside cannot reach belongs to the object
-  double blur_mm = 0.7;            // sigma of the Gaussian on the mask: takes the voxel steps off
+  bool fill_slices = false;        // and what it cannot reach within an axial slice: airways that end in the neck's cut
+  double blur_mm = 1.0;            // sigma of the Gaussian on the mask: takes off the steps of the voxels
   int smoothing_iterations = 20;   // windowed sinc; 0 leaves it out
   double pass_band = 0.1;          // of the windowed sinc: lower is smoother
   int vertices = 10'000;           // at most; the mesh is decimated to it

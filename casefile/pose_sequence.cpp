@@ -1,0 +1,260 @@
+// PLUS sequence files: a MetaImage header with fields Seq_Frame0012_StylusToTrackerTransform = ..., and images after
+// it.
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <deque>
+#include <fstream>
+#include <optional>
+#include <set>
+#include <system_error>
+
+#include "casefile/pose_text.hpp"
+#include "casefile/poses.hpp"
+
+namespace bregma::casefile {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view kFramePrefix = "Seq_Frame";
+constexpr std::string_view kTransform = "Transform";
+constexpr std::string_view kStatus = "TransformStatus";
+
+struct Ends {
+  std::string source, target;
+};
+
+// "StylusToReference". No frame's name contains "To", as PLUS demands.
+std::optional<Ends> ends_of(std::string_view name) {
+  for (std::size_t at = name.find("To", 1); at != std::string_view::npos; at = name.find("To", at + 1)) {
+    const std::string_view rest = name.substr(at + 2);
+    if (!rest.empty() && std::isupper(static_cast<unsigned char>(rest.front())) != 0) {
+      return Ends{std::string(name.substr(0, at)), std::string(rest)};
+    }
+  }
+  return std::nullopt;
+}
+
+std::string_view trimmed(std::string_view text) {
+  const std::size_t first = text.find_first_not_of(" \t\r");
+  return first == std::string_view::npos ? std::string_view()
+                                         : text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
+}
+
+class SequenceReader {
+public:
+  explicit SequenceReader(const fs::path &file) { out_.file = file; }
+
+  Result<TransformSequence> read(std::istream &in) {
+    std::string line;
+    bool ended = false;
+    for (line_ = 1; !ended && std::getline(in, line); ++line_) {
+      const std::size_t equals = line.find('=');
+      if (equals == std::string::npos) {
+        return failure(place() + "is not \"field = value\": is this a PLUS sequence file?");
+      }
+      const std::string_view field = trimmed(std::string_view(line).substr(0, equals));
+      const std::string_view value = trimmed(std::string_view(line).substr(equals + 1));
+      ended = field == "ElementDataFile"; // the pixels follow
+      if (!field.starts_with(kFramePrefix)) {
+        continue;
+      }
+      if (auto taken = take(field.substr(kFramePrefix.size()), value); !taken) {
+        return tl::unexpected(taken.error());
+      }
+    }
+    return finished();
+  }
+
+private:
+  struct Raw {
+    std::vector<double> numbers;
+    std::string wrong; // why the numbers could not be read; matters only where the status is OK
+    int line = 0;
+    std::optional<bool> ok;
+  };
+  struct RawFrame {
+    std::optional<std::int64_t> time_ns;
+    std::map<std::string, Raw, std::less<>> transforms;
+  };
+
+  std::string place() const { return out_.file.string() + ":" + std::to_string(line_) + ": "; }
+
+  // "0012_StylusToTrackerTransform"
+  Result<void> take(std::string_view field, std::string_view value) {
+    std::size_t number = 0;
+    const auto parsed = std::from_chars(field.data(), field.data() + field.size(), number);
+    const auto digits = static_cast<std::size_t>(parsed.ptr - field.data());
+    if (parsed.ec != std::errc() || digits >= field.size() || field[digits] != '_') {
+      return failure(place() + "Seq_Frame" + std::string(field) + ": has no frame number");
+    }
+    RawFrame &frame = frames_[number];
+    const std::string_view name = field.substr(digits + 1);
+    if (name == "Timestamp") {
+      const auto seconds = detail::parse_numbers(value);
+      if (!seconds || seconds->size() != 1 || std::abs(seconds->front()) > 9e9) {
+        return failure(place() + "frame " + std::to_string(number) + ": Timestamp = " + std::string(value) +
+                       ": must be a time in seconds");
+      }
+      frame.time_ns = std::llround(seconds->front() * 1e9);
+    } else if (name.ends_with(kStatus)) {
+      frame.transforms[std::string(name.substr(0, name.size() - kStatus.size()))].ok = value == "OK";
+    } else if (name.ends_with(kTransform)) {
+      Raw &raw = frame.transforms[std::string(name.substr(0, name.size() - kTransform.size()))];
+      raw.line = line_;
+      auto numbers = detail::parse_numbers(value);
+      if (numbers) {
+        raw.numbers = std::move(*numbers);
+      } else {
+        raw.wrong = numbers.error();
+      }
+    }
+    return {};
+  }
+
+  Result<TransformSequence> finished() {
+    if (frames_.empty()) {
+      return failure(out_.file.string() +
+                     ": holds no frames (fields Seq_Frame0000_...): is this a PLUS sequence file?");
+    }
+    for (const auto &[number, raw_frame] : frames_) {
+      if (!raw_frame.time_ns) {
+        return failure(out_.file.string() + ": frame " + std::to_string(number) + ": has no Timestamp");
+      }
+      SequenceFrame frame;
+      frame.time_ns = *raw_frame.time_ns;
+      for (const auto &[name, raw] : raw_frame.transforms) {
+        auto entry = finished(raw, name, number);
+        if (!entry) {
+          return tl::unexpected(entry.error());
+        }
+        frame.transforms.emplace(name, *entry);
+      }
+      out_.frames.push_back(std::move(frame));
+    }
+    return std::move(out_);
+  }
+
+  Result<SequenceFrame::Entry> finished(const Raw &raw, const std::string &name, std::size_t number) {
+    SequenceFrame::Entry entry;
+    // What the tracker itself calls invalid may hold anything, and a missing status is never good.
+    if (!raw.ok.value_or(false)) {
+      return entry;
+    }
+    line_ = raw.line;
+    const std::string which = place() + "frame " + std::to_string(number) + ": " + name + "Transform: ";
+    if (!raw.wrong.empty()) {
+      return failure(which + raw.wrong);
+    }
+    const auto pose = detail::rigid_from_rows(raw.numbers);
+    if (!pose) {
+      return failure(which + pose.error());
+    }
+    return SequenceFrame::Entry{*pose, true};
+  }
+
+  TransformSequence out_;
+  std::map<std::size_t, RawFrame> frames_;
+  int line_ = 0;
+};
+
+struct Link {
+  std::string name;
+  bool inverse = false;
+};
+
+// The shortest chain of recorded transforms from source to target, first applied first.
+std::optional<std::vector<Link>> find_chain(const std::vector<std::string> &names, const Ends &wanted) {
+  std::map<std::string, std::vector<Link>> reached{{wanted.source, {}}};
+  std::deque<std::string> open{wanted.source};
+  while (!open.empty() && !reached.contains(wanted.target)) {
+    const std::string here = open.front();
+    open.pop_front();
+    for (const std::string &name : names) {
+      const auto ends = ends_of(name);
+      if (!ends || (ends->source != here && ends->target != here)) {
+        continue;
+      }
+      const bool inverse = ends->target == here;
+      const std::string &next = inverse ? ends->source : ends->target;
+      if (reached.contains(next)) {
+        continue;
+      }
+      std::vector<Link> chain = reached[here];
+      chain.push_back({name, inverse});
+      reached.emplace(next, std::move(chain));
+      open.push_back(next);
+    }
+  }
+  const auto it = reached.find(wanted.target);
+  return it == reached.end() || it->second.empty() ? std::nullopt : std::optional(it->second);
+}
+
+std::optional<NamedRigid> evaluate(const SequenceFrame &frame, const std::vector<Link> &chain) {
+  NamedRigid T;
+  for (const Link &link : chain) {
+    const auto it = frame.transforms.find(link.name);
+    if (it == frame.transforms.end() || !it->second.valid) {
+      return std::nullopt;
+    }
+    const NamedRigid &recorded = it->second.pose;
+    using geometry::frame::Source;
+    using geometry::frame::Target;
+    // Frames have names here, not types: each step is stated anew.
+    const NamedRigid step = link.inverse ? recorded.inverse().as<Target, Source>() : recorded;
+    T = (step.as<Target, geometry::frame::Tool>() * T.as<geometry::frame::Tool, Source>());
+  }
+  return T;
+}
+
+} // namespace
+
+std::vector<std::string> TransformSequence::names() const {
+  std::set<std::string> seen;
+  for (const SequenceFrame &frame : frames) {
+    for (const auto &[name, entry] : frame.transforms) {
+      seen.insert(name);
+    }
+  }
+  return {seen.begin(), seen.end()};
+}
+
+Result<PoseSeries> TransformSequence::series(std::string_view name) const {
+  const std::vector<std::string> recorded = names();
+  const auto wanted = ends_of(name);
+  const auto chain = wanted ? find_chain(recorded, *wanted) : std::nullopt;
+  if (!chain) {
+    std::string list;
+    for (const std::string &each : recorded) {
+      list += (list.empty() ? "" : ", ") + each;
+    }
+    return failure(file.string() + ": " +
+                   (name.empty() ? "which transform is meant?" : "no transform \"" + std::string(name) + "\"") +
+                   " The recording has " + list + ", and their inverses and chains");
+  }
+  PoseSeries out;
+  out.transform = std::string(name);
+  for (const SequenceFrame &frame : frames) {
+    if (auto pose = evaluate(frame, *chain)) {
+      out.poses.push_back({frame.time_ns, *pose});
+    } else {
+      ++out.invalid;
+    }
+  }
+  std::stable_sort(out.poses.begin(), out.poses.end(),
+                   [](const TimedPose &a, const TimedPose &b) { return a.time_ns < b.time_ns; });
+  return out;
+}
+
+Result<TransformSequence> read_transform_sequence(const fs::path &file) {
+  std::error_code error;
+  std::ifstream in(file, std::ios::binary);
+  if (!in || fs::is_directory(file, error)) {
+    return failure(file.string() + ": no such file, or it cannot be read");
+  }
+  return SequenceReader(file).read(in);
+}
+
+} // namespace bregma::casefile
