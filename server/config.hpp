@@ -41,10 +41,10 @@ struct Config {
 
   struct {
     double rate_hz = 10.0;
-    double false_alarm_rate = 1e-4; // of the drift test, a decision
-    double drift_mm = 2.0;          // the movement that the drift test is tuned to find
+    double false_alarm_rate = 1e-4; // of the drift test, a check touch
     double raise_after_ms = 200.0;  // a condition holds so long before it is an alarm
     double clear_after_ms = 1000.0; // and is gone so long before the alarm is cleared
+    double max_age_ms = 50.0;       // of a pose when it is published; older is an alarm
   } monitoring;
 
   struct {
@@ -66,7 +66,7 @@ struct Config {
   } trace;
 
   struct {
-    double min_rotation_deg = 30.0;
+    double min_rotation_deg = 20.0;
     std::int64_t max_samples = 3000;
   } pivot;
 

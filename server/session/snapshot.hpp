@@ -28,6 +28,7 @@ struct CalibratedTip { // in the tool's body frame
 struct SessionData {
   wire::SessionState stage = bregma_wire_SESSION_IDLE;
   std::string case_folder;
+  std::string case_id;   // a folder that holds another case by now is not restored
   std::string recording; // the session file that was written to
   std::uint64_t revision = 0;
   std::map<std::string, CalibratedTip> tips;       // by tool
@@ -50,6 +51,8 @@ public:
   [[nodiscard]] casefile::Result<void> save(const SessionData &data) const;
   // Empty when there is none. A damaged file becomes session.json.bad, and the error says why.
   [[nodiscard]] casefile::Result<std::optional<SessionData>> load() const;
+  // Renames the file to session.json.bad: whole, but of no use (its case is gone).
+  void set_aside() const;
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }
 
 private:

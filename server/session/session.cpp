@@ -1,0 +1,328 @@
+#include "server/session/session.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "server/session/session_core.hpp"
+
+namespace bregma::server {
+namespace {
+
+constexpr std::int64_t kSaveInterval_ns = 1'000'000'000; // of samples that come without a command
+// Raised when a registration stands that nobody has verified since a restart or a drift alarm.
+constexpr const char *kVerify = "verification";
+
+// What is wrong with a command from the wire; empty: nothing.
+std::string malformed(const wire::Command &command) {
+  const auto kind = static_cast<int>(command.body._d);
+  if (kind < bregma_wire_COMMAND_LOAD_CASE || kind > bregma_wire_COMMAND_CLOSE_CASE) {
+    return "command kind " + std::to_string(kind) + " is not known";
+  }
+  const auto &body = command.body._u;
+  const auto check = [](const char *field, const wire::Name &name) {
+    return wire::is_terminated(name) ? std::string() : std::string(field) + " is longer than a name can be";
+  };
+  switch (command.body._d) {
+  case bregma_wire_COMMAND_START_PIVOT:
+  case bregma_wire_COMMAND_FINISH_PIVOT:
+  case bregma_wire_COMMAND_START_TRACE:
+  case bregma_wire_COMMAND_STOP_TRACE:
+    return check("tool", body.tool.tool);
+  case bregma_wire_COMMAND_CAPTURE_FIDUCIAL:
+  case bregma_wire_COMMAND_CHECK_TOUCH: {
+    const std::string wrong = check("tool", body.touch.tool);
+    return wrong.empty() ? check("point", body.touch.point) : wrong;
+  }
+  case bregma_wire_COMMAND_REMOVE_FIDUCIAL:
+    return check("point", body.point.point);
+  case bregma_wire_COMMAND_START_NAVIGATION: {
+    const std::string wrong = check("tool", body.plan.tool);
+    return wrong.empty() ? check("trajectory", body.plan.trajectory) : wrong;
+  }
+  case bregma_wire_COMMAND_ACKNOWLEDGE_ALARM: {
+    const std::string wrong = check("kind", body.alarm.kind);
+    return wrong.empty() ? check("subject", body.alarm.subject) : wrong;
+  }
+  default:
+    return {};
+  }
+}
+
+} // namespace
+
+Session::Impl::Impl(SessionConfig config, SessionPorts &ports, Executor executor)
+    : config_(std::move(config)), ports_(ports), executor_(std::move(executor)), file_(config_.state_directory),
+      board_([this](const wire::Alarm &alarm) { ports_.publish(alarm); }) {}
+
+void Session::Impl::handle(const wire::Command &command) {
+  if (!wire::is_terminated(command.client) || wire::view(command.client).empty()) {
+    ports_.log("a command without a client's name was dropped: nobody can be answered");
+    return;
+  }
+  const Ticket ticket{wire::text(command.client), command.id, command.sent_time_ns, command.body._d};
+  if (const std::string wrong = malformed(command); !wrong.empty()) {
+    publish_reply(ticket, {bregma_wire_COMMAND_MALFORMED, wrong}, false);
+    return;
+  }
+  switch (book_.enter(ticket)) {
+  case ReplyBook::Seen::kUnderWay:
+    return;
+  case ReplyBook::Seen::kAnswered:
+    ports_.publish(book_.reply(ticket));
+    return;
+  case ReplyBook::Seen::kNew:
+    break;
+  }
+  if (const auto refusal = machine_.refusal(ticket.kind)) {
+    answer(ticket, {bregma_wire_COMMAND_REFUSED_BY_STATE, *refusal});
+  } else if (const Outcome outcome = carry_out(ticket, command.body)) {
+    answer(ticket, *outcome);
+  }
+}
+
+void Session::Impl::answer(const Ticket &ticket, const Answer &answer) {
+  if (answer.result == bregma_wire_COMMAND_DONE) {
+    machine_.done(ticket.kind);
+    settle();
+    save();
+  }
+  publish_reply(ticket, answer, true);
+}
+
+void Session::Impl::publish_reply(const Ticket &ticket, const Answer &answer, bool remember) {
+  wire::CommandReply reply{};
+  (void)wire::set_name(reply.client, ticket.client); // it came as a name
+  reply.id = ticket.id;
+  reply.result = answer.result;
+  reply.session = machine_.state();
+  reply.value_mm = answer.value_mm;
+  wire::set_text(reply.text, answer.text);
+  if (remember) {
+    book_.answer(ticket, reply);
+    ports_.log(ticket.client + " " + std::string(command_name(ticket.kind)) + ": " +
+               (answer.result == bregma_wire_COMMAND_DONE ? "" : "refused: ") + answer.text);
+  }
+  ports_.publish(reply);
+}
+
+// Brings what others are told in line with the state.
+void Session::Impl::settle() {
+  const SessionChanged present{machine_.state(), machine_.verified()};
+  if (!announced_ || announced_->state != present.state || announced_->verified != present.verified) {
+    announced_ = present;
+    send_all(present);
+  }
+  if (plan_ && machine_.stage() != bregma_wire_SESSION_NAVIGATING) {
+    plan_->on = false;
+    ports_.send(NavigationMessage(*plan_));
+    plan_.reset();
+  }
+  if (machine_.stage() != bregma_wire_SESSION_REGISTERED) {
+    condition(kVerify, "", false, bregma_wire_SEVERITY_WARNING, "");
+  }
+  if (data_.stage != machine_.stage()) {
+    data_.stage = machine_.stage();
+    unsaved_ = true;
+  }
+}
+
+void Session::Impl::save() {
+  if (!unsaved_) {
+    return;
+  }
+  saved_ns_ = now_ns;
+  const auto saved = file_.save(data_);
+  unsaved_ = !saved;
+  // A full disk stops nobody, but everybody is told that a restart would not find this session.
+  condition(alarm::kDisk, "session", !saved, bregma_wire_SEVERITY_CRITICAL, saved ? "" : saved.error().message);
+}
+
+void Session::Impl::condition(const char *kind, std::string_view subject, bool active, wire::AlarmSeverity severity,
+                              std::string_view text) {
+  AlarmCondition out{};
+  (void)wire::set_name(out.kind, kind);
+  (void)wire::set_name(out.subject, subject);
+  out.active = active;
+  out.severity = severity;
+  out.time_ns = now_ns;
+  wire::set_text(out.text, text);
+  board_.update(out);
+}
+
+void Session::Impl::on_condition(const AlarmCondition &condition) {
+  const bool changed = board_.update(condition);
+  const std::string text(condition.text, strnlen(condition.text, sizeof condition.text));
+  const std::string subject = wire::text(condition.subject);
+  const std::string cause = wire::text(condition.kind) + (subject.empty() ? "" : " " + subject);
+  if (changed) {
+    ports_.log("alarm " + cause + (condition.active ? " raised: " + text : " cleared"));
+  }
+  if (!condition.active) {
+    machine_.recover(cause); // whatever its effect was: the end of a condition degrades nothing
+  } else if (condition.effect == SessionEffect::kDegrade) {
+    machine_.degrade(cause);
+  } else if (condition.effect == SessionEffect::kFault) {
+    machine_.fault(cause + (text.empty() ? "" : ": " + text));
+  } else if (condition.effect == SessionEffect::kDemote && changed) {
+    data_.checks.clear(); // made before the doubt
+    unsaved_ = true;
+    if (machine_.demote()) {
+      this->condition(kVerify, "", true, bregma_wire_SEVERITY_WARNING,
+                      "The registration is in doubt (" + cause +
+                          "): check the landmarks and confirm, or register anew.");
+    }
+  }
+  settle();
+  save();
+}
+
+void Session::Impl::poll() {
+  const PivotRun *run = pivot_ ? &*pivot_ : nullptr;
+  if (run != nullptr && pivot_ticket_ && run->result() != nullptr) {
+    const Ticket ticket = *pivot_ticket_;
+    answer(ticket, take_pivot(*run->result()));
+  }
+  if (capture_ && now_ns >= capture_->deadline_ns) {
+    const Ticket ticket = capture_->ticket;
+    capture_.reset();
+    answer(ticket, refused("the navigation loop has not answered"));
+  }
+  if (accept_ && now_ns >= accept_->deadline_ns) {
+    const Ticket ticket = accept_->ticket;
+    accept_.reset();
+    answer(ticket, refused("the registration loop has not answered: no estimate of the latest samples"));
+  }
+  if (now_ns >= saved_ns_ + kSaveInterval_ns) {
+    save();
+  }
+}
+
+void Session::Impl::set_recording(const std::filesystem::path &file) {
+  data_.recording = file.string();
+  unsaved_ = true;
+  save();
+}
+
+void Session::Impl::restore() {
+  auto loaded = file_.load();
+  if (!loaded) {
+    ports_.log("the last session is not restored: " + loaded.error().message);
+  } else if (*loaded && (*loaded)->stage != bregma_wire_SESSION_IDLE) {
+    if (const auto restored = bring_back(std::move(**loaded)); !restored) {
+      file_.set_aside();
+      ports_.log("the last session is not restored: " + restored.error().message);
+    }
+  } else {
+    if (*loaded) {
+      data_.revision = (*loaded)->revision;
+    }
+    ports_.log("no session to restore");
+  }
+  settle();
+  save();
+}
+
+casefile::Result<void> Session::Impl::bring_back(SessionData data) {
+  auto loaded = casefile::load_case(data.case_folder);
+  if (!loaded) {
+    return tl::unexpected(loaded.error());
+  }
+  const casefile::Case &the_case = *loaded;
+  if (the_case.id != data.case_id) {
+    return casefile::failure(data.case_folder + " holds case " + the_case.id + " now, it was " + data.case_id);
+  }
+  for (const auto &[tool, tip] : data.tips) {
+    if (the_case.tool(tool) == nullptr) {
+      return casefile::failure("tool " + tool + " is no longer in case " + the_case.id);
+    }
+  }
+  for (const auto &[point, sample] : data.fiducials) {
+    if (the_case.fiducial(point) == nullptr) {
+      return casefile::failure("fiducial " + point + " is no longer in case " + the_case.id);
+    }
+  }
+  auto shared = std::make_shared<const casefile::Case>(std::move(*loaded));
+  if (const auto used = ports_.use_case(shared); !used) {
+    return used;
+  }
+  case_ = std::move(shared);
+  data_ = std::move(data);
+  data_.checks.clear(); // nobody knows what happened in between: a person verifies again
+
+  send_all(RegistrationReset{data_.revision});
+  for (const auto &[name, tip] : data_.tips) {
+    ToolTip message{{}, tip.tip_mm, tip.covariance_mm2};
+    (void)wire::set_name(message.tool, name);
+    ports_.send(NavigationMessage(message));
+  }
+  for (auto &[name, sample] : data_.fiducials) {
+    sample.revision = data_.revision;
+    ports_.send(RegistrationMessage(sample));
+    ports_.publish(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, name));
+  }
+  for (SurfaceSample &sample : data_.surface) {
+    sample.revision = data_.revision;
+    ports_.send(RegistrationMessage(sample));
+    ports_.publish(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
+  }
+  if (data_.accepted) {
+    send_all(*data_.accepted);
+    condition(kVerify, "", true, bregma_wire_SEVERITY_WARNING,
+              "Restored after a restart: check the landmarks and confirm before navigating.");
+  }
+  machine_.restore(data_.accepted ? bregma_wire_SESSION_REGISTERED
+                                  : std::min(data_.stage, bregma_wire_SESSION_REGISTERING));
+  unsaved_ = true;
+  ports_.log("restored case " + case_->id + " as " + std::string(state_name(machine_.stage())) + " with " +
+             std::to_string(data_.fiducials.size()) + " fiducials and " + std::to_string(data_.surface.size()) +
+             " surface samples");
+  return {};
+}
+
+Session::Session(SessionConfig config, SessionPorts &ports, Executor executor)
+    : impl_(std::make_unique<Impl>(std::move(config), ports, std::move(executor))) {}
+Session::~Session() = default;
+
+void Session::restore(std::int64_t now_ns) {
+  impl_->now_ns = now_ns;
+  impl_->restore();
+}
+
+void Session::handle(const wire::Command &command, std::int64_t now_ns) {
+  impl_->now_ns = now_ns;
+  impl_->handle(command);
+}
+
+void Session::on(const NavigationEvent &event, std::int64_t now_ns) {
+  impl_->now_ns = now_ns;
+  if (const auto *capture = std::get_if<CaptureResult>(&event)) {
+    impl_->on_capture(*capture);
+  } else if (const auto *surface = std::get_if<SurfaceSample>(&event)) {
+    impl_->on_surface(*surface);
+  } else if (const auto *pose = std::get_if<PivotPose>(&event)) {
+    impl_->on_pivot_pose(*pose);
+  }
+}
+
+void Session::on(const wire::RegistrationState &estimate, std::int64_t now_ns) {
+  impl_->now_ns = now_ns;
+  impl_->on_estimate(estimate);
+}
+
+void Session::on(const AlarmCondition &condition, std::int64_t now_ns) {
+  impl_->now_ns = now_ns;
+  impl_->on_condition(condition);
+}
+
+void Session::poll(std::int64_t now_ns) {
+  impl_->now_ns = now_ns;
+  impl_->poll();
+}
+
+void Session::recording_to(const std::filesystem::path &file) { impl_->set_recording(file); }
+
+wire::SessionState Session::state() const { return impl_->machine().state(); }
+std::shared_ptr<const casefile::Case> Session::loaded_case() const { return impl_->loaded_case(); }
+const SessionData &Session::data() const { return impl_->data(); }
+
+} // namespace bregma::server

@@ -1,0 +1,143 @@
+// The inside of a session, shared by session.cpp (what every command has in common, restart, alarms),
+// session_commands.cpp (what each command does) and session_registration.cpp (those of the registration). Nobody else
+// includes it.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "idl/names.hpp"
+#include "server/session/alarm_board.hpp"
+#include "server/session/pivot_run.hpp"
+#include "server/session/reply_book.hpp"
+#include "server/session/session.hpp"
+#include "server/session/state_machine.hpp"
+
+namespace bregma::server {
+
+struct Answer {
+  wire::CommandResult result = bregma_wire_COMMAND_DONE;
+  std::string text;
+  double value_mm = wire::kUnknown;
+};
+
+// Nothing: the answer comes later, from a loop, a worker or a timeout.
+using Outcome = std::optional<Answer>;
+
+class Session::Impl {
+public:
+  Impl(SessionConfig config, SessionPorts &ports, Executor executor);
+
+  // session.cpp
+  void restore();
+  void handle(const wire::Command &command);
+  void on_condition(const AlarmCondition &condition);
+  void poll();
+  void set_recording(const std::filesystem::path &file);
+  // session_registration.cpp
+  void on_capture(const CaptureResult &result);
+  void on_surface(SurfaceSample sample);
+  void on_pivot_pose(const PivotPose &pose);
+  void on_estimate(const wire::RegistrationState &estimate);
+
+  std::int64_t now_ns = 0; // of the call under way
+  [[nodiscard]] const StateMachine &machine() const { return machine_; }
+  [[nodiscard]] const SessionData &data() const { return data_; }
+  [[nodiscard]] const std::shared_ptr<const casefile::Case> &loaded_case() const { return case_; }
+
+private:
+  struct PendingCapture {
+    Ticket ticket;
+    CaptureRequest request{};
+    std::int64_t deadline_ns = 0;
+  };
+  struct PendingAccept {
+    Ticket ticket;
+    std::int64_t deadline_ns = 0;
+  };
+
+  // session.cpp
+  void answer(const Ticket &ticket, const Answer &answer);
+  void publish_reply(const Ticket &ticket, const Answer &answer, bool remember);
+  void settle();
+  void save();
+  void condition(const char *kind, std::string_view subject, bool active, wire::AlarmSeverity severity,
+                 std::string_view text);
+  [[nodiscard]] casefile::Result<void> bring_back(SessionData data);
+  template <class Message> void send_all(const Message &message);
+
+  // session_commands.cpp
+  [[nodiscard]] Outcome carry_out(const Ticket &ticket, const wire::CommandBody &body);
+  [[nodiscard]] Answer load_case(const std::string &folder);
+  [[nodiscard]] Answer start_pivot(const std::string &tool);
+  [[nodiscard]] Outcome finish_pivot(const Ticket &ticket, const std::string &tool);
+  [[nodiscard]] Answer take_pivot(const calibration::PivotResult &result);
+  [[nodiscard]] Answer start_registration();
+  [[nodiscard]] Outcome touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_ToolAtPoint &body);
+  [[nodiscard]] Answer take_fiducial(const CaptureRequest &request, const CaptureResult &result);
+  [[nodiscard]] Answer take_check(const CaptureRequest &request, const CaptureResult &result);
+  [[nodiscard]] Answer remove_fiducial(const std::string &point);
+  [[nodiscard]] Answer start_trace(const std::string &tool);
+  [[nodiscard]] Answer stop_trace(const std::string &tool);
+  [[nodiscard]] Outcome accept_registration(const Ticket &ticket);
+  [[nodiscard]] Answer take_registration();
+  [[nodiscard]] Answer confirm_verification();
+  [[nodiscard]] Answer start_navigation(const std::string &tool, const std::string &trajectory);
+  [[nodiscard]] Answer acknowledge(const std::string &kind, const std::string &subject);
+  [[nodiscard]] Answer close_case();
+
+  // Ends what is under way; commands that wait are refused with the reason.
+  void abandon(const std::string &reason);
+  void end_trace();
+  void clear_samples();
+  [[nodiscard]] tl::expected<const casefile::ToolModel *, Answer> find_tool(const std::string &name) const;
+  [[nodiscard]] tl::expected<const casefile::ToolModel *, Answer> find_tool_with_tip(const std::string &name) const;
+
+  SessionConfig config_;
+  SessionPorts &ports_;
+  Executor executor_;
+  SnapshotFile file_;
+  StateMachine machine_;
+  AlarmBoard board_;
+  ReplyBook book_;
+  SessionData data_;
+  bool unsaved_ = false;
+  std::int64_t saved_ns_ = 0;
+  std::shared_ptr<const casefile::Case> case_;
+  std::optional<SessionChanged> announced_;
+  std::optional<wire::RegistrationState> estimate_; // the latest
+  std::uint64_t next_request_ = 1;
+  std::optional<PendingCapture> capture_;
+  std::optional<PendingAccept> accept_;
+  std::optional<PivotRun> pivot_;
+  std::optional<Ticket> pivot_ticket_; // of the FINISH_PIVOT that waits for the estimate
+  std::optional<PlanSelected> plan_;   // of the tool that is navigated
+  std::string tracing_;                // the tool that traces; empty: none
+};
+
+[[nodiscard]] inline Answer refused(std::string text) { return {bregma_wire_COMMAND_REFUSED, std::move(text)}; }
+
+template <class Message> void Session::Impl::send_all(const Message &message) {
+  ports_.send(NavigationMessage(message));
+  ports_.send(RegistrationMessage(message));
+  ports_.send(MonitoringMessage(message));
+}
+
+// A sample as the wire shows it.
+template <class Sample>
+[[nodiscard]] wire::CapturedPoint captured_point(const Sample &sample, wire::CaptureKind kind, std::string_view point) {
+  wire::CapturedPoint out{};
+  std::copy(std::begin(sample.tool), std::end(sample.tool), out.tool);
+  out.kind = kind;
+  out.frame = sample.frame;
+  out.acquired_time_ns = sample.acquired_time_ns;
+  (void)wire::set_name(out.point, point); // it was a name before
+  std::copy(sample.position_mm.begin(), sample.position_mm.end(), out.position_mm);
+  std::copy(sample.covariance_mm2.begin(), sample.covariance_mm2.end(), out.covariance_mm2);
+  return out;
+}
+
+} // namespace bregma::server

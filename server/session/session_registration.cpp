@@ -1,0 +1,239 @@
+// From touches and traces to a registration that a person has verified.
+#include <algorithm>
+#include <cmath>
+
+#include "server/session/sentences.hpp"
+#include "server/session/session_core.hpp"
+#include "server/session/verdicts.hpp"
+
+namespace bregma::server {
+
+namespace {
+constexpr double kNanosecondsPerMs = 1e6;
+} // namespace
+
+Answer Session::Impl::start_registration() {
+  abandon("the registration was started anew");
+  clear_samples();
+  return {.text = "touch the fiducials: " + names_of(case_->fiducials)};
+}
+
+Outcome Session::Impl::touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_ToolAtPoint &body) {
+  const bool check = kind == bregma_wire_CAPTURE_CHECK;
+  const std::string point = wire::text(body.point);
+  if (const auto tool = find_tool_with_tip(wire::text(body.tool)); !tool) {
+    return tool.error();
+  }
+  if (check && case_->landmark(point) == nullptr) {
+    return refused(not_in_case(*case_, "landmark", point, case_->landmarks);
+  }
+  if (!check && case_->fiducial(point) == nullptr) {
+    return refused(not_in_case(*case_, "fiducial", point, case_->fiducials);
+  }
+  if (capture_) {
+    return refused("another touch is being captured: " + wire::text(capture_->request.point));
+  }
+  if (accept_) {
+    return refused("a registration is being accepted");
+  }
+  CaptureRequest request{next_request_++, kind, {}, {}, now_ns, 0, config_.capture_max_motion_mm};
+  std::copy(std::begin(body.tool), std::end(body.tool), request.tool);
+  std::copy(std::begin(body.point), std::end(body.point), request.point);
+  request.window_ns = std::llround(config_.capture_window_ms * kNanosecondsPerMs);
+  capture_ = {ticket, request,
+              now_ns + request.window_ns + std::llround(config_.answer_timeout_ms * kNanosecondsPerMs)};
+  ports_.send(NavigationMessage(request));
+  return std::nullopt;
+}
+
+void Session::Impl::on_capture(const CaptureResult &result) {
+  if (!capture_ || capture_->request.id != result.id) {
+    return; // of a command that was given up
+  }
+  const PendingCapture capture = *capture_;
+  capture_.reset();
+  if (const auto refusal = refuse_capture(capture.request, result)) {
+    answer(capture.ticket, refused(*refusal));
+  } else if (const auto by_state = machine_.refusal(capture.ticket.kind)) { // it changed meanwhile
+    answer(capture.ticket, {bregma_wire_COMMAND_REFUSED_BY_STATE, *by_state});
+  } else if (capture.request.kind == bregma_wire_CAPTURE_CHECK) {
+    answer(capture.ticket, take_check(capture.request, result));
+  } else {
+    answer(capture.ticket, take_fiducial(capture.request, result));
+  }
+}
+
+Answer Session::Impl::take_fiducial(const CaptureRequest &request, const CaptureResult &result) {
+  FiducialSample sample{++data_.revision,     {}, {}, result.frame, result.acquired_time_ns, result.position_mm,
+                        result.covariance_mm2};
+  std::copy(std::begin(request.tool), std::end(request.tool), sample.tool);
+  std::copy(std::begin(request.point), std::end(request.point), sample.point);
+  const std::string point = wire::text(request.point);
+  const bool again = data_.fiducials.contains(point);
+  data_.fiducials[point] = sample;
+  unsaved_ = true;
+  ports_.send(RegistrationMessage(sample));
+  ports_.publish(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, point));
+  return {.text = point + (again ? " touched again" : " touched") + " (" + std::to_string(data_.fiducials.size()) +
+                  " of " + std::to_string(case_->fiducials.size()) + "), " + std::to_string(result.used_frames) +
+                  " frames, tip within " + mm(result.spread_mm),
+          .value_mm = result.spread_mm};
+}
+
+Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureResult &result) {
+  const std::string name = wire::text(request.point);
+  const auto index = static_cast<std::size_t>(case_->landmark(name) - case_->landmarks.data());
+  const CheckTouch check = judge_check(*case_, *data_.accepted, index, request.tool, result);
+  data_.checks[name] = check;
+  unsaved_ = true;
+  ports_.send(MonitoringMessage(check));
+  ports_.publish(captured_point(check, bregma_wire_CAPTURE_CHECK, name));
+  std::string text = name + " is shown " + mm(check.distance_mm) + " off, 95 % bound " + mm(check.limit_mm);
+  if (check.distance_mm > case_->limits.max_check_mm) {
+    text += ": more than the limit of " + mm(case_->limits.max_check_mm);
+  } else if (check.distance_mm > check.limit_mm) {
+    text += ": beyond the bound";
+  }
+  return {.text = text, .value_mm = check.distance_mm};
+}
+
+Answer Session::Impl::remove_fiducial(const std::string &point) {
+  if (case_->fiducial(point) == nullptr) {
+    return refused(not_in_case(*case_, "fiducial", point, case_->fiducials);
+  }
+  if (data_.fiducials.erase(point) == 0) {
+    return refused(point + " has not been touched");
+  }
+  FiducialRemoved removed{++data_.revision, {}};
+  (void)wire::set_name(removed.point, point);
+  unsaved_ = true;
+  ports_.send(RegistrationMessage(removed));
+  return {.text = point + " is removed, " + std::to_string(data_.fiducials.size()) + " fiducials are left"};
+}
+
+Answer Session::Impl::start_trace(const std::string &tool) {
+  if (const auto found = find_tool_with_tip(tool); !found) {
+    return found.error();
+  }
+  if (!tracing_.empty()) {
+    return refused("a trace with " + tracing_ + " is running: stop it first");
+  }
+  if (accept_) {
+    return refused("a registration is being accepted");
+  }
+  if (data_.surface.size() >= config_.trace_max_samples) {
+    return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the most that are kept");
+  }
+  tracing_ = tool;
+  TraceRequest request{{}, true, config_.trace_spacing_mm};
+  (void)wire::set_name(request.tool, tool);
+  ports_.send(NavigationMessage(request));
+  return {.text = "lead the tip of " + tool + " over the skin"};
+}
+
+void Session::Impl::end_trace() {
+  TraceRequest request{{}, false, config_.trace_spacing_mm};
+  (void)wire::set_name(request.tool, tracing_);
+  tracing_.clear();
+  ports_.send(NavigationMessage(request));
+}
+
+Answer Session::Impl::stop_trace(const std::string &tool) {
+  if (tracing_ != tool || tracing_.empty()) {
+    return refused("no trace with \"" + tool + "\" is running" +
+                   (tracing_.empty() ? "" : "; one with " + tracing_ + " is"));
+  }
+  end_trace();
+  return {.text = std::to_string(data_.surface.size()) + " surface samples"};
+}
+
+void Session::Impl::on_surface(SurfaceSample sample) {
+  const auto finite = [](double value) { return std::isfinite(value); };
+  if (tracing_.empty() || wire::view(sample.tool) != tracing_ ||
+      !std::all_of(sample.position_mm.begin(), sample.position_mm.end(), finite) ||
+      !std::all_of(sample.covariance_mm2.begin(), sample.covariance_mm2.end(), finite)) {
+    return; // a late one of a trace that has been stopped, or one that measures nothing
+  }
+  sample.revision = ++data_.revision;
+  data_.surface.push_back(sample);
+  unsaved_ = true;
+  ports_.send(RegistrationMessage(sample));
+  ports_.publish(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
+  if (data_.surface.size() >= config_.trace_max_samples) {
+    ports_.log("the trace ends: " + std::to_string(data_.surface.size()) +
+               " surface samples are the most that are kept");
+    end_trace();
+  }
+}
+
+Outcome Session::Impl::accept_registration(const Ticket &ticket) {
+  if (!tracing_.empty()) {
+    return refused("a trace with " + tracing_ + " is running: stop it first");
+  }
+  if (capture_ || accept_) {
+    return refused(capture_ ? "a touch is being captured: wait for it" : "a registration is being accepted");
+  }
+  if (data_.fiducials.empty() && data_.surface.empty()) {
+    return refused("there are no samples: touch the fiducials first");
+  }
+  if (estimate_ && estimate_->revision == data_.revision) {
+    return take_registration();
+  }
+  accept_ = {ticket, now_ns + std::llround(config_.answer_timeout_ms * kNanosecondsPerMs)};
+  return std::nullopt;
+}
+
+void Session::Impl::on_estimate(const wire::RegistrationState &estimate) {
+  estimate_ = estimate;
+  if (accept_ && estimate.revision == data_.revision) {
+    const Ticket ticket = accept_->ticket;
+    accept_.reset();
+    answer(ticket, take_registration());
+  }
+}
+
+Answer Session::Impl::take_registration() {
+  if (const auto refusal = refuse_acceptance(*case_, *estimate_)) {
+    return refused(*refusal);
+  }
+  data_.accepted = accept(*estimate_);
+  data_.checks.clear();
+  unsaved_ = true;
+  send_all(*data_.accepted);
+  const TargetTre worst = worst_target(*case_, *data_.accepted);
+  return {.text = (worst.target.empty() ? std::string("the case has no target")
+                                        : "predicted TRE at " + worst.target + " " + mm(worst.rms_mm)) +
+                  "; check at least " + std::to_string(config_.min_checks) + " landmarks (FRE " +
+                  mm(estimate_->fre_mm) + " says nothing about accuracy)",
+          .value_mm = estimate_->fre_mm};
+}
+
+Answer Session::Impl::confirm_verification() {
+  if (capture_) {
+    return refused("a touch is being captured: wait for it");
+  }
+  if (board_.unacknowledged(alarm::kDrift)) {
+    return refused("a drift alarm is not acknowledged: acknowledge it, then check the landmarks again");
+  }
+  if (const auto refusal = refuse_verification(*case_, *data_.accepted, data_.checks, config_.min_checks)) {
+    return refused(*refusal);
+  }
+  double worst = 0.0;
+  for (const auto &[name, check] : data_.checks) {
+    worst = std::max(worst, check.distance_mm);
+  }
+  return {.text = "verified by " + std::to_string(data_.checks.size()) + " landmarks, the worst " + mm(worst) + " off",
+          .value_mm = worst};
+}
+
+void Session::Impl::clear_samples() {
+  data_.fiducials.clear();
+  data_.surface.clear();
+  data_.checks.clear();
+  data_.accepted.reset();
+  estimate_.reset();
+  unsaved_ = true;
+  send_all(RegistrationReset{++data_.revision});
+}
+
+} // namespace bregma::server

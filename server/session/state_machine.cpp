@@ -1,0 +1,157 @@
+#include "server/session/state_machine.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+namespace bregma::server {
+namespace {
+
+using wire::CommandKind;
+using wire::SessionState;
+
+constexpr SessionState kIdle = bregma_wire_SESSION_IDLE;
+constexpr SessionState kCaseLoaded = bregma_wire_SESSION_CASE_LOADED;
+constexpr SessionState kRegistering = bregma_wire_SESSION_REGISTERING;
+constexpr SessionState kRegistered = bregma_wire_SESSION_REGISTERED;
+constexpr SessionState kVerified = bregma_wire_SESSION_VERIFIED;
+constexpr SessionState kNavigating = bregma_wire_SESSION_NAVIGATING;
+constexpr SessionState kSame = bregma_wire_SESSION_FAULT; // as a row's next stage: stays where it is
+
+struct Row {
+  CommandKind kind;
+  const char *name;
+  const char *deed;         // completes "cannot ..."
+  SessionState first, last; // the stages it fits, both included
+  SessionState next;
+  bool needs_tracking;  // measures or relies on what is measured now: refused while Degraded
+  const char *too_late; // what to do where the stage is past `last`
+};
+
+constexpr std::array<Row, 15> kTable{{
+    {bregma_wire_COMMAND_LOAD_CASE, "LOAD_CASE", "load a case", kIdle, kIdle, kCaseLoaded, false,
+     "close the present case first"},
+    {bregma_wire_COMMAND_START_PIVOT, "START_PIVOT", "start a pivot calibration", kCaseLoaded, kVerified, kSame, true,
+     "stop the navigation first"},
+    {bregma_wire_COMMAND_FINISH_PIVOT, "FINISH_PIVOT", "finish a pivot calibration", kCaseLoaded, kVerified, kSame,
+     false, "stop the navigation first"},
+    {bregma_wire_COMMAND_START_REGISTRATION, "START_REGISTRATION", "start a registration", kCaseLoaded, kVerified,
+     kRegistering, false, "stop the navigation first"},
+    {bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "CAPTURE_FIDUCIAL", "capture a fiducial", kRegistering, kRegistering, kSame,
+     true, "start a new registration first"},
+    {bregma_wire_COMMAND_REMOVE_FIDUCIAL, "REMOVE_FIDUCIAL", "remove a fiducial", kRegistering, kRegistering, kSame,
+     false, "start a new registration first"},
+    {bregma_wire_COMMAND_START_TRACE, "START_TRACE", "trace the surface", kRegistering, kRegistering, kSame, true,
+     "start a new registration first"},
+    {bregma_wire_COMMAND_STOP_TRACE, "STOP_TRACE", "stop a trace", kRegistering, kRegistering, kSame, false,
+     "no trace is running"},
+    {bregma_wire_COMMAND_ACCEPT_REGISTRATION, "ACCEPT_REGISTRATION", "accept a registration", kRegistering,
+     kRegistering, kRegistered, false, "one is accepted; start a new registration to replace it"},
+    {bregma_wire_COMMAND_CHECK_TOUCH, "CHECK_TOUCH", "check a landmark", kRegistered, kNavigating, kSame, true, ""},
+    {bregma_wire_COMMAND_CONFIRM_VERIFICATION, "CONFIRM_VERIFICATION", "confirm the verification", kRegistered,
+     kRegistered, kVerified, true, "the registration is verified"},
+    {bregma_wire_COMMAND_START_NAVIGATION, "START_NAVIGATION", "start the navigation", kVerified, kVerified,
+     kNavigating, true, "stop the present navigation first"},
+    {bregma_wire_COMMAND_STOP_NAVIGATION, "STOP_NAVIGATION", "stop the navigation", kNavigating, kNavigating, kVerified,
+     false, ""},
+    {bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, "ACKNOWLEDGE_ALARM", "acknowledge an alarm", kIdle, kNavigating, kSame,
+     false, ""},
+    {bregma_wire_COMMAND_CLOSE_CASE, "CLOSE_CASE", "close the case", kCaseLoaded, kVerified, kIdle, false,
+     "stop the navigation first"},
+}};
+
+const Row &row(CommandKind kind) {
+  // Commands are checked at the border (Session); the table is in the order of the enumeration, which a test holds it
+  // to.
+  return kTable[static_cast<std::size_t>(kind)];
+}
+
+// The step that is still missing in a stage that is too early for a command.
+const char *missing_step(SessionState stage) {
+  switch (stage) {
+  case kIdle:
+    return "load a case first";
+  case kCaseLoaded:
+    return "start a registration first";
+  case kRegistering:
+    return "accept a registration first";
+  case kRegistered:
+    return "verify the registration first";
+  default:
+    return "no navigation is running";
+  }
+}
+
+} // namespace
+
+std::string_view state_name(SessionState state) {
+  constexpr std::array<const char *, 8> kNames{"Idle",     "CaseLoaded", "Registering", "Registered",
+                                               "Verified", "Navigating", "Degraded",    "Fault"};
+  return kNames[static_cast<std::size_t>(state)];
+}
+
+std::string_view command_name(CommandKind kind) { return row(kind).name; }
+
+SessionState StateMachine::state() const {
+  if (!fault_.empty()) {
+    return bregma_wire_SESSION_FAULT;
+  }
+  return causes_.empty() ? stage_ : bregma_wire_SESSION_DEGRADED;
+}
+
+bool StateMachine::verified() const { return fault_.empty() && stage_ >= kVerified; }
+
+std::optional<std::string> StateMachine::refusal(CommandKind kind) const {
+  const Row &command = row(kind);
+  const std::string opening = std::string("cannot ") + command.deed + " while ";
+  if (kind == bregma_wire_COMMAND_ACKNOWLEDGE_ALARM) {
+    return std::nullopt;
+  }
+  if (!fault_.empty()) {
+    if (kind == bregma_wire_COMMAND_CLOSE_CASE) {
+      return std::nullopt;
+    }
+    return opening + "in Fault (" + fault_ + "): close the case or restart the daemon";
+  }
+  if (stage_ < command.first || stage_ > command.last) {
+    const std::string degraded = causes_.empty() ? "" : "Degraded, before that ";
+    return opening + degraded + std::string(state_name(stage_)) + ": " +
+           (stage_ < command.first ? missing_step(stage_) : command.too_late);
+  }
+  if (command.needs_tracking && !causes_.empty()) {
+    std::string causes;
+    for (const std::string &cause : causes_) {
+      causes += (causes.empty() ? "" : ", ") + cause;
+    }
+    return opening + "Degraded (" + causes + "): the session resumes by itself when that is over";
+  }
+  return std::nullopt;
+}
+
+void StateMachine::done(CommandKind kind) {
+  const Row &command = row(kind);
+  if (command.next != kSame) {
+    stage_ = command.next;
+  }
+  if (kind == bregma_wire_COMMAND_CLOSE_CASE) {
+    fault_.clear();
+  }
+}
+
+void StateMachine::degrade(std::string cause) { causes_.insert(std::move(cause)); }
+
+void StateMachine::recover(const std::string &cause) { causes_.erase(cause); }
+
+bool StateMachine::demote() {
+  if (stage_ < kVerified) {
+    return false;
+  }
+  stage_ = kRegistered;
+  return true;
+}
+
+void StateMachine::fault(std::string reason) { fault_ = reason.empty() ? "no reason given" : std::move(reason); }
+
+void StateMachine::restore(SessionState stage) { stage_ = std::min(stage, kRegistered); }
+
+} // namespace bregma::server
