@@ -15,9 +15,9 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "idl/names.hpp"
 #include "server/inputs/device_monitor.hpp"
@@ -52,12 +52,12 @@ public:
   // From ReaderStatus::writers_alive; 0 makes every device of the stream lost at once.
   void set_writers_alive(std::uint32_t count) noexcept;
 
-  [[nodiscard]] const std::vector<DeviceMonitor> &devices() const noexcept { return devices_; }
+  [[nodiscard]] const std::deque<DeviceMonitor> &devices() const noexcept { return devices_; }
   [[nodiscard]] std::uint64_t unknown_device_samples() const noexcept { return unknown_; }
   [[nodiscard]] StreamHealth health(std::int64_t now_ns) const noexcept;
 
 private:
-  std::vector<DeviceMonitor> devices_;
+  std::deque<DeviceMonitor> devices_; // a histogram of atomics cannot be moved
   KnownTools tools_;
   std::uint64_t unknown_ = 0;
 };

@@ -22,7 +22,7 @@ struct DeviceClockOptions {
   std::int64_t minimum_latency_ns = 0;           // exposure to arrival at best, from the device's data sheet
   std::int64_t block_ns = 500'000'000;           // one lowest point is kept a block
   double max_drift_ppm = 300.0;                  // crystals are within 100
-  std::int64_t future_tolerance_ns = 25'000'000; // an arrival earlier than the line by more is not believed
+  std::int64_t future_tolerance_ns = 10'000'000; // an arrival earlier than the line by more is not believed
   std::int64_t settling_ns = 1'000'000'000; // so long after a start the first samples may have been held up, and the
   std::int64_t settling_tolerance_ns = 500'000'000; // tolerance is this
   std::int64_t resync_ns = 200'000'000;   // a new time base is taken when samples have agreed on it for so long
@@ -62,7 +62,7 @@ private:
   static constexpr std::size_t kBlocks = 32; // 16 s at half a second each
 
   [[nodiscard]] std::int64_t predicted_offset_ns(std::int64_t device_time_ns) const noexcept;
-  [[nodiscard]] bool is_candidate_accepted(const Point &point) noexcept;
+  [[nodiscard]] bool is_candidate_accepted(const Point &point, std::int64_t period_ns) noexcept;
   void start(const Point &point) noexcept;
   void learn(const Point &point) noexcept;
   void fit() noexcept;
@@ -80,7 +80,8 @@ private:
   // A run of refused samples that agree with each other on another time base.
   int candidate_count_ = 0;
   Point candidate_first_{};
-  Point candidate_last_{};
+  Point candidate_lowest_{};
+  std::int64_t candidate_last_ns_ = 0; // device time
 };
 
 } // namespace bregma::inputs

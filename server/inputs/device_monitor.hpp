@@ -67,7 +67,6 @@ public:
 private:
   [[nodiscard]] Rejection judge(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
                                 std::int64_t now_ns) noexcept;
-  void connect(std::uint64_t writer) noexcept;
   void count_rate(std::int64_t now_ns) noexcept;
 
   DeviceOptions options_;
@@ -75,9 +74,7 @@ private:
   DeviceClock clock_;
   FrameCounter frames_;
   runtime::Histogram latency_;
-  bool connected_ = false;
   bool writers_gone_ = false;
-  bool was_lost_ = false;
   std::uint64_t received_ = 0;
   std::uint64_t writer_ = 0;
   std::int64_t period_ns_ = 0;

@@ -6,7 +6,7 @@
 // commit under way. A record leaves its ring only after its commit: when the disk is full nothing stops, the recorder
 // says so, tries again, and the rings hold what they can. What they cannot is dropped and counted:
 //
-//   pushed = recorded + dropped + waiting   (per channel; pushes while no file is open are not counted)
+//   pushed = recorded + dropped + waiting   (pushes while no file is open are not counted)
 //
 // Threads: push by the one thread that owns the channel; open, attach, set_poll, close and channel by any thread that
 // may block; status by any thread, wait-free.
@@ -14,6 +14,7 @@
 
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <cstdint>
@@ -22,6 +23,7 @@
 #include <future>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <string>
 #include <thread>
@@ -42,8 +44,9 @@ struct RecorderOptions {
 };
 
 struct RecorderStatus {
-  std::uint64_t recorded = 0; // committed to the file, since it was opened
-  std::uint64_t dropped = 0; // since the start: rings that were full, and what a failing disk did not take before close
+  std::uint64_t recorded = 0; // committed to a file, since the start
+  std::uint64_t dropped =
+      0; // since the start: what full rings did not hold, and what the disk did not take before close
   bool open = false;
   bool failing = false;
   char text[256] = {}; // why it is failing, for a person
@@ -63,7 +66,8 @@ class Channel {
 public:
   Channel(std::string name, std::size_t bytes, const std::atomic<bool> &recording);
 
-  // Wait-free, no allocation. False when the record was dropped (and counted).
+  // Wait-free, no allocation. False when the record was dropped (and counted). While no file is open there is nothing
+  // to do, and nothing is counted.
   template <class T> bool push(std::int64_t time_ns, const T &sample) noexcept {
     static_assert(casefile::kIsRecordable<T>);
     return push_bytes(wire::Topic<T>::kName, time_ns, std::as_bytes(std::span(&sample, 1)));
@@ -116,15 +120,18 @@ public:
 
 private:
   using Task = std::packaged_task<casefile::Result<void>()>;
+
+  // Runs the task on the recorder's thread and waits for it.
   casefile::Result<void> call(std::function<casefile::Result<void>()> task);
   void run();
   casefile::Result<void> begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
                                const std::vector<casefile::MetaEntry> &meta);
   casefile::Result<void> finish();
   void drain();
-  casefile::Result<std::uint64_t> write_all();
-  void discard_all(bool count);
-  void report(const casefile::Result<void> &result);
+  casefile::Result<std::uint64_t> write_waiting();
+  void drop_waiting();
+  void report(const casefile::Result<std::uint64_t> &result);
+  [[nodiscard]] std::span<const std::unique_ptr<Channel>> channels() const noexcept;
 
   RecorderOptions options_;
   std::array<std::unique_ptr<Channel>, kMaxChannels> channels_;
@@ -134,13 +141,17 @@ private:
   std::atomic<std::uint64_t> undelivered_{0};
   runtime::LatestValue<detail::Failure> failure_;
 
-  std::mutex mutex_; // guards what follows; never taken by a loop
+  std::mutex mutex_; // guards the next three; no loop takes it
   std::condition_variable wake_;
   std::vector<Task> tasks_;
-  std::function<void(Channel &)> poll_;
   bool stopping_ = false;
 
-  std::unique_ptr<casefile::SessionWriter> writer_; // the recorder thread's alone
+  // The recorder thread's alone.
+  std::optional<casefile::SessionWriter> writer_;
+  std::function<void(Channel &)> poll_;
+  bool failing_ = false;
+  std::chrono::steady_clock::time_point next_try_;
+
   std::thread thread_;
 };
 

@@ -2,6 +2,7 @@
 // same checks as the daemon.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -16,6 +17,11 @@ struct ThreadOptions {
 
 // Sets up the calling thread. Returns one sentence for each thing that could not be set; the thread runs on regardless.
 [[nodiscard]] std::vector<std::string> set_up_thread(const ThreadOptions &options);
+
+inline constexpr std::size_t kLockedBytes = std::size_t{512} << 20; // what the daemon may come to need
+
+// Whether the kernel would let so much memory be locked.
+[[nodiscard]] bool may_lock(std::size_t bytes);
 
 // Locks all present and future memory of the process and keeps freed heap. Sentences as above.
 [[nodiscard]] std::vector<std::string> lock_memory();

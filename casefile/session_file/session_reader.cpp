@@ -1,0 +1,154 @@
+#include <cstring>
+#include <string>
+#include <system_error>
+#include <utility>
+
+#include <sqlite3.h>
+
+#include "casefile/session_file/session_database.hpp"
+#include "casefile/session_file/session_file.hpp"
+
+namespace bregma::casefile {
+
+struct SessionReader::Database {
+  detail::Connection connection;
+
+  // Calls visit(statement) for each row.
+  template <class Visit> [[nodiscard]] Result<void> each_row(detail::Statement &statement, Visit &&visit) const {
+    int code = SQLITE_OK;
+    while ((code = statement.step()) == SQLITE_ROW) {
+      visit(std::as_const(statement));
+    }
+    return code == SQLITE_DONE ? Result<void>() : Result<void>(connection.error());
+  }
+  template <class Row, class Visit> [[nodiscard]] Result<std::vector<Row>> rows(const char *sql, Visit &&read) const {
+    std::vector<Row> out;
+    auto statement = connection.prepare(sql);
+    if (!statement) {
+      return tl::unexpected(statement.error());
+    }
+    const auto done = each_row(*statement, [&](const detail::Statement &row) { out.push_back(read(row)); });
+    return done.map([&] { return std::move(out); });
+  }
+};
+
+SessionReader::SessionReader(std::unique_ptr<Database> database) : database_(std::move(database)) {}
+SessionReader::SessionReader(SessionReader &&) noexcept = default;
+SessionReader &SessionReader::operator=(SessionReader &&) noexcept = default;
+SessionReader::~SessionReader() = default;
+
+Result<SessionReader> SessionReader::open(const std::filesystem::path &file) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(file, ignored)) {
+    return failure(file.string() + ": there is no such file");
+  }
+  auto connection = detail::Connection::open(file, detail::OpenMode::kExisting);
+  if (!connection) {
+    return tl::unexpected(connection.error());
+  }
+  const auto id = connection->integer("PRAGMA application_id");
+  if (!id) {
+    return failure(id.error().message + "; it cannot be read as a session file");
+  }
+  if (*id != detail::kApplicationId) {
+    return failure(file.string() + ": not a session file of Bregma");
+  }
+  const auto version = connection->integer("PRAGMA user_version");
+  if (!version || *version != kSessionFileVersion) {
+    return failure(file.string() + ": session file of version " + std::to_string(version.value_or(0)) +
+                   "; this program reads version " + std::to_string(kSessionFileVersion));
+  }
+  auto database = std::make_unique<Database>();
+  database->connection = std::move(*connection);
+  return SessionReader(std::move(database));
+}
+
+Result<std::vector<RecordedTopic>> SessionReader::topics() const {
+  return database_->rows<RecordedTopic>(
+      "SELECT name, size, (SELECT count(*) FROM sample WHERE sample.topic = topic.id) FROM topic ORDER BY name",
+      [](const detail::Statement &row) {
+        return RecordedTopic{row.text(0), static_cast<std::size_t>(row.integer(1)),
+                             static_cast<std::uint64_t>(row.integer(2))};
+      });
+}
+
+Result<std::vector<MetaEntry>> SessionReader::meta() const {
+  return database_->rows<MetaEntry>("SELECT key, value FROM meta ORDER BY key", [](const detail::Statement &row) {
+    return MetaEntry{row.text(0), row.text(1)};
+  });
+}
+
+Result<std::optional<std::string>> SessionReader::meta(std::string_view key) const {
+  auto statement = database_->connection.prepare("SELECT value FROM meta WHERE key = ?1");
+  if (!statement) {
+    return tl::unexpected(statement.error());
+  }
+  statement->bind(1, key);
+  std::optional<std::string> value;
+  const auto done = database_->each_row(*statement, [&](const detail::Statement &row) { value = row.text(0); });
+  return done.map([&] { return std::move(value); });
+}
+
+Result<std::vector<std::string>> SessionReader::attachments() const {
+  return database_->rows<std::string>("SELECT name FROM attachment ORDER BY name",
+                                      [](const detail::Statement &row) { return row.text(0); });
+}
+
+Result<std::string> SessionReader::attachment(std::string_view name) const {
+  auto statement = database_->connection.prepare("SELECT body FROM attachment WHERE name = ?1");
+  if (!statement) {
+    return tl::unexpected(statement.error());
+  }
+  statement->bind(1, name);
+  std::optional<std::string> body;
+  const auto done = database_->each_row(*statement, [&](const detail::Statement &row) { body = row.text(0); });
+  if (!done) {
+    return tl::unexpected(done.error());
+  }
+  if (!body) {
+    return failure(database_->connection.file() + ": has no attachment " + std::string(name));
+  }
+  return std::move(*body);
+}
+
+Result<std::size_t> SessionReader::each_body(std::string_view topic, std::span<std::byte> target,
+                                             const std::function<void(std::int64_t)> &visit) const {
+  const std::string &file = database_->connection.file();
+  auto find = database_->connection.prepare("SELECT id, size FROM topic WHERE name = ?1");
+  auto select = database_->connection.prepare("SELECT time_ns, body FROM sample WHERE topic = ?1 ORDER BY id");
+  if (!find || !select) {
+    return tl::unexpected(find ? select.error() : find.error());
+  }
+  find->bind(1, topic);
+  if (find->step() != SQLITE_ROW) {
+    return std::size_t{0};
+  }
+  if (const auto size = static_cast<std::size_t>(find->integer(1)); size != target.size()) {
+    return failure(file + ": topic " + std::string(topic) + " was recorded with " + std::to_string(size) +
+                   " bytes a sample, this program's has " + std::to_string(target.size()) +
+                   ": it takes the version of Bregma that recorded it");
+  }
+  select->bind(1, find->integer(0));
+  std::size_t number = 0;
+  std::size_t damaged = 0;
+  const auto done = database_->each_row(*select, [&](const detail::Statement &row) {
+    const auto body = row.blob(1);
+    if (body.size() != target.size()) {
+      ++damaged;
+      return;
+    }
+    std::memcpy(target.data(), body.data(), body.size());
+    visit(row.integer(0));
+    ++number;
+  });
+  if (!done) {
+    return tl::unexpected(done.error());
+  }
+  if (damaged > 0) {
+    return failure(file + ": " + std::to_string(damaged) + " samples of topic " + std::string(topic) +
+                   " have not the size that the file states: it is damaged");
+  }
+  return number;
+}
+
+} // namespace bregma::casefile

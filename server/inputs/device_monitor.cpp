@@ -1,0 +1,155 @@
+#include "server/inputs/device_monitor.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <utility>
+
+#include "idl/names.hpp"
+
+namespace bregma::inputs {
+namespace {
+
+constexpr std::int64_t kStalePeriods = 3;
+constexpr std::int64_t kRateWindow_ns = 1'000'000'000;
+
+// Between 0 and the year 2096; differences of two such times fit.
+constexpr std::int64_t kMaxTime_ns = 4'000'000'000'000'000'000;
+
+bool is_well_formed(const SampleHeader &header) noexcept {
+  const auto is_time = [](std::int64_t time_ns) { return time_ns > 0 && time_ns <= kMaxTime_ns; };
+  return is_time(header.device_time_ns) && is_time(header.sent_time_ns) && header.period_ns >= kMinPeriod_ns &&
+         header.period_ns <= kMaxPeriod_ns;
+}
+
+Rejection rejection_of(TimeVerdict verdict) noexcept {
+  switch (verdict) {
+  case TimeVerdict::kBackwards:
+    return bregma_wire_REJECT_TIME_BACKWARDS;
+  case TimeVerdict::kTooSoon:
+    return bregma_wire_REJECT_DUPLICATE;
+  case TimeVerdict::kInFuture:
+    return bregma_wire_REJECT_TIME_IN_FUTURE;
+  case TimeVerdict::kInStep:
+  case TimeVerdict::kResynced:
+    break;
+  }
+  return std::nullopt;
+}
+
+} // namespace
+
+DeviceMonitor::DeviceMonitor(const wire::Name &name, wire::DeviceKind kind, const DeviceOptions &options) noexcept
+    : options_(options), clock_(options.clock) {
+  std::memcpy(health_.device, name, sizeof(wire::Name));
+  health_.kind = kind;
+}
+
+Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
+                             std::int64_t now_ns) noexcept {
+  ++received_;
+  if (const Rejection rejection = judge(header, payload, writer, now_ns)) {
+    ++health_.rejected[*rejection];
+    frames_.refuse(header.frame);
+    return {.accepted = false, .reason = *rejection};
+  }
+  const bool returned = health_.taken > 0 && (writer != writer_ || status(now_ns) == bregma_wire_DEVICE_LOST);
+  if (health_.taken == 0 || returned) {
+    ++health_.connections;
+  }
+  frames_.accept(header.frame);
+  ++health_.taken;
+  writer_ = writer;
+  writers_gone_ = false;
+  period_ns_ = header.period_ns;
+  device_time_ns_ = header.device_time_ns;
+  arrived_ns_ = now_ns;
+  // A better estimate of the clock may move the line back; time behind the border still goes forward.
+  acquired_ns_ = std::max(clock_.to_host_ns(header.device_time_ns), acquired_ns_ + 1);
+  latency_.add(now_ns - acquired_ns_);
+  if (now_ns - acquired_ns_ - options_.clock.minimum_latency_ns > period_ns_) {
+    ++health_.late;
+  }
+  count_rate(now_ns);
+  return {.accepted = true, .acquired_time_ns = acquired_ns_, .reconnected = returned};
+}
+
+Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
+                               std::int64_t now_ns) noexcept {
+  if (payload == bregma_wire_REJECT_MALFORMED || !is_well_formed(header)) {
+    return bregma_wire_REJECT_MALFORMED;
+  }
+  if (payload) {
+    return payload;
+  }
+  if (header.sent_time_ns - now_ns > options_.sent_tolerance_ns) {
+    return bregma_wire_REJECT_TIME_IN_FUTURE;
+  }
+  if (health_.taken > 0 && writer != writer_) {
+    if (!writers_gone_ && now_ns - arrived_ns_ <= kStalePeriods * period_ns_) {
+      return bregma_wire_REJECT_DUPLICATE;
+    }
+    // Another process has its own count and may have its own idea of the device's clock.
+    clock_.reset();
+    frames_.reset();
+  }
+  const std::int64_t elapsed_ns = header.device_time_ns - device_time_ns_;
+  const FrameVerdict number = frames_.judge(header.frame, elapsed_ns, header.period_ns);
+  if (number == FrameVerdict::kDuplicate) {
+    return bregma_wire_REJECT_DUPLICATE;
+  }
+  const TimeVerdict time = clock_.observe(header.device_time_ns, now_ns, header.period_ns);
+  if (const Rejection rejection = rejection_of(time)) {
+    return rejection;
+  }
+  if (time == TimeVerdict::kResynced) {
+    frames_.reset(); // what was lost meanwhile cannot be told by number
+    return std::nullopt;
+  }
+  return number == FrameVerdict::kImplausible ? Rejection(bregma_wire_REJECT_MALFORMED) : std::nullopt;
+}
+
+void DeviceMonitor::count_rate(std::int64_t now_ns) noexcept {
+  if (window_began_ns_ == 0) {
+    window_began_ns_ = now_ns;
+    return;
+  }
+  ++window_count_;
+  if (const std::int64_t lasted_ns = now_ns - window_began_ns_; lasted_ns >= kRateWindow_ns) {
+    rate_hz_ = static_cast<double>(window_count_) * 1e9 / static_cast<double>(lasted_ns);
+    window_began_ns_ = now_ns;
+    window_count_ = 0;
+  }
+}
+
+wire::DeviceStatus DeviceMonitor::status(std::int64_t now_ns) const noexcept {
+  if (health_.taken == 0) {
+    return bregma_wire_DEVICE_NEVER_SEEN;
+  }
+  if (writers_gone_ || (options_.deadline_ns > 0 && now_ns - arrived_ns_ > options_.deadline_ns)) {
+    return bregma_wire_DEVICE_LOST;
+  }
+  const std::int64_t age_ns = now_ns - acquired_ns_ - options_.clock.minimum_latency_ns;
+  return age_ns > kStalePeriods * period_ns_ ? bregma_wire_DEVICE_STALE : bregma_wire_DEVICE_LIVE;
+}
+
+wire::DeviceHealth DeviceMonitor::health(std::int64_t now_ns) const noexcept {
+  wire::DeviceHealth out = health_;
+  out.status = status(now_ns);
+  out.lost = frames_.lost();
+  if (health_.taken == 0) {
+    out.age_ms = out.latency_p50_ms = out.latency_p99_ms = out.clock_offset_ms = out.clock_drift_ppm = wire::kUnknown;
+    return out;
+  }
+  const auto latency = latency_.snapshot();
+  out.rate_hz = out.status == bregma_wire_DEVICE_LIVE ? rate_hz_ : 0.0;
+  out.age_ms = static_cast<double>(now_ns - acquired_ns_) * 1e-6;
+  out.latency_p50_ms = latency.percentile_ns(0.50) * 1e-6;
+  out.latency_p99_ms = latency.percentile_ns(0.99) * 1e-6;
+  if (clock_.is_synchronised()) {
+    out.clock_offset_ms = static_cast<double>(clock_.to_host_ns(device_time_ns_) - device_time_ns_) * 1e-6;
+  }
+  out.clock_drift_ppm = clock_.drift_ppm();
+  return out;
+}
+
+} // namespace bregma::inputs

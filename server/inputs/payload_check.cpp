@@ -1,0 +1,167 @@
+#include "server/inputs/payload_check.hpp"
+
+#include <cmath>
+#include <cstring>
+
+#include "idl/names.hpp"
+
+namespace bregma::inputs {
+namespace {
+
+using wire::RejectReason;
+
+// An enumeration that came over the wire may hold any number, and must not be read as one before it is checked.
+template <class Enum> std::uint32_t raw(const Enum &value) noexcept {
+  static_assert(sizeof(Enum) == sizeof(std::uint32_t));
+  std::uint32_t out = 0;
+  std::memcpy(&out, &value, sizeof out);
+  return out;
+}
+
+bool is_name(const wire::Name &name) noexcept { return name[0] != '\0' && wire::is_terminated(name); }
+
+bool are_finite(std::span<const double> values) noexcept {
+  for (const double value : values) {
+    if (!std::isfinite(value)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+Rejection check_pose(const wire::Pose &pose) noexcept {
+  if (!are_finite(pose.rotation_wxyz) || !are_finite(pose.translation_mm)) {
+    return bregma_wire_REJECT_NOT_FINITE;
+  }
+  const auto &q = pose.rotation_wxyz;
+  const double norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  if (!(std::abs(norm - 1.0) <= kRotationTolerance)) {
+    return bregma_wire_REJECT_NOT_A_ROTATION;
+  }
+  for (const double coordinate : pose.translation_mm) {
+    if (std::abs(coordinate) > kMaxPosition_mm) {
+      return bregma_wire_REJECT_MALFORMED;
+    }
+  }
+  return std::nullopt;
+}
+
+bool is_tracked(const wire::TrackedTool &tool) noexcept {
+  return raw(tool.status) == bregma_wire_TOOL_VISIBLE || raw(tool.status) == bregma_wire_TOOL_PARTLY_VISIBLE;
+}
+
+bool is_well_formed(const wire::TrackerFrame &sample) noexcept {
+  if (sample.tool_count > bregma_wire_MAX_TOOLS) {
+    return false;
+  }
+  for (std::uint32_t i = 0; i < sample.tool_count; ++i) {
+    const wire::TrackedTool &tool = sample.tools[i];
+    if (!is_name(tool.tool) || raw(tool.status) > bregma_wire_TOOL_OUT_OF_VOLUME || tool.marker_rms_mm < 0.0) {
+      return false;
+    }
+    for (std::uint32_t j = 0; j < i; ++j) {
+      if (wire::view(sample.tools[j].tool) == wire::view(tool.tool)) {
+        return false;
+      }
+    }
+  }
+  return true;
+}
+
+} // namespace
+
+bool KnownTools::contains(std::string_view name) const noexcept {
+  for (std::uint32_t i = 0; i < count; ++i) {
+    if (wire::view(names[i]) == name) {
+      return true;
+    }
+  }
+  return any;
+}
+
+std::optional<KnownTools> known_tools(std::span<const std::string> names) {
+  KnownTools tools;
+  tools.any = false;
+  if (names.size() > bregma_wire_MAX_TOOLS) {
+    return std::nullopt;
+  }
+  for (const std::string &name : names) {
+    if (!wire::set_name(tools.names[tools.count++], name)) {
+      return std::nullopt;
+    }
+  }
+  return tools;
+}
+
+Rejection check_payload(const wire::TrackerFrame &sample, const KnownTools &tools) noexcept {
+  if (!is_well_formed(sample)) {
+    return bregma_wire_REJECT_MALFORMED;
+  }
+  for (std::uint32_t i = 0; i < sample.tool_count; ++i) {
+    if (!tools.contains(wire::view(sample.tools[i].tool))) {
+      return bregma_wire_REJECT_UNKNOWN_TOOL;
+    }
+  }
+  for (std::uint32_t i = 0; i < sample.tool_count; ++i) {
+    const wire::TrackedTool &tool = sample.tools[i];
+    if (!is_tracked(tool)) {
+      continue;
+    }
+    if (!std::isfinite(tool.marker_rms_mm)) {
+      return bregma_wire_REJECT_NOT_FINITE;
+    }
+    if (const Rejection rejection = check_pose(tool.T_tracker_tool)) {
+      return rejection;
+    }
+  }
+  return std::nullopt;
+}
+
+Rejection check_payload(const wire::RobotState &sample, const KnownTools & /*tools*/) noexcept {
+  if (sample.joint_count > bregma_wire_MAX_JOINTS || raw(sample.mode) > bregma_wire_ROBOT_FAULT) {
+    return bregma_wire_REJECT_MALFORMED;
+  }
+  const std::size_t joints = sample.joint_count;
+  if (!are_finite(std::span(sample.joint_position_rad).first(joints)) ||
+      !are_finite(std::span(sample.joint_velocity_rad_s).first(joints)) ||
+      !are_finite(std::span(sample.joint_effort_Nm).first(joints))) {
+    return bregma_wire_REJECT_NOT_FINITE;
+  }
+  return check_pose(sample.T_base_flange);
+}
+
+Rejection check_payload(const wire::RangeSample &sample, const KnownTools & /*tools*/) noexcept {
+  if (!std::isfinite(sample.range_mm) || !std::isfinite(sample.sigma_mm)) {
+    return bregma_wire_REJECT_NOT_FINITE;
+  }
+  return sample.range_mm < 0.0 || sample.sigma_mm < 0.0 ? Rejection(bregma_wire_REJECT_MALFORMED) : std::nullopt;
+}
+
+Rejection check_payload(const wire::ForceSample &sample, const KnownTools & /*tools*/) noexcept {
+  const bool finite = are_finite(sample.force_N) && are_finite(sample.torque_Nmm);
+  return finite ? std::nullopt : Rejection(bregma_wire_REJECT_NOT_FINITE);
+}
+
+std::string_view describe(RejectReason reason) noexcept {
+  switch (reason) {
+  case bregma_wire_REJECT_NOT_FINITE:
+    return "not finite";
+  case bregma_wire_REJECT_NOT_A_ROTATION:
+    return "not a rotation";
+  case bregma_wire_REJECT_TIME_BACKWARDS:
+    return "time backwards";
+  case bregma_wire_REJECT_TIME_IN_FUTURE:
+    return "time in the future";
+  case bregma_wire_REJECT_UNKNOWN_DEVICE:
+    return "unknown device";
+  case bregma_wire_REJECT_UNKNOWN_TOOL:
+    return "unknown tool";
+  case bregma_wire_REJECT_DUPLICATE:
+    return "duplicate";
+  case bregma_wire_REJECT_MALFORMED:
+    return "malformed";
+  }
+  return "unknown reason";
+}
+
+} // namespace bregma::inputs

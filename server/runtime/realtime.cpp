@@ -1,0 +1,100 @@
+#include "server/runtime/realtime.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <malloc.h>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <thread>
+
+#include "server/runtime/clock.hpp"
+
+namespace bregma::runtime {
+namespace {
+
+std::string reason(int error) { return std::string(std::strerror(error)); }
+
+} // namespace
+
+std::vector<std::string> set_up_thread(const ThreadOptions &options) {
+  std::vector<std::string> problems;
+  const pthread_t self = pthread_self();
+  if (const int error = pthread_setname_np(self, options.name.c_str()); error != 0) {
+    problems.push_back("thread name '" + options.name + "' not set: " + reason(error));
+  }
+  if (options.fifo_priority > 0) {
+    sched_param parameters{};
+    parameters.sched_priority = options.fifo_priority;
+    if (const int error = pthread_setschedparam(self, SCHED_FIFO, &parameters); error != 0) {
+      problems.push_back("thread " + options.name + " runs without real-time priority " +
+                         std::to_string(options.fifo_priority) + ": " + reason(error) +
+                         " (allow it by LimitRTPRIO= or CAP_SYS_NICE)");
+    }
+  }
+  if (options.cpu >= 0) {
+    cpu_set_t cores;
+    CPU_ZERO(&cores);
+    CPU_SET(static_cast<unsigned>(options.cpu), &cores);
+    if (const int error = pthread_setaffinity_np(self, sizeof cores, &cores); error != 0) {
+      problems.push_back("thread " + options.name + " not pinned to core " + std::to_string(options.cpu) + ": " +
+                         reason(error));
+    }
+  }
+  return problems;
+}
+
+bool may_lock(std::size_t bytes) {
+  void *block = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (block == MAP_FAILED) {
+    return false;
+  }
+  const bool allowed = mlock2(block, bytes, MLOCK_ONFAULT) == 0; // takes no memory: no page is touched
+  munmap(block, bytes);
+  return allowed;
+}
+
+std::vector<std::string> lock_memory() {
+  std::vector<std::string> problems;
+  // Freed heap stays with the process: a page that was touched once never faults again.
+  mallopt(M_TRIM_THRESHOLD, -1);
+  mallopt(M_MMAP_MAX, 0);
+  // Below a small limit mlockall may succeed now and make an allocation fail later.
+  if (!may_lock(kLockedBytes)) {
+    problems.push_back("memory is not locked, and may be paged out: the limit is below " +
+                       std::to_string(kLockedBytes >> 20) + " MiB (allow it by LimitMEMLOCK=infinity or CAP_IPC_LOCK)");
+  } else if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
+    problems.push_back("memory is not locked, and may be paged out: " + reason(errno));
+  }
+  return problems;
+}
+
+TimerQuality measure_timer(std::int64_t period_ns, int wakes) {
+  TimerQuality quality;
+  std::thread([&] {
+    quality.fifo = set_up_thread({.name = "timer-check", .fifo_priority = 80}).empty();
+    const SystemClock clock;
+    std::vector<std::int64_t> late;
+    late.reserve(static_cast<std::size_t>(std::max(wakes, 1)));
+    std::int64_t next = clock.monotonic_ns() + period_ns;
+    for (int i = 0; i < std::max(wakes, 1); ++i) {
+      const timespec deadline{next / 1'000'000'000, next % 1'000'000'000};
+      clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &deadline, nullptr);
+      const std::int64_t now = clock.monotonic_ns();
+      late.push_back(now - next);
+      next = std::max(next + period_ns, now + 1);
+    }
+    std::sort(late.begin(), late.end());
+    const auto at = [&](double share) {
+      return 1e-3 * static_cast<double>(late[static_cast<std::size_t>(share * static_cast<double>(late.size() - 1))]);
+    };
+    quality.p50_us = at(0.50);
+    quality.p99_us = at(0.99);
+    quality.max_us = at(1.0);
+  }).join();
+  return quality;
+}
+
+} // namespace bregma::runtime
