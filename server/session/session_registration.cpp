@@ -25,10 +25,10 @@ Outcome Session::Impl::touch(const Ticket &ticket, wire::CaptureKind kind, const
     return tool.error();
   }
   if (check && case_->landmark(point) == nullptr) {
-    return refused(not_in_case(*case_, "landmark", point, case_->landmarks);
+    return refused(not_in_case(*case_, "landmark", point, case_->landmarks));
   }
   if (!check && case_->fiducial(point) == nullptr) {
-    return refused(not_in_case(*case_, "fiducial", point, case_->fiducials);
+    return refused(not_in_case(*case_, "fiducial", point, case_->fiducials));
   }
   if (capture_) {
     return refused("another touch is being captured: " + wire::text(capture_->request.point));
@@ -99,7 +99,7 @@ Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureRes
 
 Answer Session::Impl::remove_fiducial(const std::string &point) {
   if (case_->fiducial(point) == nullptr) {
-    return refused(not_in_case(*case_, "fiducial", point, case_->fiducials);
+    return refused(not_in_case(*case_, "fiducial", point, case_->fiducials));
   }
   if (data_.fiducials.erase(point) == 0) {
     return refused(point + " has not been touched");
