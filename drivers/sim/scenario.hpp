@@ -53,6 +53,7 @@ struct OperatorParameters {
   double steering_time_s = 0.8;      // time constant with which the shown deviation is corrected
   double display_patience_s = 0.3;   // a display older than this is not steered by
   double reply_timeout_s = 10.0;
+  double give_up_s = 30.0;   // without a live display while following a trajectory
   std::int64_t attempts = 3; // of one touch
 };
 
@@ -69,7 +70,8 @@ struct PatientParameters {
 struct RobotParameters {
   double rate_hz = 100.0;
   double speed_mm_s = 80.0;        // of the guide when it is moved into place
-  double guide_distance_mm = 90.0; // guide to entry
+  double guide_distance_mm = 90.0; // flange to entry, along the planned line
+  double placement_error_mm = 1.0; // 1-sigma a coordinate of the guide, before the display is steered by
   double encoder_noise_mrad = 0.01;
 };
 
@@ -148,6 +150,9 @@ struct Scenario {
   std::vector<Fault> faults;
   casefile::RunLimits limits;
 };
+
+// The tables of parameters; what is wrong is kept by the reader.
+void read_parameters(casefile::TableReader &root, Scenario &scenario);
 
 [[nodiscard]] casefile::Result<Scenario> load_scenario(const std::filesystem::path &file);
 // name stands for the file in messages.

@@ -1,0 +1,63 @@
+// An optical tracker that errs like one: markers err, poses are fitted to them.
+//
+// Each seen marker is measured with normal noise in the tracker's frame, across and along the line of sight; the pose
+// is the plain least-squares fit (Arun 1987) to those that were seen. So rotation and translation errors are
+// correlated, and grow when markers are lost, as in reality. A marker is lost when the tool is turned too far from the
+// camera, when the head is in the way, when it is outside the measuring volume, or when somebody holds a hand before
+// the tool.
+//
+// Noise is drawn for every marker, seen or not: an occlusion does not change the noise of what is seen.
+// No allocation while measuring. Times ns.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+#include "drivers/sim/patient.hpp"
+#include "drivers/sim/random.hpp"
+#include "idl/topics.hpp"
+
+namespace bregma::sim {
+
+// The device's own clock: offset, drift, jitter of the stamps, and jumps.
+class DeviceClock {
+public:
+  DeviceClock(const TrackerParameters &parameters, std::uint64_t seed);
+  // Host times from the start on, in order.
+  [[nodiscard]] std::int64_t stamp(std::int64_t host_ns);
+  void jump(std::int64_t by_ns) { offset_ns_ += by_ns; }
+
+private:
+  double drift_;
+  double jitter_ns_;
+  std::int64_t offset_ns_;
+  std::int64_t start_ns_ = 0;
+  bool started_ = false;
+  Random random_;
+};
+
+class OpticalTracker {
+public:
+  OpticalTracker(const Patient &patient, const TrackerParameters &parameters, std::uint64_t seed);
+
+  // Measures one tool. covered: something stands before it.
+  [[nodiscard]] wire::TrackedTool measure(const TrueTool &tool, const T_TrackerTool &T_tracker_tool, bool covered);
+
+  struct Sight {
+    std::uint32_t in_volume = 0; // bit i: marker i
+    std::uint32_t seen = 0;      // in the volume, turned to the camera, nothing between
+  };
+  [[nodiscard]] Sight look(const TrueTool &tool, const T_TrackerTool &T_tracker_tool) const;
+  [[nodiscard]] bool in_volume(const Vector3d &in_tracker) const;
+
+private:
+  const Patient *patient_;
+  TrackerParameters parameters_;
+  T_TrackerImage T_tracker_image_;
+  geometry::Rigid3<frame::Image, frame::Tracker> T_image_tracker_;
+  double cos_max_angle_, tan_half_width_, tan_half_height_;
+  Random noise_;
+};
+
+} // namespace bregma::sim
