@@ -145,6 +145,22 @@ const Trajectory *Case::trajectory(std::string_view name) const { return find_by
 const NamedPoint *Case::fiducial(std::string_view name) const { return find_by_name(fiducials, name); }
 const NamedPoint *Case::landmark(std::string_view name) const { return find_by_name(landmarks, name); }
 
+Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
+  const auto document = TomlDocument::read(file);
+  if (!document) {
+    return tl::unexpected(document.error());
+  }
+  TableReader root = document->root();
+  std::vector<ToolModel> tools;
+  for (TableReader &tool : root.tables("tools")) {
+    tools.push_back(read_tool(tool));
+  }
+  if (auto whole = root.finish(); !whole) {
+    return tl::unexpected(whole.error());
+  }
+  return tools;
+}
+
 Result<Case> load_case(const fs::path &folder) {
   std::error_code error;
   if (!fs::is_directory(folder, error)) {

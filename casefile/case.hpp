@@ -75,6 +75,10 @@ struct Case {
 // Reads the folder whole; the first thing that is wrong is the error.
 [[nodiscard]] Result<Case> load_case(const std::filesystem::path &folder);
 
+// The [[tools]] of a TOML file, as case.toml has them, with nothing else in it. Whether they make a set is for
+// check_case.
+[[nodiscard]] Result<std::vector<ToolModel>> read_tools(const std::filesystem::path &file);
+
 // Writes the whole folder but the image: surfaces, plans and case.toml, the last one last. c.image is taken relative to
 // the folder where it lies inside. Existing files of these names are replaced; sessions/ is left alone.
 [[nodiscard]] Result<void> save_case(const Case &c);
