@@ -1,5 +1,7 @@
 #include "server/pipelines/loaded_case.hpp"
 
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -14,6 +16,19 @@ std::vector<planning::NamedMesh> named_meshes(const casefile::Case &a_case) {
   return out;
 }
 
+inputs::KnownTools known_tools(const casefile::Case &a_case) {
+  std::vector<std::string> names;
+  for (const casefile::ToolModel &tool : a_case.tools) {
+    names.push_back(tool.name);
+  }
+  const auto known = inputs::known_tools(names);
+  if (!known) {
+    throw std::invalid_argument("tools: at most " + std::to_string(bregma_wire_MAX_TOOLS) +
+                                " fit into a tracker frame");
+  }
+  return *known;
+}
+
 registration::RegistrationOptions options_of(const casefile::Limits &limits, double correlation_length_mm) {
   registration::RegistrationOptions options;
   options.surface_sigma_mm = limits.surface_sigma_mm;
@@ -26,7 +41,7 @@ registration::RegistrationOptions options_of(const casefile::Limits &limits, dou
 
 LoadedCase::LoadedCase(std::shared_ptr<const casefile::Case> loaded, double correlation_length_mm,
                        int max_surface_samples)
-    : data(std::move(loaded)), scalp(data->scalp.mesh), structures(named_meshes(*data)),
+    : data(std::move(loaded)), scalp(data->scalp.mesh), structures(named_meshes(*data)), tools(known_tools(*data)),
       estimator(&scalp, options_of(data->limits, correlation_length_mm), max_surface_samples) {}
 
 } // namespace bregma::server

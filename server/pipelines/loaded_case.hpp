@@ -8,16 +8,18 @@
 #include "algorithms/registration/registration.hpp"
 #include "algorithms/registration/surface_model.hpp"
 #include "casefile/case.hpp"
+#include "server/inputs/payload_check.hpp"
 
 namespace bregma::server {
 
 struct LoadedCase {
-  // Throws std::invalid_argument that names the surface that cannot be used.
+  // Throws std::invalid_argument that names the surface or tool that cannot be used.
   LoadedCase(std::shared_ptr<const casefile::Case> loaded, double correlation_length_mm, int max_surface_samples);
 
   std::shared_ptr<const casefile::Case> data;
   registration::SurfaceModel scalp;
   planning::CriticalStructures structures;
+  inputs::KnownTools tools;
   registration::RegistrationEstimator estimator; // the registration loop's alone
 };
 

@@ -1,5 +1,7 @@
 #include "server/pipelines/navigation.hpp"
 
+#include <limits>
+
 #include "algorithms/planning/trajectory_guidance.hpp"
 #include "server/pipelines/wire_values.hpp"
 
@@ -143,8 +145,22 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, std::int64_t 
 
 void NavigationPipeline::on_tick(std::int64_t now_ns) noexcept { update_states(now_ns); }
 
-std::int64_t NavigationPipeline::next_change_ns() const noexcept {
+std::int64_t NavigationPipeline::stale_at_ns() const noexcept {
   return acquired_ns_ + settings_.latency_ns + kStaleAfterPeriods * period_ns_;
+}
+
+std::int64_t NavigationPipeline::lost_at_ns() const noexcept {
+  return acquired_ns_ + settings_.latency_ns + settings_.lost_after_ns;
+}
+
+std::int64_t NavigationPipeline::next_change_ns() const noexcept {
+  if (any_frame_ && evaluated_ns_ < stale_at_ns()) {
+    return stale_at_ns();
+  }
+  if (any_frame_ && evaluated_ns_ < lost_at_ns()) {
+    return lost_at_ns();
+  }
+  return std::numeric_limits<std::int64_t>::max();
 }
 
 NavigationPipeline::TipPose NavigationPipeline::tip_in_reference(const Tool &tool) const noexcept {
@@ -200,14 +216,10 @@ void NavigationPipeline::record(Tool &tool, std::int64_t acquired_ns) noexcept {
 }
 
 wire::PoseStatus NavigationPipeline::status_of(const Tool &tool, std::int64_t now_ns) const noexcept {
-  if (!any_frame_) {
+  if (!any_frame_ || now_ns >= lost_at_ns()) {
     return bregma_wire_POSE_LOST;
   }
-  const std::int64_t overdue_ns = now_ns - acquired_ns_ - settings_.latency_ns;
-  if (overdue_ns > settings_.lost_after_ns) {
-    return bregma_wire_POSE_LOST;
-  }
-  if (overdue_ns > kStaleAfterPeriods * period_ns_) {
+  if (now_ns >= stale_at_ns()) {
     return bregma_wire_POSE_STALE;
   }
   if (!reference_.visible) {
@@ -226,6 +238,7 @@ wire::PoseStatus NavigationPipeline::status_of(const Tool &tool, std::int64_t no
 }
 
 void NavigationPipeline::update_states(std::int64_t now_ns) noexcept {
+  evaluated_ns_ = now_ns;
   if (const auto result = touch_.finish(now_ns)) {
     (void)events_.try_push(*result);
   }

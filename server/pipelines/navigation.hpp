@@ -44,7 +44,7 @@ public:
   void on_frame(const wire::TrackerFrame &frame, std::int64_t acquired_ns, std::int64_t now_ns) noexcept;
   // Without a frame: what the passing of time alone has done.
   void on_tick(std::int64_t now_ns) noexcept;
-  // When the next tick changes what is shown (a pose grows stale, a tracker is lost), if no frame comes before.
+  // When a tick will change what is shown (a pose grows stale, the tracker is lost), if no frame comes before.
   [[nodiscard]] std::int64_t next_change_ns() const noexcept;
 
   // One a tool of the case that can be navigated, in the order of the case. As of the last frame or tick.
@@ -75,6 +75,8 @@ private:
   void on(const NavigationMessage &message) noexcept;
   [[nodiscard]] Tool *find(const wire::Name &name) noexcept;
   [[nodiscard]] BodyInTracker locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model) const noexcept;
+  [[nodiscard]] std::int64_t stale_at_ns() const noexcept;
+  [[nodiscard]] std::int64_t lost_at_ns() const noexcept;
   [[nodiscard]] wire::PoseStatus status_of(const Tool &tool, std::int64_t now_ns) const noexcept;
   void record(Tool &tool, std::int64_t acquired_ns) noexcept;
   void publish(Tool &tool, wire::NavigationState &state, std::int64_t now_ns) noexcept;
@@ -102,6 +104,7 @@ private:
   std::int64_t frame_sent_ns_ = 0;
   std::int64_t acquired_ns_ = 0;
   std::int64_t period_ns_ = 0;
+  std::int64_t evaluated_ns_ = 0; // when states_ were last brought up to date
 };
 
 } // namespace bregma::server

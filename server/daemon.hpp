@@ -1,0 +1,30 @@
+// bregmad: the engine, the loops around it (server/loops.hpp), and the control thread: commands, session, alarms,
+// health, recorder, signals and systemd, on one Asio context.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "server/config.hpp"
+
+namespace bregma::server {
+
+class Daemon {
+public:
+  // config_toml: the complete configuration as text; it goes into every session file.
+  // Throws dds::Error, or std::invalid_argument for a configuration that check() refuses.
+  Daemon(const Config &config, std::string config_toml);
+  ~Daemon();
+  Daemon(const Daemon &) = delete;
+  Daemon &operator=(const Daemon &) = delete;
+
+  // Restores the last session, serves until SIGTERM or SIGINT, and ends cleanly. The calling thread is the control
+  // thread.
+  void run();
+
+private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+} // namespace bregma::server

@@ -1,0 +1,70 @@
+#include "server/session_recording.hpp"
+
+#include <ctime>
+#include <fstream>
+#include <sstream>
+
+#include "idl/names.hpp"
+
+namespace bregma::server {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string utc_text(std::int64_t now_ns, const char *format) {
+  const std::time_t seconds = now_ns / 1'000'000'000;
+  std::tm utc{};
+  gmtime_r(&seconds, &utc);
+  char text[64];
+  return {text, std::strftime(text, sizeof text, format, &utc)};
+}
+
+bool belongs_in_a_report(const fs::path &file) {
+  const std::string extension = file.extension().string();
+  return extension == ".toml" || extension == ".json" || extension == ".ply";
+}
+
+} // namespace
+
+fs::path new_session_file(const casefile::Case &a_case, std::int64_t now_ns) {
+  const fs::path folder = a_case.folder / "sessions";
+  std::error_code ignored; // the recorder says why when the folder is not there
+  fs::create_directories(folder, ignored);
+  const std::string name = utc_text(now_ns, "%Y%m%dT%H%M%SZ");
+  fs::path file = folder / (name + ".db");
+  for (int i = 2; fs::exists(file, ignored); ++i) {
+    file = folder / (name + "-" + std::to_string(i) + ".db");
+  }
+  return file;
+}
+
+std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case, const std::string &config_toml) {
+  std::vector<casefile::Attachment> out{{"bregmad.toml", config_toml}};
+  for (const fs::directory_entry &entry : fs::directory_iterator(a_case.folder)) {
+    if (!entry.is_regular_file() || !belongs_in_a_report(entry.path())) {
+      continue;
+    }
+    std::ifstream in(entry.path(), std::ios::binary);
+    std::ostringstream body;
+    body << in.rdbuf();
+    out.push_back({entry.path().filename().string(), body.str()});
+  }
+  return out;
+}
+
+std::vector<casefile::MetaEntry> meta_of(const casefile::Case &a_case, std::int64_t now_ns) {
+  return {{"case", a_case.id}, {"folder", a_case.folder.string()}, {"started", utc_text(now_ns, "%Y-%m-%dT%H:%M:%SZ")}};
+}
+
+AlarmCondition not_recording(const std::string &why, std::int64_t now_ns) {
+  AlarmCondition out{};
+  (void)wire::set_name(out.kind, alarm::kDisk);
+  out.active = true;
+  out.severity = bregma_wire_SEVERITY_CRITICAL;
+  out.effect = SessionEffect::kNone;
+  out.time_ns = now_ns;
+  wire::set_text(out.text, "the session is not being recorded: " + why);
+  return out;
+}
+
+} // namespace bregma::server
