@@ -1,0 +1,348 @@
+#include "algorithms/calibration/pivot.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <random>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+namespace bregma::calibration {
+
+namespace {
+
+using geometry::Matrix3d;
+using geometry::Vector3d;
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+constexpr double kDegrees = 180.0 / std::numbers::pi;
+
+// Median of |e| when each coordinate has sigma one (root of the median of chi-square with 3 degrees of freedom).
+constexpr double kMedianOfNorm = 1.538172;
+// Where the biweight reaches zero, in sigmas of a coordinate. Wide on purpose: the errors of real pivots are systematic
+// (the tip creeps, the tracker errs by region), and an estimate that redescends at the usual 5 to 6 sigmas locks on to
+// one part of the recording; the halves of the public recording then disagree far beyond their covariance. At 14 only
+// what is grossly wrong loses its say.
+constexpr double kBiweightReach = 14.0;
+constexpr double kOutlierReach = 4.0; // 0.1 % of normal errors lie beyond
+constexpr int kMaxIterations = 50;
+constexpr double kConverged_mm = 1e-7;
+
+constexpr std::size_t kBlocks = 16;
+// The 95 % bound of Hotelling's T-square with 3 and 15 degrees of freedom (11.81) over that of chi-square with 3
+// (7.81).
+constexpr double kFewBlocks = 1.511;
+
+constexpr unsigned kSeed = 5;
+constexpr int kStarts = 150;
+constexpr std::size_t kStartPoses = 8;
+
+// Below it nobody moved the tool: what remains is the tracker's noise.
+constexpr double kStatic_rad = 0.05;
+
+struct Sample {
+  Matrix3d R;
+  Vector3d t; // from the centre of all, so that no digits are lost to the distance of the tracker
+};
+
+struct Estimate {
+  Vector3d tip = Vector3d::Constant(kNaN);
+  Vector3d pivot = Vector3d::Constant(kNaN);
+  [[nodiscard]] double error(const Sample &s) const { return (s.R * tip + s.t - pivot).norm(); }
+  [[nodiscard]] bool valid() const { return tip.allFinite() && pivot.allFinite(); }
+};
+
+class PivotProblem {
+public:
+  explicit PivotProblem(std::span<const PivotPose> poses) {
+    for (const PivotPose &pose : poses) {
+      centre_ += pose.T_fixed_tool.translation() / static_cast<double>(poses.size());
+    }
+    samples_.reserve(poses.size());
+    for (const PivotPose &pose : poses) {
+      samples_.push_back({pose.T_fixed_tool.rotation_matrix(), pose.T_fixed_tool.translation() - centre_});
+    }
+    errors_.resize(poses.size());
+    weights_.assign(poses.size(), 1.0);
+  }
+
+  [[nodiscard]] std::size_t size() const { return samples_.size(); }
+  [[nodiscard]] Vector3d pivot_in_fixed_frame(const Estimate &e) const { return e.pivot + centre_; }
+
+  // Rows [R, -I] of the linear system, weighted; not finite where the poses do not fix the tip.
+  [[nodiscard]] Estimate least_squares(std::span<const double> weights) const {
+    Matrix6d normal = Matrix6d::Zero();
+    Vector6d right = Vector6d::Zero();
+    for (std::size_t i = 0; i < samples_.size(); ++i) {
+      add(samples_[i], weights[i], normal, right);
+    }
+    return solve(normal, right);
+  }
+
+  // Least median of squares over a fixed series of small random subsets.
+  [[nodiscard]] Estimate robust_start() {
+    std::fill(weights_.begin(), weights_.end(), 1.0);
+    Estimate best = least_squares(weights_);
+    double best_sigma = sigma(best, 0, 0);
+    std::mt19937 rng(kSeed);
+    std::uniform_int_distribution<std::size_t> any(0, samples_.size() - 1);
+    for (int start = 0; start < kStarts; ++start) {
+      Matrix6d normal = Matrix6d::Zero();
+      Vector6d right = Vector6d::Zero();
+      for (std::size_t i = 0; i < kStartPoses; ++i) {
+        add(samples_[any(rng)], 1.0, normal, right);
+      }
+      const Estimate candidate = solve(normal, right);
+      if (!candidate.valid()) {
+        continue;
+      }
+      if (const double candidate_sigma = sigma(candidate, 0, 0); candidate_sigma < best_sigma) {
+        best_sigma = candidate_sigma;
+        best = candidate;
+      }
+    }
+    return best;
+  }
+
+  // Reweighted least squares from a start, without the samples [skip_from, skip_to).
+  [[nodiscard]] Estimate robust(Estimate estimate, std::size_t skip_from, std::size_t skip_to) {
+    for (int i = 0; i < kMaxIterations && estimate.valid(); ++i) {
+      const double reach = kBiweightReach * sigma(estimate, skip_from, skip_to);
+      if (!(reach > 0.0)) {
+        break; // at least half of the poses fit without any error
+      }
+      for (std::size_t k = 0; k < samples_.size(); ++k) {
+        const double u = estimate.error(samples_[k]) / reach;
+        const double keep = std::max(0.0, 1.0 - u * u);
+        weights_[k] = k >= skip_from && k < skip_to ? 0.0 : keep * keep;
+      }
+      const Estimate next = least_squares(weights_);
+      const double step = (next.tip - estimate.tip).norm();
+      estimate = next;
+      if (step < kConverged_mm) {
+        break;
+      }
+    }
+    return estimate;
+  }
+
+  // Robust sigma of one coordinate of the errors.
+  [[nodiscard]] double sigma(const Estimate &estimate, std::size_t skip_from, std::size_t skip_to) {
+    if (!estimate.valid()) {
+      return std::numeric_limits<double>::infinity();
+    }
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < samples_.size(); ++i) {
+      if (i < skip_from || i >= skip_to) {
+        errors_[count++] = estimate.error(samples_[i]);
+      }
+    }
+    const auto middle = errors_.begin() + static_cast<std::ptrdiff_t>(count / 2);
+    std::nth_element(errors_.begin(), middle, errors_.begin() + static_cast<std::ptrdiff_t>(count));
+    return *middle / kMedianOfNorm;
+  }
+
+  // RMS and worst of the errors up to a bound, and how many are beyond it.
+  struct Errors {
+    double rms = 0.0, worst = 0.0;
+    std::size_t beyond = 0;
+  };
+  [[nodiscard]] Errors errors(const Estimate &estimate, double bound) const {
+    Errors out;
+    double sum = 0.0;
+    for (const Sample &sample : samples_) {
+      const double error = estimate.error(sample);
+      out.worst = std::max(out.worst, error);
+      if (error > bound) {
+        ++out.beyond;
+      } else {
+        sum += error * error;
+      }
+    }
+    out.rms = std::sqrt(sum / static_cast<double>(samples_.size() - out.beyond));
+    return out;
+  }
+
+private:
+  static void add(const Sample &s, double weight, Matrix6d &normal, Vector6d &right) {
+    normal.topLeftCorner<3, 3>().diagonal().array() += weight;
+    normal.bottomRightCorner<3, 3>().diagonal().array() += weight;
+    normal.topRightCorner<3, 3>() -= weight * s.R.transpose();
+    normal.bottomLeftCorner<3, 3>() -= weight * s.R;
+    right.head<3>() -= weight * (s.R.transpose() * s.t);
+    right.tail<3>() += weight * s.t;
+  }
+
+  static Estimate solve(const Matrix6d &normal, const Vector6d &right) {
+    const Eigen::LDLT<Matrix6d> factors(normal);
+    const auto pivots = factors.vectorD().cwiseAbs();
+    if (!(pivots.minCoeff() > 1e-9 * pivots.maxCoeff())) {
+      return {};
+    }
+    const Vector6d x = factors.solve(right);
+    return {x.head<3>(), x.tail<3>()};
+  }
+
+  Vector3d centre_ = Vector3d::Zero();
+  std::vector<Sample> samples_;
+  std::vector<double> errors_;
+  std::vector<double> weights_;
+};
+
+// Ranges of the rotation vectors about the mean rotation, along the axes on which they vary most, widest first. The
+// outer 1 % at each end are left out: a single wrong pose is no rotation.
+std::array<double, 2> rotation_ranges(std::span<const PivotPose> poses) {
+  // Mean rotation: the eigenvector of the largest eigenvalue of sum q q' (Markley 2007).
+  Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
+  for (const PivotPose &pose : poses) {
+    const Eigen::Vector4d q = pose.T_fixed_tool.rotation().coeffs();
+    sum += q * q.transpose();
+  }
+  const Eigen::Quaterniond mean(Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(sum).eigenvectors().col(3).eval());
+  std::vector<Vector3d> turns;
+  Matrix3d spread = Matrix3d::Zero();
+  for (const PivotPose &pose : poses) {
+    turns.push_back(geometry::rotation_log(mean.conjugate() * pose.T_fixed_tool.rotation()));
+    spread += turns.back() * turns.back().transpose();
+  }
+  const Matrix3d axes = Eigen::SelfAdjointEigenSolver<Matrix3d>(spread).eigenvectors();
+  std::array<double, 2> ranges{};
+  std::vector<double> along(turns.size());
+  for (std::size_t i = 0; i < 2; ++i) {
+    const Vector3d axis = axes.col(2 - static_cast<Eigen::Index>(i));
+    std::transform(turns.begin(), turns.end(), along.begin(), [&axis](const Vector3d &w) { return axis.dot(w); });
+    std::sort(along.begin(), along.end());
+    const std::size_t trim = along.size() / 100;
+    ranges[i] = along[along.size() - 1 - trim] - along[trim];
+  }
+  return ranges;
+}
+
+Matrix3d jackknife_covariance(PivotProblem &problem, const Estimate &estimate) {
+  std::array<Vector3d, kBlocks> tips;
+  Vector3d mean = Vector3d::Zero();
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    const std::size_t from = b * problem.size() / kBlocks;
+    const std::size_t to = (b + 1) * problem.size() / kBlocks;
+    tips[b] = problem.robust(estimate, from, to).tip;
+    mean += tips[b] / static_cast<double>(kBlocks);
+  }
+  Matrix3d covariance = Matrix3d::Zero();
+  for (const Vector3d &tip : tips) {
+    covariance += (tip - mean) * (tip - mean).transpose();
+  }
+  constexpr double kJackknife = static_cast<double>(kBlocks - 1) / static_cast<double>(kBlocks);
+  return kFewBlocks * kJackknife * covariance;
+}
+
+template <class... Values> std::string format(const char *pattern, Values... values) {
+  char buffer[256];
+  std::snprintf(buffer, sizeof buffer, pattern, values...);
+  return buffer;
+}
+
+struct Judgement {
+  PivotVerdict verdict;
+  std::string text;
+};
+
+// What forbids an estimate at all; nothing when there may be one.
+std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &options) {
+  const double wide = r.rotation_rad[0] * kDegrees;
+  const double narrow = r.rotation_rad[1] * kDegrees;
+  if (r.poses < options.min_poses) {
+    return Judgement{PivotVerdict::kTooFewPoses,
+                     format("refused: %zu poses, at least %zu are needed", r.poses, options.min_poses)};
+  }
+  if (r.rotation_rad[0] < kStatic_rad) {
+    return Judgement{PivotVerdict::kStatic,
+                     format("refused: the tool was not moved (it turned by %.1f degrees)", wide)};
+  }
+  if (r.rotation_rad[1] < options.min_rotation_rad) {
+    return Judgement{PivotVerdict::kTooLittleRotation,
+                     format("refused: the tool was turned by %.0f degrees about one axis and by %.0f about the other; "
+                            "at least %.0f about both are needed",
+                            wide, narrow, options.min_rotation_rad * kDegrees)};
+  }
+  return std::nullopt;
+}
+
+Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
+  const double share = static_cast<double>(r.outliers) / static_cast<double>(r.poses);
+  if (const double ratio = r.rms_mm / options.tracker_noise_mm; ratio > options.max_noise_ratio) {
+    return {PivotVerdict::kResidualTooLarge,
+            format("not fit for navigation: RMS %.2f mm (%.2f mm with outliers) is %.1f times the tracker's noise of "
+                   "%.2f mm, at most %.1f times is allowed",
+                   r.rms_mm, r.least_squares.rms_mm, ratio, options.tracker_noise_mm, options.max_noise_ratio)};
+  }
+  if (share > options.max_outlier_share) {
+    return {PivotVerdict::kTooManyOutliers,
+            format("refused: %zu of %zu poses (%.0f %%) do not fit: did the tip stay in its dimple?", r.outliers,
+                   r.poses, 100.0 * share)};
+  }
+  const double sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(r.covariance_mm2).eigenvalues()[2]);
+  return {PivotVerdict::kAccepted, format("accepted: tip known to %.2f mm (1 sigma, worst direction), RMS %.2f mm over "
+                                          "%zu of %zu poses",
+                                          sigma, r.rms_mm, r.poses - r.outliers, r.poses)};
+}
+
+PivotFit to_fit(const PivotProblem &problem, const Estimate &estimate) {
+  if (!estimate.valid()) {
+    return {estimate.tip, estimate.pivot, kNaN, kNaN, kNaN};
+  }
+  const auto errors = problem.errors(estimate, std::numeric_limits<double>::infinity());
+  return {estimate.tip, problem.pivot_in_fixed_frame(estimate), errors.rms, errors.rms / std::sqrt(3.0), errors.worst};
+}
+
+} // namespace
+
+PivotFit fit_pivot_least_squares(std::span<const PivotPose> poses) {
+  const PivotProblem problem(poses);
+  const std::vector<double> ones(poses.size(), 1.0);
+  return to_fit(problem, poses.empty() ? Estimate() : problem.least_squares(ones));
+}
+
+PivotResult calibrate_pivot(std::span<const PivotPose> poses, const PivotOptions &options) {
+  PivotResult out;
+  out.poses = poses.size();
+  if (poses.size() >= options.min_poses) {
+    const auto ranges = rotation_ranges(poses);
+    std::copy(ranges.begin(), ranges.end(), out.rotation_rad);
+  }
+  if (auto refused = judge_motion(out, options)) {
+    out.verdict = refused->verdict;
+    out.text = std::move(refused->text);
+    return out;
+  }
+  out.estimated = true;
+  out.least_squares = fit_pivot_least_squares(poses);
+  PivotProblem problem(poses);
+  const Estimate estimate = problem.robust(problem.robust_start(), 0, 0);
+  const auto errors = problem.errors(estimate, kOutlierReach * problem.sigma(estimate, 0, 0));
+  out.tip_mm = estimate.tip;
+  out.pivot_mm = problem.pivot_in_fixed_frame(estimate);
+  out.rms_mm = errors.rms;
+  out.worst_mm = errors.worst;
+  out.outliers = errors.beyond;
+  out.covariance_mm2 = jackknife_covariance(problem, estimate);
+
+  const std::size_t middle = poses.size() / 2;
+  out.half_tips_mm[0] = problem.robust(estimate, middle, poses.size()).tip;
+  out.half_tips_mm[1] = problem.robust(estimate, 0, middle).tip;
+  out.halves_apart_mm = (out.half_tips_mm[0] - out.half_tips_mm[1]).norm();
+
+  Judgement judgement = judge_errors(out, options);
+  out.verdict = judgement.verdict;
+  out.text = std::move(judgement.text);
+  return out;
+}
+
+} // namespace bregma::calibration
