@@ -1,0 +1,124 @@
+// A small case on disk and loops that answer at once, for tests of the session.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "server/session/session.hpp"
+
+namespace bregma::server::testing {
+
+// A folder that is gone when the test ends.
+class TemporaryFolder {
+public:
+  TemporaryFolder();
+  ~TemporaryFolder();
+  TemporaryFolder(const TemporaryFolder &) = delete;
+  TemporaryFolder &operator=(const TemporaryFolder &) = delete;
+  [[nodiscard]] const std::filesystem::path &path() const { return path_; }
+
+private:
+  std::filesystem::path path_;
+};
+
+// A ball of 80 mm with six fiducials F1..F6, five landmarks L1..L5, target "Deep", trajectory "Plan", and the tools
+// Reference, Stylus and Probe. Returns the folder.
+std::filesystem::path write_case(const std::filesystem::path &parent, const std::string &id = "ball");
+
+// The loops as the session sees them. Everything that is sent or published is kept. A capture finds the tip where the
+// truth says that the point is, plus `miss_mm` in Image; the registration is the truth with a stated covariance.
+class FakeLoops : public SessionPorts {
+public:
+  FakeLoops();
+  casefile::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
+  void send(const NavigationMessage &message) override { navigation.push_back(message); }
+  void send(const RegistrationMessage &message) override;
+  void send(const MonitoringMessage &message) override { monitoring.push_back(message); }
+  void publish(const wire::CommandReply &reply) override { replies.push_back(reply); }
+  void publish(const wire::Alarm &alarm) override { alarms.push_back(alarm); }
+  void publish(const wire::CapturedPoint &point) override { captured.push_back(point); }
+  void log(const std::string &line) override { lines.push_back(line); }
+
+  // The last message of a kind; fails the test and throws when there is none.
+  template <class Message, class List> [[nodiscard]] static Message last(const List &list) {
+    for (auto it = list.rbegin(); it != list.rend(); ++it) {
+      if (const auto *found = std::get_if<Message>(&*it)) {
+        return *found;
+      }
+    }
+    throw std::logic_error("no such message was sent");
+  }
+  template <class Message, class List> [[nodiscard]] static std::size_t count(const List &list) {
+    std::size_t out = 0;
+    for (const auto &item : list) {
+      out += std::holds_alternative<Message>(item) ? 1U : 0U;
+    }
+    return out;
+  }
+
+  [[nodiscard]] CaptureResult answer(const CaptureRequest &request) const;
+  [[nodiscard]] wire::RegistrationState estimate() const;
+  // A point of Image as the tip in Reference.
+  [[nodiscard]] Array3 in_reference(const Eigen::Vector3d &image_mm) const;
+  // Poses of a tool whose tip rests at a fixed point while it turns; sigma of the poses' position.
+  [[nodiscard]] std::vector<PivotPose> pivot(std::uint64_t id, double sigma_mm, double angle_rad, unsigned seed) const;
+
+  std::shared_ptr<const casefile::Case> the_case;
+  std::vector<NavigationMessage> navigation;
+  std::vector<RegistrationMessage> registration;
+  std::vector<MonitoringMessage> monitoring;
+  std::vector<wire::CommandReply> replies;
+  std::vector<wire::Alarm> alarms;
+  std::vector<wire::CapturedPoint> captured;
+  std::vector<std::string> lines;
+
+  geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference> truth;
+  Eigen::Vector3d miss_mm = Eigen::Vector3d::Zero();
+  Eigen::Vector3d tip_mm{-180.0, 4.0, 7.0}; // of every tool
+  double registration_sigma_mm = 0.2;       // of the translation
+  CaptureStatus capture_status = CaptureStatus::kOk;
+  wire::RegistrationStatus registration_status = bregma_wire_REGISTRATION_CANDIDATE;
+  std::string registration_text = "a candidate";
+  std::uint64_t revision = 0; // of the last sample message
+};
+
+// A session with its loops, a client, and time that the test moves.
+class Desk {
+public:
+  explicit Desk(const std::filesystem::path &folder, FakeLoops &fakes, Session::Executor executor = {});
+
+  // Sends a command, lets the loops answer, and returns the reply; nothing while it is under way.
+  std::optional<wire::CommandReply> send(const wire::Command &command);
+  [[nodiscard]] wire::Command command(wire::CommandKind kind, const std::string &first = "",
+                                      const std::string &second = "");
+  // The reply to a new command of this kind; fails the test when none came.
+  wire::CommandReply ask(wire::CommandKind kind, const std::string &first = "", const std::string &second = "");
+  // Lets the loops answer what is pending, and time pass.
+  void run(double milliseconds);
+  // ask() and expect COMMAND_DONE, with the text shown otherwise.
+  wire::CommandReply done(wire::CommandKind kind, const std::string &first = "", const std::string &second = "");
+  void condition(const char *kind, const char *subject, bool active, SessionEffect effect, const char *text = "text");
+  void trace(const std::string &tool, int samples);
+
+  // The course of a biopsy up to a stage.
+  void up_to(wire::SessionState stage, const std::filesystem::path &case_folder);
+  void pivot(const std::string &tool);
+  void check_landmarks();
+
+  FakeLoops &loops;
+  SessionConfig config;
+  std::unique_ptr<Session> session;
+  std::int64_t now_ns = 1'700'000'000'000'000'000;
+  bool answering = true; // false: the loops are silent
+
+private:
+  std::uint64_t next_id_ = 1;
+  std::size_t answered_ = 0; // navigation messages that have been looked at
+};
+
+} // namespace bregma::server::testing
