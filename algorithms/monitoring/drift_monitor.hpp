@@ -50,7 +50,8 @@ public:
   void add_surface_residual(const Vector3d &point_mm, double signed_mm, double sigma_mm,
                             const Vector3d &normal) noexcept;
 
-  // The 95 % bound of the distance of a touch at this point if nothing has moved, from what is known before the touch.
+  // The 95 % bound of the length of such a touch's residual if nothing has moved: from the covariances of registration,
+  // landmark and touch alone (Satterthwaite's approximation), not from earlier touches.
   [[nodiscard]] double check_limit_95_mm(const CheckTouch &touch) const noexcept;
 
   [[nodiscard]] double statistic() const noexcept { return statistic_; } // of the present, not its maximum so far
@@ -76,14 +77,15 @@ private:
   void update(const Eigen::Matrix<double, Rows, kMaxState> &H, const Eigen::Matrix<double, Rows, 3> &shift_part,
               const Eigen::Matrix<double, Rows, 1> &observed, const Eigen::Matrix<double, Rows, Rows> &noise) noexcept;
   void open_onset() noexcept;
-  void evaluate() noexcept;
+  void judge() noexcept;
 
   double threshold_;
   double statistic_ = 0.0;
   bool detected_ = false;
   int checks_ = 0;
   Vector3d shift_ = Vector3d::Zero();
-  StateVector state_;
+  Matrix6d registration_covariance_ = Matrix6d::Zero();
+  StateVector state_; // twist of the registration's error, then the landmarks' offsets
   StateMatrix covariance_;
   std::array<bool, kMaxLandmarks> known_{};
   std::array<Onset, kMaxOnsets> onsets_;
