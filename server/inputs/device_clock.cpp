@@ -9,6 +9,10 @@ namespace {
 // The line needs so many blocks before its slope says more about the drift than about the latency's scatter.
 constexpr std::size_t kBlocksForDrift = 4;
 
+// The line may go down by this much of the time that passes, and by the tolerance at once. Without the limit a device
+// that sends too fast would take the line along with it.
+constexpr double kPressRate = 0.002;
+
 double difference(std::int64_t a, std::int64_t b) { return static_cast<double>(a - b); }
 
 } // namespace
@@ -37,8 +41,14 @@ TimeVerdict DeviceClock::observe(std::int64_t device_time_ns, std::int64_t arriv
   const bool settling = device_time_ns - started_ns_ < options_.settling_ns;
   const std::int64_t tolerance = settling ? options_.settling_tolerance_ns : options_.future_tolerance_ns;
   const std::int64_t step = device_time_ns - last_ns_;
-  const bool in_future = point.offset_ns - predicted_offset_ns(device_time_ns) < -tolerance;
-  if (step <= 0 || in_future) {
+  const std::int64_t height = point.offset_ns - predicted_offset_ns(device_time_ns); // above the line
+  const std::int64_t recovered = std::llround(kPressRate * difference(arrival_ns, arrived_ns_));
+  const std::int64_t pressed = settling ? 0 : std::max<std::int64_t>(pressed_ns_ - recovered, 0);
+  const bool in_future = height - pressed < -tolerance;
+  // A clock that was set back passes its old time again after a while: samples then look merely late, but go on
+  // agreeing with those refused before.
+  const bool goes_on = candidate_count_ > 0 && 2 * std::abs(point.offset_ns - candidate_first_.offset_ns) < height;
+  if (step <= 0 || in_future || goes_on) {
     if (is_candidate_accepted(point, period_ns)) {
       ++resyncs_;
       return TimeVerdict::kResynced;
@@ -50,6 +60,8 @@ TimeVerdict DeviceClock::observe(std::int64_t device_time_ns, std::int64_t arriv
   }
   candidate_count_ = 0;
   last_ns_ = device_time_ns;
+  arrived_ns_ = arrival_ns;
+  pressed_ns_ = pressed + std::max<std::int64_t>(-height, 0);
   learn(point);
   return TimeVerdict::kInStep;
 }
@@ -85,6 +97,8 @@ void DeviceClock::start(const Point &point) noexcept {
   block_began_ns_ = point.device_ns;
   started_ns_ = point.device_ns;
   last_ns_ = point.device_ns;
+  arrived_ns_ = point.device_ns + point.offset_ns;
+  pressed_ns_ = 0;
   anchor_ = point;
   drift_ = 0.0;
   candidate_count_ = 0;

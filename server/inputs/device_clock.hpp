@@ -73,6 +73,8 @@ private:
   std::int64_t block_began_ns_ = 0; // device time
   std::int64_t started_ns_ = 0;     // device time
   std::int64_t last_ns_ = 0;        // device time of the last accepted sample
+  std::int64_t arrived_ns_ = 0;     // host time of the same
+  std::int64_t pressed_ns_ = 0;     // how far early samples have lowered the line of late
   Point anchor_{};                  // on the line
   double drift_ = 0.0;              // d(host - device)/d(device)
   std::uint64_t resyncs_ = 0;

@@ -1,0 +1,168 @@
+// One device in virtual time: live, stale, lost, back again; one writer at a time; its figures.
+#include <gtest/gtest.h>
+
+#include "server/inputs/border.hpp"
+#include "tests/unit/server/inputs/samples.hpp"
+
+namespace bregma::inputs {
+namespace {
+
+constexpr std::uint64_t kWriter = 1;
+constexpr std::uint64_t kOtherWriter = 2;
+
+class DeviceMonitorTest : public testing::Test {
+protected:
+  // Frames first .. last - 1, each arriving a millisecond after its exposure.
+  void send(std::uint64_t first, std::uint64_t last, std::uint64_t writer = kWriter) {
+    for (std::uint64_t i = first; i < last; ++i) {
+      verdict = border.check(tracker_frame(i), writer, at(i));
+    }
+  }
+  static std::int64_t at(std::uint64_t i) { return kStart_ns + static_cast<std::int64_t>(i) * kPeriod_ns + kMs; }
+  [[nodiscard]] wire::DeviceHealth health(std::int64_t now_ns) const { return border.health(now_ns).devices[0]; }
+  [[nodiscard]] const DeviceMonitor &device() const { return border.devices()[0]; }
+
+  std::vector<std::string> names{"Tracker"};
+  Border<wire::TrackerFrame> border{names, DeviceOptions{}};
+  Verdict verdict;
+};
+
+TEST_F(DeviceMonitorTest, NeverSeenKnowsNothing) {
+  const auto health_now = health(kStart_ns);
+  EXPECT_EQ(health_now.status, bregma_wire_DEVICE_NEVER_SEEN);
+  EXPECT_EQ(health_now.kind, bregma_wire_DEVICE_TRACKER);
+  EXPECT_EQ(wire::text(health_now.device), "Tracker");
+  EXPECT_TRUE(std::isnan(health_now.age_ms));
+  EXPECT_EQ(health_now.connections, 0U);
+}
+
+TEST_F(DeviceMonitorTest, IsStaleAfterThreePeriodsAndLostAtTheDeadline) {
+  send(0, 500);
+  const std::int64_t exposed = device().acquired_time_ns();
+  EXPECT_EQ(device().status(exposed + 3 * kPeriod_ns), bregma_wire_DEVICE_LIVE);
+  EXPECT_EQ(device().status(exposed + 3 * kPeriod_ns + 1), bregma_wire_DEVICE_STALE);
+  const std::int64_t deadline_ns = wire::qos::kTracker.deadline_ns;
+  EXPECT_EQ(device().status(at(499) + deadline_ns), bregma_wire_DEVICE_STALE);
+  EXPECT_EQ(device().status(at(499) + deadline_ns + 1), bregma_wire_DEVICE_LOST);
+  EXPECT_EQ(health(at(499) + deadline_ns + 1).rate_hz, 0.0);
+}
+
+TEST_F(DeviceMonitorTest, AWriterThatDiedIsLostAtOnce) {
+  send(0, 10);
+  border.set_writers_alive(1);
+  EXPECT_EQ(device().status(at(9)), bregma_wire_DEVICE_LIVE);
+  border.set_writers_alive(0);
+  EXPECT_EQ(device().status(at(9)), bregma_wire_DEVICE_LOST);
+}
+
+TEST_F(DeviceMonitorTest, ComesBackFromASilenceAsAReconnectAndCountsWhatWasLost) {
+  send(0, 100);
+  send(1'100, 1'101); // four seconds later, the count has gone on
+  EXPECT_TRUE(verdict.accepted);
+  EXPECT_TRUE(verdict.reconnected);
+  send(1'101, 1'110);
+  EXPECT_FALSE(verdict.reconnected);
+  EXPECT_EQ(health(at(1'109)).connections, 2U);
+  EXPECT_EQ(health(at(1'109)).lost, 1'000U);
+  EXPECT_EQ(device().status(at(1'109)), bregma_wire_DEVICE_LIVE);
+}
+
+TEST_F(DeviceMonitorTest, ARestartedDriverWithAnotherClockAndCountIsTakenAfterASilence) {
+  send(0, 100);
+  border.set_writers_alive(0);
+  for (std::uint64_t i = 0; i < 50; ++i) {
+    auto frame = tracker_frame(i);                                          // counts from the start again
+    frame.device_time_ns = (static_cast<std::int64_t>(i) + 1) * kPeriod_ns; // its clock began at 1970
+    const std::int64_t now_ns = at(150 + i);
+    frame.sent_time_ns = now_ns;
+    verdict = border.check(frame, kOtherWriter, now_ns);
+    EXPECT_TRUE(verdict.accepted) << i;
+    EXPECT_EQ(verdict.reconnected, i == 0);
+    EXPECT_NEAR(static_cast<double>(now_ns - verdict.acquired_time_ns), 0.0, 1e5);
+  }
+  const auto now = health(at(199));
+  EXPECT_EQ(now.connections, 2U);
+  EXPECT_EQ(now.lost, 0U);
+  EXPECT_EQ(now.taken, 150U);
+}
+
+TEST_F(DeviceMonitorTest, ASecondDriverOfTheSameNameIsRefusedWhileTheFirstIsThere) {
+  for (std::uint64_t i = 0; i < 100; ++i) {
+    EXPECT_TRUE(border.check(tracker_frame(i), kWriter, at(i)).accepted);
+    const auto other = border.check(tracker_frame(i + 5), kOtherWriter, at(i) + kMs);
+    EXPECT_FALSE(other.accepted);
+    EXPECT_EQ(other.reason, bregma_wire_REJECT_DUPLICATE);
+  }
+  EXPECT_EQ(health(at(99)).connections, 1U);
+  EXPECT_EQ(health(at(99)).rejected[bregma_wire_REJECT_DUPLICATE], 100U);
+  EXPECT_EQ(health(at(99)).lost, 0U);
+}
+
+TEST_F(DeviceMonitorTest, LostIsWhatNeverCameNotWhatWasRefused) {
+  std::uint64_t spoiled = 0;
+  for (std::uint64_t i = 0; i < 400; ++i) {
+    if (i % 20 == 7 || i % 50 == 33) {
+      continue; // never arrives
+    }
+    auto frame = tracker_frame(i);
+    if (i % 9 == 4) {
+      frame.tools[0].T_tracker_tool.translation_mm[1] = wire::kUnknown;
+      ++spoiled;
+    }
+    static_cast<void>(border.check(frame, kWriter, at(i)));
+  }
+  const auto now = health(at(399));
+  EXPECT_EQ(now.rejected[bregma_wire_REJECT_NOT_FINITE], spoiled);
+  EXPECT_EQ(now.lost, 20U + 8U);
+  EXPECT_EQ(now.taken + spoiled + now.lost, 400U);
+  EXPECT_EQ(device().received(), now.taken + spoiled);
+}
+
+TEST_F(DeviceMonitorTest, AnAbsurdFrameNumberIsRefusedAndNotCountedAsALoss) {
+  send(0, 10);
+  auto frame = tracker_frame(10);
+  frame.frame = ~std::uint64_t{0};
+  EXPECT_EQ(border.check(frame, kWriter, at(10)).reason, bregma_wire_REJECT_MALFORMED);
+  send(11, 20);
+  EXPECT_TRUE(verdict.accepted);
+  EXPECT_EQ(health(at(19)).lost, 1U); // number 110 was never seen
+}
+
+TEST_F(DeviceMonitorTest, ADeviceThatBeginsToCountAnewIsFollowedAfterFiveSamples) {
+  send(0, 100);
+  int refused = 0;
+  for (std::uint64_t i = 100; i < 120; ++i) {
+    auto frame = tracker_frame(i);
+    frame.frame = i - 100;
+    refused += border.check(frame, kWriter, at(i)).accepted ? 0 : 1;
+  }
+  EXPECT_EQ(refused, 4);
+  EXPECT_EQ(health(at(119)).lost, 0U);
+}
+
+TEST_F(DeviceMonitorTest, LateRateAgeAndLatencyAreMeasured) {
+  for (std::uint64_t i = 0; i < 1'000; ++i) {
+    const std::int64_t held_up = i % 100 == 99 ? 5 * kMs : 0; // longer than a period
+    static_cast<void>(border.check(tracker_frame(i), kWriter, at(i) + held_up));
+  }
+  const auto now = health(at(999) + 5 * kMs);
+  EXPECT_EQ(now.late, 10U);
+  EXPECT_NEAR(now.rate_hz, 250.0, 2.0);
+  EXPECT_NEAR(now.age_ms, 5.0, 0.1);
+  EXPECT_NEAR(now.latency_p50_ms, 0.0, 0.05); // above the minimum, which nobody has stated here
+  EXPECT_NEAR(now.latency_p99_ms, 0.0, 0.05);
+  EXPECT_NEAR(now.clock_offset_ms, 1.0, 0.01);
+}
+
+TEST_F(DeviceMonitorTest, TheStatedLatencyIsPartOfTheAgeButDoesNotMakeItStale) {
+  Border<wire::TrackerFrame> slow(names, DeviceOptions{.clock = {.minimum_latency_ns = 20 * kMs}});
+  for (std::uint64_t i = 0; i < 300; ++i) {
+    verdict = slow.check(tracker_frame(i), kWriter, at(i));
+  }
+  EXPECT_EQ(at(299) - verdict.acquired_time_ns, 20 * kMs);
+  EXPECT_NEAR(slow.health(at(299)).devices[0].age_ms, 20.0, 1e-3);
+  EXPECT_EQ(slow.devices()[0].status(at(299) + 2 * kPeriod_ns), bregma_wire_DEVICE_LIVE);
+}
+
+} // namespace
+} // namespace bregma::inputs

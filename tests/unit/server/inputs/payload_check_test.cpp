@@ -1,0 +1,125 @@
+// Each rule of the border, broken alone on an otherwise good sample, gives its own reason.
+#include <cmath>
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "server/inputs/payload_check.hpp"
+#include "tests/unit/server/inputs/samples.hpp"
+
+namespace bregma::inputs {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInf = std::numeric_limits<double>::infinity();
+
+template <class Sample> struct Spoiled {
+  const char *how;
+  std::function<void(Sample &)> spoil;
+  wire::RejectReason reason;
+};
+
+template <class Sample>
+void expect_refusals(const Sample &good, const KnownTools &tools, const std::vector<Spoiled<Sample>> &cases) {
+  EXPECT_EQ(check_payload(good, tools), std::nullopt);
+  for (const auto &[how, spoil, reason] : cases) {
+    Sample sample = good;
+    spoil(sample);
+    const Rejection rejection = check_payload(sample, tools);
+    ASSERT_TRUE(rejection.has_value()) << how;
+    EXPECT_EQ(describe(*rejection), describe(reason)) << how;
+  }
+}
+
+template <class Enum> void set_raw(Enum &out, std::uint32_t value) { std::memcpy(&out, &value, sizeof value); }
+
+TEST(PayloadCheck, TrackerFrames) {
+  using Frame = wire::TrackerFrame;
+  const auto tools = known_tools(std::vector<std::string>{"Reference", "Stylus"});
+  ASSERT_TRUE(tools.has_value());
+  expect_refusals<Frame>(
+      tracker_frame(1), *tools,
+      {{"too many tools", [](Frame &f) { f.tool_count = 9; }, bregma_wire_REJECT_MALFORMED},
+       {"name not ended", [](Frame &f) { std::memset(f.tools[0].tool, 'x', 32); }, bregma_wire_REJECT_MALFORMED},
+       {"no name", [](Frame &f) { f.tools[0].tool[0] = '\0'; }, bregma_wire_REJECT_MALFORMED},
+       {"tool twice", [](Frame &f) { name(f.tools[0].tool, "Stylus"); }, bregma_wire_REJECT_MALFORMED},
+       {"no such status", [](Frame &f) { set_raw(f.tools[1].status, 5); }, bregma_wire_REJECT_MALFORMED},
+       {"wild status", [](Frame &f) { set_raw(f.tools[1].status, 0xffffffff); }, bregma_wire_REJECT_MALFORMED},
+       {"negative residual", [](Frame &f) { f.tools[1].marker_rms_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
+       {"a kilometre away", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[2] = -1e6; },
+        bregma_wire_REJECT_MALFORMED},
+       {"unknown tool", [](Frame &f) { name(f.tools[1].tool, "Drill"); }, bregma_wire_REJECT_UNKNOWN_TOOL},
+       {"NaN position", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[0] = kNan; },
+        bregma_wire_REJECT_NOT_FINITE},
+       {"infinite rotation", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[3] = kInf; },
+        bregma_wire_REJECT_NOT_FINITE},
+       {"NaN residual", [](Frame &f) { f.tools[0].marker_rms_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"zero quaternion", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[0] = 0.0; },
+        bregma_wire_REJECT_NOT_A_ROTATION},
+       {"quaternion of length 1.002", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[0] = 1.002; },
+        bregma_wire_REJECT_NOT_A_ROTATION},
+       {"huge quaternion", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[0] = 1e200; },
+        bregma_wire_REJECT_NOT_A_ROTATION}});
+}
+
+TEST(PayloadCheck, ThePoseOfAHiddenToolIsNotLookedAt) {
+  auto frame = tracker_frame(1);
+  frame.tools[1].status = bregma_wire_TOOL_HIDDEN;
+  frame.tools[1].T_tracker_tool = wire::unknown_pose();
+  frame.tools[1].marker_rms_mm = kNan;
+  EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
+  frame.tools[1].status = bregma_wire_TOOL_PARTLY_VISIBLE;
+  EXPECT_EQ(check_payload(frame, KnownTools{}), bregma_wire_REJECT_NOT_FINITE);
+}
+
+TEST(PayloadCheck, SinglePrecisionRotationsPass) {
+  auto frame = tracker_frame(1);
+  auto &q = frame.tools[0].T_tracker_tool.rotation_wxyz;
+  q[0] = static_cast<double>(std::sqrt(0.3F));
+  q[1] = static_cast<double>(std::sqrt(0.7F));
+  EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
+}
+
+TEST(PayloadCheck, WithoutACaseEveryToolMayCome) {
+  auto frame = tracker_frame(1);
+  name(frame.tools[1].tool, "Drill");
+  EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
+  EXPECT_FALSE(known_tools(std::vector<std::string>(9, "Tool")).has_value());
+  EXPECT_FALSE(known_tools(std::vector<std::string>{std::string(32, 'x')}).has_value());
+}
+
+TEST(PayloadCheck, RobotStates) {
+  using Robot = wire::RobotState;
+  expect_refusals<Robot>(
+      robot_state(1), {},
+      {{"too many joints", [](Robot &r) { r.joint_count = 9; }, bregma_wire_REJECT_MALFORMED},
+       {"no such mode", [](Robot &r) { set_raw(r.mode, 7); }, bregma_wire_REJECT_MALFORMED},
+       {"NaN joint", [](Robot &r) { r.joint_position_rad[5] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"infinite velocity", [](Robot &r) { r.joint_velocity_rad_s[0] = kInf; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN effort", [](Robot &r) { r.joint_effort_Nm[0] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"not a rotation", [](Robot &r) { r.T_base_flange.rotation_wxyz[2] = 0.5; },
+        bregma_wire_REJECT_NOT_A_ROTATION}});
+  auto unused = robot_state(1);
+  unused.joint_position_rad[6] = kNan; // beyond joint_count
+  EXPECT_EQ(check_payload(unused, {}), std::nullopt);
+}
+
+TEST(PayloadCheck, RangesAndForces) {
+  using Range = wire::RangeSample;
+  expect_refusals<Range>(range_sample(1), {},
+                         {{"NaN range", [](Range &r) { r.range_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+                          {"NaN sigma", [](Range &r) { r.sigma_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+                          {"negative range", [](Range &r) { r.range_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
+                          {"negative sigma", [](Range &r) { r.sigma_mm = -0.1; }, bregma_wire_REJECT_MALFORMED}});
+  using Force = wire::ForceSample;
+  expect_refusals<Force>(
+      force_sample(1), {},
+      {{"NaN force", [](Force &f) { f.force_N[1] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"infinite torque", [](Force &f) { f.torque_Nmm[2] = -kInf; }, bregma_wire_REJECT_NOT_FINITE}});
+}
+
+} // namespace
+} // namespace bregma::inputs
