@@ -27,7 +27,8 @@ namespace bregma::casefile {
 
 using ParameterValue = std::variant<double, std::int64_t, bool, std::string>;
 
-// What a value must be. min and max hold the alternative of the type and are empty strings where there is no range.
+// What a value must be. min and max hold the alternative of a number or integer, and are empty strings where it has no
+// range; other types have none.
 struct ValueRule {
   enum class Type { kNumber, kInteger, kFlag, kString, kChoice };
   Type type = Type::kString;

@@ -17,7 +17,10 @@ namespace {
 using Type = ValueRule::Type;
 constexpr std::size_t kShownLength = 60; // of a value in a message
 
-bool has_range(const ValueRule &rule) { return !std::holds_alternative<std::string>(rule.min); }
+bool has_range(const ValueRule &rule) {
+  const bool ordered = rule.type == Type::kNumber || rule.type == Type::kInteger;
+  return ordered && !std::holds_alternative<std::string>(rule.min);
+}
 
 std::string with_unit(std::string text, const std::string &unit) { return unit.empty() ? text : text + " " + unit; }
 

@@ -21,8 +21,9 @@ using QosPtr = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
 QosPtr make_qos(const wire::Qos &qos) {
   QosPtr out(dds_create_qos(), &dds_delete_qos);
+  // Topics that keep the last value are written by loops: such a write never waits for a slow reader.
   dds_qset_reliability(out.get(), qos.reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
-                       DDS_MSECS(100));
+                       qos.depth > 0 ? 0 : DDS_MSECS(100));
   dds_qset_durability(out.get(), qos.transient_local ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
   if (qos.depth > 0) {
     dds_qset_history(out.get(), DDS_HISTORY_KEEP_LAST, qos.depth);
