@@ -9,7 +9,7 @@
 //   for (now_ns = start; !room.finished(); now_ns = room.next_due_ns()) {
 //     room.advance(now_ns, out);            // out is cleared, then filled
 //     ... hand out.frames, out.commands, ... to the daemon's pipelines; give its replies and states back:
-//     room.on_reply(reply, now_ns); room.on_navigation(state, now_ns);
+//     room.on_reply(reply); room.on_navigation(state, now_ns);
 //   }
 //
 // Devices: "Tracker", "Robot", "Force", "Range". Tools: those of the case. The client of the commands is
@@ -71,7 +71,7 @@ public:
   [[nodiscard]] std::int64_t next_due_ns() const;
 
   // What the operator hears and sees.
-  void on_reply(const wire::CommandReply &reply, std::int64_t now_ns);
+  void on_reply(const wire::CommandReply &reply);
   void on_navigation(const wire::NavigationState &state, std::int64_t now_ns);
 
   // The script has come to its end or to a step that failed. The devices go on.

@@ -1,0 +1,146 @@
+#include "drivers/sim/insertion.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace bregma::sim {
+
+namespace {
+
+constexpr double kSpeedUp_s = 0.5; // from rest to full speed
+constexpr double kArrived_mm = 0.01;
+constexpr double kFastestCorrection_mm_s = 4.0;
+constexpr double kLongestStep_s = 0.05; // of steering: what a gap in the display leaves undone stays undone
+constexpr double kAlignTimes = 3.0;     // steering time constants until what is left is a twentieth
+constexpr double kSettleTimes = 2.0;
+constexpr double kWithdrawFaster = 2.0;
+
+double seconds(std::int64_t from_ns, std::int64_t to_ns) { return static_cast<double>(to_ns - from_ns) * 1e-9; }
+
+const char *name_of(wire::PoseStatus status) {
+  switch (status) {
+  case bregma_wire_POSE_LIVE:
+    return "live";
+  case bregma_wire_POSE_UNVERIFIED:
+    return "unverified";
+  case bregma_wire_POSE_STALE:
+    return "stale";
+  case bregma_wire_POSE_LOST:
+    return "lost";
+  case bregma_wire_POSE_TOOL_HIDDEN:
+    return "tool hidden";
+  case bregma_wire_POSE_REFERENCE_HIDDEN:
+    return "reference hidden";
+  case bregma_wire_POSE_NOT_CALIBRATED:
+    return "not calibrated";
+  case bregma_wire_POSE_NOT_REGISTERED:
+    return "not registered";
+  default:
+    return "unknown";
+  }
+}
+
+} // namespace
+
+Insertion::Insertion(const Plan &plan, const Quaterniond &rotation, const OperatorParameters &parameters,
+                     const Vector3d &misplaced_mm)
+    : plan_(plan), rotation_(rotation), parameters_(parameters),
+      direction_((plan.target_mm - plan.entry_mm).normalized()), depth_mm_((plan.target_mm - plan.entry_mm).norm()),
+      way_mm_(-plan.standoff_mm), correction_(misplaced_mm), tip_before_(aim() + correction_), tip_(tip_before_) {}
+
+bool Insertion::display_is_live(std::int64_t now_ns) const {
+  return shown_ == bregma_wire_POSE_LIVE && seconds(seen_ns_, now_ns) <= parameters_.display_patience_s;
+}
+
+void Insertion::see(const wire::NavigationState &state, std::int64_t now_ns) {
+  shown_ = state.status;
+  seen_ns_ = now_ns;
+  if (state.status != bregma_wire_POSE_LIVE) {
+    return;
+  }
+  const auto &t = state.T_image_tip.translation_mm;
+  const Vector3d shown(t[0], t[1], t[2]);
+  const double step_s = steered_ns_ == 0 ? 0.0 : std::min(seconds(steered_ns_, now_ns), kLongestStep_s);
+  steered_ns_ = now_ns;
+  const bool steering = phase_ != Phase::kWithdraw && phase_ != Phase::kDone;
+  if (steering && shown.allFinite()) {
+    const Vector3d off = shown - aim();
+    const double fastest = parameters_.steering_time_s * kFastestCorrection_mm_s;
+    correction_ -= (step_s / parameters_.steering_time_s) * off * std::min(1.0, fastest / std::max(off.norm(), 1e-9));
+  }
+}
+
+// Accelerates evenly, brakes so as to stop where it should.
+void Insertion::drive(double to_mm, double speed_mm_s, double elapsed_s, bool may_move) {
+  const double acceleration = speed_mm_s / kSpeedUp_s;
+  const double left = to_mm - way_mm_;
+  const double wanted =
+      may_move ? std::copysign(std::min(speed_mm_s, std::sqrt(2.0 * acceleration * std::abs(left))), left) : 0.0;
+  speed_mm_s_ += std::clamp(wanted - speed_mm_s_, -2.0 * acceleration * elapsed_s, 2.0 * acceleration * elapsed_s);
+  const double step = speed_mm_s_ * elapsed_s;
+  way_mm_ += std::abs(step) > std::abs(left) && may_move ? left : step;
+}
+
+bool Insertion::at(double way_mm) const { return std::abs(way_mm_ - way_mm) < kArrived_mm; }
+
+void Insertion::advance(std::int64_t now_ns) {
+  const double elapsed_s = now_ns_ == 0 ? 0.0 : seconds(now_ns_, now_ns);
+  const bool live = display_is_live(now_ns);
+  const bool needs_display = phase_ != Phase::kWithdraw && phase_ != Phase::kDone;
+  waited_s_ = live || !needs_display ? 0.0 : waited_s_ + elapsed_s;
+  phase_s_ += live ? elapsed_s : 0.0;
+  const auto enter = [this](Phase next) {
+    phase_ = next;
+    phase_s_ = 0.0;
+  };
+  switch (phase_) {
+  case Phase::kAlign:
+    if (phase_s_ >= kAlignTimes * parameters_.steering_time_s) {
+      enter(Phase::kAdvance);
+    }
+    break;
+  case Phase::kAdvance:
+    drive(depth_mm_, plan_.speed_mm_s, elapsed_s, live);
+    if (at(depth_mm_)) {
+      enter(Phase::kSettle);
+    }
+    break;
+  case Phase::kSettle:
+    if (phase_s_ >= kSettleTimes * parameters_.steering_time_s) {
+      enter(Phase::kHold);
+    }
+    break;
+  case Phase::kHold:
+    if (phase_s_ >= plan_.hold_s) {
+      speed_mm_s_ = 0.0;
+      enter(Phase::kWithdraw);
+    }
+    break;
+  case Phase::kWithdraw:
+    drive(-plan_.standoff_mm, kWithdrawFaster * plan_.speed_mm_s, elapsed_s, true);
+    if (at(-plan_.standoff_mm)) {
+      enter(Phase::kDone);
+    }
+    break;
+  case Phase::kDone:
+    break;
+  }
+  before_ns_ = now_ns_;
+  now_ns_ = now_ns;
+  tip_before_ = tip_;
+  tip_ = aim() + correction_;
+}
+
+// One call of advance() behind: so the way is continuous between them.
+HandPose Insertion::pose(std::int64_t time_ns) const {
+  const double between =
+      before_ns_ == 0 ? 1.0 : std::clamp(seconds(now_ns_, time_ns) / seconds(before_ns_, now_ns_), 0.0, 1.0);
+  return {tip_before_ + between * (tip_ - tip_before_), rotation_, parameters_.rest_share, parameters_.rest_share};
+}
+
+std::string Insertion::why_waiting() const {
+  return "the display was not live for " + std::to_string(std::lround(waited_s_)) +
+         " s (last shown: " + (seen_ns_ == 0 ? std::string("nothing") : std::string(name_of(shown_))) + ")";
+}
+
+} // namespace bregma::sim
