@@ -1,0 +1,21 @@
+// The pictures of a session's page: each a piece of HTML, empty when the session holds nothing to draw.
+#pragma once
+
+#include <string>
+
+#include "casefile/result.hpp"
+#include "clients/cli/report/session_analysis.hpp"
+
+namespace bregma::cli::report {
+
+[[nodiscard]] std::string timeline_figure(const SessionAnalysis &session);
+[[nodiscard]] std::string error_figure(const SessionAnalysis &session);   // true error and predicted TRE over time
+[[nodiscard]] std::string honesty_figure(const SessionAnalysis &session); // predicted against true error
+[[nodiscard]] std::string latency_figure(const SessionAnalysis &session);
+[[nodiscard]] std::string residual_figure(const SessionAnalysis &session); // distribution of scalp residuals
+// Four views of the head with the traced points coloured by residual.
+[[nodiscard]] casefile::Result<std::string> head_figure(const SessionAnalysis &session);
+
+[[nodiscard]] std::string base64(const std::vector<std::uint8_t> &bytes);
+
+} // namespace bregma::cli::report

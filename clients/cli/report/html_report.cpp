@@ -1,0 +1,270 @@
+#include "clients/cli/report/html_report.hpp"
+
+#include <chrono>
+#include <cmath>
+#include <ctime>
+
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/report/figures.hpp"
+#include "clients/cli/report/page_style.hpp"
+#include "clients/cli/report/plots.hpp"
+#include "clients/cli/report/summary.hpp"
+
+namespace bregma::cli::report {
+namespace {
+
+// Cells are escaped here, once. A column whose heading begins with '#' holds figures and stands right.
+class HtmlTable {
+public:
+  explicit HtmlTable(const std::vector<std::string> &headings) {
+    out_ = "<div class='scroll'><table><thead><tr>";
+    for (const auto &heading : headings) {
+      figures_.push_back(heading.starts_with('#'));
+      out_ += std::string(figures_.back() ? "<th class='n'>" : "<th>") +
+              escape(heading.substr(figures_.back() ? 1 : 0)) + "</th>";
+    }
+    out_ += "</tr></thead><tbody>";
+  }
+  // verdict: colours the last cell.
+  void row(const std::vector<std::string> &cells, const char *verdict = "") {
+    any_ = true;
+    out_ += "<tr>";
+    for (std::size_t i = 0; i < cells.size(); ++i) {
+      const std::string kind = std::string(figures_[i] ? "n " : "") + (i + 1 == cells.size() ? verdict : "");
+      out_ += "<td class='" + kind + "'>" + escape(cells[i]) + "</td>";
+    }
+    out_ += "</tr>";
+  }
+  [[nodiscard]] bool any() const { return any_; }
+  [[nodiscard]] std::string text() const { return out_ + "</tbody></table></div>"; }
+
+private:
+  std::vector<bool> figures_;
+  std::string out_;
+  bool any_ = false;
+};
+
+std::string section(std::string_view heading, const std::string &content, std::string_view kind = {}) {
+  return content.empty()
+             ? std::string()
+             : "<section class='" + std::string(kind) + "'><h2>" + escape(heading) + "</h2>" + content + "</section>";
+}
+
+std::string card(std::string_view name, const std::string &value, std::string_view remark) {
+  return "<div class='card'><span>" + escape(name) + "</span><b>" + escape(value) + "</b><small>" + escape(remark) +
+         "</small></div>";
+}
+
+std::string known(double value, int decimals, std::string_view unit) {
+  return std::isfinite(value) ? fixed(value, decimals, unit) : "not known";
+}
+
+std::string date_text(std::int64_t time_ns) {
+  const std::time_t seconds = static_cast<std::time_t>(time_ns / 1'000'000'000);
+  std::tm parts{};
+  char text[64];
+  return gmtime_r(&seconds, &parts) != nullptr && std::strftime(text, sizeof(text), "%Y-%m-%d %H:%M:%S UTC", &parts) > 0
+             ? text
+             : "date not known";
+}
+
+std::string case_of(const SessionAnalysis &session) {
+  for (const auto &entry : session.meta) {
+    if (entry.key == "case_id") {
+      return entry.value;
+    }
+  }
+  return "session";
+}
+
+std::string page_header(const SessionAnalysis &session, const std::vector<Judgement> &judgements) {
+  std::size_t broken = 0;
+  for (const auto &one : judgements) {
+    broken += one.holds ? 0 : 1;
+  }
+  const std::string badge =
+      judgements.empty() ? "<span class='badge'>no limits given</span>"
+      : broken == 0      ? "<span class='badge good'>all " + std::to_string(judgements.size()) + " limits held</span>"
+                    : "<span class='badge bad'>" + std::to_string(broken) + " of " + std::to_string(judgements.size()) +
+                          " limits did not hold</span>";
+  std::string sub = date_text(session.start_ns) + " \u00b7 " + duration_text(session.seconds(session.end_ns)) +
+                    " \u00b7 " + std::to_string(session.tracker_frames) + " tracker frames";
+  sub += session.has_truth ? " \u00b7 simulated, so the truth is known" : " \u00b7 true errors are not known";
+  return "<header><h1>Navigation report: " + escape(case_of(session)) + "</h1>" + badge + "<p class='sub'>" +
+         escape(sub) + "</p></header>";
+}
+
+std::string key_figures(const SessionAnalysis &session) {
+  std::string out = "<div class='cards'>";
+  const AtTarget none;
+  const AtTarget &target = session.at_target ? *session.at_target : none;
+  out += card("True error at the target", known(target.true_error_mm.percentile(0.5), 2, "mm"),
+              session.at_target ? "of the shown tip, median; worst " + known(target.true_error_mm.max(), 2, "mm")
+                                : std::string("no tip was held at the target"));
+  out += card("Predicted error at the target", known(target.predicted_rms_mm, 2, "mm"),
+              target.inside ? (*target.inside ? "TRE, RMS; the true error lay inside the predicted 95 % region"
+                                              : "TRE, RMS; the true error lay OUTSIDE the predicted 95 % region")
+                            : "TRE, RMS of the shown tip");
+  const auto *nearest = session.approaches.empty() ? nullptr : &session.approaches.front();
+  out += card("Closest critical structure", nearest != nullptr ? known(nearest->shown_mm, 1, "mm") : "none",
+              nearest == nullptr ? "none was approached while navigating"
+              : std::isfinite(nearest->true_at_least_mm)
+                  ? nearest->structure + "; truly at least " + fixed(nearest->true_at_least_mm, 1, "mm")
+                  : nearest->structure + "; the true distance is not known");
+  out += card("Latency, median", known(session.sent_to_published_ms.percentile(0.5), 2, "ms"),
+              "frame sent to state published; 99 % " + known(session.sent_to_published_ms.percentile(0.99), 2, "ms") +
+                  ", 99.9 % " + known(session.sent_to_published_ms.percentile(0.999), 2, "ms"));
+  std::uint64_t lost = 0;
+  std::uint64_t late = 0;
+  for (const auto &device : session.devices) {
+    lost += device.lost;
+    late += device.late;
+  }
+  out += card("Lost samples", session.devices.empty() ? "not known" : std::to_string(lost),
+              std::to_string(late) + " late, " + std::to_string(session.rejected_in_all()) + " rejected, all devices");
+  out += card("Navigation rate", known(session.navigation_rate_hz, 0, "Hz"), "states a second while navigating");
+  out +=
+      card("Consistency of the fiducials", session.registration ? known(session.registration->fre_mm, 2, "mm") : "none",
+           "FRE: how well the fiducials agree. It is not an accuracy.");
+  return out + "</div>";
+}
+
+std::string limits_table(const std::vector<Judgement> &judgements) {
+  HtmlTable table({"What", "#Value", "#Wanted", "Holds"});
+  for (const auto &one : judgements) {
+    table.row({one.text, value_text(one), limit_text(one), one.holds ? "yes" : "no"}, one.holds ? "yes" : "no");
+  }
+  return table.any() ? table.text() : std::string();
+}
+
+std::string registration_tables(const SessionAnalysis &session) {
+  if (!session.registration) {
+    return "<p>No registration was accepted.</p>";
+  }
+  const auto &registration = *session.registration;
+  std::string out = "<p>" + std::to_string(registration.fiducials) + " fiducials and " +
+                    std::to_string(registration.surface_points) + " surface points, accepted at " +
+                    escape(duration_text(session.seconds(registration.accepted_time_ns))) + ".</p>";
+  HtmlTable targets({"Target", "#Predicted TRE, RMS mm", "#95 % within mm"});
+  for (const auto &target : registration.targets) {
+    targets.row({target.target, fixed(target.tre_rms_mm, 2), fixed(target.tre_95_mm, 2)});
+  }
+  out += targets.any() ? targets.text() : std::string();
+  HtmlTable fiducials({"Fiducial", "#Residual mm", "#Left out mm", "#p", "Suspect"});
+  for (const auto &one : registration.residuals) {
+    fiducials.row({one.fiducial, fixed(one.residual_mm, 2), fixed(one.leave_one_out_mm, 2), fixed(one.p_value, 3),
+                   one.suspect ? "yes" : "no"},
+                  one.suspect ? "no" : "");
+  }
+  if (fiducials.any()) {
+    out += "<h3>Residuals of the fiducials</h3>" + fiducials.text() +
+           "<p class='note'>\u201cLeft out\u201d is the distance when the fiducial takes no part in the fit. Residuals "
+           "tell "
+           "whether the fiducials agree; they do not tell the error at the target.</p>";
+  }
+  return out;
+}
+
+std::string checks_table(const SessionAnalysis &session) {
+  HtmlTable table({"Landmark", "Tool", "#At s", "#Distance mm", "#95 % bound mm"});
+  for (const auto &check : session.checks) {
+    const bool beyond = check.distance_mm > check.limit_mm;
+    table.row({check.landmark, check.tool, fixed(session.seconds(check.time_ns), 1), fixed(check.distance_mm, 2),
+               fixed(check.limit_mm, 2)},
+              beyond ? "no" : "");
+  }
+  return table.any() ? table.text() : std::string();
+}
+
+std::string approaches_table(const SessionAnalysis &session) {
+  HtmlTable table({"Structure", "Tool", "#At s", "#Shown mm", "#Truly at least mm"});
+  for (const auto &approach : session.approaches) {
+    table.row({approach.structure, approach.tool, fixed(session.seconds(approach.time_ns), 1),
+               fixed(approach.shown_mm, 1), fixed(approach.true_at_least_mm, 1)});
+  }
+  return table.any() ? table.text() : std::string();
+}
+
+std::string devices_tables(const SessionAnalysis &session) {
+  HtmlTable devices({"Device", "Kind", "#Rate Hz", "#Taken", "#Lost", "#Late", "#Connects", "Rejected"});
+  for (const auto &device : session.devices) {
+    std::string reasons;
+    for (const auto &[reason, count] : device.rejected) {
+      reasons += (reasons.empty() ? "" : ", ") + std::to_string(count) + " " + reason;
+    }
+    devices.row({device.device, device.kind, fixed(device.rate_hz, 1), std::to_string(device.taken),
+                 std::to_string(device.lost), std::to_string(device.late), std::to_string(device.connections),
+                 reasons.empty() ? "none" : reasons});
+  }
+  HtmlTable loops({"Loop", "#Rate Hz", "#Steps", "#Overruns", "#Step p50 \u00b5s", "#p99 \u00b5s", "#max \u00b5s"});
+  for (const auto &loop : session.loops) {
+    loops.row({loop.loop, loop.rate_hz > 0 ? fixed(loop.rate_hz, 0) : "by event", std::to_string(loop.steps),
+               std::to_string(loop.overruns), fixed(loop.step_p50_us, 1), fixed(loop.step_p99_us, 1),
+               fixed(loop.step_max_us, 1)});
+  }
+  std::string out = devices.any() ? devices.text() : std::string();
+  if (session.unknown_device_samples > 0) {
+    out += "<p class='note'>" + std::to_string(session.unknown_device_samples) +
+           " samples came from devices that nobody configured.</p>";
+  }
+  return out + (loops.any() ? "<h3>Loops of the daemon</h3>" + loops.text() : std::string());
+}
+
+std::string alarms_table(const SessionAnalysis &session) {
+  HtmlTable table({"#At s", "Alarm", "Subject", "State", "Severity", "Text"});
+  for (const auto &alarm : session.alarms) {
+    table.row(
+        {fixed(session.seconds(alarm.time_ns), 1), alarm.kind, alarm.subject, alarm.state, alarm.severity, alarm.text});
+  }
+  return table.any() ? table.text() : std::string("<p>No alarm was raised.</p>");
+}
+
+std::string meta_table(const SessionAnalysis &session) {
+  HtmlTable table({"Recorded", "Value"});
+  for (const auto &entry : session.meta) {
+    table.row({entry.key, entry.value});
+  }
+  return table.any() ? table.text() : std::string();
+}
+
+std::string columns(const std::string &left, const std::string &right) {
+  return left.empty() && right.empty() ? std::string() : "<div class='columns'>" + left + right + "</div>";
+}
+
+} // namespace
+
+casefile::Result<std::string> html_report(const SessionAnalysis &session, const std::vector<Judgement> &judgements) {
+  const auto heads = head_figure(session);
+  if (!heads) {
+    return tl::unexpected(heads.error());
+  }
+  std::string out = "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
+                    "<meta name='viewport' content='width=device-width,initial-scale=1'><title>Navigation report: " +
+                    escape(case_of(session)) + "</title><style>" + kPageStyle + "</style></head><body><main>";
+  out += page_header(session, judgements) + key_figures(session);
+  if (session.record_dropped > 0) {
+    out += section("The recording is not whole", "<p>" + std::to_string(session.record_dropped) +
+                                                     " records were dropped; the figures count what is there.</p>");
+  }
+  out += section("Limits of the scenario", limits_table(judgements));
+  out += section("The session", timeline_figure(session));
+  out += section("Error of the shown tip", error_figure(session));
+  out += columns(section("Predicted against true error", honesty_figure(session)),
+                 section("Latency", latency_figure(session)));
+  out += section("Scalp residuals on the head", *heads + residual_figure(session));
+  out += columns(section("Registration", registration_tables(session)),
+                 section("Checks and clearances",
+                         (session.checks.empty() ? std::string() : "<h3>Check touches</h3>" + checks_table(session)) +
+                             (session.approaches.empty()
+                                  ? std::string()
+                                  : "<h3>Closest approach while navigating</h3>" + approaches_table(session))));
+  out += section("Devices", devices_tables(session));
+  out += section("Alarms", alarms_table(session), "long");
+  out += section("About this recording", meta_table(session), "long");
+  return out + "<footer>Lengths in millimetres, image coordinates RAS. Accuracy is the predicted target error (TRE) "
+               "with its 95 % region; the consistency of fiducials (FRE) is never an accuracy.</footer>"
+               "</main></body></html>\n";
+}
+
+} // namespace bregma::cli::report

@@ -1,0 +1,17 @@
+// A session as one page: text, tables and pictures in one file that needs no other, no network and no script.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "casefile/result.hpp"
+#include "clients/cli/report/judgement.hpp"
+#include "clients/cli/report/session_analysis.hpp"
+
+namespace bregma::cli::report {
+
+// An error only when a picture of the head cannot be encoded.
+[[nodiscard]] casefile::Result<std::string> html_report(const SessionAnalysis &session,
+                                                        const std::vector<Judgement> &judgements);
+
+} // namespace bregma::cli::report

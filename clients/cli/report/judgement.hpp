@@ -1,0 +1,27 @@
+// A run against the limits of its scenario, one by one.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "casefile/run_limits.hpp"
+#include "clients/cli/report/session_analysis.hpp"
+
+namespace bregma::cli::report {
+
+struct Judgement {
+  std::string name;         // the limit's key in the scenario file
+  std::string text;         // what is measured, for a person
+  double value = kNotKnown; // NaN: the file does not say, and then the limit does not hold
+  double limit = kNotKnown;
+  std::string unit;    // empty for counts and yes (1) or no (0)
+  bool at_most = true; // else at least
+  bool holds = false;
+};
+
+// Only the limits that are given.
+[[nodiscard]] std::vector<Judgement> judge(const SessionAnalysis &session, const casefile::RunLimits &limits);
+
+[[nodiscard]] bool all_hold(const std::vector<Judgement> &judgements);
+
+} // namespace bregma::cli::report

@@ -1,0 +1,47 @@
+// The look of the report's page. One column on a phone and on paper, two where there is room.
+#pragma once
+
+namespace bregma::cli::report {
+
+inline constexpr const char *kPageStyle = R"css(
+:root{color-scheme:light;--ink:#1c2430;--soft:#5b6472;--line:#e1e5eb;--paper:#fff;--ground:#f5f6f8;--good:#1b7a50;--bad:#b3261e}
+*{box-sizing:border-box}
+body{margin:0;background:var(--ground);color:var(--ink);font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"Helvetica Neue",Arial,sans-serif;-webkit-text-size-adjust:100%}
+main{max-width:1140px;margin:0 auto;padding:28px 20px 48px}
+header{display:flex;flex-wrap:wrap;align-items:center;gap:8px 20px;margin-bottom:18px}
+h1{font-size:1.75rem;line-height:1.2;margin:0;letter-spacing:-.01em}
+h2{font-size:1.15rem;margin:0 0 12px}
+h3{font-size:1rem;margin:18px 0 8px}
+.sub{color:var(--soft);flex-basis:100%;margin:0}
+.badge{border-radius:99px;padding:3px 14px;font-weight:600;font-size:.95rem;background:#e8ebf0;color:var(--soft)}
+.badge.good{background:#dff3e8;color:var(--good)}.badge.bad{background:#fbe3e1;color:var(--bad)}
+section{background:var(--paper);border:1px solid var(--line);border-radius:10px;padding:20px 22px;margin:0 0 18px}
+.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(205px,1fr));gap:12px;margin-bottom:18px}
+.card{background:var(--paper);border:1px solid var(--line);border-radius:10px;padding:13px 16px}
+.card b{display:block;font-size:1.5rem;line-height:1.25;font-variant-numeric:tabular-nums;letter-spacing:-.01em}
+.card span{display:block;font-size:.85rem;font-weight:600}.card small{display:block;color:var(--soft);font-size:.82rem;line-height:1.35}
+.columns{display:grid;grid-template-columns:1fr 1fr;gap:18px}.columns>section{margin:0}.columns{margin-bottom:18px}
+.columns>section:only-child{grid-column:1/-1}
+.scroll{overflow-x:auto}
+table{border-collapse:collapse;width:100%;font-size:.92rem;font-variant-numeric:tabular-nums}
+th{text-align:left;color:var(--soft);font-weight:600;font-size:.82rem;border-bottom:1px solid #cfd5dd;padding:5px 14px 5px 0;white-space:nowrap}
+td{border-bottom:1px solid var(--line);padding:6px 14px 6px 0;vertical-align:top}
+th.n,td.n{text-align:right}tr:last-child td{border-bottom:0}
+.yes{color:var(--good);font-weight:600}.no{color:var(--bad);font-weight:600}
+p{margin:0 0 10px}.note{color:var(--soft);font-size:.9rem}
+figure{margin:0}figcaption{color:var(--soft);font-size:.88rem;margin-top:8px;max-width:75ch}
+svg{display:block;width:100%;height:auto;font-family:inherit}
+svg .halo{paint-order:stroke;stroke:#fff;stroke-width:3px}
+.narrow{display:none}
+.heads{display:grid;grid-template-columns:repeat(4,1fr);gap:6px}
+.heads img{display:block;width:100%;height:auto}.heads p{text-align:center;color:var(--soft);font-size:.85rem;margin:2px 0 6px}
+.bar{max-width:430px;margin:4px auto 0}
+footer{color:var(--soft);font-size:.85rem}
+@media(max-width:760px){main{padding:18px 12px 32px}section{padding:15px 14px}.columns{grid-template-columns:1fr}
+.heads{grid-template-columns:1fr 1fr}.wide{display:none}.narrow{display:block}h1{font-size:1.45rem}
+.cards{grid-template-columns:1fr 1fr;gap:8px}.card{padding:10px 12px}.card b{font-size:1.25rem}}
+@media print{body{background:#fff;font-size:10.5pt}main{max-width:none;padding:0}section,.card{border-color:#ccc;break-inside:avoid}
+.long{break-inside:auto}.wide{display:block}.narrow{display:none}@page{margin:14mm}}
+)css";
+
+} // namespace bregma::cli::report

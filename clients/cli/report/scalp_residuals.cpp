@@ -1,0 +1,100 @@
+#include "clients/cli/report/scalp_residuals.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <stdexcept>
+
+#include <unistd.h>
+
+#include "algorithms/registration/surface_model.hpp"
+#include "casefile/mesh_file.hpp"
+#include "idl/names.hpp"
+
+namespace bregma::cli::report {
+namespace {
+
+using casefile::Result;
+
+// Mesh readers take files, so the attachment becomes one for a moment.
+class TemporaryFile {
+public:
+  explicit TemporaryFile(const std::string &body) {
+    std::string name = (std::filesystem::temp_directory_path() / "bregma-XXXXXX.ply").string();
+    const int descriptor = mkstemps(name.data(), 4);
+    if (descriptor >= 0) {
+      close(descriptor);
+      path_ = name;
+      std::ofstream out(path_, std::ios::binary);
+      written_ = static_cast<bool>(out.write(body.data(), static_cast<std::streamsize>(body.size())).flush());
+    }
+  }
+  ~TemporaryFile() {
+    std::error_code ignored;
+    std::filesystem::remove(path_, ignored);
+  }
+  TemporaryFile(const TemporaryFile &) = delete;
+  TemporaryFile &operator=(const TemporaryFile &) = delete;
+  [[nodiscard]] const std::filesystem::path &path() const { return path_; }
+  [[nodiscard]] bool written() const { return written_; }
+
+private:
+  std::filesystem::path path_;
+  bool written_ = false;
+};
+
+Result<geometry::TriangleMesh> attached_mesh(const casefile::SessionReader &reader) {
+  const auto body = reader.attachment(kScalpAttachment);
+  if (!body) {
+    return tl::unexpected(body.error());
+  }
+  const TemporaryFile file(*body);
+  if (!file.written()) {
+    return casefile::failure("cannot write a temporary file in " + std::filesystem::temp_directory_path().string());
+  }
+  return casefile::read_mesh(file.path()).map_error([](const casefile::Error &error) {
+    return casefile::Error{"attachment " + std::string(kScalpAttachment) + ": " + error.message};
+  });
+}
+
+} // namespace
+
+Result<void> measure_trace(const casefile::SessionReader &reader, const wire::RegistrationState &accepted,
+                           std::int64_t since_ns, SessionAnalysis &out) {
+  const auto names = reader.attachments();
+  if (!names) {
+    return tl::unexpected(names.error());
+  }
+  if (std::find(names->begin(), names->end(), kScalpAttachment) == names->end()) {
+    return {};
+  }
+  auto mesh = attached_mesh(reader);
+  if (!mesh) {
+    return tl::unexpected(mesh.error());
+  }
+  out.scalp = std::move(*mesh);
+  std::optional<registration::SurfaceModel> model;
+  try {
+    model.emplace(out.scalp);
+  } catch (const std::invalid_argument &error) {
+    return casefile::failure("attachment " + std::string(kScalpAttachment) + ": " + error.what());
+  }
+  const auto T_image_reference =
+      wire::from_wire<geometry::frame::Image, geometry::frame::Reference>(accepted.accepted_T_image_reference);
+  const std::int64_t accepted_ns = out.registration->accepted_time_ns;
+  return reader
+      .each<wire::CapturedPoint>([&](const wire::CapturedPoint &sample, std::int64_t time_ns) {
+        if (sample.kind != bregma_wire_CAPTURE_SURFACE || time_ns < since_ns || time_ns > accepted_ns) {
+          return;
+        }
+        const Eigen::Vector3d point = T_image_reference * Eigen::Vector3d(sample.position_mm);
+        if (point.allFinite()) {
+          const auto closest = model->closest(point);
+          out.trace.push_back({closest.point_mm, closest.signed_mm});
+        }
+      })
+      .map([](std::size_t) {});
+}
+
+} // namespace bregma::cli::report

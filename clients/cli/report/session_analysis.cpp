@@ -1,0 +1,327 @@
+#include "clients/cli/report/session_analysis.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "clients/cli/report/scalp_residuals.hpp"
+#include "clients/cli/report/tip_analysis.hpp"
+#include "clients/cli/wire_labels.hpp"
+#include "idl/names.hpp"
+
+namespace bregma::cli::report {
+namespace {
+
+using casefile::Result;
+using casefile::SessionReader;
+
+constexpr std::int64_t kFreshDaemon_ns = 5'000'000'000;
+
+// Of a text that a damaged file may hold without an end.
+template <std::size_t N> std::string bounded(const char (&text)[N]) { return {text, strnlen(text, N)}; }
+
+template <class T, class Visit> Result<void> visit_each(const SessionReader &reader, Visit &&visit) {
+  return reader.each<T>(std::forward<Visit>(visit)).map([](std::size_t) {});
+}
+
+// ---- commands: checks, verification, states ----
+
+struct Asked {
+  wire::CommandKind kind;
+  std::string tool;
+  std::string point;
+};
+using CommandKey = std::pair<std::string, std::uint64_t>; // client, id
+
+struct Conversation {
+  std::map<CommandKey, Asked> asked;
+  std::vector<std::pair<std::int64_t, wire::SessionState>> states;
+  std::optional<std::int64_t> first_confirmed_ns;
+  std::vector<std::int64_t> registration_starts_ns;
+};
+
+Result<void> read_commands(const SessionReader &reader, SessionAnalysis &out, Conversation &talk) {
+  auto read = visit_each<wire::Command>(reader, [&](const wire::Command &command, std::int64_t) {
+    Asked asked{command.body._d, {}, {}};
+    if (asked.kind == bregma_wire_COMMAND_CHECK_TOUCH) {
+      asked.tool = wire::text(command.body._u.touch.tool);
+      asked.point = wire::text(command.body._u.touch.point);
+    }
+    talk.asked[{wire::text(command.client), command.id}] = std::move(asked);
+  });
+  if (!read) {
+    return read;
+  }
+  return visit_each<wire::CommandReply>(reader, [&](const wire::CommandReply &reply, std::int64_t time_ns) {
+    talk.states.emplace_back(time_ns, reply.session);
+    const auto found = talk.asked.find({wire::text(reply.client), reply.id});
+    if (found == talk.asked.end() || reply.result != bregma_wire_COMMAND_DONE) {
+      return;
+    }
+    const Asked &asked = found->second;
+    if (asked.kind == bregma_wire_COMMAND_CHECK_TOUCH) {
+      out.checks.push_back({time_ns, asked.tool, asked.point, reply.value_mm, kNotKnown});
+    } else if (asked.kind == bregma_wire_COMMAND_CONFIRM_VERIFICATION && !talk.first_confirmed_ns) {
+      talk.first_confirmed_ns = time_ns;
+    } else if (asked.kind == bregma_wire_COMMAND_START_REGISTRATION) {
+      talk.registration_starts_ns.push_back(time_ns);
+    }
+  });
+}
+
+// ---- registration and accuracy ----
+
+Result<void> read_registration(const SessionReader &reader, SessionAnalysis &out,
+                               std::optional<wire::RegistrationState> &accepted) {
+  std::int64_t accepted_ns = 0;
+  auto read =
+      visit_each<wire::RegistrationState>(reader, [&](const wire::RegistrationState &state, std::int64_t time_ns) {
+        if (state.status == bregma_wire_REGISTRATION_ACCEPTED) {
+          const bool again = accepted && accepted->accepted_revision == state.accepted_revision;
+          accepted_ns = again ? accepted_ns : time_ns;
+          accepted = state;
+        }
+      });
+  if (!read || !accepted) {
+    return read;
+  }
+  out.registration = RegistrationSummary{accepted_ns,
+                                         accepted->accepted_revision,
+                                         accepted->fiducial_count,
+                                         accepted->surface_count,
+                                         accepted->fre_mm,
+                                         accepted->surface_rms_mm,
+                                         {},
+                                         {}};
+  auto &residuals = out.registration->residuals;
+  return visit_each<wire::FiducialReport>(reader, [&](const wire::FiducialReport &report, std::int64_t) {
+    // The last that was made from no later samples than the accepted estimate.
+    if (report.revision > accepted->accepted_revision) {
+      return;
+    }
+    residuals.clear();
+    for (std::size_t i = 0; i < std::min<std::size_t>(report.count, std::size(report.fiducials)); ++i) {
+      const auto &one = report.fiducials[i];
+      residuals.push_back(
+          {wire::text(one.fiducial), one.norm_mm, one.leave_one_out_mm, one.p_value, static_cast<bool>(one.suspect)});
+    }
+  });
+}
+
+Result<void> read_accuracy(const SessionReader &reader, SessionAnalysis &out) {
+  return visit_each<wire::AccuracyState>(reader, [&](const wire::AccuracyState &state, std::int64_t time_ns) {
+    // The bound of a check is stated right after it, with the count that it raised.
+    for (auto &check : out.checks) {
+      if (!std::isfinite(check.limit_mm) && check.time_ns <= time_ns &&
+          std::abs(check.distance_mm - state.last_check_mm) < 1e-9) {
+        check.limit_mm = state.last_check_limit_mm;
+      }
+    }
+    if (out.registration && state.target_count > 0) {
+      auto &targets = out.registration->targets;
+      targets.clear();
+      for (std::size_t i = 0; i < std::min<std::size_t>(state.target_count, std::size(state.targets)); ++i) {
+        const auto &target = state.targets[i];
+        targets.push_back({wire::text(target.target), target.tre_rms_mm, target.tre_95.semi_axes_mm[0]});
+      }
+    }
+  });
+}
+
+// ---- alarms ----
+
+Result<void> read_alarms(const SessionReader &reader, SessionAnalysis &out) {
+  std::map<std::pair<std::string, std::string>, bool> open_critical; // seen by a person
+  auto read = visit_each<wire::Alarm>(reader, [&](const wire::Alarm &alarm, std::int64_t time_ns) {
+    const std::pair key{wire::text(alarm.kind), wire::text(alarm.subject)};
+    out.alarms.push_back({time_ns, key.first, key.second, std::string(label(alarm.state)),
+                          std::string(label(alarm.severity)), bounded(alarm.text)});
+    const auto open = open_critical.find(key);
+    if (alarm.state == bregma_wire_ALARM_CLEARED) {
+      if (open != open_critical.end()) {
+        out.unacknowledged_critical += open->second ? 0 : 1;
+        open_critical.erase(open);
+      }
+    } else if (alarm.severity == bregma_wire_SEVERITY_CRITICAL) {
+      out.critical_alarms += open == open_critical.end() ? 1 : 0;
+      open_critical[key] = alarm.state == bregma_wire_ALARM_ACKNOWLEDGED;
+    }
+  });
+  for (const auto &[key, seen] : open_critical) {
+    out.unacknowledged_critical += seen ? 0 : 1;
+  }
+  return read;
+}
+
+// ---- devices and loops ----
+
+DeviceSummary device_summary(const wire::DeviceHealth &last, const wire::DeviceHealth *first, double live_rate_hz) {
+  DeviceSummary out{wire::text(last.device),
+                    std::string(label(last.kind)),
+                    live_rate_hz,
+                    last.taken,
+                    last.lost,
+                    last.late,
+                    last.connections,
+                    {}};
+  if (first != nullptr) {
+    out.taken -= std::min(out.taken, std::uint64_t{first->taken});
+    out.lost -= std::min(out.lost, std::uint64_t{first->lost});
+    out.late -= std::min(out.late, std::uint64_t{first->late});
+  }
+  for (std::size_t i = 0; i < std::size(last.rejected); ++i) {
+    const std::uint64_t before = first != nullptr ? std::min(first->rejected[i], last.rejected[i]) : 0;
+    if (last.rejected[i] > before) {
+      out.rejected[std::string(label(static_cast<wire::RejectReason>(i)))] = last.rejected[i] - before;
+    }
+  }
+  return out;
+}
+
+std::span<const wire::DeviceHealth> devices_of(const wire::SystemHealth &health) {
+  return {health.devices, std::min<std::size_t>(health.device_count, std::size(health.devices))};
+}
+
+Result<void> read_health(const SessionReader &reader, SessionAnalysis &out, Conversation &talk) {
+  std::optional<wire::SystemHealth> first;
+  std::optional<wire::SystemHealth> last;
+  std::map<std::string, double> live_rate_hz;
+  auto read = visit_each<wire::SystemHealth>(reader, [&](const wire::SystemHealth &health, std::int64_t time_ns) {
+    first = first ? first : std::optional(health);
+    last = health;
+    talk.states.emplace_back(time_ns, health.session);
+    for (const auto &device : devices_of(health)) {
+      if (device.status == bregma_wire_DEVICE_LIVE && std::isfinite(device.rate_hz)) {
+        live_rate_hz[wire::text(device.device)] = device.rate_hz;
+      }
+    }
+  });
+  if (!read || !last) {
+    return read;
+  }
+  const bool count_all = first->time_ns - first->started_time_ns < kFreshDaemon_ns;
+  for (const auto &device : devices_of(*last)) {
+    const wire::DeviceHealth *before = nullptr;
+    for (const auto &candidate : devices_of(*first)) {
+      before = !count_all && wire::view(candidate.device) == wire::view(device.device) ? &candidate : before;
+    }
+    const auto rate = live_rate_hz.find(wire::text(device.device));
+    out.devices.push_back(device_summary(device, before, rate == live_rate_hz.end() ? kNotKnown : rate->second));
+  }
+  out.unknown_device_samples = last->unknown_device_samples - (count_all ? 0 : first->unknown_device_samples);
+  out.record_dropped = last->record_dropped - (count_all ? 0 : first->record_dropped);
+  for (std::size_t i = 0; i < std::min<std::size_t>(last->loop_count, std::size(last->loops)); ++i) {
+    const auto &loop = last->loops[i];
+    out.loops.push_back({wire::text(loop.loop), loop.rate_hz, loop.steps, loop.overruns, loop.step_p50_us,
+                         loop.step_p99_us, loop.step_max_us});
+  }
+  return {};
+}
+
+// ---- the whole ----
+
+void make_state_spans(SessionAnalysis &out, Conversation &talk) {
+  std::stable_sort(talk.states.begin(), talk.states.end(),
+                   [](const auto &a, const auto &b) { return a.first < b.first; });
+  for (const auto &[time_ns, state] : talk.states) {
+    const std::string name(label(state));
+    if (out.states.empty() || out.states.back().state != name) {
+      if (!out.states.empty()) {
+        out.states.back().to_ns = time_ns;
+      }
+      out.states.push_back({time_ns, out.end_ns, name});
+    }
+    if (state == bregma_wire_SESSION_NAVIGATING && !out.navigated) {
+      out.navigated = true;
+    }
+  }
+  const auto first_navigating = std::find_if(talk.states.begin(), talk.states.end(), [](const auto &entry) {
+    return entry.second == bregma_wire_SESSION_NAVIGATING;
+  });
+  out.verified_before_navigation = talk.first_confirmed_ns && (first_navigating == talk.states.end() ||
+                                                               *talk.first_confirmed_ns <= first_navigating->first);
+}
+
+// Every topic's records bound the session in time.
+Result<void> read_extent(const SessionReader &reader, SessionAnalysis &out) {
+  const auto extend = [&](std::int64_t time_ns) {
+    out.start_ns = out.start_ns == 0 ? time_ns : std::min(out.start_ns, time_ns);
+    out.end_ns = std::max(out.end_ns, time_ns);
+  };
+  Result<void> read;
+  const auto visit = [&]<class T>(std::uint64_t *count = nullptr) {
+    if (read) {
+      read = visit_each<T>(reader, [&](const T &, std::int64_t time_ns) {
+        extend(time_ns);
+        if (count != nullptr) {
+          ++*count;
+        }
+      });
+    }
+  };
+  visit.operator()<wire::TrackerFrame>(&out.tracker_frames);
+  visit.operator()<wire::SystemHealth>();
+  visit.operator()<wire::NavigationState>();
+  visit.operator()<wire::CommandReply>();
+  visit.operator()<wire::RegistrationState>();
+  visit.operator()<wire::Alarm>();
+  return read;
+}
+
+} // namespace
+
+std::uint64_t SessionAnalysis::rejected_in_all() const {
+  std::uint64_t sum = unknown_device_samples;
+  for (const auto &device : devices) {
+    for (const auto &[reason, count] : device.rejected) {
+      sum += count;
+    }
+  }
+  return sum;
+}
+
+Result<SessionAnalysis> analyse(const SessionReader &reader) {
+  SessionAnalysis out;
+  const auto topics = reader.topics();
+  if (!topics) {
+    return tl::unexpected(topics.error());
+  }
+  for (const auto &topic : *topics) {
+    out.records += topic.count;
+  }
+  if (out.records == 0) {
+    return casefile::failure("the session file holds no records: nothing was recorded, or it was cut off at once");
+  }
+  auto meta = reader.meta();
+  if (!meta) {
+    return tl::unexpected(meta.error());
+  }
+  out.meta = std::move(*meta);
+
+  Conversation talk;
+  std::optional<wire::RegistrationState> accepted;
+  const auto read = read_extent(reader, out)
+                        .and_then([&] { return read_commands(reader, out, talk); })
+                        .and_then([&] { return read_registration(reader, out, accepted); })
+                        .and_then([&] { return read_accuracy(reader, out); })
+                        .and_then([&] { return read_alarms(reader, out); })
+                        .and_then([&] { return read_health(reader, out, talk); })
+                        .and_then([&] { return analyse_tips(reader, out); });
+  if (!read) {
+    return tl::unexpected(read.error());
+  }
+  make_state_spans(out, talk);
+  if (accepted) {
+    const auto start =
+        std::find_if(talk.registration_starts_ns.rbegin(), talk.registration_starts_ns.rend(),
+                     [&](std::int64_t time_ns) { return time_ns <= out.registration->accepted_time_ns; });
+    const std::int64_t since_ns = start == talk.registration_starts_ns.rend() ? 0 : *start;
+    if (auto traced = measure_trace(reader, *accepted, since_ns, out); !traced) {
+      return tl::unexpected(traced.error());
+    }
+  }
+  return out;
+}
+
+} // namespace bregma::cli::report

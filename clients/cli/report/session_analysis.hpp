@@ -1,0 +1,182 @@
+// What a session file says about the run that it holds: figures for `bregma report`, its JSON and its pages.
+//
+// Times are ns UTC as recorded, lengths mm. NaN and empty optionals stand for what the file does not say: without the
+// simulator's truth no true error is known, and none is ever 0 for that reason. Pure functions of the file; one thread.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "algorithms/geometry/triangle_mesh.hpp"
+#include "casefile/result.hpp"
+#include "casefile/session_file/session_file.hpp"
+
+namespace bregma::cli::report {
+
+inline constexpr double kNotKnown = std::numeric_limits<double>::quiet_NaN();
+
+// A sample counts as held at the target when the tip is shown so near to it (mm).
+inline constexpr double kAtTargetDepth_mm = 1.0;    // along the trajectory
+inline constexpr double kAtTargetDistance_mm = 3.0; // in all
+
+// Nearest rank: the smallest value that at least this share of the samples does not exceed.
+struct Distribution {
+  std::vector<double> sorted;
+  [[nodiscard]] std::size_t count() const { return sorted.size(); }
+  [[nodiscard]] double percentile(double share) const; // NaN when empty
+  [[nodiscard]] double max() const { return percentile(1.0); }
+};
+
+// One published tip that was live or unverified, once a tool and tracker frame.
+struct TipSample {
+  std::int64_t time_ns = 0;
+  std::uint32_t tool = 0; // index into SessionAnalysis::tools
+  bool at_target = false;
+  double predicted_rms_mm = kNotKnown; // TRE at the tip
+  double true_error_mm = kNotKnown;    // |shown tip - true tip|
+  double ellipsoid = kNotKnown;        // of the true error, squared, in semi-axes: inside the 95 % region up to 1
+};
+
+// While held at the target of the plan that was navigated.
+struct AtTarget {
+  std::string tool;
+  std::string trajectory;
+  std::size_t samples = 0;
+  double shown_distance_mm = kNotKnown;     // median, shown tip to target
+  Distribution true_error_mm;               // empty without truth
+  double predicted_rms_mm = kNotKnown;      // median
+  double inside_share = kNotKnown;          // of the samples with truth, those inside the predicted 95 % ellipsoid
+  std::optional<bool> inside;               // most of them are
+  double registration_error_mm = kNotKnown; // true error of the accepted registration at the true tip
+};
+
+struct TargetPrediction {
+  std::string target;
+  double tre_rms_mm = kNotKnown;
+  double tre_95_mm = kNotKnown; // longest semi-axis
+};
+
+struct FiducialFigure {
+  std::string fiducial;
+  double residual_mm = kNotKnown;
+  double leave_one_out_mm = kNotKnown;
+  double p_value = kNotKnown;
+  bool suspect = false;
+};
+
+struct RegistrationSummary { // the registration that was accepted last
+  std::int64_t accepted_time_ns = 0;
+  std::uint64_t revision = 0;
+  std::uint32_t fiducials = 0;
+  std::uint32_t surface_points = 0;
+  double fre_mm = kNotKnown; // how well the fiducials agree; says nothing about the target
+  double surface_rms_mm = kNotKnown;
+  std::vector<TargetPrediction> targets;
+  std::vector<FiducialFigure> residuals;
+};
+
+struct CheckTouch {
+  std::int64_t time_ns = 0;
+  std::string tool;
+  std::string landmark;
+  double distance_mm = kNotKnown;
+  double limit_mm = kNotKnown; // 95 % bound if nothing has moved
+};
+
+// To one critical structure, of the tip that was navigated.
+struct Approach {
+  std::string structure;
+  std::string tool;
+  std::int64_t time_ns = 0;
+  double shown_mm = kNotKnown;
+  double true_at_least_mm = kNotKnown; // shown distance less the true error of the tip, at its smallest
+};
+
+struct AlarmChange {
+  std::int64_t time_ns = 0;
+  std::string kind;
+  std::string subject;
+  std::string state;    // raised, acknowledged, cleared
+  std::string severity; // info, warning, critical
+  std::string text;
+};
+
+struct StateSpan {
+  std::int64_t from_ns = 0;
+  std::int64_t to_ns = 0;
+  std::string state;
+};
+
+struct DeviceSummary {
+  std::string device;
+  std::string kind;
+  double rate_hz = kNotKnown; // the last that was stated while it was live
+  std::uint64_t taken = 0;
+  std::uint64_t lost = 0;
+  std::uint64_t late = 0;
+  std::uint64_t connections = 0;
+  std::map<std::string, std::uint64_t> rejected; // by reason, those that occurred
+};
+
+struct LoopSummary {
+  std::string loop;
+  double rate_hz = 0.0; // 0: by event
+  std::uint64_t steps = 0;
+  std::uint64_t overruns = 0;
+  double step_p50_us = kNotKnown;
+  double step_p99_us = kNotKnown;
+  double step_max_us = kNotKnown;
+};
+
+struct TracePoint {
+  Eigen::Vector3d on_scalp_mm; // in Image: the closest point of the scalp to the registered sample
+  double residual_mm = 0.0;    // of the sample to it, negative inside
+};
+
+struct SessionAnalysis {
+  std::vector<casefile::MetaEntry> meta;
+  std::int64_t start_ns = 0; // of the first record
+  std::int64_t end_ns = 0;   // of the last
+  std::uint64_t records = 0;
+  std::uint64_t tracker_frames = 0;
+  bool has_truth = false;
+
+  std::vector<std::string> tools;
+  std::vector<TipSample> tips;           // in the order of publication
+  Distribution exposure_to_published_ms; // states of a new frame only, not their repetitions at the floor rate
+  Distribution sent_to_published_ms;
+  double navigation_rate_hz = kNotKnown; // of the navigated tool's states, while navigating
+  bool navigated = false;
+  bool verified_before_navigation = false;
+
+  std::optional<RegistrationSummary> registration;
+  std::optional<AtTarget> at_target;
+  std::vector<Approach> approaches; // one a structure, nearest first
+  std::vector<CheckTouch> checks;
+  std::vector<AlarmChange> alarms;
+  std::size_t critical_alarms = 0;         // raised
+  std::size_t unacknowledged_critical = 0; // of these, those that nobody acknowledged before they went or the end
+  std::vector<StateSpan> states;
+  // Counted since the first record, or since the daemon's start when that was within the five seconds before.
+  std::vector<DeviceSummary> devices;
+  std::vector<LoopSummary> loops;
+  std::uint64_t unknown_device_samples = 0;
+  std::uint64_t record_dropped = 0;
+
+  geometry::TriangleMesh scalp; // empty when the file carries none
+  std::vector<TracePoint> trace;
+
+  [[nodiscard]] double seconds(std::int64_t time_ns) const { return static_cast<double>(time_ns - start_ns) * 1e-9; }
+  [[nodiscard]] std::uint64_t rejected_in_all() const;
+};
+
+// An error when the file cannot be read through, or holds nothing at all.
+[[nodiscard]] casefile::Result<SessionAnalysis> analyse(const casefile::SessionReader &reader);
+
+} // namespace bregma::cli::report

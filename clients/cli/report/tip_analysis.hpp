@@ -1,0 +1,13 @@
+// The tips that were published, against the truth where there is one. Part of analyse().
+#pragma once
+
+#include "clients/cli/report/session_analysis.hpp"
+
+namespace bregma::cli::report {
+
+// Fills tips, tools, latencies, navigation rate, at_target, approaches and has_truth.
+[[nodiscard]] casefile::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAnalysis &out);
+
+[[nodiscard]] Distribution distribution_of(std::vector<double> values);
+
+} // namespace bregma::cli::report

@@ -1,0 +1,89 @@
+// `bregma report`: what a session file says about its run.
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <string>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "casefile/run_limits.hpp"
+#include "clients/cli/commands.hpp"
+#include "clients/cli/output.hpp"
+#include "clients/cli/report/html_report.hpp"
+#include "clients/cli/report/judgement.hpp"
+#include "clients/cli/report/session_analysis.hpp"
+#include "clients/cli/report/summary.hpp"
+
+namespace bregma::cli {
+namespace {
+
+struct ReportOptions {
+  std::string session;
+  std::string html;
+  std::string scenario;
+};
+
+casefile::Result<void> write_file(const std::filesystem::path &file, const std::string &text) {
+  std::ofstream out(file, std::ios::binary);
+  if (!out.write(text.data(), static_cast<std::streamsize>(text.size())).flush()) {
+    return casefile::failure(file.string() + ": cannot be written");
+  }
+  return {};
+}
+
+int run_report(const ReportOptions &options, const Context &context) {
+  casefile::RunLimits limits;
+  if (!options.scenario.empty()) {
+    const auto loaded = casefile::load_run_limits(options.scenario);
+    if (!loaded) {
+      return fail(loaded.error());
+    }
+    limits = *loaded;
+  }
+  const auto reader = casefile::SessionReader::open(options.session);
+  if (!reader) {
+    return fail(reader.error());
+  }
+  const auto session = report::analyse(*reader);
+  if (!session) {
+    const std::string &message = session.error().message;
+    const bool names_file = message.find(options.session) != std::string::npos;
+    return fail(names_file ? message : options.session + ": " + message);
+  }
+  const auto judgements = report::judge(*session, limits);
+  if (!options.html.empty()) {
+    const auto page = report::html_report(*session, judgements);
+    const auto written = page ? write_file(options.html, *page) : tl::unexpected(page.error());
+    if (!written) {
+      return fail(written.error());
+    }
+  }
+  if (context.json) {
+    print_json(report::summary_json(*session, judgements));
+  } else {
+    print(report::summary_text(*session, judgements));
+    if (!options.html.empty()) {
+      print("Written: " + options.html + "\n");
+    }
+  }
+  return report::all_hold(judgements) ? kOk : kRefused;
+}
+
+} // namespace
+
+void add_report_command(CLI::App &app, Context &context) {
+  auto options = std::make_shared<ReportOptions>();
+  auto *command = app.add_subcommand("report", "Sums up a recorded session, and judges it against limits");
+  command->add_option("session", options->session, "Session file (.db)")->required();
+  command->add_option("--html", options->html, "Write a page with plots, one file that needs no other");
+  command->add_option("--scenario", options->scenario, "Judge by the [limits] of this scenario file");
+  add_json_flag(*command, context);
+  command->footer("Exit code 1 when a limit of the scenario did not hold.\n\nExamples:\n"
+                  "  bregma report sessions/2024-05-01T10-20.db --html report.html\n"
+                  "  bregma report run.db --scenario biopsy.toml --json");
+  command->callback([options, &context] { context.run = [options, &context] { return run_report(*options, context); }; });
+}
+
+} // namespace bregma::cli
