@@ -13,7 +13,11 @@ std::string_view name_direction(const geometry::Vector6d &direction) noexcept {
       "rotation about left-right", "rotation about anterior-posterior", "rotation about superior-inferior"};
   static constexpr std::array<std::string_view, 3> kTranslations = {
       "translation along left-right", "translation along anterior-posterior", "translation along superior-inferior"};
-  const bool turns = direction.head<3>().norm() > direction.tail<3>().norm();
+  // A turn about an axis that passes within 150 mm of the centre is a rotation to a person, though most of what the
+  // centre itself does is shift: three fiducials on the forehead leave a turn about the forehead open. Rotations come
+  // counted at 80 mm.
+  constexpr double kReach = 150.0 / 80.0;
+  const bool turns = kReach * direction.head<3>().norm() > direction.tail<3>().norm();
   Eigen::Index axis = 0;
   (turns ? direction.head<3>() : direction.tail<3>()).cwiseAbs().maxCoeff(&axis);
   return (turns ? kRotations : kTranslations)[static_cast<std::size_t>(axis)];
@@ -46,7 +50,7 @@ void describe(const RegistrationResult &result, const RegistrationOptions &optio
   }
   case Refusal::kDirectionNotFixed: {
     const std::string_view direction = name_direction(result.weakest);
-    const std::string_view where = target.empty() ? "inside the head" : target;
+    const std::string_view where = target.empty() ? "a point inside the head" : target;
     std::snprintf(
         out.data(), out.size(),
         "too little surface to fix %.*s: predicted error at %.*s %.1f mm, limit %.1f mm; trace more of the head",

@@ -84,7 +84,8 @@ struct RegistrationResult {
   int iterations = 0;
 };
 
-// The weakest direction in words, for example "translation along left-right" or "rotation about superior-inferior".
+// RegistrationResult::weakest in words, for example "translation along left-right" or "rotation about
+// superior-inferior".
 [[nodiscard]] std::string_view name_direction(const geometry::Vector6d &direction) noexcept;
 
 // Why the result was refused and what to do, for a person; empty when it was not. NUL-terminated, cut at the end of

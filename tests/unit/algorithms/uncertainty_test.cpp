@@ -1,0 +1,115 @@
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/tre.hpp"
+#include "tests/unit/algorithms/head.hpp"
+
+namespace {
+
+using namespace bregma;
+using geometry::Matrix3d;
+using geometry::Vector3d;
+using uncertainty::chi_square_cdf;
+using uncertainty::chi_square_survival;
+using uncertainty::chi_square_upper_quantile;
+constexpr unsigned kSeed = 20260205;
+
+// Abramowitz & Stegun, table 26.8, and the closed form for two degrees of freedom.
+TEST(ChiSquare, QuantilesOfTheTables) {
+  EXPECT_NEAR(chi_square_upper_quantile(0.05, 1), 3.84146, 1e-5);
+  EXPECT_NEAR(chi_square_upper_quantile(0.05, 3), uncertainty::kChiSquare95Of3, 1e-9);
+  EXPECT_NEAR(chi_square_upper_quantile(0.01, 10), 23.20925, 1e-5);
+  EXPECT_NEAR(chi_square_upper_quantile(0.001, 18), 42.31240, 1e-5);
+  EXPECT_NEAR(chi_square_upper_quantile(0.95, 30), 18.49266, 1e-5);
+  EXPECT_NEAR(chi_square_upper_quantile(0.5, 100), 99.33413, 1e-5);
+  EXPECT_NEAR(chi_square_survival(7.0, 2), std::exp(-3.5), 1e-15);
+  EXPECT_NEAR(chi_square_survival(1e-4, 3), 1.0, 1e-6);
+}
+
+TEST(ChiSquare, EndsAndExtremesAreDefined) {
+  EXPECT_EQ(chi_square_survival(0.0, 3), 1.0);
+  EXPECT_EQ(chi_square_survival(-1.0, 3), 1.0);
+  EXPECT_EQ(chi_square_survival(std::numeric_limits<double>::infinity(), 3), 0.0);
+  EXPECT_TRUE(std::isnan(chi_square_survival(std::nan(""), 3)));
+  EXPECT_NEAR(chi_square_survival(186.0, 186), 0.4862, 1e-3); // 64 fiducials
+  EXPECT_LT(chi_square_survival(1e5, 186), 1e-300);
+  for (const int dof : {1, 2, 3, 6, 45, 186}) {
+    for (const double tail : {1e-6, 0.01, 0.5, 0.99}) {
+      EXPECT_NEAR(chi_square_survival(chi_square_upper_quantile(tail, dof), dof) / tail, 1.0, 1e-7);
+    }
+    EXPECT_NEAR(chi_square_cdf(dof, dof) + chi_square_survival(dof, dof), 1.0, 1e-12);
+  }
+}
+
+TEST(Ellipsoid95, AxesAreLongestFirstAndRebuildTheCovariance) {
+  std::mt19937 rng(kSeed);
+  for (int run = 0; run < 200; ++run) {
+    const Matrix3d C = test::random_anisotropic(rng, 0.4, 1.1) + test::random_anisotropic(rng, 0.1, 0.6);
+    const auto e = uncertainty::ellipsoid_95(C);
+    EXPECT_GE(e.semi_axes_mm[0], e.semi_axes_mm[1]);
+    EXPECT_GE(e.semi_axes_mm[1], e.semi_axes_mm[2]);
+    EXPECT_NEAR(e.axes.determinant(), 1.0, 1e-12);
+    const Vector3d variances = e.semi_axes_mm.cwiseAbs2() / uncertainty::kChiSquare95Of3;
+    EXPECT_TRUE((e.axes.transpose() * variances.asDiagonal() * e.axes).isApprox(C, 1e-10)) << "seed " << kSeed;
+    // A point at the end of an axis is on the border.
+    const Vector3d end = e.semi_axes_mm[0] * e.axes.row(0).transpose();
+    EXPECT_NEAR(uncertainty::mahalanobis_squared(C, end), uncertainty::kChiSquare95Of3, 1e-9);
+  }
+}
+
+TEST(Ellipsoid95, HoldsNineteenOfTwenty) {
+  std::mt19937 rng(kSeed);
+  const Matrix3d C = test::random_anisotropic(rng, 0.3, 0.9);
+  int inside = 0;
+  constexpr int kDraws = 20'000;
+  for (int i = 0; i < kDraws; ++i) {
+    inside += uncertainty::mahalanobis_squared(C, test::draw(rng, C)) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+  }
+  EXPECT_NEAR(100.0 * inside / kDraws, 95.0, 0.6);
+}
+
+TEST(Ellipsoid95, UnknownStaysUnknownAndSingularIsInfinite) {
+  EXPECT_TRUE(uncertainty::ellipsoid_95(Matrix3d::Constant(std::nan(""))).semi_axes_mm.hasNaN());
+  const Matrix3d flat = Vector3d(1.0, 1.0, 0.0).asDiagonal();
+  EXPECT_TRUE(std::isinf(uncertainty::mahalanobis_squared(flat, Vector3d::UnitZ())));
+  EXPECT_NEAR(uncertainty::mahalanobis_squared(flat, Vector3d::UnitX()), 1.0, 1e-12);
+  EXPECT_EQ(uncertainty::ellipsoid_95(flat).semi_axes_mm[2], 0.0);
+}
+
+// The covariance of the maximum likelihood estimate must agree with Fitzpatrick's closed form, which was derived
+// another way, wherever that applies.
+TEST(Tre, AgreesWithFitzpatrickForIsotropicErrors) {
+  std::mt19937 rng(kSeed);
+  for (const int count : {3, 4, 8, 30}) {
+    for (int run = 0; run < 20; ++run) {
+      std::vector<Vector3d> fiducials;
+      std::vector<registration::PointPair> pairs;
+      const double sigma = 0.4;
+      const auto T = test::random_pose<geometry::frame::Target, geometry::frame::Source>(rng);
+      for (int i = 0; i < count; ++i) {
+        const Vector3d p = test::normal_vector(rng, 60.0);
+        fiducials.push_back(p);
+        pairs.push_back({T.inverse() * p, p, Matrix3d::Zero(), sigma * sigma * Matrix3d::Identity()});
+      }
+      const Vector3d target = test::normal_vector(rng, 60.0);
+      const auto fit = registration::fit_paired(pairs);
+      ASSERT_TRUE(fit.converged);
+      const double ours = uncertainty::rms_mm(uncertainty::tre_covariance(fit.covariance, target));
+      const double theirs = uncertainty::fitzpatrick_tre_rms_mm(fiducials, target, sigma * std::sqrt(3.0));
+      EXPECT_NEAR(ours / theirs, 1.0, 1e-9) << count << " fiducials, run " << run << ", seed " << kSeed;
+      EXPECT_NEAR(fit.fre_expected_mm, uncertainty::expected_fre_rms_mm(count, sigma * std::sqrt(3.0)), 1e-9);
+    }
+  }
+}
+
+TEST(Tre, FitzpatrickNeedsThreePointsOffALine) {
+  const std::vector<Vector3d> line = {{0, 0, 0}, {10, 0, 0}, {20, 0, 0}, {40, 0, 0}};
+  EXPECT_TRUE(std::isnan(uncertainty::fitzpatrick_tre_rms_mm(line, {0, 10, 0}, 1.0)));
+  EXPECT_TRUE(std::isnan(uncertainty::fitzpatrick_tre_rms_mm(std::span(line).first(2), {0, 10, 0}, 1.0)));
+  EXPECT_TRUE(std::isnan(uncertainty::expected_fre_rms_mm(2, 1.0)));
+}
+
+} // namespace
