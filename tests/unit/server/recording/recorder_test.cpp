@@ -1,0 +1,155 @@
+#include <array>
+#include <thread>
+
+#include <gtest/gtest.h>
+
+#include "server/recording/recorder.hpp"
+#include "tests/support/allocation_counter.hpp"
+#include "tests/unit/server/recording/recording_support.hpp"
+
+namespace bregma::recording {
+namespace {
+
+using namespace std::chrono_literals;
+using test::navigation;
+using test::range;
+
+std::vector<std::uint64_t> recorded_frames(const std::filesystem::path &file) {
+  std::vector<std::uint64_t> frames;
+  auto reader = casefile::SessionReader::open(file);
+  EXPECT_TRUE(reader) << reader.error().message;
+  EXPECT_TRUE(reader->each<wire::NavigationState>(
+      [&](const wire::NavigationState &state, std::int64_t) { frames.push_back(state.frame); }));
+  return frames;
+}
+
+TEST(Recorder, WritesWhatSeveralThreadsPushInEachOnesOrder) {
+  const test::ScratchFolder folder;
+  const auto file = folder / "a.session";
+  constexpr std::uint64_t kEach = 5'000;
+  {
+    Recorder recorder;
+    auto &first = recorder.channel("navigation");
+    auto &second = recorder.channel("inputs");
+    EXPECT_EQ(&recorder.channel("navigation"), &first);
+    ASSERT_TRUE(recorder.open(file, {{"case.toml", "id = \"a\""}}, {{"case", "a"}}));
+    std::thread navigating([&] {
+      for (std::uint64_t i = 1; i <= kEach; ++i) {
+        while (!first.push(static_cast<std::int64_t>(i), navigation(i))) {
+          std::this_thread::sleep_for(1ms); // only here: a loop would go on
+        }
+      }
+    });
+    std::thread taking([&] {
+      for (std::uint64_t i = 1; i <= kEach; ++i) {
+        second.push(static_cast<std::int64_t>(i), range(i));
+      }
+    });
+    navigating.join();
+    taking.join();
+    ASSERT_TRUE(recorder.attach({"scalp.ply", "mesh"}));
+    ASSERT_TRUE(recorder.close());
+    const auto status = recorder.status();
+    EXPECT_EQ(status.recorded + status.dropped, first.pushed() + second.pushed());
+    EXPECT_FALSE(status.open);
+    EXPECT_FALSE(status.failing);
+  }
+  const auto frames = recorded_frames(file);
+  ASSERT_EQ(frames.size(), kEach);
+  for (std::uint64_t i = 0; i < kEach; ++i) {
+    ASSERT_EQ(frames[i], i + 1);
+  }
+  const auto reader = casefile::SessionReader::open(file);
+  EXPECT_EQ(reader->attachment("case.toml").value(), "id = \"a\"");
+  EXPECT_EQ(reader->attachment("scalp.ply").value(), "mesh");
+  EXPECT_EQ(reader->meta("case").value(), "a");
+}
+
+TEST(Recorder, WhatDoesNotFitIsDroppedAndCounted) {
+  const test::ScratchFolder folder;
+  Recorder recorder({.channel_bytes = 16'384, .interval = 5ms});
+  auto &channel = recorder.channel("navigation");
+  ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
+  for (std::uint64_t i = 1; i <= 20'000; ++i) { // far faster than a disk
+    channel.push(static_cast<std::int64_t>(i), navigation(i));
+  }
+  ASSERT_TRUE(recorder.close());
+  const auto status = recorder.status();
+  EXPECT_EQ(channel.pushed(), 20'000U);
+  EXPECT_GT(status.dropped, 0U);
+  EXPECT_EQ(status.dropped, channel.dropped());
+  EXPECT_EQ(status.recorded + status.dropped, channel.pushed());
+  EXPECT_EQ(recorded_frames(folder / "a.session").size(), status.recorded);
+  const auto reader = casefile::SessionReader::open(folder / "a.session");
+  EXPECT_EQ(reader->meta("dropped").value(), std::to_string(status.dropped)); // the file knows what it lacks
+}
+
+TEST(Recorder, OpensOneFileAfterAnother) {
+  const test::ScratchFolder folder;
+  Recorder recorder;
+  auto &channel = recorder.channel("navigation");
+  EXPECT_TRUE(channel.push(0, navigation(99))); // nothing is open: nothing to do
+  for (std::uint64_t i = 1; i <= 3; ++i) {
+    ASSERT_TRUE(recorder.open(folder / std::to_string(i), {}, {}));
+    EXPECT_TRUE(channel.push(0, navigation(i)));
+  }
+  ASSERT_TRUE(recorder.close());
+  EXPECT_TRUE(channel.push(0, navigation(100)));
+  for (std::uint64_t i = 1; i <= 3; ++i) {
+    EXPECT_EQ(recorded_frames(folder / std::to_string(i)), std::vector<std::uint64_t>{i});
+  }
+  EXPECT_EQ(recorder.status().recorded, 3U);
+  EXPECT_EQ(recorder.status().dropped, 0U);
+}
+
+TEST(Recorder, SaysWhyAFileCannotBeOpenedAndIsReadyForTheNext) {
+  const test::ScratchFolder folder;
+  Recorder recorder;
+  const auto refused = recorder.open(folder / "no/a.session", {}, {});
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().message,
+            (folder / "no/a.session").string() + ": there is no folder " + (folder / "no").string());
+  const auto attached = recorder.attach({"case.toml", ""});
+  ASSERT_FALSE(attached);
+  EXPECT_EQ(attached.error().message, "attachment case.toml: no session file is open");
+  EXPECT_FALSE(recorder.status().open);
+  EXPECT_TRUE(recorder.open(folder / "a.session", {}, {}));
+  EXPECT_TRUE(recorder.status().open);
+}
+
+TEST(Recorder, PollsASourceThatNoPipelineSees) {
+  const test::ScratchFolder folder;
+  std::atomic<std::uint64_t> polls{0};
+  {
+    Recorder recorder({.interval = 1ms});
+    recorder.set_poll([&](Channel &channel) { channel.push(0, navigation(++polls)); });
+    EXPECT_TRUE(test::eventually([&] { return polls > 3; })); // also while nothing is open
+    ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
+    const auto opened = polls.load();
+    EXPECT_TRUE(test::eventually([&] { return polls > opened + 3; }));
+  }
+  const auto frames = recorded_frames(folder / "a.session");
+  ASSERT_GE(frames.size(), 3U);
+  EXPECT_GT(frames.front(), 3U);
+  EXPECT_EQ(frames.back() - frames.front() + 1, frames.size());
+}
+
+TEST(Recorder, PushingAllocatesNothing) {
+  if (!test::AllocationScope::available()) {
+    GTEST_SKIP() << "allocations are not counted under sanitizers";
+  }
+  const test::ScratchFolder folder;
+  Recorder recorder;
+  auto &channel = recorder.channel("navigation");
+  ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
+  const auto sample = navigation(1);
+  const test::AllocationScope scope;
+  for (int i = 0; i < 10'000; ++i) {
+    channel.push(i, sample);
+  }
+  static_cast<void>(recorder.status());
+  EXPECT_EQ(scope.count(), 0U);
+}
+
+} // namespace
+} // namespace bregma::recording
