@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <iostream>
 #include <utility>
 
@@ -84,17 +83,9 @@ void Report::note(std::string_view text) const {
   }
 }
 
-Options parse_options(int argc, char **argv, const std::string &what_it_measures) {
-  Options options;
-  CLI::App app(what_it_measures);
+void add_options(CLI::App &app, Options &options) {
   app.add_flag("--json", options.json, "one JSON object a line");
   app.add_flag("--quick", options.quick, "a smaller sample, in under a minute");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError &error) {
-    std::exit(app.exit(error)); // NOLINT(concurrency-mt-unsafe): before any thread starts
-  }
-  return options;
 }
 
 double percentile(std::vector<double> &values, double p) {

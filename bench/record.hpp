@@ -7,6 +7,10 @@
 #include <string_view>
 #include <vector>
 
+namespace CLI {
+class App;
+}
+
 namespace bregma::bench {
 
 struct Record {
@@ -40,12 +44,12 @@ private:
   bool header_printed_ = false;
 };
 
-// The options that every benchmark takes. Prints help and ends the process where asked to.
+// The options that every benchmark takes.
 struct Options {
   bool json = false;
   bool quick = false;
 };
-[[nodiscard]] Options parse_options(int argc, char **argv, const std::string &what_it_measures);
+void add_options(CLI::App &app, Options &options);
 
 // p in 0..1, by linear interpolation between ranks; sorts in place.
 [[nodiscard]] double percentile(std::vector<double> &values, double p);
