@@ -107,7 +107,6 @@ casefile::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> lo
   }
   const CaseChanged change{++generation_, fresh.get()};
   cases_.emplace_back(generation_, std::move(fresh));
-  accepted_ = false;
   to_navigation_.send(change);
   to_registration_.send(change);
   to_monitoring_.send(change);
@@ -118,14 +117,7 @@ casefile::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> lo
 
 void Engine::send(const NavigationMessage &message) { to_navigation_.send(message); }
 
-void Engine::send(const RegistrationMessage &message) {
-  to_registration_.send(message);
-  accepted_ = (accepted_ || std::holds_alternative<RegistrationAccepted>(message)) &&
-              !std::holds_alternative<RegistrationReset>(message);
-  if (accepted_ && std::holds_alternative<SurfaceSample>(message)) {
-    to_monitoring_.send(std::get<SurfaceSample>(message));
-  }
-}
+void Engine::send(const RegistrationMessage &message) { to_registration_.send(message); }
 
 void Engine::send(const MonitoringMessage &message) { to_monitoring_.send(message); }
 

@@ -112,7 +112,6 @@ private:
   std::vector<std::pair<std::uint64_t, std::unique_ptr<LoadedCase>>> cases_; // by generation, the present one last
   std::uint64_t generation_ = 0;
   std::uint64_t seen_registration_ = 0;
-  bool accepted_ = false;
 
   // Between threads. Navigation sees a case before any message about it, because both take the same ring.
   Outbox<NavigationInput, 256> to_navigation_;

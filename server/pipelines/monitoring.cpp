@@ -60,6 +60,7 @@ void MonitoringPipeline::on(const MonitoringMessage &message) noexcept {
     MonitoringPipeline &self;
     void operator()(const SessionChanged &change) const noexcept { self.session_ = change; }
     void operator()(const CheckTouch &touch) const noexcept { self.add(touch); }
+    void operator()(const SurfaceSample &sample) const noexcept { self.add(sample); }
     void operator()(const DriftRestart &) const noexcept { self.restart_drift(); }
     void operator()(const RegistrationAccepted &accepted) const noexcept {
       self.accepted_ = {wire::from_wire<frame::Image, frame::Reference>(accepted.T_image_reference),
@@ -95,7 +96,8 @@ void MonitoringPipeline::add(const CheckTouch &touch) noexcept {
   accuracy_.last_check_limit_mm = touch.limit_mm;
 }
 
-void MonitoringPipeline::on(const SurfaceSample &sample) noexcept {
+// Traced after the registration was accepted: does the skin still lie where it did?
+void MonitoringPipeline::add(const SurfaceSample &sample) noexcept {
   if (!accepted_ || case_ == nullptr) {
     return;
   }

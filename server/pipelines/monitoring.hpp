@@ -16,8 +16,7 @@
 
 namespace bregma::server {
 
-// A surface sample that was traced after the registration was accepted tells whether it still fits.
-using MonitoringInput = std::variant<CaseChanged, MonitoringMessage, SurfaceSample>;
+using MonitoringInput = std::variant<CaseChanged, MonitoringMessage>;
 
 // What navigation last showed, as far as monitoring needs it.
 struct TrackingView {
@@ -62,8 +61,8 @@ public:
 private:
   void on(const CaseChanged &change) noexcept;
   void on(const MonitoringMessage &message) noexcept;
-  void on(const SurfaceSample &sample) noexcept;
   void add(const CheckTouch &touch) noexcept;
+  void add(const SurfaceSample &sample) noexcept;
   void restart_drift() noexcept;
   void predict_targets() noexcept;
   void watch_devices(const MonitoringView &view, std::int64_t now_ns) noexcept;
