@@ -35,6 +35,22 @@ constexpr void (*kCommands[])(CLI::App &, Context &) = {
 #endif
 };
 
+// One sentence: what was wrong, and where the help is that says how it is right.
+std::string explain(const CLI::App &app, const CLI::ParseError &error) {
+  const CLI::App *command = &app;
+  std::string path = app.get_name();
+  while (!command->get_subcommands().empty()) {
+    command = command->get_subcommands().back();
+    path += " " + command->get_name();
+  }
+  std::string what = error.what();
+  const auto unknown = command->remaining();
+  if (!unknown.empty() && !command->get_subcommands({}).empty()) {
+    what = "unknown command \"" + unknown.front() + "\"";
+  }
+  return what + " (see " + path + " --help)";
+}
+
 int run(int argc, char **argv) {
   CLI::App app("Bregma: navigation in neurosurgery, from the command line", "bregma");
   app.set_version_flag("--version", std::string("bregma ") + BREGMA_VERSION);
@@ -50,7 +66,7 @@ int run(int argc, char **argv) {
   } catch (const CLI::Success &help) {
     return app.exit(help);
   } catch (const CLI::ParseError &error) {
-    return bregma::cli::fail(std::string(error.what()) + " (see bregma --help)");
+    return bregma::cli::fail(explain(app, error));
   }
   return context.run();
 }
