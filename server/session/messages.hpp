@@ -104,8 +104,9 @@ struct FiducialRemoved {
   wire::Name point;
 };
 
+// Traced while Registering it joins the set; later it goes to the monitoring loop alone, for the drift test.
 struct SurfaceSample {
-  std::uint64_t revision; // set by the session; navigation leaves it 0
+  std::uint64_t revision; // set by the session where it joins the set; navigation leaves it 0
   wire::Name tool;
   std::uint64_t frame;
   std::int64_t acquired_time_ns;
@@ -193,7 +194,7 @@ using NavigationMessage = std::variant<SessionChanged, CaptureRequest, TraceRequ
 using RegistrationMessage = std::variant<SessionChanged, FiducialSample, FiducialRemoved, SurfaceSample,
                                          RegistrationAccepted, RegistrationReset>;
 using MonitoringMessage =
-    std::variant<SessionChanged, CheckTouch, DriftRestart, RegistrationAccepted, RegistrationReset>;
+    std::variant<SessionChanged, CheckTouch, SurfaceSample, DriftRestart, RegistrationAccepted, RegistrationReset>;
 using NavigationEvent = std::variant<CaptureResult, SurfaceSample, PivotPose>;
 
 static_assert(std::is_trivially_copyable_v<NavigationMessage> && std::is_trivially_copyable_v<RegistrationMessage> &&

@@ -116,6 +116,7 @@ private:
   std::optional<Ticket> pivot_ticket_; // of the FINISH_PIVOT that waits for the estimate
   std::optional<PlanSelected> plan_;   // of the tool that is navigated
   std::string tracing_;                // the tool that traces; empty: none
+  std::size_t traced_ = 0;             // samples of the trace under way
 };
 
 [[nodiscard]] inline Answer refused(std::string text) { return {bregma_wire_COMMAND_REFUSED, std::move(text)}; }

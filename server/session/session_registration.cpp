@@ -111,6 +111,8 @@ Answer Session::Impl::remove_fiducial(const std::string &point) {
   return {.text = point + " is removed, " + std::to_string(data_.fiducials.size()) + " fiducials are left"};
 }
 
+// While Registering a trace makes samples of the registration; afterwards it tells the drift test how the skin lies
+// now.
 Answer Session::Impl::start_trace(const std::string &tool) {
   if (const auto found = find_tool_with_tip(tool); !found) {
     return found.error();
@@ -121,14 +123,16 @@ Answer Session::Impl::start_trace(const std::string &tool) {
   if (accept_) {
     return refused("a registration is being accepted");
   }
-  if (data_.surface.size() >= config_.trace_max_samples) {
+  const bool registering = machine_.stage() == bregma_wire_SESSION_REGISTERING;
+  if (registering && data_.surface.size() >= config_.trace_max_samples) {
     return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the most that are kept");
   }
   tracing_ = tool;
+  traced_ = 0;
   TraceRequest request{{}, true, config_.trace_spacing_mm};
   (void)wire::set_name(request.tool, tool);
   ports_.send(NavigationMessage(request));
-  return {.text = "lead the tip of " + tool + " over the skin"};
+  return {.text = "lead the tip of " + tool + " over the skin" + (registering ? "" : "; it checks for drift")};
 }
 
 void Session::Impl::end_trace() {
@@ -144,7 +148,8 @@ Answer Session::Impl::stop_trace(const std::string &tool) {
                    (tracing_.empty() ? "" : "; one with " + tracing_ + " is"));
   }
   end_trace();
-  return {.text = std::to_string(data_.surface.size()) + " surface samples"};
+  return {.text = std::to_string(traced_) + " surface samples traced, " + std::to_string(data_.surface.size()) +
+                  " in the registration"};
 }
 
 void Session::Impl::on_surface(SurfaceSample sample) {
@@ -154,11 +159,16 @@ void Session::Impl::on_surface(SurfaceSample sample) {
       !std::all_of(sample.covariance_mm2.begin(), sample.covariance_mm2.end(), finite)) {
     return; // a late one of a trace that has been stopped, or one that measures nothing
   }
+  ++traced_;
+  ports_.publish(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
+  if (machine_.stage() != bregma_wire_SESSION_REGISTERING) {
+    ports_.send(MonitoringMessage(sample));
+    return;
+  }
   sample.revision = ++data_.revision;
   data_.surface.push_back(sample);
   unsaved_ = true;
   ports_.send(RegistrationMessage(sample));
-  ports_.publish(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
   if (data_.surface.size() >= config_.trace_max_samples) {
     ports_.log("the trace ends: " + std::to_string(data_.surface.size()) +
                " surface samples are the most that are kept");

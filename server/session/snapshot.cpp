@@ -168,6 +168,9 @@ casefile::Result<SessionData> from_json(const std::string &text, const std::stri
       return casefile::failure(name + ": crc32 = " + file.at("crc32").dump() + ": the content has \"" + sum +
                                "\", the file is damaged");
     }
+    if (dump(file) + "\n" != text) { // damage that spells the same values differently
+      return casefile::failure(name + ": is not as it was written, the file is damaged");
+    }
     return read_session(session);
   } catch (const std::exception &error) { // of the JSON library, and of the checks above
     return casefile::failure(name + ": not a session that can be read: " + error.what());

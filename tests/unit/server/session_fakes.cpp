@@ -188,11 +188,18 @@ wire::Command Desk::command(wire::CommandKind kind, const std::string &first, co
   case bregma_wire_COMMAND_LOAD_CASE:
     wire::set_text(of.load_case.folder, first);
     break;
-  case bregma_wire_COMMAND_START_NAVIGATION: // tool and trajectory, tool and point, kind and subject are laid out alike
+  case bregma_wire_COMMAND_START_NAVIGATION:
+    EXPECT_TRUE(wire::set_name(of.plan.tool, first) && wire::set_name(of.plan.trajectory, second));
+    break;
   case bregma_wire_COMMAND_CAPTURE_FIDUCIAL:
   case bregma_wire_COMMAND_CHECK_TOUCH:
-  case bregma_wire_COMMAND_ACKNOWLEDGE_ALARM:
     EXPECT_TRUE(wire::set_name(of.touch.tool, first) && wire::set_name(of.touch.point, second));
+    break;
+  case bregma_wire_COMMAND_REMOVE_FIDUCIAL:
+    EXPECT_TRUE(wire::set_name(of.point.point, first));
+    break;
+  case bregma_wire_COMMAND_ACKNOWLEDGE_ALARM:
+    EXPECT_TRUE(wire::set_name(of.alarm.kind, first) && wire::set_name(of.alarm.subject, second));
     break;
   default:
     EXPECT_TRUE(wire::set_name(of.tool.tool, first));

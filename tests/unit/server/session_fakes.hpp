@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/geometry/rigid3.hpp"
 #include "server/session/session.hpp"
 
 namespace bregma::server::testing {

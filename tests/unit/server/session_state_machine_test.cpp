@@ -9,14 +9,14 @@
 namespace bregma::server {
 namespace {
 
-constexpr wire::SessionState I = bregma_wire_SESSION_IDLE;
-constexpr wire::SessionState C = bregma_wire_SESSION_CASE_LOADED;
-constexpr wire::SessionState G = bregma_wire_SESSION_REGISTERING;
-constexpr wire::SessionState R = bregma_wire_SESSION_REGISTERED;
-constexpr wire::SessionState V = bregma_wire_SESSION_VERIFIED;
-constexpr wire::SessionState N = bregma_wire_SESSION_NAVIGATING;
-constexpr wire::SessionState X = bregma_wire_SESSION_FAULT; // here: refused
-constexpr std::array kStages{I, C, G, R, V, N};
+constexpr wire::SessionState kI = bregma_wire_SESSION_IDLE;
+constexpr wire::SessionState kC = bregma_wire_SESSION_CASE_LOADED;
+constexpr wire::SessionState kG = bregma_wire_SESSION_REGISTERING;
+constexpr wire::SessionState kR = bregma_wire_SESSION_REGISTERED;
+constexpr wire::SessionState kV = bregma_wire_SESSION_VERIFIED;
+constexpr wire::SessionState kN = bregma_wire_SESSION_NAVIGATING;
+constexpr wire::SessionState kX = bregma_wire_SESSION_FAULT; // here: refused
+constexpr std::array kStages{kI, kC, kG, kR, kV, kN};
 constexpr wire::SessionState kDegraded = bregma_wire_SESSION_DEGRADED;
 
 struct Expected {
@@ -27,21 +27,21 @@ struct Expected {
 
 // In the order of wire::CommandKind.
 constexpr std::array<Expected, 15> kExpected{{
-    {"LOAD_CASE", {C, X, X, X, X, X}, true},
-    {"START_PIVOT", {X, C, G, R, V, X}, false},
-    {"FINISH_PIVOT", {X, C, G, R, V, X}, true},
-    {"START_REGISTRATION", {X, G, G, G, G, X}, true},
-    {"CAPTURE_FIDUCIAL", {X, X, G, X, X, X}, false},
-    {"REMOVE_FIDUCIAL", {X, X, G, X, X, X}, true},
-    {"START_TRACE", {X, X, G, X, X, X}, false},
-    {"STOP_TRACE", {X, X, G, X, X, X}, true},
-    {"ACCEPT_REGISTRATION", {X, X, R, X, X, X}, true},
-    {"CHECK_TOUCH", {X, X, X, R, V, N}, false},
-    {"CONFIRM_VERIFICATION", {X, X, X, V, X, X}, false},
-    {"START_NAVIGATION", {X, X, X, X, N, X}, false},
-    {"STOP_NAVIGATION", {X, X, X, X, X, V}, true},
-    {"ACKNOWLEDGE_ALARM", {I, C, G, R, V, N}, true},
-    {"CLOSE_CASE", {X, I, I, I, I, X}, true},
+    {"LOAD_CASE", {kC, kX, kX, kX, kX, kX}, true},
+    {"START_PIVOT", {kX, kC, kG, kR, kV, kX}, false},
+    {"FINISH_PIVOT", {kX, kC, kG, kR, kV, kX}, true},
+    {"START_REGISTRATION", {kX, kG, kG, kG, kG, kX}, true},
+    {"CAPTURE_FIDUCIAL", {kX, kX, kG, kX, kX, kX}, false},
+    {"REMOVE_FIDUCIAL", {kX, kX, kG, kX, kX, kX}, true},
+    {"START_TRACE", {kX, kX, kG, kR, kV, kN}, false},
+    {"STOP_TRACE", {kX, kX, kG, kR, kV, kN}, true},
+    {"ACCEPT_REGISTRATION", {kX, kX, kR, kX, kX, kX}, true},
+    {"CHECK_TOUCH", {kX, kX, kX, kR, kV, kN}, false},
+    {"CONFIRM_VERIFICATION", {kX, kX, kX, kV, kX, kX}, false},
+    {"START_NAVIGATION", {kX, kX, kX, kX, kN, kX}, false},
+    {"STOP_NAVIGATION", {kX, kX, kX, kX, kX, kV}, true},
+    {"ACKNOWLEDGE_ALARM", {kI, kC, kG, kR, kV, kN}, true},
+    {"CLOSE_CASE", {kX, kI, kI, kI, kI, kX}, true},
 }};
 
 StateMachine at(wire::SessionState stage) {
@@ -64,18 +64,18 @@ TEST(StateMachine, EveryCommandInEveryState) {
       SCOPED_TRACE(std::string(kExpected[k].name) + " in " + std::string(state_name(kStages[s])));
       StateMachine machine = at(kStages[s]);
       ASSERT_EQ(machine.state(), kStages[s]);
-      EXPECT_EQ(machine.refusal(kind).has_value(), kExpected[k].next[s] == X);
+      EXPECT_EQ(machine.refusal(kind).has_value(), kExpected[k].next[s] == kX);
 
       StateMachine degraded = machine;
       degraded.degrade("tracker_lost Tracker");
-      EXPECT_EQ(degraded.refusal(kind).has_value(), kExpected[k].next[s] == X || !kExpected[k].while_degraded);
+      EXPECT_EQ(degraded.refusal(kind).has_value(), kExpected[k].next[s] == kX || !kExpected[k].while_degraded);
 
       StateMachine fault = machine;
       fault.fault("out of memory");
       const bool leaves_fault = kind == bregma_wire_COMMAND_CLOSE_CASE;
       EXPECT_EQ(fault.refusal(kind).has_value(), !leaves_fault && kind != bregma_wire_COMMAND_ACKNOWLEDGE_ALARM);
 
-      if (kExpected[k].next[s] != X) {
+      if (kExpected[k].next[s] != kX) {
         machine.done(kind);
         EXPECT_EQ(machine.state(), kExpected[k].next[s]);
       }
@@ -85,25 +85,26 @@ TEST(StateMachine, EveryCommandInEveryState) {
 
 TEST(StateMachine, RefusalsSayWhatIsMissing) {
   const auto says = [](wire::SessionState stage, wire::CommandKind kind) { return *at(stage).refusal(kind); };
-  EXPECT_EQ(says(G, bregma_wire_COMMAND_CHECK_TOUCH),
+  EXPECT_EQ(says(kG, bregma_wire_COMMAND_CHECK_TOUCH),
             "cannot check a landmark while Registering: accept a registration first");
-  EXPECT_EQ(says(I, bregma_wire_COMMAND_START_PIVOT), "cannot start a pivot calibration while Idle: load a case first");
-  EXPECT_EQ(says(C, bregma_wire_COMMAND_CAPTURE_FIDUCIAL),
+  EXPECT_EQ(says(kI, bregma_wire_COMMAND_START_PIVOT),
+            "cannot start a pivot calibration while Idle: load a case first");
+  EXPECT_EQ(says(kC, bregma_wire_COMMAND_CAPTURE_FIDUCIAL),
             "cannot capture a fiducial while CaseLoaded: start a registration first");
-  EXPECT_EQ(says(R, bregma_wire_COMMAND_CAPTURE_FIDUCIAL),
+  EXPECT_EQ(says(kR, bregma_wire_COMMAND_CAPTURE_FIDUCIAL),
             "cannot capture a fiducial while Registered: start a new registration first");
-  EXPECT_EQ(says(R, bregma_wire_COMMAND_START_NAVIGATION),
+  EXPECT_EQ(says(kR, bregma_wire_COMMAND_START_NAVIGATION),
             "cannot start the navigation while Registered: verify the registration first");
-  EXPECT_EQ(says(V, bregma_wire_COMMAND_STOP_NAVIGATION),
+  EXPECT_EQ(says(kV, bregma_wire_COMMAND_STOP_NAVIGATION),
             "cannot stop the navigation while Verified: no navigation is running");
-  EXPECT_EQ(says(V, bregma_wire_COMMAND_CONFIRM_VERIFICATION),
+  EXPECT_EQ(says(kV, bregma_wire_COMMAND_CONFIRM_VERIFICATION),
             "cannot confirm the verification while Verified: the registration is verified");
-  EXPECT_EQ(says(N, bregma_wire_COMMAND_START_REGISTRATION),
+  EXPECT_EQ(says(kN, bregma_wire_COMMAND_START_REGISTRATION),
             "cannot start a registration while Navigating: stop the navigation first");
-  EXPECT_EQ(says(C, bregma_wire_COMMAND_LOAD_CASE),
+  EXPECT_EQ(says(kC, bregma_wire_COMMAND_LOAD_CASE),
             "cannot load a case while CaseLoaded: close the present case first");
 
-  StateMachine machine = at(V);
+  StateMachine machine = at(kV);
   machine.degrade("tracker_lost Tracker");
   machine.degrade("reference_hidden Reference");
   EXPECT_EQ(*machine.refusal(bregma_wire_COMMAND_CHECK_TOUCH),
@@ -124,7 +125,7 @@ TEST(StateMachine, DegradedResumesWhereItWasWhenTheLastCauseIsGone) {
     machine.degrade("a");
     EXPECT_EQ(machine.state(), kDegraded);
     EXPECT_EQ(machine.stage(), stage);
-    EXPECT_EQ(machine.verified(), stage >= V);
+    EXPECT_EQ(machine.verified(), stage >= kV);
     machine.recover("a");
     EXPECT_EQ(machine.state(), kDegraded);
     machine.recover("b");
@@ -136,29 +137,29 @@ TEST(StateMachine, DriftDemotesAlsoUnderDegraded) {
   for (const auto stage : kStages) {
     StateMachine machine = at(stage);
     machine.degrade("tracker_lost Tracker");
-    EXPECT_EQ(machine.demote(), stage >= V);
+    EXPECT_EQ(machine.demote(), stage >= kV);
     machine.recover("tracker_lost Tracker");
-    EXPECT_EQ(machine.state(), std::min(stage, R)) << "nothing resumes as Verified by itself";
+    EXPECT_EQ(machine.state(), std::min(stage, kR)) << "nothing resumes as Verified by itself";
     EXPECT_FALSE(machine.verified());
   }
 }
 
 TEST(StateMachine, FaultIsLeftOnlyByClosingTheCase) {
-  StateMachine machine = at(N);
+  StateMachine machine = at(kN);
   machine.fault("navigation loop stopped");
   EXPECT_EQ(machine.state(), bregma_wire_SESSION_FAULT);
   EXPECT_FALSE(machine.verified());
   machine.recover("navigation loop stopped");
   EXPECT_EQ(machine.state(), bregma_wire_SESSION_FAULT);
   machine.done(bregma_wire_COMMAND_CLOSE_CASE);
-  EXPECT_EQ(machine.state(), I);
+  EXPECT_EQ(machine.state(), kI);
 }
 
 TEST(StateMachine, NothingIsRestoredBeyondRegistered) {
   for (const auto stage : kStages) {
     StateMachine machine;
     machine.restore(stage);
-    EXPECT_EQ(machine.state(), std::min(stage, R));
+    EXPECT_EQ(machine.state(), std::min(stage, kR));
   }
 }
 

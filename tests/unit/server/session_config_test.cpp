@@ -1,0 +1,94 @@
+#include "server/config.hpp"
+
+#include <cstdlib>
+
+#include <gtest/gtest.h>
+
+namespace bregma::server {
+namespace {
+
+std::string error_of(const std::string &toml) {
+  Config config;
+  auto set = declare(config);
+  const auto loaded = set.load_text(toml, "bregmad.toml");
+  return loaded ? "" : loaded.error().message;
+}
+
+TEST(Config, WhatIsPrintedIsReadBackToTheSameText) {
+  Config config;
+  const std::string printed = declare(config).to_toml();
+  Config other;
+  auto set = declare(other);
+  other.capture.window_ms = 123.0;
+  other.log.level = LogLevel::kError;
+  const auto loaded = set.load_text(printed, "printed");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_EQ(set.to_toml(), printed);
+  EXPECT_EQ(other.capture.window_ms, 300.0);
+  EXPECT_EQ(other.log.level, LogLevel::kInfo);
+}
+
+TEST(Config, ValuesArriveWhereTheyBelong) {
+  Config config;
+  auto set = declare(config);
+  const auto loaded = set.load_text("domain_id = 7\n[navigation]\nfloor_rate_hz = 25\n[log]\nlevel = \"debug\"\n"
+                                    "[devices]\ntrackers = \"Vega, Polaris\"\n",
+                                    "bregmad.toml");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_EQ(config.domain_id, 7);
+  EXPECT_EQ(config.navigation.floor_rate_hz, 25.0);
+  EXPECT_EQ(config.log.level, LogLevel::kDebug);
+  EXPECT_EQ(split_names(config.devices.trackers), (std::vector<std::string>{"Vega", "Polaris"}));
+  EXPECT_TRUE(check(config));
+}
+
+TEST(Config, UnknownKeysAndWrongValuesAreRefusedByName) {
+  EXPECT_NE(error_of("[navigation]\nflor_rate_hz = 50\n").find("flor_rate_hz"), std::string::npos);
+  const std::string range = error_of("[registration]\nrate_hz = 0\n");
+  EXPECT_NE(range.find("bregmad.toml:2"), std::string::npos) << range;
+  EXPECT_NE(range.find("rate_hz"), std::string::npos) << range;
+  EXPECT_NE(error_of("[log]\nlevel = \"loud\"\n").find("loud"), std::string::npos);
+}
+
+TEST(Config, DeviceNamesAreChecked) {
+  const auto problem = [](const std::string &trackers, const std::string &robots) {
+    Config config;
+    config.devices.trackers = trackers;
+    config.devices.robots = robots;
+    const auto checked = check(config);
+    return checked ? std::string() : checked.error().message;
+  };
+  EXPECT_EQ(problem("Tracker", ""), "");
+  EXPECT_EQ(problem(" ", "Robot"), "devices.trackers = \"\": at least one tracker is needed");
+  EXPECT_EQ(problem("A,,B", ""), "devices.trackers = \"A,,B\": has an empty name between commas");
+  EXPECT_EQ(problem("A", "B, A"), "devices.robots = \"B, A\": \"A\" is named twice");
+  const std::string longest(31, 'x');
+  EXPECT_EQ(problem(longest, ""), "");
+  EXPECT_EQ(problem(longest + "y", ""), "devices.trackers = \"" + longest + "y\": \"" + longest +
+                                            "y\" is longer than 31 bytes, which the wire would have to cut");
+  EXPECT_EQ(problem("a,b,c,d,e,f,g,h,i,j,k,l,m,n,o", ""), "devices: 17 are named, at most 16 can be shown");
+}
+
+TEST(Config, NamesAreSplitAtCommas) {
+  EXPECT_TRUE(split_names("").empty());
+  EXPECT_TRUE(split_names(" \t").empty());
+  EXPECT_EQ(split_names(" A ,\tB C"), (std::vector<std::string>{"A", "B C"}));
+  EXPECT_EQ(split_names("A,"), (std::vector<std::string>{"A", ""}));
+}
+
+TEST(Config, TheStateDirectoryFallsBackInOrder) {
+  Config config;
+  ::setenv("HOME", "/home/nurse", 1);
+  ::unsetenv("STATE_DIRECTORY");
+  ::unsetenv("XDG_STATE_HOME");
+  EXPECT_EQ(state_directory(config), "/home/nurse/.local/state/bregma");
+  ::setenv("XDG_STATE_HOME", "/xdg", 1);
+  EXPECT_EQ(state_directory(config), "/xdg/bregma");
+  ::setenv("STATE_DIRECTORY", "/var/lib/bregma:/var/lib/other", 1);
+  EXPECT_EQ(state_directory(config), "/var/lib/bregma");
+  config.state.directory = "/tmp/here";
+  EXPECT_EQ(state_directory(config), "/tmp/here");
+}
+
+} // namespace
+} // namespace bregma::server
