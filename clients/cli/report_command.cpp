@@ -83,7 +83,8 @@ void add_report_command(CLI::App &app, Context &context) {
   command->footer("Exit code 1 when a limit of the scenario did not hold.\n\nExamples:\n"
                   "  bregma report sessions/2024-05-01T10-20.db --html report.html\n"
                   "  bregma report run.db --scenario biopsy.toml --json");
-  command->callback([options, &context] { context.run = [options, &context] { return run_report(*options, context); }; });
+  command->callback(
+      [options, &context] { context.run = [options, &context] { return run_report(*options, context); }; });
 }
 
 } // namespace bregma::cli

@@ -1,0 +1,158 @@
+// `bregma doctor`: whether this machine can keep the rates, and what to set.
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <unistd.h>
+
+#include "clients/cli/commands.hpp"
+#include "clients/cli/completion.hpp"
+#include "clients/cli/doctor_measurements.hpp"
+#include "clients/cli/output.hpp"
+#include "server/config.hpp"
+#include "server/runtime/realtime.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using namespace std::chrono_literals;
+using runtime::Fitness;
+using runtime::RealtimeCheck;
+
+struct DoctorOptions {
+  bool quick = false;
+  std::string state_directory;
+};
+
+const char *word(Fitness fitness) {
+  return fitness == Fitness::kGood ? "good" : fitness == Fitness::kLimited ? "limited" : "bad";
+}
+
+RealtimeCheck check_timer(std::chrono::nanoseconds duration) {
+  constexpr std::int64_t kPeriod_ns = 1'000'000;
+  const auto timer = runtime::measure_timer(kPeriod_ns, static_cast<int>(duration.count() / kPeriod_ns));
+  RealtimeCheck out;
+  out.name = "timer at 1 kHz";
+  out.finding = "wakes late by p50 " + fixed(timer.p50_us, 0) + ", p99 " + fixed(timer.p99_us, 0) + ", max " +
+                fixed(timer.max_us, 0, "us") + (timer.fifo ? " with SCHED_FIFO" : " without SCHED_FIFO");
+  const bool good = timer.p99_us <= 100.0 && timer.max_us <= 1000.0; // a tenth of the period, and never a whole one
+  out.fitness = good ? Fitness::kGood : timer.p99_us <= 500.0 ? Fitness::kLimited : Fitness::kBad;
+  if (!good) {
+    out.advice = timer.fifo
+                     ? "end other load, or keep cores free for the loops (isolcpus=, or CPUAffinity= of the unit)"
+                     : "allow SCHED_FIFO (LimitRTPRIO=80 of the unit) and measure again";
+  }
+  return out;
+}
+
+RealtimeCheck check_loopback(EchoProcess &echo, double rate_hz, std::chrono::nanoseconds duration) {
+  RealtimeCheck out;
+  out.name = "DDS round trip at " + fixed(rate_hz, 0, "Hz");
+  const auto measured = echo.measure(rate_hz, duration);
+  if (!measured || measured->round_trip_us.count == 0) {
+    out.fitness = Fitness::kBad;
+    out.finding = measured ? "no frame came back" : measured.error().message;
+    out.advice = "allow UDP on the loopback interface; see CYCLONEDDS_URI";
+    return out;
+  }
+  const Spread &time = measured->round_trip_us;
+  const std::size_t lost = measured->sent - std::min(measured->sent, time.count);
+  out.finding = "p50 " + fixed(time.p50, 0) + ", p99 " + fixed(time.p99, 0) + ", p99.9 " + fixed(time.p999, 0) +
+                ", max " + fixed(time.max, 0, "us") + ", " + std::to_string(lost) + " of " +
+                std::to_string(measured->sent) + " lost";
+  const double period_us = 1e6 / rate_hz;
+  out.fitness = time.p99 <= 0.5 * period_us && lost == 0 ? Fitness::kGood
+                : time.p99 <= period_us                  ? Fitness::kLimited
+                                                         : Fitness::kBad;
+  if (out.fitness != Fitness::kGood) {
+    out.advice = lost > 0 ? "raise net.core.rmem_max, or end other load"
+                          : "end other load, allow SCHED_FIFO, or run the tracker slower: a round trip takes a large "
+                            "part of a frame's period";
+  }
+  return out;
+}
+
+RealtimeCheck check_disk(const std::filesystem::path &wanted, int blocks) {
+  const auto directory = existing_part(wanted);
+  RealtimeCheck out;
+  out.name = "disk of " + directory.string();
+  const auto measured = measure_disk(directory, blocks);
+  if (!measured) {
+    out.fitness = Fitness::kBad;
+    out.finding = measured.error().message;
+    out.advice = "give the daemon a directory it may write: state.directory, or StateDirectory= of the unit";
+    return out;
+  }
+  out.finding = "write and fsync of 64 KiB p50 " + fixed(measured->p50, 1) + ", p99 " + fixed(measured->p99, 1) +
+                ", max " + fixed(measured->max, 1, "ms");
+  // The recorder commits every 20 ms and may lose what is younger than 100 ms.
+  out.fitness = measured->p99 <= 20.0 ? Fitness::kGood : measured->p99 <= 80.0 ? Fitness::kLimited : Fitness::kBad;
+  if (out.fitness != Fitness::kGood) {
+    out.advice = "put state.directory on a faster disk: more than the last 100 ms could be lost in a power cut";
+  }
+  return out;
+}
+
+int run_doctor(const DoctorOptions &options, const Context &context) {
+  const auto domain = 200 + static_cast<std::uint32_t>(getpid()) % 30; // of its own: no daemon is disturbed
+  EchoProcess echo(domain);
+  const auto duration = options.quick ? std::chrono::nanoseconds(500ms) : std::chrono::nanoseconds(2s);
+  std::vector<RealtimeCheck> checks = runtime::check_realtime();
+  checks.push_back(check_timer(options.quick ? duration : 3s));
+  checks.push_back(check_loopback(echo, 250.0, duration));
+  checks.push_back(check_loopback(echo, 1000.0, duration));
+  const std::string directory =
+      options.state_directory.empty() ? server::state_directory(server::Config()) : options.state_directory;
+  checks.push_back(check_disk(directory, options.quick ? 20 : 100));
+
+  const bool bad =
+      std::any_of(checks.begin(), checks.end(), [](const auto &one) { return one.fitness == Fitness::kBad; });
+  const bool limited =
+      std::any_of(checks.begin(), checks.end(), [](const auto &one) { return one.fitness == Fitness::kLimited; });
+  if (context.json) {
+    nlohmann::json list = nlohmann::json::array();
+    for (const auto &check : checks) {
+      list.push_back({{"name", check.name},
+                      {"verdict", word(check.fitness)},
+                      {"finding", check.finding},
+                      {"advice", check.advice}});
+    }
+    print_json({{"verdict", bad ? "bad" : limited ? "limited" : "good"}, {"checks", std::move(list)}});
+    return bad ? kRefused : kOk;
+  }
+  Table table({"Verdict", "What", "Found"});
+  std::string advice;
+  for (const auto &check : checks) {
+    table.row({word(check.fitness), check.name, check.finding});
+    if (!check.advice.empty()) {
+      advice += "  " + check.name + ": " + check.advice + "\n";
+    }
+  }
+  print(table.text());
+  print(advice.empty() ? std::string() : "\nTo set:\n" + advice);
+  print(bad       ? "\nThis machine cannot be relied on to keep the rates.\n"
+        : limited ? "\nThis machine keeps the rates, with the reservations above.\n"
+                  : "\nThis machine keeps the rates.\n");
+  return bad ? kRefused : kOk;
+}
+
+} // namespace
+
+void add_doctor_command(CLI::App &app, Context &context) {
+  auto options = std::make_shared<DoctorOptions>();
+  auto *command = app.add_subcommand("doctor", "Says whether this machine can keep the rates, and what to set");
+  command->add_flag("--quick", options->quick, "Measure for half a second each");
+  command->add_option("--state", options->state_directory, "Directory whose disk is measured (default: the daemon's)");
+  add_json_flag(*command, context);
+  command->footer("Run it on the machine and as the user of the daemon, without other load. Sets nothing.\n"
+                  "Exit code 1 when something is bad.\n\nExamples:\n  bregma doctor\n  bregma doctor --quick --json");
+  command->callback(
+      [options, &context] { context.run = [options, &context] { return run_doctor(*options, context); }; });
+  add_completion_command(app, context);
+}
+
+} // namespace bregma::cli

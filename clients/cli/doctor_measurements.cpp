@@ -1,0 +1,171 @@
+#include "clients/cli/doctor_measurements.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <thread>
+#include <unordered_map>
+
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "idl/dds.hpp"
+#include "idl/names.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+constexpr std::size_t kCommitBytes = 64 * 1024; // about what the recorder commits at once
+
+// Runs in the second process until it is killed.
+void answer_frames(std::uint32_t domain) {
+  const dds::Participant participant(domain);
+  dds::Reader<wire::TrackerFrame> frames(participant);
+  const dds::Writer<wire::NavigationState> states(participant);
+  dds::WaitSet wait(participant);
+  wait.attach(frames);
+  wire::NavigationState state{};
+  for (;;) {
+    (void)wait.wait(100ms);
+    frames.take_each([&](const wire::TrackerFrame &frame, const dds::SampleInfo &) {
+      state.frame = frame.frame;
+      (void)states.write(state);
+    });
+    (void)frames.status(); // lets the wait set sleep again after a missed deadline
+  }
+}
+
+std::string reason() { return std::strerror(errno); } // NOLINT(concurrency-mt-unsafe): one thread
+
+} // namespace
+
+Spread spread_of(std::vector<double> values) {
+  Spread out;
+  out.count = values.size();
+  if (values.empty()) {
+    return out;
+  }
+  std::sort(values.begin(), values.end());
+  const auto at = [&](double share) {
+    const double rank = std::ceil(share * static_cast<double>(values.size()));
+    return values[static_cast<std::size_t>(std::max(1.0, rank)) - 1];
+  };
+  out.p50 = at(0.5);
+  out.p99 = at(0.99);
+  out.p999 = at(0.999);
+  out.max = values.back();
+  return out;
+}
+
+EchoProcess::EchoProcess(std::uint32_t domain) : domain_(domain) {
+  const pid_t parent = getpid();
+  process_ = fork();
+  if (process_ == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
+    if (getppid() == parent) { // else it ended before it could be watched
+      try {
+        answer_frames(domain);
+      } catch (const std::exception &) {
+        // The parent finds nobody who answers, and says so.
+      }
+    }
+    _exit(1);
+  }
+}
+
+EchoProcess::~EchoProcess() {
+  if (process_ > 0) {
+    kill(process_, SIGKILL);
+    waitpid(process_, nullptr, 0);
+  }
+}
+
+casefile::Result<LoopbackQuality> EchoProcess::measure(double rate_hz, std::chrono::nanoseconds duration) {
+  const dds::Participant participant(domain_);
+  const dds::Writer<wire::TrackerFrame> frames(participant);
+  dds::Reader<wire::NavigationState> states(participant);
+  dds::WaitSet wait(participant);
+  wait.attach(states);
+  const auto patience = Clock::now() + 5s;
+  while (frames.matched_readers() == 0 || states.matched_writers() == 0) {
+    if (Clock::now() > patience) {
+      return casefile::failure("no second process could be reached over DDS on domain " + std::to_string(domain_));
+    }
+    std::this_thread::sleep_for(10ms);
+  }
+  std::this_thread::sleep_for(100ms); // the other side has to have matched as well
+
+  LoopbackQuality out;
+  std::unordered_map<std::uint64_t, Clock::time_point> under_way;
+  std::vector<double> round_trips_us;
+  const auto take = [&] {
+    states.take_each([&](const wire::NavigationState &state, const dds::SampleInfo &) {
+      const auto sent = under_way.find(state.frame);
+      if (sent != under_way.end()) {
+        round_trips_us.push_back(std::chrono::duration<double, std::micro>(Clock::now() - sent->second).count());
+        under_way.erase(sent);
+      }
+    });
+  };
+  wire::TrackerFrame frame{};
+  (void)wire::set_name(frame.device, "Doctor");
+  const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz));
+  const auto start = Clock::now();
+  for (auto next = start; next < start + duration; next += period) {
+    ++frame.frame;
+    under_way[frame.frame] = Clock::now();
+    out.sent += frames.write(frame) ? 1 : 0;
+    while (Clock::now() < next + period) {
+      (void)wait.wait(next + period - Clock::now());
+      take();
+    }
+  }
+  const auto end = Clock::now() + 200ms;
+  while (!under_way.empty() && Clock::now() < end) {
+    (void)wait.wait(10ms);
+    take();
+  }
+  out.round_trip_us = spread_of(std::move(round_trips_us));
+  return out;
+}
+
+casefile::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks) {
+  std::string name = (directory / "bregma-doctor-XXXXXX").string();
+  const int file = mkstemp(name.data());
+  if (file < 0) {
+    return casefile::failure(directory.string() + ": cannot be written: " + reason());
+  }
+  const std::vector<char> block(kCommitBytes, 'b');
+  std::vector<double> times_ms;
+  std::string problem;
+  for (int i = 0; i < blocks && problem.empty(); ++i) {
+    const auto start = Clock::now();
+    if (write(file, block.data(), block.size()) != static_cast<ssize_t>(block.size()) || fsync(file) != 0) {
+      problem = directory.string() + ": cannot be written: " + reason();
+    }
+    times_ms.push_back(std::chrono::duration<double, std::milli>(Clock::now() - start).count());
+  }
+  close(file);
+  unlink(name.c_str());
+  if (!problem.empty()) {
+    return casefile::failure(problem);
+  }
+  return spread_of(std::move(times_ms));
+}
+
+std::filesystem::path existing_part(std::filesystem::path directory) {
+  std::error_code ignored;
+  while (!std::filesystem::is_directory(directory, ignored) && directory.has_relative_path()) {
+    directory = directory.parent_path();
+  }
+  return directory.empty() ? std::filesystem::path(".") : directory;
+}
+
+} // namespace bregma::cli
