@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <limits>
 
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <itkBinaryFillholeImageFilter.h>
@@ -65,6 +67,32 @@ Mask::Pointer padded_mask(const VoxelGrid<Voxel> &volume, const Padding &padding
   return mask;
 }
 
+// The smallest box around the wanted voxels, of which there is at least one: a structure is a small part of its image.
+template <class Wanted> LabelVolume cropped(const LabelVolume &volume, const Wanted &wanted) {
+  Eigen::Array3i first = Eigen::Array3i::Constant(std::numeric_limits<int>::max());
+  Eigen::Array3i last = Eigen::Array3i::Constant(-1);
+  for (int k = 0; k < volume.size[2]; ++k) {
+    for (int j = 0; j < volume.size[1]; ++j) {
+      for (int i = 0; i < volume.size[0]; ++i) {
+        if (wanted(volume.at(i, j, k))) {
+          first = first.min(Eigen::Array3i(i, j, k));
+          last = last.max(Eigen::Array3i(i, j, k));
+        }
+      }
+    }
+  }
+  const Eigen::Array3i size = last - first + 1;
+  LabelVolume part{{size[0], size[1], size[2]}, volume.T_image_index, {}};
+  part.T_image_index.topRightCorner<3, 1>() = volume.point_mm(first.cast<double>());
+  for (int k = first[2]; k <= last[2]; ++k) {
+    for (int j = first[1]; j <= last[1]; ++j) {
+      const auto row = volume.voxels.begin() + static_cast<std::ptrdiff_t>(volume.offset(first[0], j, k));
+      part.voxels.insert(part.voxels.end(), row, row + size[0]);
+    }
+  }
+  return part;
+}
+
 double otsu_threshold(const Volume &volume) {
   auto image = ItkVolume::New();
   image->SetRegions(ItkVolume::SizeType{static_cast<itk::SizeValueType>(volume.size[0]),
@@ -90,22 +118,27 @@ Mask::Pointer largest_component(const Mask::Pointer &mask) {
   return filter->GetOutput();
 }
 
-// Everything within `radius_mm` of the mask; with a negative radius, what lies deeper inside it than that.
-Mask::Pointer grown(const Mask::Pointer &mask, double radius_mm) {
-  auto distance = itk::SignedMaurerDistanceMapImageFilter<Mask, ItkVolume>::New();
-  distance->SetInput(mask);
-  distance->SetUseImageSpacing(true);
-  distance->SetSquaredDistance(false);
-  distance->SetInsideIsPositive(false);
-  distance->Update();
+// The ball-shaped neighbourhood of all voxels of `value` takes that value: dilation for 1, erosion for 0, one the exact
+// dual of the other, so that closing never takes anything away.
+Mask::Pointer grown(const Mask::Pointer &mask, std::uint8_t value, double radius_mm) {
+  const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
   auto out = Mask::New();
   out->CopyInformation(mask);
   out->SetRegions(mask->GetLargestPossibleRegion());
   out->Allocate();
-  const float *const from = distance->GetOutput()->GetBufferPointer();
   std::uint8_t *const to = out->GetBufferPointer();
-  const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
-  std::transform(from, from + count, to, [radius_mm](float d) { return static_cast<double>(d) <= radius_mm ? 1 : 0; });
+  std::transform(mask->GetBufferPointer(), mask->GetBufferPointer() + count, to,
+                 [value](std::uint8_t v) { return v == value ? 1 : 0; });
+  auto distance = itk::SignedMaurerDistanceMapImageFilter<Mask, ItkVolume>::New();
+  distance->SetInput(out);
+  distance->SetUseImageSpacing(true);
+  distance->SetSquaredDistance(false);
+  distance->SetInsideIsPositive(false);
+  distance->Update();
+  const float *const from = distance->GetOutput()->GetBufferPointer();
+  std::transform(from, from + count, to, [value, radius_mm](float d) {
+    return static_cast<std::uint8_t>(static_cast<double>(d) <= radius_mm ? value : 1 - value);
+  });
   return out;
 }
 
@@ -155,16 +188,30 @@ ItkVolume::Pointer blurred(const Mask::Pointer &mask, double sigma_mm) {
   return image;
 }
 
-Field as_field(const ItkVolume &image, const Padding &padding, const Eigen::Matrix4d &T_image_index) {
+// The level that encloses `count` voxels, strictly between two values of the field: a surface through the very centre
+// of a voxel would have triangles without area.
+double enclosing_level(std::vector<float> values, std::size_t count) {
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(count);
+  std::nth_element(values.begin(), at, values.end(), std::greater<>());
+  const float below = *at;
+  const float above = *std::min_element(values.begin(), at);
+  return 0.5 * (static_cast<double>(below) + static_cast<double>(above));
+}
+
+Field as_field(const Mask::Pointer &mask, double blur_mm, const Padding &padding,
+               const Eigen::Matrix4d &T_image_index) {
+  const ItkVolume::Pointer image = blurred(mask, blur_mm);
+  const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
   Field field;
   Eigen::Matrix4d T_unpadded = Eigen::Matrix4d::Identity();
   for (unsigned axis = 0; axis < 3; ++axis) {
-    field.grid.size[axis] = static_cast<int>(image.GetLargestPossibleRegion().GetSize(axis));
+    field.grid.size[axis] = static_cast<int>(mask->GetLargestPossibleRegion().GetSize(axis));
     T_unpadded(axis, 3) = -padding.voxels[axis];
   }
   field.grid.T_image_index = T_image_index * T_unpadded;
-  const float *const from = image.GetBufferPointer();
-  field.grid.voxels.assign(from, from + image.GetLargestPossibleRegion().GetNumberOfPixels());
+  field.grid.voxels.assign(image->GetBufferPointer(), image->GetBufferPointer() + count);
+  const auto inside = std::count(mask->GetBufferPointer(), mask->GetBufferPointer() + count, std::uint8_t{1});
+  field.border = enclosing_level(field.grid.voxels, static_cast<std::size_t>(inside));
   return field;
 }
 
@@ -178,9 +225,9 @@ bool is_empty(const Mask::Pointer &mask) {
 Mask::Pointer closed(Mask::Pointer mask, const SurfaceOptions &options, const Step &step) {
   if (options.closing_mm > 0.0) {
     step(0.3, "closing clefts");
-    mask = grown(mask, options.closing_mm);
+    mask = grown(mask, 1, options.closing_mm);
     step(0.5, "closing clefts");
-    mask = grown(mask, -options.closing_mm);
+    mask = grown(mask, 0, options.closing_mm);
   }
   step(0.7, "filling holes");
   if (options.fill_holes) {
@@ -206,7 +253,7 @@ Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, 
   }
   step(0.1, "largest component");
   const Mask::Pointer object = closed(largest_component(mask), options, step);
-  Field out = as_field(*blurred(object, options.blur_mm), padding, volume.T_image_index);
+  Field out = as_field(object, options.blur_mm, padding, volume.T_image_index);
   out.threshold = threshold;
   return out;
 }
@@ -214,13 +261,16 @@ Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, 
 Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
                            const SurfaceOptions &options, const Step &step) {
   step(0.0, "regions");
-  const Padding padding = padding_of(volume.spacing_mm(), options);
-  const Mask::Pointer mask = padded_mask(
-      volume, padding, [labels](std::int16_t v) { return std::find(labels.begin(), labels.end(), v) != labels.end(); });
-  if (is_empty(mask)) {
+  const auto carries_label = [labels](std::int16_t v) {
+    return std::find(labels.begin(), labels.end(), v) != labels.end();
+  };
+  if (std::none_of(volume.voxels.begin(), volume.voxels.end(), carries_label)) {
     return failure("no voxel carries the label");
   }
-  return as_field(*blurred(closed(mask, options, step), options.blur_mm), padding, volume.T_image_index);
+  const LabelVolume part = cropped(volume, carries_label);
+  const Padding padding = padding_of(part.spacing_mm(), options);
+  const Mask::Pointer mask = closed(padded_mask(part, padding, carries_label), options, step);
+  return as_field(mask, options.blur_mm, padding, part.T_image_index);
 }
 
 } // namespace bregma::casefile

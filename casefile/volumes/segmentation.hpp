@@ -9,11 +9,11 @@
 
 namespace bregma::casefile {
 
-// 1 inside the object, 0 outside, smooth between; the object's border is at 0.5. Padded, so that it never touches the
-// border of the grid: voxel (i, j, k) of the image is voxel (i, j, k) + padding here.
+// 1 inside the object, 0 outside, smooth between. Padded, so that the object never touches the border of the grid.
 struct Field {
-  VoxelGrid<float> grid; // T_image_index holds for this grid's own indices
-  double threshold = 0.0;
+  VoxelGrid<float> grid;  // T_image_index holds for this grid's own indices
+  double border = 0.5;    // of the object: encloses as many voxels as the object has, so that thin parts do not shrink
+  double threshold = 0.0; // of the image, that was used
 };
 
 // Says where the work stands (0 to 1) and throws where the caller wants it stopped.

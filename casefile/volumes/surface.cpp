@@ -43,7 +43,7 @@ Step step_within(const Progress &progress, double from, double to) {
 }
 
 // In the grid's own axes, mm: index times spacing.
-vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid) {
+vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid, double level) {
   vtkNew<vtkFloatArray> values;
   // Read only: VTK has no const arrays.
   values->SetArray(const_cast<float *>(grid.voxels.data()), static_cast<vtkIdType>(grid.voxels.size()), 1); // NOLINT
@@ -53,8 +53,7 @@ vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid) {
   image->GetPointData()->SetScalars(values);
   vtkNew<vtkFlyingEdges3D> edges;
   edges->SetInputData(image);
-  // Not 0.5, which a blurred mask meets in places exactly: triangles would collapse there.
-  edges->SetValue(0, 0.500013);
+  edges->SetValue(0, level);
   edges->ComputeNormalsOff();
   edges->ComputeGradientsOff();
   edges->ComputeScalarsOff();
@@ -169,7 +168,7 @@ std::string defect_of(const MeshCheck &check) {
 
 Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &options, const Step &step) {
   step(0.0, "isosurface");
-  const auto full = smoothed(isosurface(field.grid), options);
+  const auto full = smoothed(isosurface(field.grid, field.border), options);
   ExtractedSurface out;
   out.report.threshold = field.threshold;
   out.report.full_vertices = static_cast<int>(full->GetNumberOfPoints());

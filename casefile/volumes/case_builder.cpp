@@ -1,0 +1,323 @@
+#include "casefile/volumes/case_builder.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <limits>
+#include <map>
+#include <system_error>
+
+#include <Eigen/Geometry>
+
+#include "casefile/markups.hpp"
+#include "casefile/volumes/partial_folder.hpp"
+#include "casefile/volumes/volume.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+namespace fs = std::filesystem;
+
+// How long each part takes, as shares of the whole, on the head of the demonstration.
+constexpr double kScalpShare = 0.45;
+constexpr double kBrainShare = 0.25;
+
+Progress within(const Progress &progress, double from, double to, const std::string &what) {
+  if (!progress) {
+    return {};
+  }
+  return [&progress, from, to, what](double done, std::string_view stage) {
+    return progress(from + (to - from) * done, what + ": " + std::string(stage));
+  };
+}
+
+// Files as they are where they hold everything themselves, so that nothing is lost; others as NIfTI.
+Result<fs::path> store_image(const fs::path &source, const Volume &volume, const fs::path &folder) {
+  const std::string name = source.filename().string();
+  for (const std::string extension : {".nii.gz", ".nii", ".nrrd", ".mha"}) {
+    if (!name.ends_with(extension) || !fs::is_regular_file(source)) {
+      continue;
+    }
+    std::error_code error;
+    fs::copy_file(source, folder / ("image" + extension), error);
+    if (error) {
+      return failure((folder / ("image" + extension)).string() + ": cannot be written: " + error.message());
+    }
+    return folder / ("image" + extension);
+  }
+  if (auto written = write_volume(folder / "image.nii.gz", volume); !written) {
+    return tl::unexpected(written.error());
+  }
+  return folder / "image.nii.gz";
+}
+
+std::optional<std::int16_t> region_number(const std::string &region, const std::map<int, std::string> &names) {
+  for (const auto &[number, name] : names) {
+    if (name == region && number > 0 && number <= std::numeric_limits<std::int16_t>::max()) {
+      return static_cast<std::int16_t>(number);
+    }
+  }
+  std::int16_t number = 0;
+  const auto [end, error] = std::from_chars(region.data(), region.data() + region.size(), number);
+  return error == std::errc() && end == region.data() + region.size() && number > 0 ? std::optional(number)
+                                                                                    : std::nullopt;
+}
+
+fs::path names_beside(const fs::path &labels) {
+  fs::path beside = labels;
+  if (beside.extension() == ".gz") {
+    beside.replace_extension();
+  }
+  return beside += ".txt";
+}
+
+class CaseMaker {
+public:
+  CaseMaker(const CaseSources &sources, const Progress &progress) : sources_(sources), progress_(progress) {}
+
+  Result<CreatedCase> make(const fs::path &folder) {
+    created_.value.id = sources_.id;
+    created_.value.folder = folder;
+    for (const auto stage : {&CaseMaker::read_plans, &CaseMaker::make_scalp, &CaseMaker::make_brain,
+                             &CaseMaker::make_structures, &CaseMaker::snap}) {
+      if (auto done = (this->*stage)(); !done) {
+        return tl::unexpected(done.error());
+      }
+    }
+    if (auto sound = check_case(created_.value); !sound) {
+      return tl::unexpected(sound.error());
+    }
+    if (auto saved = save_case(created_.value); !saved) {
+      return tl::unexpected(saved.error());
+    }
+    return std::move(created_);
+  }
+
+private:
+  // Before the long work: a wrong plan should not be found out after it.
+  Result<void> read_plans() {
+    Case &c = created_.value;
+    for (const auto &[file, points] : {std::pair{&sources_.fiducials, &c.fiducials},
+                                       {&sources_.landmarks, &c.landmarks},
+                                       {&sources_.targets, &c.targets}}) {
+      if (file->empty()) {
+        continue;
+      }
+      auto read = read_points(*file);
+      if (!read) {
+        return tl::unexpected(read.error());
+      }
+      *points = std::move(*read);
+    }
+    if (!sources_.trajectories.empty()) {
+      auto read = read_trajectories(sources_.trajectories);
+      if (!read) {
+        return tl::unexpected(read.error());
+      }
+      c.trajectories = std::move(*read);
+    }
+    if (!sources_.tools.empty()) {
+      auto read = read_tools(sources_.tools);
+      if (!read) {
+        return tl::unexpected(read.error());
+      }
+      c.tools = std::move(*read);
+    }
+    return read_label_image();
+  }
+
+  Result<void> read_label_image() {
+    if (sources_.labels.empty()) {
+      return sources_.structures.empty() ? Result<void>()
+                                         : failure("structures are asked for, but there is no label image");
+    }
+    auto labels = read_labels(sources_.labels);
+    if (!labels) {
+      return tl::unexpected(labels.error());
+    }
+    labels_ = std::move(*labels);
+    std::error_code ignored;
+    const bool given = !sources_.label_names.empty();
+    const fs::path file = given ? sources_.label_names : names_beside(sources_.labels);
+    if (given || fs::exists(file, ignored)) {
+      auto names = read_label_names(file);
+      if (!names) {
+        return tl::unexpected(names.error());
+      }
+      names_ = std::move(*names);
+    }
+    for (const StructureRequest &request :
+         sources_.structures.empty() ? aal_critical_structures() : sources_.structures) {
+      std::vector<std::int16_t> regions;
+      for (const std::string &region : request.regions) {
+        const auto number = region_number(region, names_);
+        if (!number) {
+          return failure(sources_.labels.string() + ": structure \"" + request.name + "\": there is no region \"" +
+                         region + "\" in " + (names_.empty() ? "it; no names are known" : file.string()));
+        }
+        regions.push_back(*number);
+      }
+      structures_.emplace_back(request.name, std::move(regions));
+    }
+    return {};
+  }
+
+  Result<void> make_scalp() {
+    const auto image = read_volume(sources_.image, sources_.series);
+    if (!image) {
+      return tl::unexpected(image.error());
+    }
+    auto stored = store_image(sources_.image, *image, created_.value.folder);
+    if (!stored) {
+      return tl::unexpected(stored.error());
+    }
+    created_.value.image = std::move(*stored);
+    SurfaceOptions options;
+    options.threshold = sources_.scalp_threshold;
+    options.closing_mm = 8.0; // wider than nostrils and ear canals
+    options.fill_slices = true;
+    options.vertices = sources_.vertices;
+    return keep(extract_surface(*image, options, within(progress_, 0.0, kScalpShare, "scalp")), "scalp", sources_.image,
+                created_.value.scalp);
+  }
+
+  Result<void> make_brain() {
+    const auto image = read_volume(sources_.brain);
+    if (!image) {
+      return tl::unexpected(image.error());
+    }
+    SurfaceOptions options;
+    options.threshold = 0.0;
+    options.closing_mm = 2.0; // narrow sulci
+    options.vertices = sources_.vertices;
+    return keep(extract_surface(*image, options, within(progress_, kScalpShare, kScalpShare + kBrainShare, "brain")),
+                "brain", sources_.brain, created_.value.brain);
+  }
+
+  Result<void> make_structures() {
+    SurfaceOptions options;
+    options.closing_mm = 1.0;
+    options.vertices = std::max(100, sources_.vertices / 2);
+    const double start = kScalpShare + kBrainShare;
+    const double share = (1.0 - start) / static_cast<double>(std::max<std::size_t>(structures_.size(), 1));
+    double from = start;
+    for (const auto &[name, regions] : structures_) {
+      Surface surface;
+      if (auto kept = keep(extract_surface(labels_, regions, options, within(progress_, from, from + share, name)),
+                           name, sources_.labels, surface);
+          !kept) {
+        return kept;
+      }
+      created_.value.structures.push_back(std::move(surface));
+      from += share;
+    }
+    return {};
+  }
+
+  Result<void> snap() {
+    for (auto *points : {&created_.value.fiducials, &created_.value.landmarks}) {
+      if (!sources_.snap) {
+        continue;
+      }
+      if (auto moved = snap_points(*points, created_.value.scalp, kMaxSnap_mm); !moved) {
+        return tl::unexpected(moved.error());
+      }
+    }
+    return {};
+  }
+
+  Result<void> keep(Result<ExtractedSurface> extracted, const std::string &name, const fs::path &source,
+                    Surface &surface) {
+    if (!extracted) {
+      return failure(source.string() + ": surface \"" + name + "\": " + extracted.error().message);
+    }
+    surface = {name, std::move(extracted->mesh)};
+    created_.surfaces.push_back({name, static_cast<int>(surface.mesh.vertices_mm.size()), extracted->report});
+    return {};
+  }
+
+  const CaseSources &sources_;
+  const Progress &progress_;
+  CreatedCase created_;
+  LabelVolume labels_;
+  std::map<int, std::string> names_;
+  std::vector<std::pair<std::string, std::vector<std::int16_t>>> structures_;
+};
+
+} // namespace
+
+Result<StructureRequest> parse_structure(const std::string &text) {
+  StructureRequest request;
+  const std::size_t equals = text.find('=');
+  request.name = text.substr(0, equals);
+  const std::string regions = equals == std::string::npos ? text : text.substr(equals + 1);
+  for (std::size_t from = 0; from <= regions.size();) {
+    const std::size_t comma = std::min(regions.find(',', from), regions.size());
+    request.regions.push_back(regions.substr(from, comma - from));
+    from = comma + 1;
+  }
+  const bool empty =
+      std::any_of(request.regions.begin(), request.regions.end(), [](const auto &r) { return r.empty(); });
+  if (request.name.empty() || empty) {
+    return failure("structure \"" + text + "\": must be Region or Name=Region,Region,...");
+  }
+  return request;
+}
+
+std::vector<StructureRequest> aal_critical_structures() {
+  const StructureRequest kinds[] = {
+      {"Precentral gyrus", {"Precentral"}},
+      {"Occipital lobe", {"Calcarine", "Cuneus", "Lingual", "Occipital_Sup", "Occipital_Mid", "Occipital_Inf"}},
+      {"Heschl gyrus", {"Heschl"}}};
+  std::vector<StructureRequest> requests;
+  for (const StructureRequest &kind : kinds) {
+    for (const std::string side : {"L", "R"}) {
+      StructureRequest request{kind.name + " " + side, kind.regions};
+      for (std::string &region : request.regions) {
+        region += "_" + side;
+      }
+      requests.push_back(std::move(request));
+    }
+  }
+  return requests;
+}
+
+Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sources, bool replace,
+                                const Progress &progress) {
+  auto partial = PartialFolder::beside(folder, replace);
+  if (!partial) {
+    return tl::unexpected(partial.error());
+  }
+  auto created = CaseMaker(sources, progress).make(partial->path());
+  if (!created) {
+    return created;
+  }
+  if (progress && !progress(1.0, "done")) {
+    return failure("stopped");
+  }
+  if (auto placed = partial->put_in_place(); !placed) {
+    return tl::unexpected(placed.error());
+  }
+  created->value.folder = partial->final_path();
+  created->value.image = partial->final_path() / created->value.image.filename();
+  return created;
+}
+
+Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, const Surface &surface, double max_mm) {
+  std::vector<SnappedPoint> moves;
+  std::vector<NamedPoint> snapped = points;
+  for (NamedPoint &point : snapped) {
+    const Eigen::Vector3d nearest = nearest_on_surface(surface.mesh, point.position_mm);
+    moves.push_back({point.name, (nearest - point.position_mm).norm()});
+    if (!(moves.back().moved_mm <= max_mm)) {
+      char text[64];
+      std::snprintf(text, sizeof text, "%.1f mm", moves.back().moved_mm);
+      return failure("\"" + point.name + "\" lies " + text + " from the " + surface.name +
+                     ", too far to be moved onto it");
+    }
+    point.position_mm = nearest;
+  }
+  points = std::move(snapped);
+  return moves;
+}
+
+} // namespace bregma::casefile

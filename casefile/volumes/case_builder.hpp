@@ -1,0 +1,70 @@
+// From image files and plans to a case folder: what `bregma case create` does.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "casefile/case.hpp"
+#include "casefile/result.hpp"
+#include "casefile/volumes/surface.hpp"
+
+namespace bregma::casefile {
+
+// A critical structure: its name in the case and the regions of the label image that make it up, by name or number.
+struct StructureRequest {
+  std::string name;
+  std::vector<std::string> regions;
+};
+
+// "Name=Region,Region" or "Region", which is then the structure's name as well.
+[[nodiscard]] Result<StructureRequest> parse_structure(const std::string &text);
+
+// What is critical in the naming of the AAL atlas: precentral gyri, occipital lobes, Heschl's gyri, each side apart.
+[[nodiscard]] std::vector<StructureRequest> aal_critical_structures();
+
+struct CaseSources {
+  std::string id;
+  std::filesystem::path image;              // of the head: a file or a DICOM folder
+  std::string series;                       // of the DICOM folder, where it holds several
+  std::filesystem::path brain;              // the same head without skull: every voxel above 0 is brain
+  std::filesystem::path labels;             // regions; may be empty, then there are no structures
+  std::filesystem::path label_names;        // empty: beside the labels, with ".txt" for ".gz"
+  std::vector<StructureRequest> structures; // empty: aal_critical_structures()
+  std::filesystem::path fiducials, landmarks, targets, trajectories; // Slicer markups; may be empty but the first
+  std::filesystem::path tools;                                       // TOML with [[tools]]
+  int vertices = 10'000;                 // of scalp and brain; structures get at most half of it
+  std::optional<double> scalp_threshold; // Otsu's where not given
+  bool snap = false;                     // moves fiducials and landmarks onto the scalp, from at most kMaxSnap_mm
+};
+
+inline constexpr double kMaxSnap_mm = 10.0;
+
+struct SurfaceSummary {
+  std::string name;
+  int vertices = 0;
+  SurfaceReport report;
+};
+
+struct CreatedCase {
+  Case value;
+  std::vector<SurfaceSummary> surfaces; // scalp, brain, structures
+};
+
+// Makes `folder`, whole or not at all: it is written beside it under a hidden name and then renamed. An existing folder
+// is replaced only if `replace` is set and it holds a case.toml; its sessions/ are taken over. Blocks for some seconds.
+[[nodiscard]] Result<CreatedCase> create_case(const std::filesystem::path &folder, const CaseSources &sources,
+                                              bool replace, const Progress &progress = {});
+
+struct SnappedPoint {
+  std::string name;
+  double moved_mm = 0.0;
+};
+
+// Moves the points to the nearest place on the surface; refuses a point that lies farther away than max_mm and names
+// it.
+[[nodiscard]] Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, const Surface &surface,
+                                                            double max_mm);
+
+} // namespace bregma::casefile

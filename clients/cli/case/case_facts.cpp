@@ -1,0 +1,170 @@
+#include "clients/cli/case/case_facts.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <nlohmann/json.hpp>
+
+#include "algorithms/planning/critical_structures.hpp"
+#include "casefile/volumes/surface.hpp"
+#include "casefile/volumes/volume.hpp"
+#include "clients/cli/output.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using casefile::Case;
+using nlohmann::json;
+
+// A fiducial that is meant to be touched lies on the skin.
+constexpr double kMaxOffScalp_mm = 3.0;
+constexpr double kMinClearance_mm = 3.0;
+
+SurfaceFacts facts_of(const casefile::Surface &surface) {
+  const casefile::MeshCheck check = casefile::check_mesh(surface.mesh);
+  return {surface.name, static_cast<int>(surface.mesh.vertices_mm.size()), check.volume_ml, check.area_cm2};
+}
+
+void add_points(const Case &c, const std::vector<casefile::NamedPoint> &points, const std::string &list,
+                CaseFacts &facts) {
+  for (const casefile::NamedPoint &point : points) {
+    const Eigen::Vector3d nearest = casefile::nearest_on_surface(c.scalp.mesh, point.position_mm);
+    facts.points.push_back({point.name, list, point.position_mm, (nearest - point.position_mm).norm()});
+  }
+}
+
+std::string clearance_text(double distance_mm) {
+  return distance_mm > 0.0 ? fixed(distance_mm, 1) : "0 (passes through)";
+}
+
+// A voxel of freedom: surfaces are smoothed.
+bool image_holds(const casefile::Volume &image, const geometry::TriangleMesh &mesh) {
+  const Eigen::Matrix4d T_index_image = image.T_image_index.inverse();
+  const Eigen::Array3d last(image.size[0] - 1, image.size[1] - 1, image.size[2] - 1);
+  for (const Eigen::Vector3d &vertex : mesh.vertices_mm) {
+    const Eigen::Array3d index = (T_index_image * vertex.homogeneous()).head<3>().array();
+    if ((index < -1.5).any() || (index > last + 1.5).any()) {
+      return false;
+    }
+  }
+  return true;
+}
+
+} // namespace
+
+CaseFacts facts_of(const Case &c) {
+  CaseFacts facts;
+  facts.surfaces = {facts_of(c.scalp), facts_of(c.brain)};
+  std::vector<planning::NamedMesh> meshes;
+  for (const casefile::Surface &structure : c.structures) {
+    facts.surfaces.push_back(facts_of(structure));
+    meshes.push_back({structure.name, structure.mesh});
+  }
+  add_points(c, c.fiducials, "fiducial", facts);
+  add_points(c, c.landmarks, "landmark", facts);
+  add_points(c, c.targets, "target", facts);
+  const planning::CriticalStructures structures(meshes);
+  for (const casefile::Trajectory &trajectory : c.trajectories) {
+    TrajectoryFacts path{trajectory.name, (trajectory.target_mm - trajectory.entry_mm).norm(), {}};
+    for (const auto &clearance : structures.path_clearance(trajectory.entry_mm, trajectory.target_mm)) {
+      path.clearances.push_back({clearance.name, clearance.distance_mm});
+    }
+    facts.trajectories.push_back(std::move(path));
+  }
+  return facts;
+}
+
+std::string facts_text(const Case &c, const CaseFacts &facts) {
+  std::string out = "Case " + c.id + ", image " + c.image.string() + ", coordinates RAS in mm\n\n";
+  Table surfaces({"surface", "vertices", "volume ml", "area cm2"});
+  for (const SurfaceFacts &surface : facts.surfaces) {
+    surfaces.row(
+        {surface.name, std::to_string(surface.vertices), fixed(surface.volume_ml, 1), fixed(surface.area_cm2, 1)});
+  }
+  out += surfaces.text() + "\n";
+  Table points({"point", "kind", "right", "anterior", "superior", "to scalp mm"});
+  for (const PointFacts &point : facts.points) {
+    points.row({point.name, point.list, fixed(point.position_mm.x(), 1), fixed(point.position_mm.y(), 1),
+                fixed(point.position_mm.z(), 1), fixed(point.to_scalp_mm, 1)});
+  }
+  out += points.text() + "\n";
+  Table paths({"trajectory", "length mm", "critical structure", "clearance mm"});
+  for (const TrajectoryFacts &path : facts.trajectories) {
+    if (path.clearances.empty()) {
+      paths.row({path.name, fixed(path.length_mm, 1), "none in the case", "-"});
+    }
+    for (const ClearanceFacts &clearance : path.clearances) {
+      paths.row({path.name, fixed(path.length_mm, 1), clearance.structure, clearance_text(clearance.distance_mm)});
+    }
+  }
+  if (!paths.empty()) {
+    out += paths.text() + "\n";
+  }
+  Table tools({"tool", "role", "markers", "nominal tip mm"});
+  for (const casefile::ToolModel &tool : c.tools) {
+    const char *const role = tool.role == casefile::ToolRole::kReference ? "reference"
+                             : tool.role == casefile::ToolRole::kPointer ? "pointer"
+                                                                         : "probe";
+    tools.row({tool.name, role, std::to_string(tool.markers_mm.size()), vector_text(tool.nominal_tip_mm, 1)});
+  }
+  return out + tools.text();
+}
+
+json facts_json(const Case &c, const CaseFacts &facts) {
+  json out{{"id", c.id},
+           {"folder", c.folder.string()},
+           {"image", c.image.string()},
+           {"surfaces", json::array()},
+           {"points", json::array()},
+           {"trajectories", json::array()},
+           {"tools", json::array()}};
+  for (const SurfaceFacts &surface : facts.surfaces) {
+    out["surfaces"].push_back({{"name", surface.name},
+                               {"vertices", surface.vertices},
+                               {"volume_ml", json_number(surface.volume_ml)},
+                               {"area_cm2", json_number(surface.area_cm2)}});
+  }
+  for (const PointFacts &point : facts.points) {
+    out["points"].push_back({{"name", point.name},
+                             {"kind", point.list},
+                             {"position_mm", json_vector(point.position_mm)},
+                             {"to_scalp_mm", json_number(point.to_scalp_mm)}});
+  }
+  for (const TrajectoryFacts &path : facts.trajectories) {
+    json clearances = json::array();
+    for (const ClearanceFacts &clearance : path.clearances) {
+      clearances.push_back({{"structure", clearance.structure}, {"distance_mm", json_number(clearance.distance_mm)}});
+    }
+    out["trajectories"].push_back(
+        {{"name", path.name}, {"length_mm", json_number(path.length_mm)}, {"clearances", std::move(clearances)}});
+  }
+  for (const casefile::ToolModel &tool : c.tools) {
+    out["tools"].push_back({{"name", tool.name}, {"markers", tool.markers_mm.size()}});
+  }
+  return out;
+}
+
+std::vector<std::string> find_doubts(const Case &c, const CaseFacts &facts) {
+  std::vector<std::string> doubts;
+  if (const auto image = casefile::read_volume(c.image); !image) {
+    doubts.push_back(image.error().message);
+  } else if (!image_holds(*image, c.scalp.mesh)) {
+    doubts.push_back("the scalp reaches beyond the image " + c.image.string() + ": do they belong together?");
+  }
+  for (const PointFacts &point : facts.points) {
+    if (point.list != "target" && point.to_scalp_mm > kMaxOffScalp_mm) {
+      doubts.push_back(point.list + " \"" + point.name + "\" lies " + fixed(point.to_scalp_mm, 1) +
+                       " mm from the scalp; `bregma case snap` moves it there");
+    }
+  }
+  for (const TrajectoryFacts &path : facts.trajectories) {
+    for (const ClearanceFacts &clearance : path.clearances) {
+      if (clearance.distance_mm < kMinClearance_mm) {
+        doubts.push_back("trajectory \"" + path.name + "\" comes to " + fixed(clearance.distance_mm, 1) + " mm of \"" +
+                         clearance.structure + "\"");
+      }
+    }
+  }
+  return doubts;
+}
+
+} // namespace bregma::cli

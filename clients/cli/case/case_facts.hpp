@@ -1,0 +1,52 @@
+// What a person wants to know of a case before it is used: how big, how far off, how close.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "casefile/case.hpp"
+
+namespace bregma::cli {
+
+struct SurfaceFacts {
+  std::string name;
+  int vertices = 0;
+  double volume_ml = 0.0;
+  double area_cm2 = 0.0;
+};
+
+struct PointFacts {
+  std::string name;
+  std::string list; // "fiducial", "landmark", "target"
+  Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
+  double to_scalp_mm = 0.0; // unsigned
+};
+
+struct ClearanceFacts {
+  std::string structure;
+  double distance_mm = 0.0; // 0: the path passes through it
+};
+
+struct TrajectoryFacts {
+  std::string name;
+  double length_mm = 0.0;
+  std::vector<ClearanceFacts> clearances; // nearest first
+};
+
+struct CaseFacts {
+  std::vector<SurfaceFacts> surfaces; // scalp, brain, structures
+  std::vector<PointFacts> points;
+  std::vector<TrajectoryFacts> trajectories;
+};
+
+[[nodiscard]] CaseFacts facts_of(const casefile::Case &c);
+
+[[nodiscard]] std::string facts_text(const casefile::Case &c, const CaseFacts &facts);
+[[nodiscard]] nlohmann::json facts_json(const casefile::Case &c, const CaseFacts &facts);
+
+// Beyond what load_case refuses: sentences on what a person would have to look at before using the case.
+[[nodiscard]] std::vector<std::string> find_doubts(const casefile::Case &c, const CaseFacts &facts);
+
+} // namespace bregma::cli

@@ -1,0 +1,25 @@
+// How far long work has come, on standard error: one line that is rewritten on a terminal, elsewhere a line for
+// each thing that is made.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace bregma::cli {
+
+class ProgressLine {
+public:
+  ProgressLine(); // from now on SIGINT and SIGTERM ask the work to stop instead of ending the process
+  ~ProgressLine();
+  ProgressLine(const ProgressLine &) = delete;
+  ProgressLine &operator=(const ProgressLine &) = delete;
+
+  // False once the person has pressed Ctrl-C.
+  [[nodiscard]] bool show(double done, std::string_view stage);
+
+private:
+  bool terminal_ = false;
+  std::string last_stage_;
+};
+
+} // namespace bregma::cli
