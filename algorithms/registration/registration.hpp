@@ -96,8 +96,8 @@ void describe(const RegistrationResult &result, const RegistrationOptions &optio
 // Holds the working memory of an estimate, so that a loop can call it without allocating. One thread at a time.
 class RegistrationEstimator {
 public:
-  // surface: in Image, may be null (then samples are ignored), outlives the estimator. Samples beyond
-  // max_surface_samples are ignored, oldest kept.
+  // surface: in Image, may be null (then samples are ignored), outlives the estimator. Samples beyond the first
+  // max_surface_samples, and samples that are not finite, are ignored; so are fiducials beyond kMaxFiducials.
   RegistrationEstimator(const SurfaceModel *surface, const RegistrationOptions &options,
                         int max_surface_samples = 2000);
   ~RegistrationEstimator();

@@ -6,6 +6,7 @@
 // where honesty needs it: in the covariance of the estimate.
 #pragma once
 
+#include <utility>
 #include <vector>
 
 #include "algorithms/registration/registration.hpp"
@@ -48,11 +49,13 @@ private:
   double length_;
   int count_ = 0;
   double scale_ = 1.0;
-  double reach_ = 0.0; // standardised residual beyond which a sample has no weight
-  std::vector<SurfaceSample> samples_;
+  double reach_ = 0.0;                 // standardised residual beyond which a sample has no weight
+  std::vector<SurfaceSample> samples_; // by x in Reference, so that neighbours are found in a window
+  std::vector<std::pair<float, std::size_t>> order_;
   std::vector<float> x_, y_, z_;
-  std::vector<double> alike_; // sum of correlations with all samples, at least 1
-  std::vector<int> triangle_; // warm start of the next closest-point query
+  std::vector<double> correlation_; // by squared distance
+  std::vector<double> alike_;       // sum of correlations with all samples, at least 1
+  std::vector<int> triangle_;       // warm start of the next closest-point query
   std::vector<Term> terms_;
   std::vector<double> scratch_;
 };

@@ -140,6 +140,21 @@ TEST(Registration, SurfaceOutliersHaveNoSay) {
   EXPECT_LT((robust.T_image_reference * (clean.T_image_reference.inverse() * kTarget) - kTarget).norm(), 0.3);
 }
 
+TEST(Registration, SamplesThatAreNotFiniteAreIgnored) {
+  Patient patient(kSeed);
+  patient.touch_eight();
+  patient.trace_scalp(100);
+  RegistrationEstimator estimator(&patient.surface, {});
+  const auto clean = estimator.estimate(patient.fiducials, patient.samples, kTargets);
+  for (std::size_t i = 0; i < 40; ++i) {
+    patient.samples.insert(patient.samples.begin() + static_cast<std::ptrdiff_t>(2 * i),
+                           {Vector3d(std::nan(""), 1.0, 2.0), Matrix3d::Zero()});
+  }
+  const auto &result = estimator.estimate(patient.fiducials, patient.samples, kTargets);
+  EXPECT_EQ(result.surface_count, 100);
+  EXPECT_EQ(result.T_image_reference.matrix(), clean.T_image_reference.matrix());
+}
+
 TEST(Registration, SkinThatErrsMoreThanStatedIsBelievedLess) {
   Patient patient(kSeed);
   patient.touch_eight();
