@@ -1,0 +1,178 @@
+// The connection to a daemon over real DDS, against a small daemon in this process.
+#include <atomic>
+#include <functional>
+#include <thread>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "clients/cli/command_reply.hpp"
+#include "clients/cli/daemon_link.hpp"
+#include "clients/cli/live_view.hpp"
+
+namespace {
+
+using namespace bregma;
+using namespace bregma::cli;
+using namespace std::chrono_literals;
+
+std::uint32_t own_domain() { return 100 + static_cast<std::uint32_t>(getpid()) % 100; }
+
+// Speaks of its health and answers commands, as bregmad does.
+class FakeDaemon {
+public:
+  using Answer = std::function<wire::CommandReply(const wire::Command &)>;
+
+  explicit FakeDaemon(Answer answer = {}) : answer_(std::move(answer)), thread_([this] { run(); }) {}
+  ~FakeDaemon() {
+    stopping_ = true;
+    thread_.join();
+  }
+  FakeDaemon(const FakeDaemon &) = delete;
+  FakeDaemon &operator=(const FakeDaemon &) = delete;
+  std::atomic<bool> speaking{true};
+
+private:
+  void run() {
+    const dds::Participant participant(own_domain());
+    const dds::Writer<wire::SystemHealth> health(participant);
+    const dds::Writer<wire::NavigationState> navigation(participant);
+    const dds::Writer<wire::Alarm> alarms(participant);
+    dds::Reader<wire::Command> commands(participant);
+    const dds::Writer<wire::CommandReply> replies(participant);
+    wire::Alarm alarm{};
+    (void)wire::set_name(alarm.kind, "drift");
+    (void)alarms.write(alarm);
+    for (const char *tool : {"Probe", "Stylus"}) {
+      wire::NavigationState state{};
+      (void)wire::set_name(state.tool, tool);
+      state.published_time_ns = utc_now_ns();
+      (void)navigation.write(state);
+    }
+    while (!stopping_) {
+      if (speaking) {
+        wire::SystemHealth sample{};
+        (void)wire::set_name(sample.daemon, "bregmad");
+        sample.time_ns = utc_now_ns();
+        sample.session = bregma_wire_SESSION_VERIFIED;
+        (void)health.write(sample);
+      }
+      for (int i = 0; i < 10; ++i) {
+        commands.take_each([&](const wire::Command &command, const dds::SampleInfo &) {
+          if (answer_) {
+            (void)replies.write(answer_(command));
+          }
+        });
+        std::this_thread::sleep_for(5ms);
+      }
+    }
+  }
+
+  Answer answer_;
+  std::atomic<bool> stopping_{false};
+  std::thread thread_;
+};
+
+wire::CommandReply reply_to(const wire::Command &command, wire::CommandResult result, const char *text) {
+  wire::CommandReply out{};
+  std::copy(std::begin(command.client), std::end(command.client), out.client);
+  out.id = command.id;
+  out.result = result;
+  out.session = bregma_wire_SESSION_NAVIGATING;
+  wire::set_text(out.text, text);
+  return out;
+}
+
+TEST(DaemonLink, WithoutADaemonItSaysSo) {
+  DaemonLink link(own_domain());
+  const auto there = link.wait_for_daemon(300ms);
+  ASSERT_FALSE(there.has_value());
+  EXPECT_EQ(there.error().message, "no bregmad answers on domain " + std::to_string(own_domain()) + ": is it running?");
+  EXPECT_FALSE(link.alive(utc_now_ns()));
+}
+
+TEST(DaemonLink, StateComesWholeAndIsTakenAsThePresent) {
+  const FakeDaemon daemon;
+  DaemonLink link(own_domain());
+  ASSERT_TRUE(link.wait_for_daemon(5s).has_value());
+  link.settle();
+  EXPECT_TRUE(link.alive(utc_now_ns()));
+  EXPECT_EQ(link.snapshot().tools.size(), 2U);
+  EXPECT_EQ(link.snapshot().alarms.size(), 1U);
+  EXPECT_EQ(view_daemon(link.snapshot(), utc_now_ns()).text, "verified");
+}
+
+TEST(DaemonLink, CommandArrivesAndItsOwnReplyComesBack) {
+  const FakeDaemon daemon([](const wire::Command &command) {
+    EXPECT_EQ(command.body._d, bregma_wire_COMMAND_START_NAVIGATION);
+    EXPECT_EQ(wire::view(command.body._u.plan.tool), "Probe");
+    EXPECT_EQ(wire::view(command.body._u.plan.trajectory), "Biopsy");
+    return reply_to(command, bregma_wire_COMMAND_DONE, "navigating Probe along Biopsy");
+  });
+  DaemonLink link(own_domain());
+  const auto body = navigate_command("Probe", "Biopsy");
+  ASSERT_TRUE(body.has_value());
+  for (int i = 0; i < 3; ++i) {
+    const auto reply = link.send(*body);
+    ASSERT_TRUE(reply.has_value()) << reply.error().message;
+    EXPECT_EQ(reply->id, static_cast<std::uint64_t>(i + 1));
+    EXPECT_STREQ(reply->text, "navigating Probe along Biopsy");
+    EXPECT_EQ(show_reply(reply, Context{}), kOk);
+  }
+}
+
+TEST(DaemonLink, RefusalIsAReplyWithItsReason) {
+  const FakeDaemon daemon([](const wire::Command &command) {
+    return reply_to(command, bregma_wire_COMMAND_REFUSED_BY_STATE, "nobody has verified the registration");
+  });
+  DaemonLink link(own_domain());
+  const auto reply = link.send(*plain_command(bregma_wire_COMMAND_STOP_NAVIGATION));
+  ASSERT_TRUE(reply.has_value());
+  testing::internal::CaptureStderr();
+  EXPECT_EQ(show_reply(reply, Context{}), kRefused);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "bregma: refused by state: nobody has verified the registration\n");
+}
+
+TEST(DaemonLink, ReplyToAnotherClientIsNotOurs) {
+  const FakeDaemon daemon([](const wire::Command &command) {
+    auto reply = reply_to(command, bregma_wire_COMMAND_DONE, "");
+    (void)wire::set_name(reply.client, "somebody else");
+    return reply;
+  });
+  DaemonLink link(own_domain());
+  const auto reply = link.send(*plain_command(bregma_wire_COMMAND_STOP_NAVIGATION), 300ms);
+  ASSERT_FALSE(reply.has_value());
+  EXPECT_EQ(reply.error().message, "bregmad on domain " + std::to_string(own_domain()) +
+                                       " did not reply within 300 ms; whether it carried the command out is not known");
+}
+
+TEST(DaemonLink, DaemonThatFallsSilentIsNotAlive) {
+  FakeDaemon daemon;
+  DaemonLink link(own_domain());
+  ASSERT_TRUE(link.wait_for_daemon(5s).has_value());
+  daemon.speaking = false;
+  std::this_thread::sleep_for(100ms);
+  (void)link.update(0ns);
+  const std::int64_t later_ns = utc_now_ns() + kDaemonSilent.count();
+  EXPECT_FALSE(link.alive(later_ns));
+  EXPECT_EQ(view_daemon(link.snapshot(), later_ns).presence, Presence::kSilent);
+}
+
+TEST(DaemonLink, EveryClientHasANameOfItsOwn) {
+  const DaemonLink one(own_domain());
+  const DaemonLink two(own_domain());
+  EXPECT_NE(one.client(), two.client());
+  EXPECT_LE(one.client().size(), wire::kNameLength);
+}
+
+TEST(CommandBodies, NamesThatDoNotFitAreShownAndRefused) {
+  const auto long_name = touch_command(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", std::string(40, 'x'));
+  ASSERT_FALSE(long_name.has_value());
+  EXPECT_EQ(long_name.error().message, "point '" + std::string(40, 'x') + "' is too long: 40 bytes, at most 31");
+  EXPECT_EQ(tool_command(bregma_wire_COMMAND_START_PIVOT, "").error().message, "tool is empty");
+  EXPECT_FALSE(load_case_command(std::string(2000, 'y')).has_value());
+  EXPECT_TRUE(acknowledge_command("drift", "").has_value()) << "an alarm may have no subject";
+}
+
+} // namespace

@@ -1,0 +1,334 @@
+// The figures of `bregma report` against session files whose answers are known.
+#include <cmath>
+#include <fstream>
+
+#include "casefile/mesh_file.hpp"
+#include "clients/cli/report/judgement.hpp"
+#include "clients/cli/report/session_analysis.hpp"
+#include "clients/cli/report/summary.hpp"
+#include "clients/cli/report/tip_analysis.hpp"
+#include "tests/unit/cli/report_session_maker.hpp"
+
+#include <nlohmann/json.hpp>
+
+namespace {
+
+using namespace bregma;
+using cli::report::analyse;
+using cli::report::SessionAnalysis;
+using test::kMs;
+using test::kStart_ns;
+
+class Report : public testing::Test {
+protected:
+  using Fill = std::function<void(casefile::SessionWriter &)>;
+
+  casefile::Result<SessionAnalysis> analysed(const Fill &fill) {
+    {
+      auto writer = casefile::SessionWriter::create(file_);
+      EXPECT_TRUE(writer.has_value()) << writer.error().message;
+      fill(*writer);
+    }
+    const auto reader = casefile::SessionReader::open(file_);
+    EXPECT_TRUE(reader.has_value()) << reader.error().message;
+    return analyse(*reader);
+  }
+
+  test::TemporaryFolder folder_;
+  std::filesystem::path file_ = folder_ / "run.db";
+};
+
+TEST(Distribution, PercentilesAreOfTheNearestRank) {
+  std::vector<double> values{std::nan("")};
+  for (int i = 1000; i >= 1; --i) {
+    values.push_back(i);
+  }
+  const auto spread = cli::report::distribution_of(values);
+  EXPECT_EQ(spread.count(), 1000U) << "what is not known is not counted";
+  EXPECT_EQ(spread.percentile(0.5), 500.0);
+  EXPECT_EQ(spread.percentile(0.99), 990.0);
+  EXPECT_EQ(spread.percentile(0.999), 999.0);
+  EXPECT_EQ(spread.max(), 1000.0);
+  EXPECT_TRUE(std::isnan(cli::report::Distribution{}.percentile(0.5)));
+}
+
+TEST_F(Report, LatencyRateAndErrorsAreTheOnesThatWereWritten) {
+  test::RunPlan plan;
+  // Of the 100 frames at the target 60 err by 0.5 mm, inside the region of 1 mm, and 40 by 1.5 mm, outside.
+  plan.error_mm = [](int k) { return k >= 160 ? 1.5 : 0.5; };
+  const auto session = analysed([&](auto &writer) { test::write_run(writer, plan); });
+  ASSERT_TRUE(session.has_value()) << session.error().message;
+
+  EXPECT_EQ(session->tracker_frames, 200U);
+  EXPECT_EQ(session->sent_to_published_ms.count(), 200U);
+  EXPECT_NEAR(session->sent_to_published_ms.percentile(0.5), 1.00, 1e-9);
+  EXPECT_NEAR(session->sent_to_published_ms.percentile(0.99), 1.98, 1e-9);
+  EXPECT_NEAR(session->sent_to_published_ms.max(), 2.00, 1e-9);
+  EXPECT_NEAR(session->exposure_to_published_ms.percentile(0.5), 3.00, 1e-9);
+  EXPECT_NEAR(session->navigation_rate_hz, 1000.0 / 4.01, 1e-6) << "each state comes 0.01 ms later than the last";
+
+  ASSERT_TRUE(session->has_truth);
+  ASSERT_TRUE(session->at_target.has_value());
+  const auto &target = *session->at_target;
+  EXPECT_EQ(target.tool, "Probe");
+  EXPECT_EQ(target.trajectory, "Biopsy");
+  EXPECT_EQ(target.samples, 100U);
+  EXPECT_NEAR(target.true_error_mm.percentile(0.5), 0.5, 1e-9);
+  EXPECT_NEAR(target.true_error_mm.max(), 1.5, 1e-9);
+  EXPECT_NEAR(target.predicted_rms_mm, 0.9, 1e-12);
+  EXPECT_NEAR(target.shown_distance_mm, 0.7, 1e-12);
+  EXPECT_NEAR(target.inside_share, 0.60, 1e-12);
+  EXPECT_EQ(target.inside, std::optional(true));
+  EXPECT_NEAR(target.registration_error_mm, 0.4, 1e-9);
+
+  ASSERT_EQ(session->approaches.size(), 1U);
+  EXPECT_EQ(session->approaches[0].structure, "Precentral_L");
+  EXPECT_NEAR(session->approaches[0].shown_mm, 12.0 - 0.04 * 199, 1e-9);
+  EXPECT_NEAR(session->approaches[0].true_at_least_mm, 12.0 - 0.04 * 199 - 1.5, 1e-9);
+}
+
+TEST_F(Report, ErrorIsJudgedAlongTheAxesOfTheEllipsoid) {
+  // 0.5 mm along x is inside while the long axis lies there, and outside once the short one does.
+  const auto inside_share = [&](const wire::Ellipsoid &region, const char *name) {
+    file_ = folder_ / name;
+    const auto session = analysed([&](auto &writer) {
+      test::RunPlan plan;
+      plan.frames = 0;
+      test::write_run(writer, plan);
+      wire::NavigationState state{};
+      (void)wire::set_name(state.tool, "Probe");
+      (void)wire::set_name(state.trajectory, "Biopsy");
+      state.frame = 1;
+      state.acquired_time_ns = kStart_ns + kMs;
+      state.published_time_ns = kStart_ns + 2 * kMs;
+      state.status = bregma_wire_POSE_LIVE;
+      state.session = bregma_wire_SESSION_NAVIGATING;
+      state.T_image_tip = {{1, 0, 0, 0}, {0.5, 0, 0}};
+      state.tre_95 = region;
+      test::put(writer, state.published_time_ns, state);
+      wire::SimulatedTruth truth{};
+      truth.frame = 1;
+      truth.time_ns = state.acquired_time_ns;
+      truth.tool_count = 1;
+      truth.T_image_reference = {{1, 0, 0, 0}, {0, 0, 0}};
+      (void)wire::set_name(truth.tools[0].tool, "Probe");
+      truth.tools[0].T_image_tip = {{1, 0, 0, 0}, {0, 0, 0}};
+      test::put(writer, kStart_ns, truth);
+    });
+    EXPECT_TRUE(session && session->at_target);
+    return session->at_target->inside_share;
+  };
+  EXPECT_EQ(inside_share({{0.6, 0.4, 0.4}, {1, 0, 0, 0, 1, 0, 0, 0, 1}}, "long.db"), 1.0);
+  EXPECT_EQ(inside_share({{0.6, 0.4, 0.4}, {0, 1, 0, -1, 0, 0, 0, 0, 1}}, "short.db"), 0.0);
+}
+
+TEST_F(Report, WithoutTruthTrueErrorsAreNotKnownAndNeverZero) {
+  test::RunPlan plan;
+  plan.truth = false;
+  const auto session = analysed([&](auto &writer) { test::write_run(writer, plan); });
+  ASSERT_TRUE(session.has_value());
+  EXPECT_FALSE(session->has_truth);
+  ASSERT_TRUE(session->at_target.has_value());
+  EXPECT_EQ(session->at_target->true_error_mm.count(), 0U);
+  EXPECT_TRUE(std::isnan(session->at_target->inside_share));
+  EXPECT_FALSE(session->at_target->inside.has_value());
+  EXPECT_TRUE(std::isnan(session->at_target->registration_error_mm));
+  EXPECT_TRUE(std::isnan(session->approaches.at(0).true_at_least_mm));
+
+  const auto json = summary_json(*session, {});
+  EXPECT_TRUE(json["at_target"]["true_error_mm"]["p50"].is_null());
+  EXPECT_TRUE(json["at_target"]["inside_95"].is_null());
+  EXPECT_NE(summary_text(*session, {}).find("true error of the shown tip  not known"), std::string::npos);
+
+  casefile::RunLimits limits;
+  limits.max_tip_error_at_target_mm = 100.0;
+  limits.require_inside_95 = true;
+  limits.min_clearance_mm = 0.0;
+  for (const auto &one : judge(*session, limits)) {
+    EXPECT_FALSE(one.holds) << one.name << " holds although the file does not say";
+    EXPECT_EQ(value_text(one), "not known");
+  }
+}
+
+TEST_F(Report, TruthOfAnEarlierTrackerIsNotTakenForThatOfItsSuccessor) {
+  // After a restart the frames count from 1 again: the number is the same, the moment is not.
+  const auto session = analysed([&](auto &writer) {
+    test::RunPlan plan;
+    test::write_run(writer, plan);
+    wire::SimulatedTruth old{};
+    old.frame = 150;
+    old.time_ns = kStart_ns - 60'000 * kMs;
+    old.tool_count = 1;
+    old.T_image_reference = {{1, 0, 0, 0}, {0, 0, 0}};
+    (void)wire::set_name(old.tools[0].tool, "Probe");
+    old.tools[0].T_image_tip = {{1, 0, 0, 0}, {500, 0, 0}};
+    test::put(writer, kStart_ns, old);
+  });
+  ASSERT_TRUE(session.has_value());
+  EXPECT_NEAR(session->at_target->true_error_mm.max(), 0.5, 1e-9);
+}
+
+TEST_F(Report, ChecksVerificationStatesAndAlarmsAreTold) {
+  const auto session = analysed([&](auto &writer) {
+    const auto at = [](int s) { return kStart_ns + s * 1000 * kMs; };
+    test::put_command(writer, at(1), 1, bregma_wire_COMMAND_START_REGISTRATION, bregma_wire_SESSION_REGISTERING);
+    test::put_command(writer, at(2), 2, bregma_wire_COMMAND_ACCEPT_REGISTRATION, bregma_wire_SESSION_REGISTERED, 0.6);
+    test::put_command(writer, at(3), 3, bregma_wire_COMMAND_CHECK_TOUCH, bregma_wire_SESSION_REGISTERED, 1.25,
+                      "Nasion");
+    wire::AccuracyState accuracy{};
+    accuracy.check_count = 1;
+    accuracy.last_check_mm = 1.25;
+    accuracy.last_check_limit_mm = 2.5;
+    test::put(writer, at(3) + kMs, accuracy);
+    test::put_command(writer, at(4), 4, bregma_wire_COMMAND_CONFIRM_VERIFICATION, bregma_wire_SESSION_VERIFIED);
+    test::put_command(writer, at(5), 5, bregma_wire_COMMAND_START_NAVIGATION, bregma_wire_SESSION_NAVIGATING);
+    const auto alarm = [&](int second, const char *kind, wire::AlarmState state) {
+      wire::Alarm out{};
+      (void)wire::set_name(out.kind, kind);
+      out.state = state;
+      out.severity = bregma_wire_SEVERITY_CRITICAL;
+      test::put(writer, at(second), out);
+    };
+    alarm(6, "drift", bregma_wire_ALARM_RAISED);
+    alarm(7, "drift", bregma_wire_ALARM_ACKNOWLEDGED);
+    alarm(8, "drift", bregma_wire_ALARM_CLEARED);
+    alarm(9, "tracker_lost", bregma_wire_ALARM_RAISED);
+    alarm(10, "tracker_lost", bregma_wire_ALARM_CLEARED);
+    alarm(11, "disk", bregma_wire_ALARM_RAISED);
+  });
+  ASSERT_TRUE(session.has_value()) << session.error().message;
+  ASSERT_EQ(session->checks.size(), 1U);
+  EXPECT_EQ(session->checks[0].landmark, "Nasion");
+  EXPECT_EQ(session->checks[0].tool, "Stylus");
+  EXPECT_EQ(session->checks[0].distance_mm, 1.25);
+  EXPECT_EQ(session->checks[0].limit_mm, 2.5);
+  EXPECT_TRUE(session->verified_before_navigation);
+  EXPECT_EQ(session->critical_alarms, 3U);
+  EXPECT_EQ(session->unacknowledged_critical, 2U) << "one went unseen, one still stands";
+  std::string states;
+  for (const auto &span : session->states) {
+    states += span.state + " ";
+    EXPECT_LE(span.from_ns, span.to_ns);
+  }
+  EXPECT_EQ(states, "registering registered verified navigating ");
+  EXPECT_EQ(session->states.back().to_ns, session->end_ns);
+}
+
+TEST_F(Report, DevicesAreCountedFromTheFirstRecordOfALongRunningDaemon) {
+  const auto health = [](std::int64_t up_s, std::uint64_t taken, std::uint64_t lost, std::uint64_t rejected) {
+    wire::SystemHealth out{};
+    out.time_ns = kStart_ns + up_s * 1000 * kMs;
+    out.started_time_ns = kStart_ns;
+    out.device_count = 1;
+    (void)wire::set_name(out.devices[0].device, "Tracker");
+    out.devices[0].status = bregma_wire_DEVICE_LIVE;
+    out.devices[0].rate_hz = 250.0;
+    out.devices[0].taken = taken;
+    out.devices[0].lost = lost;
+    out.devices[0].rejected[bregma_wire_REJECT_DUPLICATE] = rejected;
+    return out;
+  };
+  const auto two = [&](std::int64_t up_s) {
+    return analysed([&](auto &writer) {
+      test::put(writer, kStart_ns, health(up_s, 1000, 10, 3));
+      test::put(writer, kStart_ns + kMs, health(up_s + 1, 1500, 12, 7));
+    });
+  };
+  const auto late = two(3600);
+  ASSERT_TRUE(late.has_value() && late->devices.size() == 1);
+  EXPECT_EQ(late->devices[0].taken, 500U);
+  EXPECT_EQ(late->devices[0].lost, 2U);
+  EXPECT_EQ(late->devices[0].rejected.at("duplicate"), 4U);
+  EXPECT_EQ(late->rejected_in_all(), 4U);
+
+  file_ = folder_ / "fresh.db";
+  const auto fresh = two(1);
+  ASSERT_TRUE(fresh.has_value());
+  EXPECT_EQ(fresh->devices[0].taken, 1500U) << "a daemon that has just started: all of it belongs to this session";
+
+  casefile::RunLimits limits;
+  limits.max_rejected = 6;
+  limits.max_lost_samples_percent = 1.0;
+  const auto judged = judge(*fresh, limits);
+  ASSERT_EQ(judged.size(), 2U);
+  EXPECT_EQ(judged[0].name, "max_lost_samples_percent");
+  EXPECT_NEAR(judged[0].value, 100.0 * 12 / 1512, 1e-9);
+  EXPECT_TRUE(judged[0].holds);
+  EXPECT_EQ(judged[1].value, 7.0);
+  EXPECT_FALSE(judged[1].holds);
+  EXPECT_FALSE(all_hold(judged));
+}
+
+TEST_F(Report, TracedPointsAreMeasuredAgainstTheScalpByTheAcceptedRegistration) {
+  geometry::TriangleMesh cube; // of 100 mm about the origin
+  for (int i = 0; i < 8; ++i) {
+    cube.vertices_mm.emplace_back((i & 1) != 0 ? 50 : -50, (i & 2) != 0 ? 50 : -50, (i & 4) != 0 ? 50 : -50);
+  }
+  for (const auto &t : {Eigen::Vector3i{0, 2, 1},
+                        {1, 2, 3},
+                        {4, 5, 6},
+                        {5, 7, 6},
+                        {0, 1, 4},
+                        {1, 5, 4},
+                        {2, 6, 3},
+                        {3, 6, 7},
+                        {0, 4, 2},
+                        {2, 4, 6},
+                        {1, 3, 5},
+                        {3, 7, 5}}) {
+    cube.triangles.push_back(t);
+  }
+  const auto ply = folder_ / "scalp.ply";
+  ASSERT_TRUE(casefile::write_mesh(ply, cube).has_value());
+  std::ifstream in(ply, std::ios::binary);
+  const std::string body((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+
+  const auto session = analysed([&](auto &writer) {
+    ASSERT_TRUE(writer.attach("scalp.ply", std::as_bytes(std::span(body))).has_value());
+    const auto point = [&](std::int64_t time_ns, wire::CaptureKind kind, double z) {
+      wire::CapturedPoint out{};
+      out.kind = kind;
+      out.position_mm[0] = -10.0; // the registration shifts by 10 along x
+      out.position_mm[2] = z;
+      test::put(writer, time_ns, out);
+    };
+    point(kStart_ns, bregma_wire_CAPTURE_SURFACE, 70.0); // of a registration that was begun anew
+    test::put_command(writer, kStart_ns + kMs, 1, bregma_wire_COMMAND_START_REGISTRATION,
+                      bregma_wire_SESSION_REGISTERING);
+    point(kStart_ns + 2 * kMs, bregma_wire_CAPTURE_SURFACE, 50.5);
+    point(kStart_ns + 3 * kMs, bregma_wire_CAPTURE_SURFACE, 49.7);
+    point(kStart_ns + 3 * kMs, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, 60.0);
+    test::put(writer, kStart_ns + 4 * kMs, test::accepted_registration(0.0));
+    point(kStart_ns + 5 * kMs, bregma_wire_CAPTURE_SURFACE, 80.0); // after it
+  });
+  ASSERT_TRUE(session.has_value()) << session.error().message;
+  ASSERT_EQ(session->trace.size(), 2U);
+  EXPECT_NEAR(session->trace[0].residual_mm, 0.5, 1e-5);
+  EXPECT_NEAR(session->trace[1].residual_mm, -0.3, 1e-5);
+  EXPECT_NEAR((session->trace[1].on_scalp_mm - Eigen::Vector3d(0, 0, 50)).norm(), 0.0, 1e-5);
+}
+
+TEST_F(Report, EmptySessionIsAnErrorInWords) {
+  const auto session = analysed([](auto &) {});
+  ASSERT_FALSE(session.has_value());
+  EXPECT_NE(session.error().message.find("holds no records"), std::string::npos) << session.error().message;
+}
+
+TEST_F(Report, LimitsHoldExactlyUpToTheirValue) {
+  test::RunPlan plan;
+  const auto session = analysed([&](auto &writer) { test::write_run(writer, plan); });
+  ASSERT_TRUE(session.has_value());
+  casefile::RunLimits limits;
+  EXPECT_TRUE(judge(*session, limits).empty()) << "what is not given is not judged";
+  limits.max_fre_mm = 0.61;
+  limits.min_fiducials = 8;
+  limits.min_surface_samples = 301;
+  const auto judged = judge(*session, limits);
+  ASSERT_EQ(judged.size(), 3U);
+  EXPECT_TRUE(judged[0].holds);
+  EXPECT_TRUE(judged[1].holds);
+  EXPECT_FALSE(judged[2].holds);
+  EXPECT_EQ(limit_text(judged[2]), "at least 301");
+}
+
+} // namespace

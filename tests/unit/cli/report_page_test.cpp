@@ -1,0 +1,153 @@
+// Plots and the page of `bregma report`.
+#include <cmath>
+
+#include "clients/cli/report/figures.hpp"
+#include "clients/cli/report/html_report.hpp"
+#include "clients/cli/report/plots.hpp"
+#include "clients/cli/report/tip_analysis.hpp"
+
+#include <gtest/gtest.h>
+
+namespace {
+
+using namespace bregma::cli::report;
+
+std::size_t count_of(const std::string &text, std::string_view what) {
+  std::size_t count = 0;
+  for (auto at = text.find(what); at != std::string::npos; at = text.find(what, at + 1)) {
+    ++count;
+  }
+  return count;
+}
+
+TEST(Plots, TicksAreRoundAndInsideTheRange) {
+  EXPECT_EQ(linear_ticks(0.0, 1.0, 5), (std::vector<double>{0.0, 0.2, 0.4, 0.6000000000000001, 0.8, 1.0}));
+  EXPECT_EQ(linear_ticks(-3.0, 7.0, 5), (std::vector<double>{-2.0, 0.0, 2.0, 4.0, 6.0}));
+  EXPECT_TRUE(linear_ticks(1.0, 1.0, 5).empty());
+  EXPECT_TRUE(linear_ticks(0.0, std::nan(""), 5).empty());
+  const auto decades = logarithmic_ticks(0.01, 1000.0);
+  ASSERT_EQ(decades.size(), 6U);
+  EXPECT_NEAR(decades.front(), 0.01, 1e-12);
+  EXPECT_NEAR(decades.back(), 1000.0, 1e-9);
+  EXPECT_EQ(logarithmic_ticks(0.9, 11.0).size(), 4U) << "1, 2, 5, 10";
+  EXPECT_TRUE(logarithmic_ticks(0.0, 10.0).empty()) << "zero has no place on a logarithmic axis";
+}
+
+TEST(Plots, LineIsBrokenWhereAValueIsNotKnown) {
+  Plot plot;
+  Series line;
+  line.points = {{0, 1}, {1, 2}, {2, std::nan("")}, {3, 2}, {4, 1}};
+  plot.series = {line};
+  const std::string svg = plot_svg(plot, {400, 200});
+  const auto path = svg.substr(svg.find("<path d='"));
+  EXPECT_EQ(count_of(path.substr(0, path.find("fill")), "M"), 2U) << path;
+  EXPECT_EQ(svg.find("nan"), std::string::npos);
+}
+
+TEST(Plots, PeakSurvivesWhenThereAreMorePointsThanPixels) {
+  Plot plot;
+  plot.y.from = 0.0;
+  plot.y.to = 10.0;
+  Series line;
+  for (int i = 0; i < 100'000; ++i) {
+    line.points.push_back({static_cast<double>(i), i == 54'321 ? 10.0 : 1.0});
+  }
+  plot.series = {line};
+  const std::string svg = plot_svg(plot, {400, 200});
+  EXPECT_LT(svg.size(), 40'000U);
+  EXPECT_NE(svg.find(" 8.0L"), std::string::npos) << "the value 10 stands at the top of the frame, 8 units below 0";
+}
+
+TEST(Plots, EmptyPlotIsAFrameAndNotANumberNowhere) {
+  const std::string svg = plot_svg({}, {400, 200});
+  EXPECT_NE(svg.find("<svg"), std::string::npos);
+  EXPECT_EQ(svg.find("inf"), std::string::npos) << svg;
+  EXPECT_EQ(svg.find("nan"), std::string::npos) << svg;
+}
+
+TEST(Page, Base64IsThatOfTheStandard) { // RFC 4648, section 10
+  const auto of = [](std::string_view text) { return base64({text.begin(), text.end()}); };
+  EXPECT_EQ(of(""), "");
+  EXPECT_EQ(of("f"), "Zg==");
+  EXPECT_EQ(of("fo"), "Zm8=");
+  EXPECT_EQ(of("foo"), "Zm9v");
+  EXPECT_EQ(of("foobar"), "Zm9vYmFy");
+}
+
+SessionAnalysis some_session() {
+  SessionAnalysis session;
+  session.start_ns = 1'700'000'000'000'000'000;
+  session.end_ns = session.start_ns + 20'000'000'000;
+  session.meta = {{"case_id", "<colin & 27>"}};
+  session.tools = {"Probe", "Stylus"};
+  session.has_truth = true;
+  for (int i = 0; i < 1000; ++i) {
+    TipSample tip;
+    tip.time_ns = session.start_ns + i * 20'000'000LL;
+    tip.tool = i < 500 ? 1 : 0;
+    tip.predicted_rms_mm = 0.8;
+    tip.true_error_mm = 0.5 + 0.2 * std::sin(i * 0.1);
+    tip.ellipsoid = 0.3;
+    tip.at_target = i > 900;
+    session.tips.push_back(tip);
+  }
+  session.sent_to_published_ms = distribution_of({0.1, 0.2, 0.2, 0.3, 5.0});
+  session.states = {{session.start_ns, session.start_ns + 10'000'000'000, "registering"},
+                    {session.start_ns + 10'000'000'000, session.end_ns, "navigating"}};
+  session.alarms = {{session.start_ns + 3'000'000'000, "drift", "<script>", "raised", "critical", "moved & more"}};
+  session.registration = RegistrationSummary{};
+  session.registration->fre_mm = 0.52;
+  for (const auto &v : {Eigen::Vector3d(0, 0, 0), {100, 0, 0}, {0, 100, 0}, {0, 0, 100}}) {
+    session.scalp.vertices_mm.push_back(v);
+  }
+  session.scalp.triangles = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+  session.trace = {{{30, 30, 40}, 0.5}, {{40, 30, 30}, -0.7}};
+  return session;
+}
+
+TEST(Page, IsOneFileThatLoadsNothing) {
+  const auto page = html_report(some_session(), {});
+  ASSERT_TRUE(page.has_value()) << page.error().message;
+  for (const char *loads : {"<script", "<link", "@import", "url(http", "src='http", "href="}) {
+    EXPECT_EQ(page->find(loads), std::string::npos) << loads;
+  }
+  EXPECT_EQ(count_of(*page, "src='data:image/png;base64,iVBOR"), 4U) << "four views of the head";
+  EXPECT_GE(count_of(*page, "<svg"), 8U);
+  EXPECT_NE(page->find("width=device-width"), std::string::npos);
+}
+
+TEST(Page, NamesFromTheFileCannotBecomeMarkup) {
+  const auto page = html_report(some_session(), {});
+  ASSERT_TRUE(page.has_value());
+  EXPECT_NE(page->find("&lt;colin &amp; 27&gt;"), std::string::npos);
+  EXPECT_NE(page->find("&lt;script&gt;"), std::string::npos);
+  EXPECT_NE(page->find("moved &amp; more"), std::string::npos);
+}
+
+TEST(Page, EveryFigureOfConsistencySaysThatItIsNotAnAccuracy) {
+  const auto page = html_report(some_session(), {});
+  ASSERT_TRUE(page.has_value());
+  const auto at = page->find("0.52 mm");
+  ASSERT_NE(at, std::string::npos);
+  EXPECT_NE(page->substr(at, 120).find("not an accuracy"), std::string::npos);
+}
+
+TEST(Page, SessionWithoutAnythingIsStillAPage) {
+  SessionAnalysis session;
+  session.start_ns = 1'700'000'000'000'000'000;
+  session.end_ns = session.start_ns;
+  const auto page = html_report(session, {});
+  ASSERT_TRUE(page.has_value());
+  EXPECT_NE(page->find("not known"), std::string::npos);
+  EXPECT_EQ(page->find("nan"), std::string::npos);
+}
+
+TEST(Page, BrokenLimitsAreCountedOnTop) {
+  Judgement good{"max_fre_mm", "fre", 0.5, 1.0, "mm", true, true};
+  Judgement broken{"max_check_mm", "check", kNotKnown, 1.0, "mm", true, false};
+  const auto page = html_report(some_session(), {good, broken});
+  ASSERT_TRUE(page.has_value());
+  EXPECT_NE(page->find("1 of 2 limits did not hold"), std::string::npos);
+}
+
+} // namespace

@@ -1,0 +1,40 @@
+// Writes session files whose figures are known beforehand.
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "casefile/session_file/session_file.hpp"
+#include "idl/names.hpp"
+#include "tests/unit/cli/temporary_folder.hpp"
+
+namespace bregma::test {
+
+inline constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
+inline constexpr std::int64_t kMs = 1'000'000;
+
+// What the navigated run of 200 frames at 250 Hz, all held at its place, is made to say.
+struct RunPlan {
+  bool truth = true;
+  int frames = 200;
+  int first_at_target = 100; // frames from here on are at the target
+  // Error of the shown tip of a frame, along x, mm.
+  std::function<double(int)> error_mm = [](int) { return 0.5; };
+  double registration_shift_mm = 0.4; // of the accepted registration from the true one
+};
+
+wire::RegistrationState accepted_registration(double shift_mm);
+void write_run(casefile::SessionWriter &writer, const RunPlan &plan);
+
+template <class T> void put(casefile::SessionWriter &writer, std::int64_t time_ns, const T &sample) {
+  const auto written = writer.write(time_ns, sample);
+  ASSERT_TRUE(written.has_value()) << written.error().message;
+}
+
+// A command of kind and its reply at a time.
+void put_command(casefile::SessionWriter &writer, std::int64_t time_ns, std::uint64_t id, wire::CommandKind kind,
+                 wire::SessionState after, double value_mm = wire::kUnknown, const char *point = "");
+
+} // namespace bregma::test
