@@ -153,11 +153,12 @@ Result<void> Recorder::begin(const std::filesystem::path &file, const std::vecto
     return tl::unexpected(writer.error());
   }
   Result<void> written;
-  for (const auto &[name, body] : attachments) {
-    written = written.and_then([&] { return writer->attach(name, std::as_bytes(std::span(body))); });
+  for (const casefile::Attachment &attachment : attachments) {
+    written =
+        written.and_then([&] { return writer->attach(attachment.name, std::as_bytes(std::span(attachment.body))); });
   }
-  for (const auto &[key, value] : meta) {
-    written = written.and_then([&] { return writer->set_meta(key, value); });
+  for (const casefile::MetaEntry &entry : meta) {
+    written = written.and_then([&] { return writer->set_meta(entry.key, entry.value); });
   }
   written = written.and_then([&] { return writer->commit(); });
   if (written) {
