@@ -1,4 +1,4 @@
-// Surfaces of a case on disk: PLY (binary little endian written; any PLY that VTK reads), coordinates RAS, mm.
+// Surfaces of a case on disk: PLY, coordinates RAS in mm. Written binary little endian in single precision.
 #pragma once
 
 #include <filesystem>

@@ -230,9 +230,9 @@ Result<PoseSeries> TransformSequence::series(std::string_view name) const {
     for (const std::string &each : recorded) {
       list += (list.empty() ? "" : ", ") + each;
     }
-    return failure(file.string() + ": " +
-                   (name.empty() ? "which transform is meant?" : "no transform \"" + std::string(name) + "\"") +
-                   " The recording has " + list + ", and their inverses and chains");
+    const std::string problem =
+        name.empty() ? "which transform is meant" : "no transform \"" + std::string(name) + "\"";
+    return failure(file.string() + ": " + problem + "; the recording has " + list + ", their inverses and chains");
   }
   PoseSeries out;
   out.transform = std::string(name);

@@ -30,8 +30,8 @@ struct PoseSeries {
   std::size_t invalid = 0;      // frames that the tracker marked as invalid
 };
 
-// One .txt file a pose: four rows of four numbers; the file's name is the time in ns. A folder, or an archive (tar, in any
-// usual compression, or zip) of such files. Other files in it are not looked at.
+// One .txt file a pose: four rows of four numbers; the file's name is the time in ns. A folder, or an archive (tar, in
+// any usual compression, or zip) of such files. Other files in it are not looked at.
 [[nodiscard]] Result<PoseSeries> read_pose_matrices(const std::filesystem::path &folder_or_archive);
 
 struct SequenceFrame {

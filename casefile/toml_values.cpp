@@ -54,11 +54,24 @@ std::string number_text(double value) {
   return {buffer.data(), end.ptr};
 }
 
-std::string shown(const toml::node &node) {
+// As a person writes it: double quotes, one line.
+template <class Node> std::string formatted(const Node &node) {
+  using toml::format_flags;
+  constexpr format_flags kFlags = toml::toml_formatter::default_flags &
+                                  ~(format_flags::allow_literal_strings | format_flags::allow_multi_line_strings);
   std::ostringstream out;
-  node.visit([&out](const auto &value) { out << value; });
-  std::string text = out.str();
-  std::replace(text.begin(), text.end(), '\n', ' ');
+  out << toml::toml_formatter(node, kFlags);
+  return out.str();
+}
+
+std::string shown(const toml::node &node) {
+  std::string text;
+  for (const char c : node.visit([](const auto &value) { return formatted(value); })) {
+    const bool blank = c == '\n' || c == ' ';
+    if (!blank || text.empty() || text.back() != ' ') {
+      text += blank ? ' ' : c;
+    }
+  }
   return text.size() <= kShownLength ? text : text.substr(0, kShownLength) + "...";
 }
 
@@ -164,9 +177,7 @@ std::string to_toml_text(const ParameterValue &value) {
     return text.find_first_of(".en") == std::string::npos ? text + ".0" : text;
   }
   if (const std::string *text = std::get_if<std::string>(&value)) {
-    std::ostringstream out; // toml++ knows which characters to escape
-    out << toml::value<std::string>(*text);
-    return out.str();
+    return formatted(toml::value<std::string>(*text)); // toml++ knows which characters to escape
   }
   return to_plain_text(value);
 }

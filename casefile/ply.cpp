@@ -1,0 +1,284 @@
+#include "casefile/ply.hpp"
+
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <optional>
+#include <sstream>
+#include <vector>
+
+namespace bregma::casefile::detail {
+
+static_assert(std::endian::native == std::endian::little, "numbers are copied as they stand in the file");
+
+namespace {
+
+using geometry::TriangleMesh;
+
+enum class Type { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
+
+struct Property {
+  std::string name;
+  Type type = Type::kFloat;
+  std::optional<Type> count_type; // of a list
+};
+
+struct Element {
+  std::string name;
+  std::size_t count = 0;
+  std::vector<Property> properties;
+};
+
+struct Header {
+  bool ascii = false;
+  std::vector<Element> elements;
+};
+
+template <class T> using Parsed = tl::expected<T, std::string>;
+
+tl::unexpected<std::string> wrong(std::string what) { return tl::unexpected<std::string>(std::move(what)); }
+
+std::optional<Type> type_of(const std::string &name) {
+  static constexpr std::array<std::pair<const char *, Type>, 16> kNames{{{"char", Type::kInt8},
+                                                                         {"int8", Type::kInt8},
+                                                                         {"uchar", Type::kUint8},
+                                                                         {"uint8", Type::kUint8},
+                                                                         {"short", Type::kInt16},
+                                                                         {"int16", Type::kInt16},
+                                                                         {"ushort", Type::kUint16},
+                                                                         {"uint16", Type::kUint16},
+                                                                         {"int", Type::kInt32},
+                                                                         {"int32", Type::kInt32},
+                                                                         {"uint", Type::kUint32},
+                                                                         {"uint32", Type::kUint32},
+                                                                         {"float", Type::kFloat},
+                                                                         {"float32", Type::kFloat},
+                                                                         {"double", Type::kDouble},
+                                                                         {"float64", Type::kDouble}}};
+  for (const auto &[known, type] : kNames) {
+    if (name == known) {
+      return type;
+    }
+  }
+  return std::nullopt;
+}
+
+// Takes the header off the front of the content.
+Parsed<Header> take_header(std::string_view &content) {
+  const auto next_line = [&content]() -> std::optional<std::string> {
+    const std::size_t end = content.find('\n');
+    if (end == std::string_view::npos) {
+      return std::nullopt;
+    }
+    std::string line(content.substr(0, end));
+    content.remove_prefix(end + 1);
+    return !line.empty() && line.back() == '\r' ? line.substr(0, line.size() - 1) : line;
+  };
+  if (next_line() != "ply") {
+    return wrong("is not a PLY file");
+  }
+  Header header;
+  std::string format;
+  while (const auto line = next_line()) {
+    std::istringstream words(*line);
+    std::string keyword;
+    words >> keyword;
+    if (keyword == "end_header") {
+      header.ascii = format == "ascii";
+      return format == "ascii" || format == "binary_little_endian"
+                 ? Parsed<Header>(std::move(header))
+                 : wrong("its format is \"" + format + "\", only ascii and binary_little_endian are read");
+    }
+    if (keyword == "format") {
+      words >> format;
+    } else if (keyword == "element") {
+      Element element;
+      if (!(words >> element.name >> element.count)) {
+        return wrong("the header says \"" + *line + "\"");
+      }
+      header.elements.push_back(std::move(element));
+    } else if (keyword == "property") {
+      std::string word;
+      words >> word;
+      Property property;
+      const bool list = word == "list";
+      if (list) {
+        std::string count_type;
+        words >> count_type >> word;
+        property.count_type = type_of(count_type);
+      }
+      const auto type = type_of(word);
+      words >> property.name;
+      if (!type || (list && !property.count_type) || header.elements.empty() || property.name.empty()) {
+        return wrong("the header says \"" + *line + "\"");
+      }
+      property.type = *type;
+      header.elements.back().properties.push_back(std::move(property));
+    }
+  }
+  return wrong("the PLY header has no end");
+}
+
+// The numbers after the header, one by one; nothing at the end of the file or where no number stands.
+class Body {
+public:
+  Body(std::string_view content, bool ascii) : content_(content), ascii_(ascii) {}
+
+  std::optional<double> next(Type type) { return ascii_ ? next_word() : next_bytes(type); }
+  [[nodiscard]] std::size_t left() const { return content_.size(); }
+
+private:
+  std::optional<double> next_word() {
+    const std::size_t start = content_.find_first_not_of(" \t\r\n");
+    if (start == std::string_view::npos) {
+      return std::nullopt;
+    }
+    content_.remove_prefix(start);
+    double value = 0.0;
+    const auto parsed = std::from_chars(content_.data(), content_.data() + content_.size(), value);
+    if (parsed.ec == std::errc::invalid_argument) {
+      return std::nullopt;
+    }
+    content_.remove_prefix(static_cast<std::size_t>(parsed.ptr - content_.data()));
+    return value;
+  }
+
+  template <class T> std::optional<double> take() {
+    T value{};
+    if (content_.size() < sizeof(T)) {
+      return std::nullopt;
+    }
+    std::memcpy(&value, content_.data(), sizeof(T));
+    content_.remove_prefix(sizeof(T));
+    return static_cast<double>(value);
+  }
+
+  std::optional<double> next_bytes(Type type) {
+    switch (type) {
+    case Type::kInt8:
+      return take<std::int8_t>();
+    case Type::kUint8:
+      return take<std::uint8_t>();
+    case Type::kInt16:
+      return take<std::int16_t>();
+    case Type::kUint16:
+      return take<std::uint16_t>();
+    case Type::kInt32:
+      return take<std::int32_t>();
+    case Type::kUint32:
+      return take<std::uint32_t>();
+    case Type::kFloat:
+      return take<float>();
+    case Type::kDouble:
+      break;
+    }
+    return take<double>();
+  }
+
+  std::string_view content_;
+  bool ascii_;
+};
+
+// One vertex, face or whatever else: its coordinates and its list, as far as it has them.
+struct Item {
+  Eigen::Vector3d position = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  Eigen::Vector3i corners = Eigen::Vector3i::Constant(-1);
+  double corner_count = 0.0;
+};
+
+std::optional<Item> read_item(const Element &element, Body &body) {
+  Item item;
+  for (const Property &property : element.properties) {
+    const auto first = body.next(property.count_type.value_or(property.type));
+    if (!first) {
+      return std::nullopt;
+    }
+    if (!property.count_type) {
+      const auto axis = std::string_view("xyz").find(property.name);
+      if (property.name.size() == 1 && axis != std::string_view::npos) {
+        item.position[static_cast<Eigen::Index>(axis)] = *first;
+      }
+      continue;
+    }
+    const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";
+    item.corner_count = corners ? *first : item.corner_count;
+    for (double i = 0.0; i < *first; i += 1.0) {
+      const auto value = body.next(property.type);
+      if (!value) {
+        return std::nullopt;
+      }
+      const bool index = *value >= 0.0 && *value <= std::numeric_limits<int>::max();
+      if (corners && i < 3.0) {
+        item.corners[static_cast<Eigen::Index>(i)] = index ? static_cast<int>(*value) : -1;
+      }
+    }
+  }
+  return item;
+}
+
+template <class T> void append(std::string &out, T value) {
+  std::array<char, sizeof(T)> bytes{};
+  std::memcpy(bytes.data(), &value, sizeof(T));
+  out.append(bytes.data(), bytes.size());
+}
+
+} // namespace
+
+tl::expected<TriangleMesh, std::string> parse_ply(std::string_view content) {
+  const auto header = take_header(content);
+  if (!header) {
+    return wrong(header.error());
+  }
+  Body body(content, header->ascii);
+  TriangleMesh mesh;
+  for (const Element &element : header->elements) {
+    for (std::size_t i = 0; i < element.count; ++i) {
+      const auto item = read_item(element, body);
+      if (!item) {
+        return wrong("ends or is damaged at " + element.name + " " + std::to_string(i) + " of " +
+                     std::to_string(element.count));
+      }
+      if (element.properties.empty()) {
+        break; // a count without content: nothing to read, however large it is
+      }
+      if (element.name == "vertex") {
+        mesh.vertices_mm.push_back(item->position);
+      } else if (element.name == "face") {
+        if (item->corner_count != 3.0) {
+          return wrong("face " + std::to_string(i) + " has " + std::to_string(std::lround(item->corner_count)) +
+                       " corners, only triangles are read");
+        }
+        mesh.triangles.push_back(item->corners);
+      }
+    }
+  }
+  if (mesh.vertices_mm.empty() || mesh.triangles.empty()) {
+    return wrong("holds no surface");
+  }
+  return mesh;
+}
+
+std::string to_ply(const TriangleMesh &mesh) {
+  std::string out = "ply\nformat binary_little_endian 1.0\ncomment Bregma: RAS, mm\nelement vertex " +
+                    std::to_string(mesh.vertices_mm.size()) +
+                    "\nproperty float x\nproperty float y\nproperty float z\nelement face " +
+                    std::to_string(mesh.triangles.size()) + "\nproperty list uchar int vertex_indices\nend_header\n";
+  for (const Eigen::Vector3d &v : mesh.vertices_mm) {
+    for (const double coordinate : v) {
+      append(out, static_cast<float>(coordinate));
+    }
+  }
+  for (const Eigen::Vector3i &t : mesh.triangles) {
+    append(out, std::uint8_t{3});
+    for (const int corner : t) {
+      append(out, static_cast<std::int32_t>(corner));
+    }
+  }
+  return out;
+}
+
+} // namespace bregma::casefile::detail

@@ -1,0 +1,162 @@
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "casefile/markups.hpp"
+#include "tests/unit/casefile/files.hpp"
+
+namespace {
+
+using namespace bregma::casefile;
+using bregma::tests::TempFolder;
+
+std::string points_file(const std::string &control_points, const std::string &fields = "\"coordinateSystem\": \"LPS\",",
+                        const std::string &type = "Fiducial") {
+  return "{\"markups\": [{\"type\": \"" + type + "\", " + fields + " \"controlPoints\": [" + control_points + "]}]}";
+}
+
+std::string error_of(const std::string &content, const std::string &name = "f.mrk.json") {
+  TempFolder folder;
+  const auto read = read_points(folder.write(name, content));
+  const std::string message = read ? "no error" : read.error().message;
+  const std::string prefix = (folder.path() / name).string();
+  EXPECT_EQ(message.rfind(prefix, 0), 0U) << "the file is not named: " << message;
+  return message.substr(std::min(message.size(), prefix.size()));
+}
+
+TEST(Markups, LpsAndRasBecomeRas) {
+  TempFolder folder;
+  const std::string point = R"({"label": "F1", "position": [1.5, -2, 3], "positionStatus": "defined"})";
+  for (const auto &[system, sign] : {std::pair("\"LPS\"", -1.0), {"\"RAS\"", 1.0}, {"1", -1.0}, {"0", 1.0}}) {
+    const auto points = read_points(
+        folder.write("f.mrk.json", points_file(point, "\"coordinateSystem\": " + std::string(system) + ",")));
+    ASSERT_TRUE(points) << points.error().message;
+    EXPECT_EQ(points->front().name, "F1");
+    EXPECT_EQ(points->front().position_mm, Eigen::Vector3d(sign * 1.5, sign * -2.0, 3.0)) << system;
+  }
+}
+
+TEST(Markups, PointsRoundTripToTheBit) {
+  TempFolder folder;
+  const std::vector<NamedPoint> points{{"Nasion", {0.1, 1.0 / 3.0, -77.7}}, {"Äußerer \"Canthus\"", {-1e-9, 2e5, 0.0}}};
+  const auto file = folder.path() / "fiducials.mrk.json";
+  ASSERT_TRUE(write_points(file, "fiducials", points));
+  const auto read = read_points(file);
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_EQ(read->size(), 2U);
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ((*read)[i].name, points[i].name);
+    EXPECT_EQ((*read)[i].position_mm, points[i].position_mm);
+  }
+}
+
+TEST(Markups, WrittenFilesAreWhatSlicerWrites) {
+  TempFolder folder;
+  const auto file = folder.path() / "t.mrk.json";
+  const std::vector<Trajectory> lines{{"Biopsy", {1, 2, 3}, {4, 5, 6}}};
+  ASSERT_TRUE(write_trajectories(file, lines));
+  const auto json = nlohmann::json::parse(bregma::tests::read_file(file));
+  EXPECT_EQ(json["@schema"],
+            "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
+            "Schema/markups-schema-v1.0.3.json#");
+  const auto &line = json["markups"][0];
+  EXPECT_EQ(line["type"], "Line");
+  EXPECT_EQ(line["coordinateSystem"], "LPS");
+  EXPECT_EQ(line["coordinateUnits"], "mm");
+  EXPECT_EQ(line["controlPoints"][1]["position"], (nlohmann::json{-4.0, -5.0, 6.0}));
+  EXPECT_EQ(line["controlPoints"][1]["positionStatus"], "defined");
+  const auto read = read_trajectories(file);
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->front().name, "Biopsy");
+  EXPECT_EQ(read->front().entry_mm, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(read->front().target_mm, Eigen::Vector3d(4, 5, 6));
+}
+
+TEST(Markups, ErrorsNameTheControlPointAndTheValue) {
+  EXPECT_EQ(error_of(points_file(R"({"label": "A", "position": [1, 2, 3]}, {"label": "B", "position": [1, 2, null]})")),
+            ": markup 1, control point 2 (B): position = [1,2,null]: must be three numbers");
+  EXPECT_EQ(error_of(points_file(R"({"label": "A", "position": [1, 2]})")),
+            ": markup 1, control point 1 (A): position = [1,2]: must be three numbers");
+  EXPECT_EQ(error_of(points_file(R"({"label": " "})")), ": markup 1, control point 1: has no position");
+  EXPECT_EQ(error_of(points_file(R"({"label": "A", "position": [0, 0, 0], "positionStatus": "undefined"})")),
+            ": markup 1, control point 1 (A): positionStatus = \"undefined\": it was never placed");
+  EXPECT_EQ(error_of(points_file("", "\"coordinateSystem\": \"XYZ\",")),
+            ": markup 1: coordinateSystem = \"XYZ\": must be LPS or RAS");
+  EXPECT_EQ(error_of(points_file("", "", "Plane")), ": markup 1: type = \"Plane\": only Fiducial and Line are read");
+  EXPECT_EQ(error_of(points_file("", "\"coordinateUnits\": \"m\",")),
+            ": markup 1: coordinateUnits = \"m\": must be mm");
+  EXPECT_EQ(error_of("{}"), ": is not a Slicer markups file: it has no list \"markups\"");
+  EXPECT_EQ(error_of("[1, 2]"), ": is not a Slicer markups file: it has no list \"markups\"");
+  EXPECT_EQ(error_of("{\"markups\": [3]}"), ": markup 1: is not a markup");
+  EXPECT_NE(error_of("{\"markups\": [").find("is not JSON"), std::string::npos);
+  EXPECT_NE(error_of(points_file(R"({"label": "A", "position": [NaN, 0, 0]})")).find("is not JSON"), std::string::npos);
+  EXPECT_NE(error_of(points_file(R"({"label": "A", "position": [1e999, 0, 0]})")).find("f.mrk.json"), 0U);
+}
+
+TEST(Markups, LinesAndPointsAreNotTakenForEachOther) {
+  TempFolder folder;
+  const std::string two = R"({"position": [1, 2, 3]}, {"position": [4, 5, 6]})";
+  const auto line = folder.write("My line.mrk.json", points_file(two, "", "Line"));
+  EXPECT_NE(read_points(line).error().message.find("is a line where points are expected"), std::string::npos);
+  EXPECT_EQ(read_trajectories(line)->front().name, "My line");
+  const auto three = folder.write("l.mrk.json", points_file(two + R"(, {"position": [4, 5, 6]})", "", "Line"));
+  EXPECT_NE(read_trajectories(three).error().message.find("a line has two control points, this one has 3"),
+            std::string::npos);
+  EXPECT_FALSE(read_points(folder.path() / "absent.mrk.json"));
+}
+
+TEST(Markups, FcsvIsRead) {
+  TempFolder folder;
+  const std::string header = "# Markups fiducial file version = 4.10\n# CoordinateSystem = 0\n"
+                             "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n";
+  const auto points = read_points(
+      folder.write("a.fcsv", header + "vtk_1,0.832,5.670,-9.659,0,0,0,1,1,1,0,AC,the front one,vtkMRML1\n"));
+  ASSERT_TRUE(points) << points.error().message;
+  EXPECT_EQ(points->front().name, "AC");
+  EXPECT_EQ(points->front().position_mm, Eigen::Vector3d(0.832, 5.670, -9.659));
+  EXPECT_EQ(error_of(header + "vtk_1,0.832,five,-9.659,0,0,0,1,1,1,0,AC,,\n", "b.fcsv"),
+            ":4: control point 1: y = five: must be a finite number");
+  EXPECT_EQ(error_of("# CoordinateSystem = 7\n", "c.fcsv"), ":1: CoordinateSystem = 7: must be LPS or RAS (1 or 0)");
+}
+
+// CT and MR of a distortion phantom, from Slicer.
+TEST(Markups, RealFilesOfSlicer) {
+  BREGMA_SHARED_DATA(folder, "distortion");
+  const auto ct = read_points(folder / "CT.mrk.json");
+  ASSERT_TRUE(ct) << ct.error().message;
+  std::printf("CT.mrk.json: %zu points, the first at R %.2f A %.2f S %.2f\n", ct->size(), ct->front().position_mm.x(),
+              ct->front().position_mm.y(), ct->front().position_mm.z());
+  EXPECT_EQ(ct->front().position_mm, Eigen::Vector3d(15.86, 90.26, -2.45)) << "LPS (-15.86, -90.26, -2.45)";
+  TempFolder temporary;
+  for (const char *name :
+       {"CT.mrk.json", "MR.mrk.json", "repeat/CT.mrk.json", "repeat/MR_AP.mrk.json", "repeat/MR_PA.mrk.json"}) {
+    const auto points = read_points(folder / name);
+    ASSERT_TRUE(points) << points.error().message;
+    EXPECT_GT(points->size(), 250U) << name;
+    const auto copy = temporary.path() / "copy.mrk.json";
+    ASSERT_TRUE(write_points(copy, "copy", *points));
+    const auto again = read_points(copy);
+    ASSERT_TRUE(again);
+    ASSERT_EQ(again->size(), points->size());
+    for (std::size_t i = 0; i < points->size(); ++i) {
+      EXPECT_EQ((*again)[i].position_mm, (*points)[i].position_mm) << name << " " << i;
+    }
+  }
+}
+
+TEST(Markups, RealFcsvFiles) {
+  BREGMA_SHARED_DATA(folder, "fiducials/afids_hcp/derivatives/afids_rater");
+  int files = 0;
+  for (const auto &entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (entry.path().extension() != ".fcsv") {
+      continue;
+    }
+    const auto points = read_points(entry.path());
+    ASSERT_TRUE(points) << points.error().message;
+    EXPECT_EQ(points->size(), 32U) << entry.path();
+    ++files;
+  }
+  EXPECT_GT(files, 80);
+}
+
+} // namespace

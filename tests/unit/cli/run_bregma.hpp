@@ -1,0 +1,32 @@
+// Runs the program itself, as a person does.
+#pragma once
+
+#include <sys/wait.h>
+
+#include <cstdlib>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "tests/unit/casefile/files.hpp"
+
+namespace bregma::tests {
+
+struct Run {
+  int exit_code = -1;
+  std::string out, err;
+  [[nodiscard]] nlohmann::json json() const { return nlohmann::json::parse(out, nullptr, false); }
+};
+
+// arguments as in a shell; the working folder is the given one.
+inline Run run_bregma(const TempFolder &folder, const std::string &arguments) {
+  const std::string out = (folder.path() / ".out").string();
+  const std::string err = (folder.path() / ".err").string();
+  const std::string command = "cd '" + folder.path().string() + "' && '" BREGMA_PROGRAM "' " + arguments + " >'" + out +
+                              "' 2>'" + err + "' </dev/null";
+  const int status =
+      std::system(command.c_str()); // NOLINT(bugprone-command-processor,cert-env33-c): a test's own words
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(out), read_file(err)};
+}
+
+} // namespace bregma::tests

@@ -1,0 +1,58 @@
+#include <gtest/gtest.h>
+
+#include "tests/unit/cli/run_bregma.hpp"
+
+namespace {
+
+using bregma::tests::run_bregma;
+using bregma::tests::TempFolder;
+
+TEST(Usage, HelpIsAnAnswerAndNotAnError) {
+  const TempFolder folder;
+  for (const char *arguments : {"--help", "calibrate --help", "calibrate pivot --help", "register --help",
+                                "register points --help", "register capture --help", "status --help"}) {
+    const auto run = run_bregma(folder, arguments);
+    EXPECT_EQ(run.exit_code, 0) << arguments;
+    EXPECT_NE(run.out.find("Usage: bregma"), std::string::npos) << arguments << "\n" << run.out;
+    EXPECT_EQ(run.err, "") << arguments;
+  }
+  EXPECT_EQ(run_bregma(folder, "--version").out.rfind("bregma ", 0), 0U);
+}
+
+TEST(Usage, HelpShowsExamplesAndExitCodes) {
+  const TempFolder folder;
+  EXPECT_NE(run_bregma(folder, "--help").out.find("Exit codes: 0 done, 1 the answer is no"), std::string::npos);
+  EXPECT_NE(run_bregma(folder, "calibrate pivot --help").out.find("bregma calibrate pivot poses.tgz"),
+            std::string::npos);
+  EXPECT_NE(run_bregma(folder, "register --help").out.find("bregma register capture Nasion"), std::string::npos);
+}
+
+TEST(Usage, MistakesAreOneSentenceAndExitCode2) {
+  const TempFolder folder;
+  const auto error_of = [&folder](const char *arguments) {
+    const auto run = run_bregma(folder, arguments);
+    EXPECT_EQ(run.exit_code, 2) << arguments;
+    EXPECT_EQ(run.out, "") << arguments;
+    return run.err;
+  };
+  EXPECT_EQ(error_of(""), "bregma: A subcommand is required (see bregma --help)\n");
+  EXPECT_EQ(error_of("navigte"), "bregma: unknown command \"navigte\" (see bregma --help)\n");
+  EXPECT_EQ(error_of("register capure F1"), "bregma: unknown command \"capure\" (see bregma register --help)\n");
+  EXPECT_EQ(error_of("register points a.csv"), "bregma: target is required (see bregma register points --help)\n");
+  EXPECT_EQ(error_of("register trace sideways"),
+            "bregma: action: sideways not in {start,stop} (see bregma register trace --help)\n");
+  EXPECT_EQ(error_of("calibrate pivot --live Stylus maybe"),
+            "bregma: \"maybe\": with --live it must be start or finish\n");
+  EXPECT_EQ(error_of("register start --domain 231"),
+            "bregma: --domain: Value 231 not in range 0 to 230 (see bregma register start --help)\n");
+}
+
+TEST(Usage, WithoutADaemonLiveCommandsSaySo) {
+  const TempFolder folder;
+  const auto run = run_bregma(folder, "register start --domain 219");
+  EXPECT_EQ(run.exit_code, 2);
+  EXPECT_EQ(run.err, "bregma: no bregmad answers on domain 219: is it running?\n");
+  EXPECT_EQ(run_bregma(folder, "register capture 'a fiducial with a name too long for it'").exit_code, 2);
+}
+
+} // namespace
