@@ -145,9 +145,7 @@ void Recorder::run() {
 
 Result<void> Recorder::begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
                              const std::vector<casefile::MetaEntry> &meta) {
-  if (auto finished = finish(); !finished) {
-    return finished;
-  }
+  static_cast<void>(finish()); // what a failing disk did not take is counted; another folder may have room
   auto writer = casefile::SessionWriter::create(file);
   if (!writer) {
     return tl::unexpected(writer.error());

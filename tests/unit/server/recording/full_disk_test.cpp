@@ -113,5 +113,25 @@ TEST(FullDisk, WhatADiskNeverTookIsCountedAtTheEnd) {
   EXPECT_FALSE(status.failing); // of a file that is closed nothing can be said
 }
 
+TEST(FullDisk, TheNextFileIsOpenedThoughTheLastOneCouldNotBeFinished) {
+  std::signal(SIGXFSZ, SIG_IGN);
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  const test::ScratchFolder folder;
+  Recorder recorder({.interval = 1ms, .retry = 2ms});
+  auto &channel = recorder.channel("navigation");
+  ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
+  const rlimit small{200'000, before.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &small), 0);
+  for (std::uint64_t i = 1; i <= 1'000; ++i) {
+    EXPECT_TRUE(channel.push(0, navigation(i)));
+  }
+  EXPECT_TRUE(test::eventually([&] { return recorder.status().failing; }));
+  EXPECT_TRUE(recorder.open(folder / "b.session", {}, {}));
+  EXPECT_FALSE(recorder.status().failing);
+  EXPECT_TRUE(recorder.status().open);
+  ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+}
+
 } // namespace
 } // namespace bregma::recording
