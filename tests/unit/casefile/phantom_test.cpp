@@ -16,10 +16,13 @@ using bregma::casefile::NamedRigid;
 using Eigen::Vector3d;
 
 // PLUS finds a landmark where the tip rests while the shaft moves: the tip, averaged over windows of 0.2 s, stays in a
-// box with a diagonal of 1.5 mm for a second, and a point 100 mm up the shaft leaves one of 30 mm.
+// box with a diagonal of 1.5 mm for a second, and a point 100 mm up the shaft leaves one of 30 mm. The landmark is the
+// mean of the second to the fifth frame of the touch.
 constexpr double kFrameRate_hz = 15.0;
 constexpr std::size_t kWindow = 3; // 0.2 s
 constexpr std::size_t kWindows = 5;
+constexpr std::ptrdiff_t kAveragedFrom = 1;
+constexpr std::ptrdiff_t kAveragedTo = 5;
 constexpr double kTipRests_mm = 1.5;
 constexpr double kShaftMoves_mm = 30.0;
 constexpr double kSameLandmark_mm = 5.0;
@@ -54,7 +57,7 @@ std::vector<Vector3d> find_landmarks(const std::vector<NamedRigid> &T_reference_
     if (tips.size() < kWindow * kWindows || shaft_box.diagonal().norm() < kShaftMoves_mm) {
       continue;
     }
-    const Vector3d landmark = mean(tips.begin(), tips.end());
+    const Vector3d landmark = mean(tips.begin() + kAveragedFrom, tips.begin() + kAveragedTo);
     const bool known = std::any_of(found.begin(), found.end(),
                                    [&](const Vector3d &other) { return (other - landmark).norm() < kSameLandmark_mm; });
     if (!known) {
@@ -149,11 +152,11 @@ TEST(Phantom, RegistrationOfPlusIsReproducedFromTheRecording) {
               t.x(), t.y(), t.z(), published.pose.translation().x(), published.pose.translation().y(),
               published.pose.translation().z(), turned * 57.29578, farthest, mean, std::sqrt(squares), published.error,
               stylus_error);
-  EXPECT_NEAR(mean, published.error, 0.02);
-  EXPECT_NEAR(std::sqrt(squares), published.error, 0.02);
-  // Which frames PLUS took for each touch is not on record; half of the stylus tip's own error is left for that.
-  EXPECT_LT(farthest, 0.5 * stylus_error);
-  EXPECT_LT(turned, 0.005);
+  EXPECT_NEAR(mean, published.error, 0.015);
+  // PLUS replayed the recording by the clock, so which frame opened its first window is not on record; shifting it by
+  // one moves the result by about so much.
+  EXPECT_LT(farthest, 0.15);
+  EXPECT_LT(turned, 0.003);
 }
 
 } // namespace
