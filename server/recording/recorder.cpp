@@ -20,7 +20,7 @@ constexpr const char *kPollChannel = "poll";
 } // namespace
 
 Channel::Channel(std::string name, std::size_t bytes, const std::atomic<bool> &recording)
-    : name_(std::move(name)), ring_(bytes), recording_(recording) {}
+    : ring_(bytes), name_(std::move(name)), recording_(recording) {}
 
 bool Channel::push_bytes(const char *topic, std::int64_t time_ns, std::span<const std::byte> body) noexcept {
   if (!recording_.load(std::memory_order_relaxed)) {

@@ -85,8 +85,8 @@ private:
   };
   bool push_bytes(const char *topic, std::int64_t time_ns, std::span<const std::byte> body) noexcept;
 
-  std::string name_;
   runtime::ByteRing ring_;
+  std::string name_;
   const std::atomic<bool> &recording_;
 };
 

@@ -130,7 +130,7 @@ TEST_P(FloodedBorder, CountsEverythingAndHarmsNobody) {
       std::int64_t now_ns = at(i);
       if (flooding && GetParam() != Flood::kCopies) {
         now_ns += ahead / 10;
-        frame.frame += 9 * (i - 500) + k;
+        frame.frame += std::uint64_t{9} * (i - 500) + k;
         frame.device_time_ns += GetParam() == Flood::kDense ? ahead / 10 : ahead;
       } else if (!flooding && i >= 1'000 && GetParam() != Flood::kCopies) {
         frame.frame += 4'500;

@@ -95,7 +95,7 @@ TEST(DeviceClock, WhatIsNotStatedOfTheLatencyIsTheErrorAndNothingMore) {
 
 TEST(DeviceClock, AFirstSampleThatWasHeldUpIsForgotten) {
   DeviceClock clock;
-  const auto at = [](int i) { return kStart_ns + i * 4 * kMs; };
+  const auto at = [](std::int64_t i) { return kStart_ns + i * 4 * kMs; };
   EXPECT_EQ(clock.observe(at(0), at(0) + 200 * kMs, 4 * kMs), TimeVerdict::kInStep);
   for (int i = 1; i < 10; ++i) {
     EXPECT_EQ(clock.observe(at(i), at(i) + kMs, 4 * kMs), TimeVerdict::kInStep);
@@ -112,13 +112,13 @@ struct Jump {
 
 Jump jump(std::int64_t by_ns, int samples = 500) {
   DeviceClock clock;
-  const auto at = [](int i) { return kStart_ns + i * 4 * kMs; };
+  const auto at = [](std::int64_t i) { return kStart_ns + i * 4 * kMs; };
   for (int i = 0; i < 500; ++i) {
     EXPECT_EQ(clock.observe(at(i), at(i) + kMs, 4 * kMs), TimeVerdict::kInStep);
   }
   Jump out;
   for (int i = 500; i < 500 + samples; ++i) {
-    const auto verdict = clock.observe(at(i) + by_ns, at(i) + kMs + (i % 3) * kMs / 10, 4 * kMs);
+    const auto verdict = clock.observe(at(i) + by_ns, at(i) + kMs + std::int64_t{i % 3} * kMs / 10, 4 * kMs);
     out.refused += verdict == TimeVerdict::kInStep || verdict == TimeVerdict::kResynced ? 0 : 1;
     out.resynced = out.resynced || verdict == TimeVerdict::kResynced;
     out.error_ns = clock.to_host_ns(at(i) + by_ns) - (at(i) + kMs);
@@ -142,7 +142,7 @@ TEST(DeviceClock, AnOldSampleAmongGoodOnesChangesNothing) {
   DeviceClock clock;
   int refused = 0;
   for (int i = 0; i < 2'000; ++i) {
-    const std::int64_t device = kStart_ns + i * 4 * kMs;
+    const std::int64_t device = kStart_ns + std::int64_t{4} * i * kMs;
     refused += clock.observe(device, device + kMs, 4 * kMs) == TimeVerdict::kInStep ? 0 : 1;
     refused += clock.observe(device - 100 * kMs, device + kMs, 4 * kMs) == TimeVerdict::kBackwards ? 0 : 1;
   }
@@ -181,8 +181,8 @@ TEST(DeviceClock, AllocatesNothing) {
   DeviceClock clock;
   const test::AllocationScope scope;
   for (int i = 0; i < 20'000; ++i) {
-    const std::int64_t device = kStart_ns + i * 4 * kMs;
-    static_cast<void>(clock.observe(device, device + (i % 7) * kMs / 10, 4 * kMs));
+    const std::int64_t device = kStart_ns + std::int64_t{4} * i * kMs;
+    static_cast<void>(clock.observe(device, device + std::int64_t{i % 7} * kMs / 10, 4 * kMs));
   }
   EXPECT_EQ(scope.count(), 0U);
 }

@@ -60,6 +60,7 @@ TEST(SessionFile, GivesBackEveryByteInTheOrderOfRecording) {
   std::uint64_t next = 0;
   const auto number = reader.each<wire::NavigationState>([&](const wire::NavigationState &state, std::int64_t time_ns) {
     const auto expected = navigation(next);
+    // Bytes are what is recorded. NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
     EXPECT_EQ(std::memcmp(&state, &expected, sizeof state), 0);
     EXPECT_EQ(time_ns, static_cast<std::int64_t>(1'000 + next));
     ++next;
