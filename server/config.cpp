@@ -95,6 +95,21 @@ casefile::ParameterSet declare(Config &c) {
   return set;
 }
 
+namespace {
+
+std::string name_problem(const std::string &name, const std::set<std::string> &seen) {
+  if (name.empty()) {
+    return "has an empty name between commas";
+  }
+  if (name.size() > wire::kNameLength) {
+    return "\"" + name + "\" is longer than " + std::to_string(wire::kNameLength) +
+           " bytes, which the wire would have to cut";
+  }
+  return seen.contains(name) ? "\"" + name + "\" is named twice" : "";
+}
+
+} // namespace
+
 casefile::Result<void> check(const Config &config) {
   std::set<std::string> seen;
   const std::pair<const char *, const std::string *> lists[] = {{"devices.trackers", &config.devices.trackers},
@@ -102,18 +117,11 @@ casefile::Result<void> check(const Config &config) {
                                                                 {"devices.forces", &config.devices.forces},
                                                                 {"devices.ranges", &config.devices.ranges}};
   for (const auto &[key, list] : lists) {
-    const std::string opening = std::string(key) + " = \"" + *list + "\": ";
     for (const std::string &name : split_names(*list)) {
-      if (name.empty()) {
-        return casefile::failure(opening + "has an empty name between commas");
+      if (const std::string problem = name_problem(name, seen); !problem.empty()) {
+        return casefile::failure(std::string(key) + " = \"" + *list + "\": " + problem);
       }
-      if (name.size() > wire::kNameLength) {
-        return casefile::failure(opening + "\"" + name + "\" is longer than " + std::to_string(wire::kNameLength) +
-                                 " bytes, which the wire would have to cut");
-      }
-      if (!seen.insert(name).second) {
-        return casefile::failure(opening + "\"" + name + "\" is named twice");
-      }
+      seen.insert(name);
     }
   }
   if (split_names(config.devices.trackers).empty()) {

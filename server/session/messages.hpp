@@ -32,7 +32,7 @@ struct CaptureRequest {
   wire::Name point;
   std::int64_t start_ns;
   std::int64_t window_ns;
-  double max_motion_mm; // a tip further from the window's mean was not held still
+  double max_motion_mm; // a tip that moved further about the window's mean was not held still
 };
 
 // While on: a SurfaceSample event wherever the tip is spacing_mm away from the last sample.
@@ -157,7 +157,7 @@ struct CaptureResult {
   std::int64_t acquired_time_ns;
   Array3 position_mm;    // mean; this and what follows only with kOk, spread_mm also with kMoved
   Array9 covariance_mm2; // of the mean
-  double spread_mm;      // largest distance of a frame's tip from the mean
+  double spread_mm;      // how far the tip moved about the mean, beyond the noise of the markers
 };
 
 struct PivotPose {

@@ -8,7 +8,7 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kSaveInterval_ns = 1'000'000'000; // of samples that come without a command
+constexpr std::int64_t kSaveIntervalNs = 1'000'000'000; // of samples that come without a command
 // Raised when a registration stands that nobody has verified since a restart or a drift alarm.
 constexpr const char *kVerify = "verification";
 
@@ -192,7 +192,7 @@ void Session::Impl::poll() {
     accept_.reset();
     answer(ticket, refused("the registration loop has not answered: no estimate of the latest samples"));
   }
-  if (now_ns >= saved_ns_ + kSaveInterval_ns) {
+  if (now_ns >= saved_ns_ + kSaveIntervalNs) {
     save();
   }
 }
@@ -242,7 +242,7 @@ casefile::Result<void> Session::Impl::bring_back(SessionData data) {
     }
   }
   auto shared = std::make_shared<const casefile::Case>(std::move(*loaded));
-  if (const auto used = ports_.use_case(shared); !used) {
+  if (auto used = ports_.use_case(shared); !used) {
     return used;
   }
   case_ = std::move(shared);

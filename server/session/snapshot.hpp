@@ -45,7 +45,7 @@ struct SessionData {
 class SnapshotFile {
 public:
   // The folder is made when it is not there.
-  explicit SnapshotFile(std::filesystem::path folder);
+  explicit SnapshotFile(const std::filesystem::path &folder);
 
   // Nothing is lost when it fails: the file of the last success stays.
   [[nodiscard]] casefile::Result<void> save(const SessionData &data) const;

@@ -48,7 +48,7 @@ tl::unexpected<casefile::Error> system_failure(const fs::path &path, const char 
 
 } // namespace
 
-SnapshotFile::SnapshotFile(fs::path folder) : path_(std::move(folder) / "session.json") {
+SnapshotFile::SnapshotFile(const fs::path &folder) : path_(folder / "session.json") {
   std::error_code ignored; // the first save names the reason
   fs::create_directories(path_.parent_path(), ignored);
 }
