@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 using Eigen::Vector3d;
 
-constexpr double kRadius_mm = 80.0;
+constexpr double kRadiusMm = 80.0;
 
 // An octahedron, each face split in four, three times, on the sphere.
 geometry::TriangleMesh ball(double radius) {
@@ -50,7 +50,7 @@ geometry::TriangleMesh ball(double radius) {
 }
 
 casefile::NamedPoint on_ball(const std::string &name, const Vector3d &direction) {
-  return {name, kRadius_mm * direction.normalized()};
+  return {name, kRadiusMm * direction.normalized()};
 }
 
 } // namespace
@@ -73,7 +73,7 @@ fs::path write_case(const fs::path &parent, const std::string &id) {
   c.folder = parent / id;
   c.id = id;
   c.image = c.folder / "image.nii.gz";
-  c.scalp = {"scalp", ball(kRadius_mm)};
+  c.scalp = {"scalp", ball(kRadiusMm)};
   c.brain = {"brain", ball(65.0)};
   c.fiducials = {on_ball("F1", {1, 1, 1}),   on_ball("F2", {-1, 1, 1}), on_ball("F3", {1, -1, 1}),
                  on_ball("F4", {-1, -1, 1}), on_ball("F5", {0, 1, 0}),  on_ball("F6", {1, 0, 0})};
@@ -143,7 +143,7 @@ wire::RegistrationState FakeLoops::estimate() const {
   out.status = registration_status;
   wire::set_text(out.text, registration_text);
   out.T_image_reference = wire::to_wire(truth);
-  for (int i = 0; i < 6; ++i) {
+  for (std::size_t i = 0; i < 6; ++i) {
     const double sigma = i < 3 ? 0.002 : registration_sigma_mm;
     out.covariance[7 * i] = sigma * sigma;
   }
@@ -264,7 +264,7 @@ void Desk::trace(const std::string &tool, int samples) {
     sample.frame = static_cast<std::uint64_t>(i);
     sample.acquired_time_ns = now_ns;
     const double angle = 0.1 * i;
-    sample.position_mm = loops.in_reference(kRadius_mm * Vector3d(std::cos(angle), std::sin(angle), 0.0));
+    sample.position_mm = loops.in_reference(kRadiusMm * Vector3d(std::cos(angle), std::sin(angle), 0.0));
     sample.covariance_mm2 = {0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1};
     session->on(NavigationEvent(sample), now_ns);
   }

@@ -1,7 +1,10 @@
 // What survives a killed daemon, bit for bit, and what is done with a file that does not hold.
 #include "session_fakes.hpp"
 
+#include <array>
+#include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -17,7 +20,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-template <class T> bool same_bits(const T &a, const T &b) { return std::memcmp(&a, &b, sizeof(T)) == 0; }
+template <class T> bool same_bits(const T &a, const T &b) {
+  using Bytes = std::array<std::byte, sizeof(T)>;
+  return std::bit_cast<Bytes>(a) == std::bit_cast<Bytes>(b); // -0.0 is not 0.0, and NaN is itself
+}
 
 std::string read(const fs::path &path) {
   std::ifstream stream(path, std::ios::binary);

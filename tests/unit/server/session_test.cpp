@@ -2,9 +2,11 @@
 // it.
 #include "session_fakes.hpp"
 
+#include <array>
+#include <bit>
 #include <cmath>
+#include <cstddef>
 #include <cstdio>
-#include <cstring>
 
 #include <gtest/gtest.h>
 
@@ -54,7 +56,8 @@ TEST_F(SessionTest, TheCourseOfABiopsy) {
   const auto accepted = FakeLoops::last<RegistrationAccepted>(loops.navigation);
   EXPECT_EQ(accepted.revision, loops.revision);
   const auto estimate = loops.estimate();
-  EXPECT_EQ(std::memcmp(&accepted.T_image_reference, &estimate.T_image_reference, sizeof(wire::Pose)), 0);
+  using Bytes = std::array<std::byte, sizeof(wire::Pose)>;
+  EXPECT_EQ(std::bit_cast<Bytes>(accepted.T_image_reference), std::bit_cast<Bytes>(estimate.T_image_reference));
   EXPECT_EQ(FakeLoops::count<RegistrationAccepted>(loops.monitoring), 1U);
   EXPECT_EQ(FakeLoops::count<RegistrationAccepted>(loops.registration), 1U);
   EXPECT_FALSE(FakeLoops::last<SessionChanged>(loops.navigation).verified);
