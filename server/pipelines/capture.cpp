@@ -1,16 +1,21 @@
 #include "server/pipelines/capture.hpp"
 
+#include <cmath>
+
 #include "server/pipelines/wire_values.hpp"
 
 namespace bregma::server {
 
 // A touch counts when the tool was seen in at least half of the window's frames.
 constexpr double kMinSeenShare = 0.5;
+// How far the markers' noise alone moves the mean of a part, in RMS distances: 1 in 1,000 is further.
+constexpr double kNoiseReach = 2.5;
 
 void TouchCapture::start(const CaptureRequest &request) noexcept {
   request_ = request;
   busy_ = true;
   used_ = 0;
+  parts_.fill({});
   window_frames_ = reference_hidden_ = not_calibrated_ = 0;
   marker_sum_.setZero();
   tip_covariance_.setZero();
@@ -24,10 +29,13 @@ void TouchCapture::add(FrameContent content, const TipInReference &tip, std::uin
   ++window_frames_;
   reference_hidden_ += content == FrameContent::kReferenceHidden ? 1 : 0;
   not_calibrated_ += content == FrameContent::kNotCalibrated ? 1 : 0;
-  if (content != FrameContent::kTip || used_ == kMaxFrames) {
+  if (content != FrameContent::kTip) {
     return;
   }
-  positions_[used_++] = tip.position_mm;
+  const std::int64_t part = (acquired_ns - request_.start_ns) * kParts / (request_.window_ns + 1);
+  parts_[static_cast<std::size_t>(part)].sum += tip.position_mm;
+  ++parts_[static_cast<std::size_t>(part)].frames;
+  ++used_;
   marker_sum_ += tip.marker_covariance;
   tip_covariance_ = tip.tip_covariance;
   last_frame_ = frame;
@@ -53,24 +61,34 @@ std::optional<CaptureResult> TouchCapture::finish(std::int64_t now_ns) noexcept 
     result.status = CaptureStatus::kNotCalibrated;
     return result;
   }
-  if (used_ == 0 || static_cast<double>(used_) < kMinSeenShare * window_frames_) {
+  if (used_ == 0 || used_ < kMinSeenShare * window_frames_) {
     const bool reference = 2 * reference_hidden_ > window_frames_ - used_;
     result.status = reference ? CaptureStatus::kReferenceHidden : CaptureStatus::kToolHidden;
     return result;
   }
-  const auto count = static_cast<double>(used_);
+  const double count = used_;
   Vector3d mean = Vector3d::Zero();
-  for (std::size_t i = 0; i < used_; ++i) {
-    mean += positions_[i] / count;
+  for (const Part &part : parts_) {
+    mean += part.sum / count;
   }
-  for (std::size_t i = 0; i < used_; ++i) {
-    result.spread_mm = std::max(result.spread_mm, (positions_[i] - mean).norm());
-  }
+  result.spread_mm = motion_mm(mean);
   result.status = result.spread_mm <= request_.max_motion_mm ? CaptureStatus::kOk : CaptureStatus::kMoved;
   result.position_mm = array_of(mean);
   // The markers' noise averages out over the frames, the error of the tip does not.
   result.covariance_mm2 = array_of(Matrix3d(marker_sum_ / (count * count) + tip_covariance_));
   return result;
+}
+
+double TouchCapture::motion_mm(const Vector3d &mean) const noexcept {
+  const double noise_mm = std::sqrt(marker_sum_.trace() / used_); // RMS distance of one frame's tip
+  double largest = 0.0;
+  for (const Part &part : parts_) {
+    if (part.frames > 0) {
+      const double moved = (part.sum / part.frames - mean).norm();
+      largest = std::max(largest, moved - kNoiseReach * noise_mm / std::sqrt(part.frames));
+    }
+  }
+  return largest;
 }
 
 void SurfaceTrace::request(const TraceRequest &request) noexcept {

@@ -34,12 +34,19 @@ public:
   [[nodiscard]] std::optional<CaptureResult> finish(std::int64_t now_ns) noexcept;
 
 private:
-  static constexpr std::size_t kMaxFrames = 4096; // four seconds at 1,000 frames/s
+  // Stillness is judged on the means of the parts of the window: a single frame's tip scatters by the markers' noise,
+  // which its long lever enlarges, without the hand having moved.
+  static constexpr std::int64_t kParts = 5;
+  struct Part {
+    geometry::Vector3d sum = geometry::Vector3d::Zero();
+    std::uint32_t frames = 0;
+  };
+  [[nodiscard]] double motion_mm(const geometry::Vector3d &mean) const noexcept;
 
   CaptureRequest request_{};
   bool busy_ = false;
-  std::array<geometry::Vector3d, kMaxFrames> positions_;
-  std::size_t used_ = 0;
+  std::array<Part, kParts> parts_;
+  std::uint32_t used_ = 0;
   std::uint32_t window_frames_ = 0;
   std::uint32_t reference_hidden_ = 0;
   std::uint32_t not_calibrated_ = 0;

@@ -18,7 +18,9 @@ constexpr std::size_t kKeptTruths = 64; // more frames than are under way betwee
 std::int64_t period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz); }
 
 server::Config with_state(server::Config config, const std::filesystem::path &folder) {
-  config.state.directory = folder.string();
+  if (config.state.directory.empty()) {
+    config.state.directory = folder.string();
+  }
   return config;
 }
 

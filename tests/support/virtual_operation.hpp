@@ -33,7 +33,8 @@ public:
   // Called for every state that navigation publishes, with the truth of the same frame where the room told it.
   using Observer = std::function<void(const wire::NavigationState &, const wire::SimulatedTruth *)>;
 
-  // a_case: as loaded from its folder; the scenario's load_case step loads it again by that folder.
+  // a_case: as loaded from its folder; the scenario's load_case step loads it again by that folder. The session's
+  // snapshot goes to config.state.directory, or to a folder that goes with the operation when that is empty.
   VirtualOperation(const casefile::Case &a_case, const sim::Scenario &scenario, std::uint64_t seed,
                    server::Config config = {});
 

@@ -1,0 +1,191 @@
+// The real daemon and the real simulated room, as processes over DDS: what happens when one of them fails.
+#include <bit>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+
+#include <csignal>
+#include <gtest/gtest.h>
+
+#include "idl/names.hpp"
+#include "server/session/messages.hpp"
+#include "tests/component/operation_fixture.hpp"
+
+namespace bregma::test {
+namespace {
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kSanitized = true; // several times slower: what a person waits for is not judged
+#else
+constexpr bool kSanitized = false;
+#endif
+
+bool is_shown(const wire::NavigationState &state) {
+  return state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
+}
+
+// What must hold for every state that was ever published.
+void expect_no_pose_that_is_not_live(const std::vector<wire::NavigationState> &states) {
+  constexpr std::int64_t kLatency_ns = 4'000'000;
+  constexpr std::int64_t kPeriod_ns = 4'000'000;
+  for (const wire::NavigationState &state : states) {
+    if (is_shown(state)) {
+      ASSERT_TRUE(std::isfinite(state.T_image_tip.translation_mm[0]));
+      ASSERT_LT(state.published_time_ns - state.acquired_time_ns, kLatency_ns + 3 * kPeriod_ns)
+          << "frame " << state.frame << " was shown although it was stale";
+    } else {
+      ASSERT_TRUE(std::isnan(state.T_image_tip.translation_mm[0])) << "status " << state.status;
+      ASSERT_TRUE(std::isnan(state.T_image_tip.rotation_wxyz[0]));
+      ASSERT_TRUE(std::isnan(state.distance_to_target_mm));
+    }
+  }
+}
+
+std::size_t count(const std::vector<wire::NavigationState> &states, wire::PoseStatus status) {
+  return static_cast<std::size_t>(
+      std::count_if(states.begin(), states.end(), [status](const auto &state) { return state.status == status; }));
+}
+
+// Registered in virtual time; then daemon and room as processes until the probe is navigated.
+void start_navigating(Operation &operation) {
+  register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
+  operation.start_daemon();
+  operation.start_room(kNavigateSteps);
+  ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_LIVE); }, 90.0))
+      << operation.logs();
+}
+
+TEST(Daemon, TrackerStoppedKilledAndRestartedIsNeverShownAsLiveAndComesBackByItself) {
+  Operation operation;
+  ASSERT_NO_FATAL_FAILURE(start_navigating(operation));
+  operation.observe_for(1.0);
+
+  operation.room().signal(SIGSTOP);
+  ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_LOST); })) << operation.logs();
+  EXPECT_GE(count(operation.probe, bregma_wire_POSE_STALE), 1U) << "a silent tracker is stale before it is lost";
+  // The first states after the last live one: stale as soon as three periods are over, lost when the deadline is.
+  const auto last_live =
+      std::find_if(operation.probe.rbegin(), operation.probe.rend(), [](const auto &state) { return is_shown(state); });
+  ASSERT_NE(last_live, operation.probe.rend());
+  for (auto state = last_live.base(); state != operation.probe.end(); ++state) {
+    const std::int64_t silent_ns = state->published_time_ns - state->acquired_time_ns - 4'000'000;
+    EXPECT_EQ(state->status,
+              silent_ns < wire::qos::kTracker.deadline_ns ? bregma_wire_POSE_STALE : bregma_wire_POSE_LOST)
+        << silent_ns << " ns";
+  }
+  ASSERT_TRUE(operation.observe_until([&] { return operation.alarm_raised(server::alarm::kTrackerLost); }))
+      << operation.logs();
+  ASSERT_TRUE(operation.observe_until([&] { return operation.health.session == bregma_wire_SESSION_DEGRADED; }))
+      << operation.logs();
+  operation.room().signal(SIGKILL);
+  const std::size_t shown_before = operation.probe.size();
+  operation.observe_for(1.5);
+  for (std::size_t i = shown_before; i < operation.probe.size(); ++i) {
+    ASSERT_FALSE(is_shown(operation.probe[i])) << "a pose was shown while there was no tracker";
+  }
+
+  // The same patient in the same room: the driver is started again, and nobody tells the daemon.
+  operation.probe.clear();
+  operation.start_room(R"(
+[[steps]]
+do = "follow_trajectory"
+tool = "Probe"
+trajectory = "Biopsy"
+duration_s = 60.0
+)");
+  ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_LIVE); }, 90.0))
+      << operation.logs();
+  ASSERT_TRUE(operation.observe_until([&] {
+    return operation.health.session == bregma_wire_SESSION_NAVIGATING && operation.device("Tracker") != nullptr &&
+           operation.device("Tracker")->connections == 2;
+  })) << operation.logs();
+  expect_no_pose_that_is_not_live(operation.probe);
+}
+
+TEST(Daemon, KilledDuringNavigationComesBackAsRegisteredWithTheSameRegistration) {
+  Operation operation;
+  ASSERT_NO_FATAL_FAILURE(start_navigating(operation));
+  ASSERT_TRUE(operation.observe_until([&] { return operation.registration.accepted_revision != 0; }));
+  const wire::RegistrationState before = operation.registration;
+
+  operation.daemon().signal(SIGKILL);
+  ASSERT_EQ(operation.daemon().wait(10.0), 128 + SIGKILL);
+  operation.observe_for(0.2);
+  operation.registration = {};
+  operation.health = {};
+  operation.probe.clear();
+  const auto began = std::chrono::steady_clock::now();
+  operation.start_daemon();
+  ASSERT_TRUE(operation.observe_until([&] {
+    return operation.registration.accepted_revision != 0 && operation.health.session == bregma_wire_SESSION_REGISTERED;
+  })) << operation.logs();
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+  RecordProperty("seconds_to_registered", std::to_string(seconds));
+  std::printf("Registered again after %.2f s\n", seconds);
+  if (!kSanitized) {
+    EXPECT_LT(seconds, 2.0);
+  }
+  EXPECT_EQ(operation.registration.accepted_revision, before.accepted_revision);
+  EXPECT_EQ(std::memcmp(&operation.registration.accepted_T_image_reference, &before.accepted_T_image_reference,
+                        sizeof(wire::Pose)),
+            0);
+  EXPECT_EQ(std::memcmp(operation.registration.accepted_covariance, before.accepted_covariance,
+                        sizeof before.accepted_covariance),
+            0);
+  // It asks for verification: poses are computed for check touches, and none is live.
+  ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_UNVERIFIED); }))
+      << operation.logs();
+  EXPECT_EQ(count(operation.probe, bregma_wire_POSE_LIVE), 0U);
+}
+
+TEST(Daemon, EndsCleanlyOnSigterm) {
+  Operation operation;
+  operation.start_daemon();
+  ASSERT_TRUE(operation.observe_until([&] { return operation.health.time_ns != 0; })) << operation.logs();
+  operation.daemon().signal(SIGTERM);
+  EXPECT_EQ(operation.daemon().wait(10.0), 0) << operation.logs();
+}
+
+TEST(Daemon, HostileSamplesAndAFloodAreCountedAndDisturbNobodyElse) {
+  Operation operation;
+  register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
+  operation.start_daemon();
+  std::string scenario = "[[steps]]\ndo = \"wait\"\nduration_s = 14.0\n";
+  for (const char *sample : {"not_finite", "not_a_rotation", "time_backwards", "time_in_future", "unknown_device",
+                             "unknown_tool", "duplicate", "malformed"}) {
+    scenario +=
+        "[[faults]]\nkind = \"bad_samples\"\nafter_s = 3.0\nsample = \"" + std::string(sample) + "\"\ncount = 5\n";
+  }
+  scenario += "[[faults]]\nkind = \"flood\"\nafter_s = 6.0\nduration_s = 3.0\nfactor = 10.0\ndevice = \"Force\"\n";
+  operation.start_room(scenario);
+  ASSERT_TRUE(operation.observe_until([&] { return !operation.room().runs(); }, 60.0)) << operation.logs();
+  ASSERT_EQ(operation.room().wait(0.0), 0) << operation.logs();
+  operation.observe_for(1.0);
+
+  const wire::DeviceHealth *tracker = operation.device("Tracker");
+  const wire::DeviceHealth *force = operation.device("Force");
+  const wire::DeviceHealth *robot = operation.device("Robot");
+  ASSERT_TRUE(tracker != nullptr && force != nullptr && robot != nullptr) << operation.logs();
+  for (const auto reason :
+       {bregma_wire_REJECT_NOT_FINITE, bregma_wire_REJECT_NOT_A_ROTATION, bregma_wire_REJECT_TIME_BACKWARDS,
+        bregma_wire_REJECT_TIME_IN_FUTURE, bregma_wire_REJECT_UNKNOWN_TOOL, bregma_wire_REJECT_DUPLICATE,
+        bregma_wire_REJECT_MALFORMED}) {
+    EXPECT_GE(tracker->rejected[reason], 5U) << "reason " << reason << "\n" << operation.logs();
+  }
+  EXPECT_GE(operation.health.unknown_device_samples, 5U);
+  EXPECT_TRUE(operation.alarm_raised(server::alarm::kRejected));
+  // The flood is refused at the border, and the others are taken as before.
+  std::uint64_t refused = 0;
+  for (const std::uint64_t number : force->rejected) {
+    refused += number;
+  }
+  EXPECT_GT(refused, 1'000U);
+  EXPECT_EQ(robot->rejected[bregma_wire_REJECT_DUPLICATE], 0U);
+  EXPECT_GT(robot->taken, 1'000U);
+  EXPECT_GT(tracker->taken, 2'500U);
+  EXPECT_EQ(tracker->connections, 1U);
+  expect_no_pose_that_is_not_live(operation.probe);
+}
+
+} // namespace
+} // namespace bregma::test

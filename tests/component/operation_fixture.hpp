@@ -1,0 +1,91 @@
+// What the component tests share: a case in a folder of its own, a session that was brought to Registered in virtual
+// time, and the real daemon and the real simulated room as processes on a DDS domain of their own.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "idl/dds.hpp"
+#include "tests/support/process.hpp"
+#include "tests/support/virtual_operation.hpp"
+
+namespace bregma::test {
+
+inline constexpr std::uint64_t kSeed = 11; // of every operation here, unless a test says otherwise
+
+// An ellipsoid of a head with a brain and one critical structure, saved and loaded again.
+class CaseFolder {
+public:
+  CaseFolder();
+  [[nodiscard]] const casefile::Case &loaded() const { return case_; }
+
+private:
+  TemporaryFolder folder_;
+  casefile::Case case_;
+};
+
+// The steps up to an accepted registration, and those from there to navigation, as scenario text.
+extern const char *const kRegisterSteps;
+extern const char *const kNavigateSteps;
+
+[[nodiscard]] sim::Scenario scenario_of(const std::string &toml);
+
+// Runs kRegisterSteps in virtual time and leaves the snapshot in state_folder: a daemon started there comes back as
+// Registered, for the patient of this seed.
+void register_in_virtual_time(const CaseFolder &folder, const std::string &state_folder, std::uint64_t seed = kSeed);
+
+// bregmad and bregma-sim-room, and an observer of what they say.
+class Operation {
+public:
+  Operation();
+
+  void start_daemon(const std::vector<std::string> &settings = {});
+  // steps: scenario text; the room's log is kept.
+  void start_room(const std::string &scenario_toml);
+
+  // Takes in what has arrived until done() holds; false when that took longer than the time (which is generous: it
+  // bounds a hang, it measures nothing).
+  [[nodiscard]] bool observe_until(const std::function<bool()> &done, double seconds = 60.0);
+  // Takes in what arrives for so long.
+  void observe_for(double seconds);
+
+  [[nodiscard]] const CaseFolder &case_folder() const { return case_; }
+  [[nodiscard]] const std::filesystem::path &state_folder() const { return state_.path(); }
+  [[nodiscard]] Process &daemon() { return *daemon_; }
+  [[nodiscard]] Process &room() { return *room_; }
+  [[nodiscard]] std::uint32_t domain() const { return domain_; }
+  [[nodiscard]] std::string logs() const; // of both, for messages
+
+  // The latest of each, and all states of the tool Probe since they were last cleared.
+  wire::SystemHealth health{};
+  wire::RegistrationState registration{};
+  wire::AccuracyState accuracy{};
+  std::vector<wire::NavigationState> probe;
+  std::vector<wire::Alarm> alarms;
+  std::vector<wire::CommandReply> replies; // to the operator
+  [[nodiscard]] bool alarm_raised(std::string_view kind) const;
+  [[nodiscard]] const wire::DeviceHealth *device(std::string_view name) const;
+  [[nodiscard]] bool probe_is(wire::PoseStatus status) const;
+
+private:
+  void take_all();
+
+  std::uint32_t domain_;
+  CaseFolder case_;
+  TemporaryFolder state_;
+  TemporaryFolder logs_;
+  dds::Participant participant_;
+  dds::Reader<wire::NavigationState> navigation_;
+  dds::Reader<wire::SystemHealth> health_;
+  dds::Reader<wire::RegistrationState> registration_;
+  dds::Reader<wire::AccuracyState> accuracy_;
+  dds::Reader<wire::Alarm> alarms_;
+  dds::Reader<wire::CommandReply> replies_;
+  std::unique_ptr<Process> daemon_;
+  std::unique_ptr<Process> room_;
+  int rooms_ = 0;
+};
+
+} // namespace bregma::test
