@@ -72,7 +72,12 @@ Patient::Patient(const casefile::Case &a_case, const PatientParameters &paramete
   const Matrix3d across = basis(facing, Vector3d(0, 0, -1));
   Random clamping(seed, "clamp");
   const Quaterniond tilt = geometry::rotation_exp(clamping.normal3(kClampTilt_rad / 2.0));
-  T_image_reference = {tilt * point_tool(model, across.col(1), facing), position};
+  const Quaterniond rotation = tilt * point_tool(model, across.col(1), facing);
+  Vector3d middle = Vector3d::Zero();
+  for (const auto &marker : model.markers_mm) {
+    middle += marker / static_cast<double>(model.markers_mm.size());
+  }
+  T_image_reference = {rotation, position - rotation * middle};
 }
 
 const TrueTool *Patient::tool(std::string_view name) const {

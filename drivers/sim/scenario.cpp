@@ -73,7 +73,7 @@ Step read_step(TableReader &table) {
   switch (step.kind) {
   case StepKind::kPivot:
     step.tool = table.require_string("tool");
-    step.duration_s = table.number("seconds", 8.0, "s", 1.0, 600.0);
+    step.duration_s = table.number("duration_s", 8.0, "s", 1.0, 600.0);
     break;
   case StepKind::kTouchFiducials:
   case StepKind::kCheckLandmarks:
@@ -93,10 +93,10 @@ Step read_step(TableReader &table) {
     step.tool = table.require_string("tool");
     step.trajectory = table.require_string("trajectory");
     step.speed_mm_s = table.number("speed_mm_s", 8.0, "mm/s", 0.5, 50.0);
-    step.duration_s = table.number("hold_s", 3.0, "s", 0.0, 3600.0);
+    step.duration_s = table.number("duration_s", 3.0, "s", 0.0, 3600.0);
     break;
   case StepKind::kWait:
-    step.duration_s = table.require_number("seconds", "s", 0.0, 86400.0);
+    step.duration_s = table.require_number("duration_s", "s", 0.0, 86400.0);
     break;
   default:
     break;
@@ -127,10 +127,10 @@ Fault read_fault(TableReader &table, const std::vector<Step> &steps) {
   switch (fault.kind) {
   case FaultKind::kOcclusion:
     fault.tool = table.require_string("tool");
-    fault.duration_s = table.require_number("seconds", "s", 0.001, 86400.0);
+    fault.duration_s = table.require_number("duration_s", "s", 0.001, 86400.0);
     break;
   case FaultKind::kTrackerSilent:
-    fault.duration_s = table.require_number("seconds", "s", 0.001, 86400.0);
+    fault.duration_s = table.require_number("duration_s", "s", 0.001, 86400.0);
     break;
   case FaultKind::kReferenceBump:
     read_bump(table, fault);
@@ -145,7 +145,7 @@ Fault read_fault(TableReader &table, const std::vector<Step> &steps) {
   case FaultKind::kFlood:
     fault.device = table.choice("device", "Tracker", {"Tracker", "Robot", "Force", "Range"});
     fault.factor = table.number("factor", 10.0, "", 1.0, 100.0);
-    fault.duration_s = table.require_number("seconds", "s", 0.001, 86400.0);
+    fault.duration_s = table.require_number("duration_s", "s", 0.001, 86400.0);
     break;
   }
   return fault;

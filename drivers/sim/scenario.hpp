@@ -60,9 +60,10 @@ struct OperatorParameters {
 struct PatientParameters {
   Eigen::Vector3d camera_direction = {0.25, 0.90, -0.20}; // from the head's centre, in the image (RAS)
   double camera_distance_mm = 1600.0;
-  Eigen::Vector3d reference_offset_mm = {-125.0, 75.0, 20.0}; // of the clamp, from the head's centre, in the image
-  double fle_image_scale = 1.0;                               // 1: exactly limits.fle_image_mm of the case
-  double skin_sigma_mm = 0.4; // 1-sigma of true skin minus segmented skin, along the normal
+  Eigen::Vector3d reference_offset_mm = {-125.0, 75.0,
+                                         20.0}; // of its markers' middle, from the head's centre, in the image
+  double fle_image_scale = 1.0;                 // 1: exactly limits.fle_image_mm of the case
+  double skin_sigma_mm = 0.4;                   // 1-sigma of true skin minus segmented skin, along the normal
   double skin_correlation_mm = 12.0;
   double tip_offset_mm = 0.7; // length of true tip minus nominal tip, in a direction of the seed's
 };
@@ -106,7 +107,7 @@ struct Step {
   std::string tool;                // where the kind has one
   std::string trajectory;          // kStartNavigation, kFollowTrajectory
   std::vector<std::string> points; // touches: these, or all of the case
-  double duration_s = 0.0;         // kPivot, kWait; hold at the target for kFollowTrajectory
+  double duration_s = 0.0;         // kPivot, kWait; kFollowTrajectory: held at the target
   double length_mm = 0.0;          // kTraceScalp: way over the skin
   double speed_mm_s = 0.0;         // kTraceScalp, kFollowTrajectory
   bool may_fail = false;           // a failure is reported and the script goes on

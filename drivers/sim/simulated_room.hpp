@@ -16,6 +16,8 @@
 // kOperatorClient. Times are host time, ns UTC; sent_time_ns of a sample is the time at which it fell due, to be
 // overwritten by who writes it later.
 //
+// SimulatedTruth::step is the name of the step under way; while a tip is held at its target, with ":hold" behind it.
+//
 // Frames: Tracker has z along the line of sight, away from the camera, y down. Truth is T_image_*: the head lies still
 // in the tracker's frame, and what is called Image is the head's anatomy, free of the errors of planning.
 #pragma once

@@ -14,7 +14,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr std::uint64_t kSeed = 21;
-const std::string kWait = "[[steps]]\ndo = \"wait\"\nseconds = 4\n";
+const std::string kWait = "[[steps]]\ndo = \"wait\"\nduration_s = 4\n";
 
 Recording run_with(const std::string &fault, double seconds = 4.0) {
   SimulatedRoom room(make_case(), scenario_of("[tracker]\nrate_hz = 100\n" + kWait + fault), kSeed);
@@ -28,7 +28,8 @@ double exposed_s(const Recording &run, std::uint64_t frame) {
 } // namespace
 
 TEST(Faults, OcclusionHidesOneToolForItsTime) {
-  const Recording run = run_with("[[faults]]\nkind = \"occlusion\"\ntool = \"Stylus\"\nafter_s = 1\nseconds = 0.5\n");
+  const Recording run =
+      run_with("[[faults]]\nkind = \"occlusion\"\ntool = \"Stylus\"\nafter_s = 1\nduration_s = 0.5\n");
   int hidden = 0;
   for (const auto &frame : run.all.frames) {
     const double at = exposed_s(run, frame.frame);
@@ -42,7 +43,7 @@ TEST(Faults, OcclusionHidesOneToolForItsTime) {
 
 TEST(Faults, ASilentTrackerLeavesAGapInTheNumbers) {
   const Recording run =
-      run_with("[[faults]]\nkind = \"tracker_silent\"\nstep = \"wait\"\nafter_s = 2\nseconds = 0.75\n");
+      run_with("[[faults]]\nkind = \"tracker_silent\"\nstep = \"wait\"\nafter_s = 2\nduration_s = 0.75\n");
   std::uint64_t gap = 0;
   for (std::size_t i = 1; i < run.all.frames.size(); ++i) {
     const std::uint64_t step = run.all.frames[i].frame - run.all.frames[i - 1].frame;
@@ -87,8 +88,8 @@ TEST(Faults, AClockJumpStays) {
 
 TEST(Faults, AFloodMultipliesOneDevicesRate) {
   const Recording run =
-      run_with("[[faults]]\nkind = \"flood\"\nafter_s = 1\nseconds = 1\n"
-               "[[faults]]\nkind = \"flood\"\ndevice = \"Force\"\nafter_s = 3\nseconds = 0.5\nfactor = 4\n");
+      run_with("[[faults]]\nkind = \"flood\"\nafter_s = 1\nduration_s = 1\n"
+               "[[faults]]\nkind = \"flood\"\ndevice = \"Force\"\nafter_s = 3\nduration_s = 0.5\nfactor = 4\n");
   EXPECT_NEAR(static_cast<double>(run.all.frames.size()), 300 + 1000, 12);
   for (std::size_t i = 1; i < run.all.frames.size(); ++i) {
     EXPECT_EQ(run.all.frames[i].frame, run.all.frames[i - 1].frame + 1) << "whole and in order";
@@ -142,7 +143,7 @@ TEST(Faults, BadSamplesAreBadAsNamed) {
 TEST(Faults, DoNotChangeWhatElseHappens) {
   const Recording clean = run_with("");
   const Recording occluded =
-      run_with("[[faults]]\nkind = \"occlusion\"\ntool = \"Stylus\"\nafter_s = 1\nseconds = 0.5\n");
+      run_with("[[faults]]\nkind = \"occlusion\"\ntool = \"Stylus\"\nafter_s = 1\nduration_s = 0.5\n");
   ASSERT_EQ(clean.all.frames.size(), occluded.all.frames.size());
   for (std::size_t i = 0; i < clean.all.frames.size(); ++i) {
     EXPECT_EQ(translation(find(clean.all.frames[i], "Reference")->T_tracker_tool),

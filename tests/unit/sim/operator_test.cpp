@@ -24,7 +24,7 @@ do = "load_case"
 [[steps]]
 do = "pivot"
 tool = "Stylus"
-seconds = 6
+duration_s = 6
 [[steps]]
 do = "start_registration"
 [[steps]]
@@ -49,7 +49,7 @@ trajectory = "Biopsy"
 do = "follow_trajectory"
 tool = "Probe"
 trajectory = "Biopsy"
-hold_s = 2
+duration_s = 2
 [[steps]]
 do = "stop_navigation"
 [[steps]]
@@ -215,7 +215,7 @@ TEST(Operator, TremblesInTheAirBetweenEightAndTwelveHertz) {
   // Mean zero crossings of the tip's motion about its slow part while the stylus waits beside the head.
   auto scenario = scenario_of("[operator]\ntremor_mm = 0.2\nwander_mm = 0.0\n[tracker]\nrate_hz = 500\n"
                               "[[steps]]\ndo = \"touch_fiducials\"\ntool = \"Stylus\"\npoints = [\"F5\"]\n"
-                              "[[steps]]\ndo = \"wait\"\nseconds = 10\n");
+                              "[[steps]]\ndo = \"wait\"\nduration_s = 10\n");
   SimulatedRoom room(make_case(), scenario, kSeed);
   const Recording run = play_for(room, 60.0);
   std::vector<Vector3d> tips;

@@ -12,7 +12,7 @@ namespace bregma::sim::test {
 
 namespace {
 
-const std::string kShort = "[[steps]]\ndo = \"pivot\"\ntool = \"Stylus\"\nseconds = 3\n"
+const std::string kShort = "[[steps]]\ndo = \"pivot\"\ntool = \"Stylus\"\nduration_s = 3\n"
                            "[[steps]]\ndo = \"touch_fiducials\"\ntool = \"Stylus\"\npoints = [\"F1\", \"F4\"]\n";
 
 Recording short_run(std::uint64_t seed, std::int64_t step_ns) {
@@ -44,7 +44,7 @@ TEST(SimulatedRoom, SameSeedSameBytes) {
 
 TEST(SimulatedRoom, TheStepsInWhichTimeIsToldDoNotMatter) {
   const auto alone = [](std::int64_t step_ns) {
-    SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nseconds = 3\n"), 4);
+    SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nduration_s = 3\n"), 4);
     return play_for(room, 2.0, step_ns);
   };
   const Recording fine = alone(250'000);
@@ -60,7 +60,7 @@ TEST(SimulatedRoom, SamplesAtTheStatedRates) {
   for (const int rate : {20, 250, 1000}) {
     SimulatedRoom room(make_case(),
                        scenario_of("[tracker]\nrate_hz = " + std::to_string(rate) +
-                                   "\n[robot]\nrate_hz = 125\n[[steps]]\ndo = \"wait\"\nseconds = 9\n"),
+                                   "\n[robot]\nrate_hz = 125\n[[steps]]\ndo = \"wait\"\nduration_s = 9\n"),
                        4);
     const Recording run = play_for(room, 3.0, 1'000'000);
     EXPECT_NEAR(static_cast<double>(run.all.truths.size()), 3.0 * rate, 1.0);
@@ -79,7 +79,7 @@ TEST(SimulatedRoom, SamplesAtTheStatedRates) {
 TEST(SimulatedRoom, DeliversAfterTheStatedDelayAndInOrder) {
   SimulatedRoom room(make_case(),
                      scenario_of("[tracker]\nrate_hz = 1000\ndelay_ms = 5\ndelay_jitter_ms = 2\n"
-                                 "[[steps]]\ndo = \"wait\"\nseconds = 9\n"),
+                                 "[[steps]]\ndo = \"wait\"\nduration_s = 9\n"),
                      4);
   const Recording run = play_for(room, 5.0, 250'000);
   double mean = 0.0;
@@ -101,7 +101,7 @@ TEST(SimulatedRoom, DeliversAfterTheStatedDelayAndInOrder) {
 TEST(SimulatedRoom, LosesTheStatedShareOfFrames) {
   SimulatedRoom room(
       make_case(),
-      scenario_of("[tracker]\nrate_hz = 1000\nmissing_share = 0.02\n[[steps]]\ndo = \"wait\"\nseconds = 30\n"), 4);
+      scenario_of("[tracker]\nrate_hz = 1000\nmissing_share = 0.02\n[[steps]]\ndo = \"wait\"\nduration_s = 30\n"), 4);
   const Recording run = play_for(room, 10.0, 1'000'000);
   std::uint64_t lost = 0;
   for (std::size_t i = 1; i < run.all.frames.size(); ++i) {
@@ -112,7 +112,7 @@ TEST(SimulatedRoom, LosesTheStatedShareOfFrames) {
 }
 
 TEST(SimulatedRoom, KnowsWhenItHasSomethingToDoNext) {
-  SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nseconds = 9\n"), 4);
+  SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nduration_s = 9\n"), 4);
   RoomOutput out;
   std::size_t frames = 0;
   std::int64_t now = kStart_ns;

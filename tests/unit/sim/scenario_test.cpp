@@ -76,12 +76,12 @@ TEST(Scenario, NamesFileLineKeyValueAndWhatIsWrong) {
   EXPECT_EQ(message("[tracker]\nrate_hz = 5000\n" + kStep),
             "room.toml:2: tracker.rate_hz = 5000: must be between 20 and 1000 Hz");
   EXPECT_EQ(message("[tracker]\nrate_hz = \"fast\"\n" + kStep),
-            "room.toml:2: tracker.rate_hz = 'fast': must be a number, in Hz");
+            "room.toml:2: tracker.rate_hz = \"fast\": must be a number, in Hz");
   EXPECT_NE(message("[tracker]\nrate = 250\n" + kStep).find("room.toml:2: tracker.rate"), std::string::npos)
       << message("[tracker]\nrate = 250\n" + kStep);
   EXPECT_EQ(message("[tracker]\nnear_mm = 3000\n" + kStep),
             "room.toml:2: tracker.near_mm = 3000: must be below far_mm");
-  EXPECT_NE(message("[[steps]]\ndo = \"dance\"\n").find("room.toml:2: steps[0].do = 'dance': "), std::string::npos)
+  EXPECT_NE(message("[[steps]]\ndo = \"dance\"\n").find("room.toml:2: steps[0].do = \"dance\": "), std::string::npos)
       << message("[[steps]]\ndo = \"dance\"\n");
   EXPECT_NE(message("[[steps]]\ndo = \"pivot\"\n").find("steps[0].tool"), std::string::npos)
       << message("[[steps]]\ndo = \"pivot\"\n");
@@ -90,12 +90,12 @@ TEST(Scenario, NamesFileLineKeyValueAndWhatIsWrong) {
       << "a key that this kind of step does not have: "
       << message("[[steps]]\ndo = \"load_case\"\ntool = \"Stylus\"\n");
   EXPECT_NE(message("").find("a scenario needs at least one [[steps]]"), std::string::npos) << message("");
-  EXPECT_EQ(message(kStep + "[[faults]]\nkind = \"flood\"\nstep = \"pivot\"\nseconds = 1\n"),
-            "room.toml:5: faults[0].step = 'pivot': no step of this scenario has that name");
+  EXPECT_EQ(message(kStep + "[[faults]]\nkind = \"flood\"\nstep = \"pivot\"\nduration_s = 1\n"),
+            "room.toml:5: faults[0].step = \"pivot\": no step of this scenario has that name");
   EXPECT_EQ(message(kStep + "[[faults]]\nkind = \"reference_bump\"\nvector_mm = [1, 0, 0]\nmagnitude_mm = 2\n"),
             "room.toml:6: faults[0].magnitude_mm = 2: is given by vector_mm; only one of the two can be given");
   EXPECT_EQ(message("[[steps]]\ndo = \"load_case\"\nname = \"a name that is much too long\"\n"),
-            "room.toml:3: steps[0].name = 'a name that is much too long': must have 1 to 26 bytes");
+            "room.toml:3: steps[0].name = \"a name that is much too long\": must have 1 to 26 bytes");
   EXPECT_EQ(message(kStep + "[limits]\nmax_fre_mm = -1\n"),
             "room.toml:4: limits.max_fre_mm = -1: must be between 0 and 1000 mm");
   EXPECT_NE(message(kStep + "[limits]\nmax_fre = 1\n").find("room.toml:4: limits.max_fre"), std::string::npos);
