@@ -46,7 +46,7 @@ struct Limits {
   double fle_image_mm = 0.5;      // 1-sigma a coordinate: with what error fiducials were placed in the image
   double fle_touch_mm = 0.3;      // 1-sigma a coordinate: placement error of a touch, beside the tracker's
   double surface_sigma_mm = 0.7;  // 1-sigma: skin give and segmentation, along the normal
-  double landmark_sigma_mm = 0.5; // 1-sigma a coordinate: placement error of a check landmark
+  double landmark_sigma_mm = 0.5; // 1-sigma a coordinate: with what error check landmarks were placed in the image
   double max_check_mm = 3.0;      // a check touch beyond it cannot be confirmed
   double max_target_tre_mm = 2.0; // predicted RMS TRE above which a registration is not accepted
 };

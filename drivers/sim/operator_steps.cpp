@@ -157,8 +157,7 @@ Operator::Actions Operator::touches(const Step &step) {
   for (const auto &point : points) {
     const bool named = std::find(step.points.begin(), step.points.end(), point.name) != step.points.end();
     if (step.points.empty() || named) {
-      const double sigma = fiducials ? parameters_.touch_error_scale * case_->limits.fle_touch_mm
-                                     : parameters_.landmark_error_scale * case_->limits.landmark_sigma_mm;
+      const double sigma = parameters_.touch_error_scale * case_->limits.fle_touch_mm;
       const auto kind = fiducials ? bregma_wire_COMMAND_CAPTURE_FIDUCIAL : bregma_wire_COMMAND_CHECK_TOUCH;
       const Touch first{tool, kind, point.name, point.position_mm, sigma, 1};
       out.push_back(call([this, first] { now_do(touch(first)); }));

@@ -65,6 +65,10 @@ Patient::Patient(const casefile::Case &a_case, const PatientParameters &paramete
   for (auto &fiducial : fiducials) {
     fiducial.position_mm += placing.normal3(parameters.fle_image_scale * a_case.limits.fle_image_mm);
   }
+  Random finding(seed, "landmarks");
+  for (auto &landmark : landmarks) {
+    landmark.position_mm += finding.normal3(parameters.landmark_error_scale * a_case.limits.landmark_sigma_mm);
+  }
   // The clamp's arm comes from below the head; its markers look at the camera, roughly, as somebody screwed it on.
   const Vector3d position = head.centre_mm() + parameters.reference_offset_mm;
   const auto &model = tools[reference].model;

@@ -1,8 +1,9 @@
 // Where everything truly is: the head before the camera, the reference clamped beside it, the tools as they were made,
 // the fiducials where they really stick. All that the navigation system has to find out, and never sees.
 //
-// Image is the head's anatomy. The image-localisation error is put on the fiducials: planned positions are the case's,
-// true ones differ by limits.fle_image_mm (1-sigma a coordinate) times the scenario's scale.
+// Image is the head's anatomy. The error with which points were placed in the image is put on fiducials and landmarks:
+// planned positions are the case's, true ones differ by limits.fle_image_mm and limits.landmark_sigma_mm (1-sigma a
+// coordinate) times the scenario's scales. Every touch then errs by limits.fle_touch_mm on top.
 #pragma once
 
 #include <cstdint>
@@ -55,7 +56,7 @@ struct Patient {
   std::vector<TrueTool> tools;                 // those of the case, in its order; the reference is one of them
   std::size_t reference = 0;                   // index in tools
   std::vector<casefile::NamedPoint> fiducials; // true
-  std::vector<casefile::NamedPoint> landmarks; // anatomy: true and planned are the same
+  std::vector<casefile::NamedPoint> landmarks; // true
 };
 
 } // namespace bregma::sim

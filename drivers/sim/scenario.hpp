@@ -46,12 +46,11 @@ struct OperatorParameters {
   double tremor_deg = 0.15;       // 1-sigma a coordinate
   double wander_mm = 0.40;        // 1-sigma a coordinate, below 0.7 Hz, tool in the air
   double wander_deg = 0.50;
-  double rest_share = 0.15;          // of both, what is left of position when the tip rests on something
-  double touch_error_scale = 1.0;    // 1: exactly limits.fle_touch_mm of the case
-  double landmark_error_scale = 1.0; // 1: exactly limits.landmark_sigma_mm of the case
-  double settle_s = 0.4;             // still before a command
-  double steering_time_s = 0.8;      // time constant with which the shown deviation is corrected
-  double display_patience_s = 0.3;   // a display older than this is not steered by
+  double rest_share = 0.15;        // of both, what is left of position when the tip rests on something
+  double touch_error_scale = 1.0;  // 1: exactly limits.fle_touch_mm of the case
+  double settle_s = 0.4;           // still before a command
+  double steering_time_s = 0.8;    // time constant with which the shown deviation is corrected
+  double display_patience_s = 0.3; // a display older than this is not steered by
   double reply_timeout_s = 10.0;
   double give_up_s = 30.0;   // without a live display while following a trajectory
   std::int64_t attempts = 3; // of one touch
@@ -63,6 +62,7 @@ struct PatientParameters {
   Eigen::Vector3d reference_offset_mm = {-125.0, 75.0,
                                          20.0}; // of its markers' middle, from the head's centre, in the image
   double fle_image_scale = 1.0;                 // 1: exactly limits.fle_image_mm of the case
+  double landmark_error_scale = 1.0;            // 1: exactly limits.landmark_sigma_mm of the case
   double skin_sigma_mm = 0.4;                   // 1-sigma of true skin minus segmented skin, along the normal
   double skin_correlation_mm = 12.0;
   double tip_offset_mm = 0.7; // length of true tip minus nominal tip, in a direction of the seed's

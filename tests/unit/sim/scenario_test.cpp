@@ -112,7 +112,7 @@ TEST(Scenario, DefaultsAreNoWorseThanTheCaseStates) {
   const Scenario scenario;
   EXPECT_EQ(scenario.patient.fle_image_scale, 1.0);
   EXPECT_EQ(scenario.hand.touch_error_scale, 1.0);
-  EXPECT_EQ(scenario.hand.landmark_error_scale, 1.0);
+  EXPECT_EQ(scenario.patient.landmark_error_scale, 1.0);
 }
 
 } // namespace bregma::sim
