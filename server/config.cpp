@@ -27,8 +27,8 @@ casefile::ParameterSet declare(Config &c) {
 
   set.number("navigation.floor_rate_hz", &c.navigation.floor_rate_hz, "Hz", 1, 1000,
              "The navigation state is published at least this often, also when no frame comes.");
-  set.number("navigation.velocity_window_ms", &c.navigation.velocity_window_ms, "ms", 5, 1000,
-             "The tip's velocity is the slope over this time.");
+  set.number("navigation.filter_hz", &c.navigation.filter_hz, "Hz", 0, 50,
+             "Motions of a tip up to this are followed, what is faster is averaged as marker noise; 0: no filter.");
 
   set.number("registration.rate_hz", &c.registration.rate_hz, "Hz", 0.5, 100, "Rate of re-estimation.");
   set.number("registration.correlation_length_mm", &c.registration.correlation_length_mm, "mm", 0.1, 100,

@@ -31,7 +31,7 @@ struct Config {
 
   struct {
     double floor_rate_hz = 50.0;
-    double velocity_window_ms = 60.0;
+    double filter_hz = 3.0; // motions of a tip up to this are followed; 0: no filter
   } navigation;
 
   struct {

@@ -25,7 +25,7 @@ NavigationSettings navigation_settings(const Config &config) {
   out.marker_sigma_lateral_mm = config.tracker.marker_sigma_lateral_mm;
   out.marker_sigma_depth_mm = config.tracker.marker_sigma_depth_mm;
   out.latency_ns = ns_of_ms(config.tracker.latency_ms);
-  out.velocity_window_ns = ns_of_ms(config.navigation.velocity_window_ms);
+  out.filter_hz = config.navigation.filter_hz;
   return out;
 }
 

@@ -44,12 +44,14 @@ struct Outcome {
 Outcome operate(const casefile::Case &a_case, const sim::Scenario &scenario, std::uint64_t seed) {
   test::VirtualOperation operation(a_case, scenario, seed);
   std::vector<Reading> readings;
+  Outcome out;
   operation.observe([&](const wire::NavigationState &state, const wire::SimulatedTruth *truth) {
     const double speed = Eigen::Vector3d::Map(state.velocity_mm_s).norm();
     if (state.status != bregma_wire_POSE_LIVE || truth == nullptr || !(state.distance_to_target_mm < kHeld_mm) ||
         !(speed < kStill_mm_s)) {
       return;
     }
+    out.fre_mm = operation.registration().fre_mm; // while the case is open
     for (std::uint32_t i = 0; i < truth->tool_count; ++i) {
       if (wire::view(truth->tools[i].tool) == wire::view(state.tool)) {
         const Eigen::Vector3d tip = Eigen::Vector3d::Map(state.T_image_tip.translation_mm);
@@ -60,7 +62,6 @@ Outcome operate(const casefile::Case &a_case, const sim::Scenario &scenario, std
       }
     }
   });
-  Outcome out;
   if (!operation.run()) {
     out.failure = operation.failure();
     return out;
@@ -83,7 +84,6 @@ Outcome operate(const casefile::Case &a_case, const sim::Scenario &scenario, std
     out.inside_share += (inside(one) ? 1.0 : 0.0) / static_cast<double>(readings.size());
   }
   out.mean_error_mm = mean.norm();
-  out.fre_mm = operation.registration().fre_mm;
   return out;
 }
 

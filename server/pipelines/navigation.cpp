@@ -70,7 +70,7 @@ void NavigationPipeline::on(const NavigationMessage &message) noexcept {
         tool->calibrated = true;
         tool->tip_mm = vector_of(tip.tip_mm);
         tool->tip_covariance = matrix_of(tip.covariance_mm2);
-        tool->velocity.reset();
+        tool->filter.reset();
       }
     }
     void operator()(const PlanSelected &plan) const noexcept {
@@ -81,19 +81,19 @@ void NavigationPipeline::on(const NavigationMessage &message) noexcept {
     void operator()(const RegistrationAccepted &accepted) const noexcept {
       self.registration_ = Registration{wire::from_wire<frame::Image, frame::Reference>(accepted.T_image_reference),
                                         matrix_of(accepted.covariance)};
-      self.reset_velocities();
+      self.reset_filters();
     }
     void operator()(const RegistrationReset &) const noexcept {
       self.registration_.reset();
-      self.reset_velocities();
+      self.reset_filters();
     }
   };
   std::visit(Visitor{*this}, message);
 }
 
-void NavigationPipeline::reset_velocities() noexcept {
+void NavigationPipeline::reset_filters() noexcept {
   for (Tool &tool : tools_) {
-    tool.velocity.reset();
+    tool.filter.reset();
   }
 }
 
@@ -259,13 +259,32 @@ void NavigationPipeline::publish(Tool &tool, wire::NavigationState &state, std::
   if (state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED) {
     fill_pose(tool, state);
   } else {
-    tool.velocity.reset();
+    tool.filter.reset();
     clear_pose(state);
   }
 }
 
+// The frame's pose with the filter's position: rotation and its error are the frame's own, the position's error is that
+// of the filter, and what the two have in common shrinks by the filter's gain.
+NavigationPipeline::TipPose NavigationPipeline::filtered(Tool &tool, const TipPose &T_reference_tip) const noexcept {
+  if (settings_.filter_hz <= 0.0) {
+    return T_reference_tip;
+  }
+  // From a perturbation about Reference's origin to one about the tip, and back.
+  Matrix6d about_tip = Matrix6d::Identity();
+  about_tip.bottomLeftCorner<3, 3>() = -geometry::skew(T_reference_tip.pose.translation());
+  Matrix6d covariance = about_tip * T_reference_tip.covariance * about_tip.transpose();
+  tool.filter.add(T_reference_tip.pose.translation(), covariance.bottomRightCorner<3, 3>(), acquired_ns_,
+                  settings_.filter_hz);
+  covariance.bottomRightCorner<3, 3>() = tool.filter.covariance();
+  covariance.topRightCorner<3, 3>() = (covariance.topRightCorner<3, 3>() * tool.filter.gain().transpose()).eval();
+  covariance.bottomLeftCorner<3, 3>() = covariance.topRightCorner<3, 3>().transpose();
+  about_tip.bottomLeftCorner<3, 3>() = geometry::skew(tool.filter.position_mm());
+  return {{T_reference_tip.pose.rotation(), tool.filter.position_mm()}, about_tip * covariance * about_tip.transpose()};
+}
+
 void NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noexcept {
-  TipPose T_reference_tip = tip_in_reference(tool);
+  TipPose T_reference_tip = filtered(tool, tip_in_reference(tool));
   // The tip's calibration error, in the axes of Reference, moves the tip and nothing else.
   const Matrix3d R = T_reference_tip.pose.rotation_matrix();
   T_reference_tip.covariance.bottomRightCorner<3, 3>() += R * tool.tip_covariance * R.transpose();
@@ -278,8 +297,7 @@ void NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noe
   state.tre_rms_mm = uncertainty::rms_mm(position_covariance);
   state.tre_95 = to_wire(uncertainty::ellipsoid_95(position_covariance));
 
-  tool.velocity.add(tip, acquired_ns_, settings_.velocity_window_ns);
-  put(tool.velocity.mm_s(), state.velocity_mm_s);
+  put(registration_->pose.rotation() * tool.filter.velocity_mm_s(), state.velocity_mm_s);
 
   state.distance_to_target_mm = state.lateral_deviation_mm = wire::kUnknown;
   state.angle_rad = state.remaining_depth_mm = wire::kUnknown;

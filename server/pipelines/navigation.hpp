@@ -2,6 +2,7 @@
 // and where it stands against the plan and the critical structures.
 //
 // T_image_tip = T_image_reference (T_tracker_reference)^-1 T_tracker_tool T_tool_tip, all of the same frame; its
+// motion of the tip in Reference is filtered (tip_filter.hpp), and the
 // covariance is propagated to first order from the markers of both bodies, the tip's calibration and the registration
 // (algorithms/geometry/pose_covariance.hpp), each taken as independent.
 //
@@ -17,7 +18,7 @@
 #include "algorithms/planning/critical_structures.hpp"
 #include "server/pipelines/capture.hpp"
 #include "server/pipelines/loaded_case.hpp"
-#include "server/pipelines/tip_velocity.hpp"
+#include "server/pipelines/tip_filter.hpp"
 #include "server/runtime/spsc_ring.hpp"
 #include "server/session/messages.hpp"
 
@@ -31,7 +32,7 @@ struct NavigationSettings {
   double marker_sigma_depth_mm = 0.25;
   std::int64_t latency_ns = 4'000'000; // exposure to arrival that is normal: a frame is stale three periods after it
   std::int64_t lost_after_ns = wire::qos::kTracker.deadline_ns;
-  std::int64_t velocity_window_ns = 60'000'000;
+  double filter_hz = 3.0; // up to which motions of a tip are followed; 0: each frame stands for itself
 };
 
 class NavigationPipeline {
@@ -62,10 +63,10 @@ private:
     wire::Name name{};
     BodyInTracker body;
     bool calibrated = false;
-    geometry::Vector3d tip_mm;
-    geometry::Matrix3d tip_covariance;
+    geometry::Vector3d tip_mm = geometry::Vector3d::Zero();
+    geometry::Matrix3d tip_covariance = geometry::Matrix3d::Zero();
     const casefile::Trajectory *plan = nullptr;
-    TipVelocity velocity;
+    TipFilter filter;
     planning::CriticalStructures::Warm warm;
   };
   using TipPose = geometry::UncertainPose<geometry::frame::Reference, geometry::frame::Tip>;
@@ -81,8 +82,9 @@ private:
   void record(Tool &tool, std::int64_t acquired_ns) noexcept;
   void publish(Tool &tool, wire::NavigationState &state, std::int64_t now_ns) noexcept;
   void fill_pose(Tool &tool, wire::NavigationState &state) noexcept;
+  [[nodiscard]] TipPose filtered(Tool &tool, const TipPose &T_reference_tip) const noexcept;
   void update_states(std::int64_t now_ns) noexcept;
-  void reset_velocities() noexcept;
+  void reset_filters() noexcept;
   [[nodiscard]] TipPose tip_in_reference(const Tool &tool) const noexcept;
 
   NavigationSettings settings_;

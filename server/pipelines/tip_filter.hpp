@@ -1,0 +1,50 @@
+// Where a tip is and how fast it moves, from the positions of successive frames: a Kalman filter of constant velocity
+// in Reference, with each frame's own marker noise.
+//
+// A single frame's tip scatters by the markers' noise, enlarged by the lever from the markers to the tip; a hand does
+// not move like that. The filter follows motions up to its bandwidth and averages what is faster. What it cannot follow
+// shows as innovations that keep to one side: their running mean is the bias that the filter may have at that moment,
+// so its square is added to the covariance, and a filter that has lost the hand starts again at the frame's own
+// position. Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 5.4 and 6.2.
+//
+// One thread. No allocation, no exceptions.
+#pragma once
+
+#include <cstdint>
+
+#include "algorithms/geometry/pose_covariance.hpp"
+
+namespace bregma::server {
+
+class TipFilter {
+public:
+  void reset() noexcept { frames_ = 0; }
+
+  // noise: covariance of this frame's position by its markers alone; positive definite. A time that is not after the
+  // last one changes nothing; a gap starts anew.
+  void add(const geometry::Vector3d &position_mm, const geometry::Matrix3d &noise, std::int64_t time_ns,
+           double bandwidth_hz) noexcept;
+
+  [[nodiscard]] const geometry::Vector3d &position_mm() const noexcept { return position_; }
+  [[nodiscard]] geometry::Matrix3d covariance() const noexcept { return P_pp_ + bias_ * bias_.transpose(); }
+  // How the estimate's error follows the frame's own: its covariance with an error e of the frame is cov(e, frame) K'.
+  [[nodiscard]] const geometry::Matrix3d &gain() const noexcept { return gain_; }
+  // mm/s; NaN until there are frames enough to tell: what is not known is not zero.
+  [[nodiscard]] geometry::Vector3d velocity_mm_s() const noexcept;
+
+private:
+  void start(const geometry::Vector3d &position_mm, const geometry::Matrix3d &noise) noexcept;
+
+  std::int64_t frames_ = 0; // since the start
+  std::int64_t time_ns_ = 0;
+  geometry::Vector3d position_ = geometry::Vector3d::Zero();
+  geometry::Vector3d velocity_ = geometry::Vector3d::Zero();
+  geometry::Matrix3d P_pp_ = geometry::Matrix3d::Zero();
+  geometry::Matrix3d P_pv_ = geometry::Matrix3d::Zero();
+  geometry::Matrix3d P_vv_ = geometry::Matrix3d::Zero();
+  geometry::Matrix3d gain_ = geometry::Matrix3d::Identity();
+  geometry::Vector3d bias_ = geometry::Vector3d::Zero();     // running mean of the innovations
+  geometry::Vector3d whitened_ = geometry::Vector3d::Zero(); // the same in units of their standard deviation
+};
+
+} // namespace bregma::server
