@@ -53,7 +53,7 @@ private:
   struct Corners {
     Eigen::Vector3d a, b, c;
   };
-  enum Feature : int { kFace, kEdgeAB, kEdgeBC, kEdgeCA, kVertexA, kVertexB, kVertexC, kFeatures };
+  enum Feature : std::uint32_t { kFace, kEdgeAB, kEdgeBC, kEdgeCA, kVertexA, kVertexB, kVertexC, kFeatures };
   struct Closest {
     Eigen::Vector3d point;
     Feature feature;

@@ -49,6 +49,7 @@ struct Patient {
   }
 };
 
+// NOLINTBEGIN(clang-analyzer-deadcode.DeadStores): the loop variable of Google Benchmark is never read
 void marker_fit_covariance(benchmark::State &state) {
   const std::vector<Vector3d> markers = {{0, 0, 0}, {50, 0, 0}, {0, 35, 0}, {-20, -30, 8}};
   std::mt19937 rng(kSeed);
@@ -163,5 +164,6 @@ void drift_check_touch(benchmark::State &state) {
   }
 }
 BENCHMARK(drift_check_touch)->Unit(benchmark::kMicrosecond);
+// NOLINTEND(clang-analyzer-deadcode.DeadStores)
 
 } // namespace
