@@ -24,10 +24,11 @@ Vector3d unit(const Direction &d) {
   return {std::sin(azimuth) * std::cos(elevation), std::cos(azimuth) * std::cos(elevation), std::sin(elevation)};
 }
 
-// One round over a supine head, from left to right and back.
-constexpr Direction kRound[] = {{-50, 28}, {0, 30},   {50, 28}, {50, 48}, {0, 52},   {-50, 48},
-                                {-80, 40}, {-85, 62}, {0, 85},  {85, 62}, {80, 40},  {75, 22},
-                                {50, 12},  {0, 12},   {0, -2},  {0, 14},  {-50, 12}, {-75, 22}};
+// One round over a supine head: forehead to and fro, the nose, over the top from side to side, and back. The nose is
+// where it is: kNose stands for its tip.
+constexpr Direction kNose{0, -90};
+constexpr Direction kRound[] = {{-45, 28}, {0, 30},   {45, 28},  {45, 48}, {0, 42},  {0, 15},  kNose,   {0, 15},
+                                {-50, 20}, {-80, 40}, {-85, 62}, {0, 85},  {85, 62}, {80, 40}, {55, 22}};
 
 } // namespace
 
@@ -104,10 +105,12 @@ std::vector<HandPose> HandPlanning::scalp_path(const TrueTool &tool, double leng
   const Head &head = patient_->head;
   std::vector<Head::Skin> skin;
   double length = 0.0;
-  const auto stop = [&](std::size_t target) {
-    const std::size_t round = target / std::size(kRound);
+  const auto stop = [&head](std::size_t target) -> Vector3d {
     Direction direction = kRound[target % std::size(kRound)];
-    direction.elevation_deg += 9.0 * static_cast<double>(round % 3);
+    if (direction.elevation_deg == kNose.elevation_deg) {
+      return head.nose_mm();
+    }
+    direction.elevation_deg += 9.0 * static_cast<double>(target / std::size(kRound) % 3); // another line each round
     const Vector3d outward = unit(direction);
     const auto hit = head.first_hit(head.centre_mm() + 2.0 * head.radius_mm() * outward, -outward);
     return hit.value_or(head.closest(head.centre_mm() + head.radius_mm() * outward).point_mm);

@@ -26,7 +26,7 @@ public:
   // A way between two poses off the skin that keeps clear of the head.
   [[nodiscard]] std::unique_ptr<Movement> reach(const HandPose &from, const HandPose &to) const;
 
-  // A way of about this length over the skin: forehead to and fro, over the top from side to side, cheek, nose, and so
+  // A way of about this length over the skin: forehead to and fro, the nose, over the top from side to side, and so
   // on. Knots about 4 mm apart, on the true skin.
   [[nodiscard]] std::vector<HandPose> scalp_path(const TrueTool &tool, double length_mm) const;
 

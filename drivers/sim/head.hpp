@@ -24,6 +24,7 @@ public:
   // The middle and half the diagonal's reach of the segmented scalp: no point of it is further than radius_mm.
   [[nodiscard]] const Vector3d &centre_mm() const { return centre_; }
   [[nodiscard]] double radius_mm() const { return radius_; }
+  [[nodiscard]] const Vector3d &nose_mm() const { return nose_; } // the most anterior point
 
   [[nodiscard]] registration::SurfacePoint closest(const Vector3d &point) const { return surface_.closest(point); }
   // True skin minus segmented skin, along the outward normal.
@@ -52,6 +53,7 @@ private:
   registration::SurfaceModel surface_;
   Vector3d centre_;
   double radius_ = 0.0;
+  Vector3d nose_;
   double amplitude_ = 0.0;
   std::vector<Wave> waves_;
 };

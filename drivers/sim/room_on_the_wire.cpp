@@ -16,28 +16,20 @@ std::int64_t read(clockid_t clock) {
   return static_cast<std::int64_t>(now.tv_sec) * kSecond_ns + now.tv_nsec;
 }
 
-// UTC that never steps: the host's time at the start plus monotonic time.
-class SteadyUtc {
-public:
-  SteadyUtc() : ahead_ns_(read(CLOCK_REALTIME) - read(CLOCK_MONOTONIC)) {}
-  [[nodiscard]] std::int64_t now_ns() const { return read(CLOCK_MONOTONIC) + ahead_ns_; }
-  // May return early for a signal.
-  void sleep_until(std::int64_t utc_ns) const {
-    const std::int64_t deadline = utc_ns - ahead_ns_;
-    const timespec at{deadline / kSecond_ns, deadline % kSecond_ns};
-    (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, nullptr);
-  }
-
-private:
-  std::int64_t ahead_ns_;
-};
+// May return early for a signal.
+void sleep_until(std::int64_t monotonic_ns) {
+  const timespec at{monotonic_ns / kSecond_ns, monotonic_ns % kSecond_ns};
+  (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, nullptr);
+}
 
 } // namespace
 
 RoomOnTheWire::RoomOnTheWire(SimulatedRoom &room, std::uint32_t domain)
     : room_(&room), participant_(domain), frames_(participant_), truths_(participant_), robot_states_(participant_),
       force_samples_(participant_), range_samples_(participant_), commands_(participant_), replies_(participant_),
-      states_(participant_) {}
+      states_(participant_), utc_ahead_ns_(read(CLOCK_REALTIME) - read(CLOCK_MONOTONIC)) {}
+
+std::int64_t RoomOnTheWire::host_now_ns() const { return read(CLOCK_MONOTONIC) + utc_ahead_ns_; }
 
 bool RoomOnTheWire::wait_for_daemon(std::chrono::nanoseconds timeout, const std::atomic<bool> &stop) const {
   const auto end = std::chrono::steady_clock::now() + timeout;
@@ -80,12 +72,11 @@ void RoomOnTheWire::write(RoomOutput &out, std::int64_t now_ns) {
 }
 
 void RoomOnTheWire::run(const std::atomic<bool> &stop, const Tell &tell) {
-  const SteadyUtc clock;
   RoomOutput out;
-  std::int64_t due_ns = clock.now_ns();
+  std::int64_t due_ns = host_now_ns();
   while (!stop && !room_->finished()) {
-    clock.sleep_until(due_ns);
-    std::int64_t now_ns = clock.now_ns();
+    sleep_until(due_ns - utc_ahead_ns_);
+    const std::int64_t now_ns = host_now_ns();
     if (now_ns < due_ns) { // a signal
       continue;
     }
@@ -94,8 +85,7 @@ void RoomOnTheWire::run(const std::atomic<bool> &stop, const Tell &tell) {
       room_->on_navigation(state, now_ns);
     });
     room_->advance(now_ns, out);
-    now_ns = clock.now_ns();
-    write(out, now_ns);
+    write(out, host_now_ns());
     for (const StepEvent &event : out.events) {
       tell(event);
     }

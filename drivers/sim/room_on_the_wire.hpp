@@ -31,6 +31,7 @@ public:
 private:
   static constexpr std::int64_t kTooOld_ns = 100'000'000;
 
+  [[nodiscard]] std::int64_t host_now_ns() const; // UTC that never steps
   void write(RoomOutput &out, std::int64_t now_ns);
   template <class T> void write_all(const dds::Writer<T> &writer, std::vector<T> &samples, std::int64_t now_ns);
 
@@ -44,6 +45,7 @@ private:
   dds::Writer<wire::Command> commands_;
   dds::Reader<wire::CommandReply> replies_;
   dds::Reader<wire::NavigationState> states_;
+  std::int64_t utc_ahead_ns_; // the host's UTC at the start minus monotonic time
   std::uint64_t dropped_ = 0;
 };
 

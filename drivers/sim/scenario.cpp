@@ -82,7 +82,7 @@ Step read_step(TableReader &table) {
     break;
   case StepKind::kTraceScalp:
     step.tool = table.require_string("tool");
-    step.length_mm = table.number("length_mm", 1050.0, "mm", 50.0, 20000.0);
+    step.length_mm = table.number("length_mm", 800.0, "mm", 50.0, 20000.0);
     step.speed_mm_s = table.number("speed_mm_s", 55.0, "mm/s", 5.0, 300.0);
     break;
   case StepKind::kStartNavigation:
