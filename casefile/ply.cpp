@@ -3,7 +3,6 @@
 #include <array>
 #include <bit>
 #include <charconv>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <limits>
@@ -187,7 +186,7 @@ private:
 struct Item {
   Eigen::Vector3d position = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
   Eigen::Vector3i corners = Eigen::Vector3i::Constant(-1);
-  double corner_count = 0.0;
+  std::uint32_t corner_count = 0;
 };
 
 std::optional<Item> read_item(const Element &element, Body &body) {
@@ -205,14 +204,18 @@ std::optional<Item> read_item(const Element &element, Body &body) {
       continue;
     }
     const bool corners = property.name == "vertex_indices" || property.name == "vertex_index";
-    item.corner_count = corners ? *first : item.corner_count;
-    for (double i = 0.0; i < *first; i += 1.0) {
+    if (!(*first >= 0.0 && *first <= std::numeric_limits<std::uint32_t>::max())) {
+      return std::nullopt;
+    }
+    const auto count = static_cast<std::uint32_t>(*first);
+    item.corner_count = corners ? count : item.corner_count;
+    for (std::uint32_t i = 0; i < count; ++i) {
       const auto value = body.next(property.type);
       if (!value) {
         return std::nullopt;
       }
       const bool index = *value >= 0.0 && *value <= std::numeric_limits<int>::max();
-      if (corners && i < 3.0) {
+      if (corners && i < 3) {
         item.corners[static_cast<Eigen::Index>(i)] = index ? static_cast<int>(*value) : -1;
       }
     }
@@ -248,8 +251,8 @@ tl::expected<TriangleMesh, std::string> parse_ply(std::string_view content) {
       if (element.name == "vertex") {
         mesh.vertices_mm.push_back(item->position);
       } else if (element.name == "face") {
-        if (item->corner_count != 3.0) {
-          return wrong("face " + std::to_string(i) + " has " + std::to_string(std::lround(item->corner_count)) +
+        if (item->corner_count != 3) {
+          return wrong("face " + std::to_string(i) + " has " + std::to_string(item->corner_count) +
                        " corners, only triangles are read");
         }
         mesh.triangles.push_back(item->corners);

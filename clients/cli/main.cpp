@@ -15,24 +15,8 @@ namespace {
 using bregma::cli::Context;
 
 constexpr void (*kCommands[])(CLI::App &, Context &) = {
-#ifdef BREGMA_CLI_LIVE
-    bregma::cli::add_live_commands,
-#endif
-#ifdef BREGMA_CLI_CASE
-    bregma::cli::add_case_command,
-#endif
-#ifdef BREGMA_CLI_CALIBRATE
-    bregma::cli::add_calibrate_command,
-#endif
-#ifdef BREGMA_CLI_REGISTER
-    bregma::cli::add_register_command,
-#endif
-#ifdef BREGMA_CLI_REPORT
-    bregma::cli::add_report_command,
-#endif
-#ifdef BREGMA_CLI_DOCTOR
-    bregma::cli::add_doctor_command,
-#endif
+    bregma::cli::add_live_commands,     bregma::cli::add_case_command,   bregma::cli::add_register_command,
+    bregma::cli::add_calibrate_command, bregma::cli::add_report_command, bregma::cli::add_doctor_command,
 };
 
 // One sentence: what was wrong, and where the help is that says how it is right.
