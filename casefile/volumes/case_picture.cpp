@@ -3,7 +3,7 @@
 namespace bregma::casefile {
 namespace {
 
-constexpr Colour kScalp{236, 205, 180};
+constexpr Colour kScalp{224, 184, 154};
 constexpr Colour kBrain{205, 196, 200};
 constexpr Colour kFiducial{32, 110, 220};
 constexpr Colour kLandmark{20, 160, 150};
@@ -44,7 +44,7 @@ Scene case_scene(const Case &c, const Eigen::Vector3d &towards_eye, int width, i
   }
   // Seen through one after the other, from the inside out.
   scene.meshes.push_back(layer(c.brain.mesh, kBrain, 0.4));
-  scene.meshes.push_back(layer(c.scalp.mesh, kScalp, 0.3));
+  scene.meshes.push_back(layer(c.scalp.mesh, kScalp, 0.35));
   for (const NamedPoint &point : c.fiducials) {
     scene.spheres.push_back({point.position_mm, 3.5, kFiducial});
   }

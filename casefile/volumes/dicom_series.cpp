@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <Eigen/Geometry>
+#include <gdcmTrace.h>
 #include <itkGDCMImageIO.h>
 #include <itkGDCMSeriesFileNames.h>
 #include <itkImageSeriesReader.h>
@@ -178,6 +179,8 @@ Result<std::vector<std::string>> files_of(const fs::path &folder, const std::str
 } // namespace
 
 Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::string &series) {
+  gdcm::Trace::WarningOff(); // what matters comes back as an Error
+  gdcm::Trace::ErrorOff();
   const auto files = files_of(folder, series);
   if (!files) {
     return tl::unexpected(files.error());

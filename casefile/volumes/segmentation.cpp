@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
@@ -188,16 +187,6 @@ ItkVolume::Pointer blurred(const Mask::Pointer &mask, double sigma_mm) {
   return image;
 }
 
-// The level that encloses `count` voxels, strictly between two values of the field: a surface through the very centre
-// of a voxel would have triangles without area.
-double enclosing_level(std::vector<float> values, std::size_t count) {
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(count);
-  std::nth_element(values.begin(), at, values.end(), std::greater<>());
-  const float below = *at;
-  const float above = *std::min_element(values.begin(), at);
-  return 0.5 * (static_cast<double>(below) + static_cast<double>(above));
-}
-
 Field as_field(const Mask::Pointer &mask, double blur_mm, const Padding &padding,
                const Eigen::Matrix4d &T_image_index) {
   const ItkVolume::Pointer image = blurred(mask, blur_mm);
@@ -210,8 +199,6 @@ Field as_field(const Mask::Pointer &mask, double blur_mm, const Padding &padding
   }
   field.grid.T_image_index = T_image_index * T_unpadded;
   field.grid.voxels.assign(image->GetBufferPointer(), image->GetBufferPointer() + count);
-  const auto inside = std::count(mask->GetBufferPointer(), mask->GetBufferPointer() + count, std::uint8_t{1});
-  field.border = enclosing_level(field.grid.voxels, static_cast<std::size_t>(inside));
   return field;
 }
 

@@ -9,10 +9,10 @@
 
 namespace bregma::casefile {
 
-// 1 inside the object, 0 outside, smooth between. Padded, so that the object never touches the border of the grid.
+// 1 inside the object, 0 outside, smooth between: its border is at 0.5. Padded, so that the object never touches the
+// border of the grid.
 struct Field {
   VoxelGrid<float> grid;  // T_image_index holds for this grid's own indices
-  double border = 0.5;    // of the object: encloses as many voxels as the object has, so that thin parts do not shrink
   double threshold = 0.0; // of the image, that was used
 };
 

@@ -43,7 +43,7 @@ Step step_within(const Progress &progress, double from, double to) {
 }
 
 // In the grid's own axes, mm: index times spacing.
-vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid, double level) {
+vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid) {
   vtkNew<vtkFloatArray> values;
   // Read only: VTK has no const arrays.
   values->SetArray(const_cast<float *>(grid.voxels.data()), static_cast<vtkIdType>(grid.voxels.size()), 1); // NOLINT
@@ -53,7 +53,8 @@ vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid, double lev
   image->GetPointData()->SetScalars(values);
   vtkNew<vtkFlyingEdges3D> edges;
   edges->SetInputData(image);
-  edges->SetValue(0, level);
+  // Not 0.5 itself, which a blurred mask meets in places exactly: triangles would collapse there.
+  edges->SetValue(0, 0.500013);
   edges->ComputeNormalsOff();
   edges->ComputeGradientsOff();
   edges->ComputeScalarsOff();
@@ -168,7 +169,7 @@ std::string defect_of(const MeshCheck &check) {
 
 Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &options, const Step &step) {
   step(0.0, "isosurface");
-  const auto full = smoothed(isosurface(field.grid, field.border), options);
+  const auto full = smoothed(isosurface(field.grid), options);
   ExtractedSurface out;
   out.report.threshold = field.threshold;
   out.report.full_vertices = static_cast<int>(full->GetNumberOfPoints());

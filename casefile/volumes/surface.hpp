@@ -25,14 +25,15 @@ namespace bregma::casefile {
 using Progress = std::function<bool(double, std::string_view)>;
 
 struct SurfaceOptions {
-  std::optional<double> threshold; // intensity above which a voxel belongs to the object; Otsu's where not given
-  double closing_mm = 0.0;         // radius of the ball that closes clefts (sinuses, ear canals, sulci)
-  bool fill_holes = true;          // what the outside cannot reach belongs to the object
-  bool fill_slices = false;        // and what it cannot reach within an axial slice: airways that end in the neck's cut
-  double blur_mm = 1.0;            // sigma of the Gaussian on the mask: takes off the steps of the voxels
-  int smoothing_iterations = 20;   // windowed sinc; 0 leaves it out
-  double pass_band = 0.1;          // of the windowed sinc: lower is smoother
-  int vertices = 10'000;           // at most; the mesh is decimated to it
+  std::optional<double> threshold =
+      std::nullopt;              // intensity above which a voxel belongs to the object; Otsu's where not given
+  double closing_mm = 0.0;       // radius of the ball that closes clefts (sinuses, ear canals, sulci)
+  bool fill_holes = true;        // what the outside cannot reach belongs to the object
+  bool fill_slices = false;      // and what it cannot reach within an axial slice: airways that end in the neck's cut
+  double blur_mm = 1.0;          // sigma of the Gaussian on the mask: takes off the steps of the voxels
+  int smoothing_iterations = 20; // windowed sinc; 0 leaves it out
+  double pass_band = 0.1;        // of the windowed sinc: lower is smoother
+  int vertices = 10'000;         // at most; the mesh is decimated to it
 };
 
 struct SurfaceReport {

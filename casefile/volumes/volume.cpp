@@ -12,7 +12,6 @@
 #include <itkGDCMImageIO.h>
 #include <itkImageFileReader.h>
 #include <itkImageFileWriter.h>
-#include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
 #include <itkNiftiImageIO.h>
 #include <itkNrrdImageIO.h>
@@ -26,8 +25,6 @@ namespace fs = std::filesystem;
 
 // Columns of the index-to-world matrix may be this far from a right angle (cosine) before the grid counts as sheared.
 constexpr double kShearTolerance = 1e-3;
-// Where ITK places the last voxel against where the file's own matrix places it.
-constexpr double kPlacementTolerance_mm = 0.01;
 
 itk::ImageIOBase::Pointer image_io_of(const std::string &path) {
   auto nifti = itk::NiftiImageIO::New();
@@ -43,13 +40,14 @@ itk::ImageIOBase::Pointer image_io_of(const std::string &path) {
   return nullptr;
 }
 
-std::string file_error(const fs::path &path, const std::string &what) { return path.string() + ": " + what; }
-
 // An exception's text without ITK's source locations.
 std::string reason_of(const itk::ExceptionObject &error) {
   std::string text = error.GetDescription();
   if (const auto end_of_class = text.find("): "); text.starts_with("itk::ERROR") && end_of_class != std::string::npos) {
     text.erase(0, end_of_class + 3);
+  }
+  if (text.starts_with("ITK ERROR: ")) {
+    text.erase(0, 11);
   }
   std::replace(text.begin(), text.end(), '\n', ' ');
   return text;
@@ -82,60 +80,6 @@ Result<void> check_header(const fs::path &path, const itk::ImageIOBase &io) {
   return {};
 }
 
-std::string header_field(const itk::ImageIOBase &io, const std::string &key) {
-  std::string value;
-  itk::ExposeMetaData(io.GetMetaDataDictionary(), key, value);
-  return value;
-}
-
-Eigen::Matrix4d ras_from_index(const ItkVolume &image) {
-  Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
-  for (unsigned row = 0; row < 3; ++row) {
-    const double sign = row < 2 ? -1.0 : 1.0; // LPS to RAS
-    for (unsigned column = 0; column < 3; ++column) {
-      T(row, column) = sign * image.GetDirection()[row][column] * image.GetSpacing()[column];
-    }
-    T(row, 3) = sign * image.GetOrigin()[row];
-  }
-  return T;
-}
-
-// NIfTI may carry two matrices, or none: then left and right are a guess.
-Result<void> check_nifti_placement(const fs::path &path, const itk::ImageIOBase &io, const ItkVolume &image) {
-  const std::string qform = header_field(io, "qform_code");
-  const std::string sform = header_field(io, "sform_code");
-  if (qform.starts_with('0') && sform.starts_with('0')) {
-    return failure(file_error(path, "states no orientation (qform_code and sform_code are both 0)"));
-  }
-  if (sform.empty() || sform.starts_with('0')) {
-    return {};
-  }
-  Eigen::Matrix4d stated = Eigen::Matrix4d::Identity();
-  const char *const rows[] = {"srow_x", "srow_y", "srow_z"};
-  for (int row = 0; row < 3; ++row) {
-    std::istringstream text(header_field(io, rows[row]));
-    for (int column = 0; column < 4; ++column) {
-      if (!(text >> stated(row, column))) {
-        return failure(file_error(path, std::string(rows[row]) + " of the header is not four numbers"));
-      }
-    }
-  }
-  const auto size = image.GetLargestPossibleRegion().GetSize();
-  const Eigen::Vector3d last =
-      Eigen::Array3d(static_cast<double>(size[0]), static_cast<double>(size[1]), static_cast<double>(size[2])) - 1.0;
-  double apart = 0.0;
-  for (int corner = 0; corner < 8; ++corner) {
-    const Eigen::Vector4d index((corner & 1) != 0 ? last[0] : 0.0, (corner & 2) != 0 ? last[1] : 0.0,
-                                (corner & 4) != 0 ? last[2] : 0.0, 1.0);
-    apart = std::max(apart, ((stated - ras_from_index(image)) * index).norm());
-  }
-  if (!(apart <= kPlacementTolerance_mm * std::max(1.0, last.norm() / 100.0))) {
-    return failure(file_error(path, "its sform is sheared or contradicts its qform: a corner of the image would lie " +
-                                        shown(apart, 2) + " mm apart; resample the image to one of them"));
-  }
-  return {};
-}
-
 Result<ItkVolume::Pointer> read_file(const fs::path &path) {
   const std::string name = path.string();
   auto io = image_io_of(name);
@@ -145,19 +89,21 @@ Result<ItkVolume::Pointer> read_file(const fs::path &path) {
     }
     return failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
   }
+  const bool is_nifti = std::string(io->GetNameOfClass()) == "NiftiImageIO";
   io->SetFileName(name);
   io->ReadImageInformation();
   if (auto header = check_header(path, *io); !header) {
     return tl::unexpected(header.error());
   }
+  if (auto whole = is_nifti ? check_nifti_size(path, *io) : Result<void>(); !whole) {
+    return tl::unexpected(whole.error());
+  }
   auto reader = itk::ImageFileReader<ItkVolume>::New();
   reader->SetImageIO(io);
   reader->SetFileName(name);
   reader->Update();
-  if (std::string(io->GetNameOfClass()) == "NiftiImageIO") {
-    if (auto placed = check_nifti_placement(path, *io, *reader->GetOutput()); !placed) {
-      return tl::unexpected(placed.error());
-    }
+  if (auto placed = is_nifti ? check_nifti_placement(path, *io, *reader->GetOutput()) : Result<void>(); !placed) {
+    return tl::unexpected(placed.error());
   }
   return ItkVolume::Pointer(reader->GetOutput());
 }
@@ -246,6 +192,20 @@ Result<void> check_finite(const fs::path &path, const Volume &volume) {
 }
 
 } // namespace
+
+Eigen::Matrix4d ras_from_index(const ItkVolume &image) {
+  Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
+  for (unsigned row = 0; row < 3; ++row) {
+    const double sign = row < 2 ? -1.0 : 1.0; // LPS to RAS
+    for (unsigned column = 0; column < 3; ++column) {
+      T(row, column) = sign * image.GetDirection()[row][column] * image.GetSpacing()[column];
+    }
+    T(row, 3) = sign * image.GetOrigin()[row];
+  }
+  return T;
+}
+
+std::string file_error(const fs::path &path, const std::string &what) { return path.string() + ": " + what; }
 
 std::string shown(double value, int digits) {
   std::array<char, 64> text{};
