@@ -131,7 +131,7 @@ int watch(const WatchOptions &options, const Context &context) {
   const bool lines = !context.json && !terminal;
   const double rate_hz = lines ? std::min(options.rate_hz, 1.0) : options.rate_hz;
   const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz));
-  const auto screen = terminal ? std::make_unique<Screen>() : nullptr;
+  auto screen = terminal ? std::make_unique<Screen>() : nullptr;
   EndOfSession end;
   auto next = Clock::now();
   std::int64_t now_ns = 0;
@@ -156,6 +156,10 @@ int watch(const WatchOptions &options, const Context &context) {
     ended = (options.until_end && end.reached(link.snapshot(), utc_now_ns())) ||
             (options.while_pid > 0 && !process_runs(options.while_pid));
   } while (!interrupted && !ended && std::ferror(stdout) == 0);
+  if (terminal) {
+    screen.reset();
+    print(watch_table(link.snapshot(), options.tool, now_ns)); // the last that was seen stays on the terminal
+  }
   return kOk;
 }
 

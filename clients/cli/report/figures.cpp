@@ -4,17 +4,11 @@
 #include <array>
 #include <cmath>
 
-#include "clients/cli/report/plots.hpp"
+#include "clients/cli/report/figure_layout.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 
 namespace bregma::cli::report {
 namespace {
-
-constexpr std::array kToolColours{colour::kBlue, colour::kOrange, colour::kPurple, colour::kGreen, colour::kYellow};
-constexpr std::int64_t kGap_ns = 300'000'000; // a longer silence breaks a line
-constexpr std::size_t kMaxDots = 3000;
-
-const char *tool_colour(std::size_t tool) { return kToolColours[tool % kToolColours.size()]; }
 
 const char *state_colour(std::string_view state) {
   static constexpr std::array<std::pair<std::string_view, const char *>, 8> kColours{{{"idle", "#8a93a0"},
@@ -32,64 +26,6 @@ const char *state_colour(std::string_view state) {
 
 const char *severity_colour(std::string_view severity) {
   return severity == "critical" ? "#b3261e" : severity == "warning" ? "#c77f0a" : "#2374ab";
-}
-
-// Two pictures of the same: one for a desk, one for a phone; the style sheet shows the one that fits.
-template <class Draw> std::string responsive(Draw &&draw, int wide, int narrow) {
-  return "<div class='wide'>" + draw(wide) + "</div><div class='narrow'>" + draw(narrow) + "</div>";
-}
-
-std::string figure(const std::string &picture, std::string_view caption) {
-  return "<figure>" + picture + "<figcaption>" + escape(caption) + "</figcaption></figure>";
-}
-
-std::string full_width(const Plot &plot, std::string_view caption) {
-  return figure(responsive(
-                    [&](int width) {
-                      return plot_svg(plot, {width, width > 600 ? 320 : 300});
-                    },
-                    1060, 420),
-                caption);
-}
-
-std::string half_width(const Plot &plot, std::string_view caption) {
-  return figure(responsive(
-                    [&](int width) {
-                      return plot_svg(plot, {width, width > 450 ? 370 : 340});
-                    },
-                    520, 420),
-                caption);
-}
-
-std::vector<Band> navigating_bands(const SessionAnalysis &session) {
-  std::vector<Band> out;
-  for (const auto &span : session.states) {
-    if (span.state == "navigating") {
-      out.push_back({session.seconds(span.from_ns), session.seconds(span.to_ns), "#eaf5ef", "navigating"});
-    }
-  }
-  return out;
-}
-
-template <class Value> Series line_of_tool(const SessionAnalysis &session, std::uint32_t tool, Value &&value) {
-  Series out;
-  std::int64_t last_ns = 0;
-  for (const auto &tip : session.tips) {
-    if (tip.tool == tool) {
-      if (last_ns != 0 && tip.time_ns - last_ns > kGap_ns) {
-        out.points.push_back({kNotKnown, kNotKnown});
-      }
-      last_ns = tip.time_ns;
-      out.points.push_back({session.seconds(tip.time_ns), value(tip)});
-    }
-  }
-  return out;
-}
-
-// The axis ends where all but the outermost 0.2 % of the data end: one glitch must not flatten the rest.
-double axis_end(std::vector<double> values, double margin) {
-  const double end = distribution_of(std::move(values)).percentile(0.998);
-  return std::isfinite(end) && end > 0.0 ? end * margin : 1.0;
 }
 
 } // namespace
@@ -130,84 +66,6 @@ std::string timeline_figure(const SessionAnalysis &session) {
   return figure(responsive([&](int width) { return timeline_svg(rows, axis, width); }, 1060, 420),
                 "States of the session, and every alarm from its raising to its end (red: critical, amber: warning, "
                 "blue: information, grey: acknowledged).");
-}
-
-std::string error_figure(const SessionAnalysis &session) {
-  if (session.tips.empty()) {
-    return {};
-  }
-  Plot plot;
-  plot.title = "Error of the shown tip over time";
-  plot.x.label = "time, s";
-  plot.y.label = "error of the shown tip, mm";
-  plot.bands = navigating_bands(session);
-  std::vector<double> heights;
-  for (std::uint32_t tool = 0; tool < session.tools.size(); ++tool) {
-    auto truth = line_of_tool(session, tool, [](const TipSample &tip) { return tip.true_error_mm; });
-    if (truth.points.empty()) {
-      continue;
-    }
-    if (session.has_truth) {
-      truth.name = session.tools[tool] + ", true";
-      truth.colour = tool_colour(tool);
-      truth.size = 1.0;
-      plot.series.push_back(std::move(truth));
-    }
-    auto predicted = line_of_tool(session, tool, [](const TipSample &tip) { return tip.predicted_rms_mm; });
-    predicted.name = session.tools[tool] + ", predicted RMS";
-    predicted.colour = session.has_truth ? "#1f2937" : tool_colour(tool);
-    predicted.size = 1.8;
-    predicted.dashed = session.has_truth;
-    plot.series.push_back(std::move(predicted));
-  }
-  for (const auto &tip : session.tips) {
-    heights.push_back(tip.true_error_mm);
-    heights.push_back(tip.predicted_rms_mm);
-  }
-  plot.y.from = 0.0;
-  plot.y.to = axis_end(std::move(heights), 1.15);
-  return full_width(plot, session.has_truth
-                              ? "How far the shown tip was from the true one, and what the daemon predicted at that "
-                                "moment. Lines break where no pose was shown."
-                              : "The error that the daemon predicted. The session holds no truth, so the true error "
-                                "is not known.");
-}
-
-std::string honesty_figure(const SessionAnalysis &session) {
-  if (!session.has_truth || session.tips.empty()) {
-    return {};
-  }
-  Plot plot;
-  plot.title = "Predicted against true error";
-  plot.x.label = "predicted error (TRE, RMS), mm";
-  plot.y.label = "true error, mm";
-  plot.rules.push_back({RuleKind::kDiagonal, 0.0, "true = predicted", colour::kGrey});
-  const std::size_t stride = session.tips.size() / kMaxDots + 1;
-  std::vector<double> both;
-  for (std::uint32_t tool = 0; tool <= session.tools.size(); ++tool) {
-    const bool held = tool == session.tools.size(); // the last series: all that was held at the target, on top
-    Series dots;
-    dots.mark = Mark::kPoints;
-    dots.size = held ? 2.2 : 1.6;
-    dots.colour = held ? "#111827" : tool_colour(tool);
-    for (std::size_t i = 0; i < session.tips.size(); i += stride) {
-      const auto &tip = session.tips[i];
-      if (std::isfinite(tip.true_error_mm) && (held ? tip.at_target : tip.tool == tool && !tip.at_target)) {
-        dots.points.push_back({tip.predicted_rms_mm, tip.true_error_mm});
-        both.push_back(tip.true_error_mm);
-        both.push_back(tip.predicted_rms_mm);
-      }
-    }
-    if (!dots.points.empty()) {
-      dots.name = held ? "held at the target" : session.tools[tool];
-      plot.series.push_back(std::move(dots));
-    }
-  }
-  const double end = axis_end(std::move(both), 1.1);
-  plot.x.from = plot.y.from = 0.0;
-  plot.x.to = plot.y.to = end;
-  return half_width(plot, "One dot a published pose. An honest prediction has most dots below about one and a half "
-                          "times the diagonal, and not all of them far below it.");
 }
 
 std::string latency_figure(const SessionAnalysis &session) {

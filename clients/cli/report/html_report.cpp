@@ -1,6 +1,5 @@
 #include "clients/cli/report/html_report.hpp"
 
-#include <chrono>
 #include <cmath>
 #include <ctime>
 
@@ -71,7 +70,7 @@ std::string date_text(std::int64_t time_ns) {
 
 std::string case_of(const SessionAnalysis &session) {
   for (const auto &entry : session.meta) {
-    if (entry.key == "case_id") {
+    if (entry.key == "case") {
       return entry.value;
     }
   }

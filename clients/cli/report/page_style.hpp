@@ -16,7 +16,7 @@ h3{font-size:1rem;margin:18px 0 8px}
 .badge{border-radius:99px;padding:3px 14px;font-weight:600;font-size:.95rem;background:#e8ebf0;color:var(--soft)}
 .badge.good{background:#dff3e8;color:var(--good)}.badge.bad{background:#fbe3e1;color:var(--bad)}
 section{background:var(--paper);border:1px solid var(--line);border-radius:10px;padding:20px 22px;margin:0 0 18px}
-.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(205px,1fr));gap:12px;margin-bottom:18px}
+.cards{display:grid;grid-template-columns:repeat(auto-fit,minmax(245px,1fr));gap:12px;margin-bottom:18px}
 .card{background:var(--paper);border:1px solid var(--line);border-radius:10px;padding:13px 16px}
 .card b{display:block;font-size:1.5rem;line-height:1.25;font-variant-numeric:tabular-nums;letter-spacing:-.01em}
 .card span{display:block;font-size:.85rem;font-weight:600}.card small{display:block;color:var(--soft);font-size:.82rem;line-height:1.35}
@@ -29,7 +29,7 @@ td{border-bottom:1px solid var(--line);padding:6px 14px 6px 0;vertical-align:top
 th.n,td.n{text-align:right}tr:last-child td{border-bottom:0}
 .yes{color:var(--good);font-weight:600}.no{color:var(--bad);font-weight:600}
 p{margin:0 0 10px}.note{color:var(--soft);font-size:.9rem}
-figure{margin:0}figcaption{color:var(--soft);font-size:.88rem;margin-top:8px;max-width:75ch}
+figure{margin:0}figure+figure{margin-top:22px}figcaption{color:var(--soft);font-size:.88rem;margin-top:8px;max-width:75ch}
 svg{display:block;width:100%;height:auto;font-family:inherit}
 svg .halo{paint-order:stroke;stroke:#fff;stroke-width:3px}
 .narrow{display:none}

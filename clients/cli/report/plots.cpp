@@ -44,7 +44,8 @@ std::string line_path(const Series &series, const Scale &x, const Scale &y) {
   }
   flush();
   return "<path d='" + path + "' fill='none' stroke='" + series.colour + "' stroke-width='" + text_of(series.size) +
-         "' stroke-linejoin='round'" + (series.dashed ? " stroke-dasharray='6 4'" : "") + "/>";
+         "' stroke-linejoin='round'" + (series.dashed ? " stroke-dasharray='6 4'" : "") + " stroke-opacity='" +
+         text_of(series.opacity, "%.2f") + "'/>";
 }
 
 std::string points_path(const Series &series, const Scale &x, const Scale &y) {
@@ -56,7 +57,7 @@ std::string points_path(const Series &series, const Scale &x, const Scale &y) {
     }
   }
   return "<path d='" + path + "' stroke='" + series.colour + "' stroke-width='" + text_of(2.0 * series.size) +
-         "' stroke-linecap='round' stroke-opacity='0.55' fill='none'/>";
+         "' stroke-linecap='round' stroke-opacity='" + text_of(series.opacity, "%.2f") + "' fill='none'/>";
 }
 
 std::string bars(const Series &series, const Scale &x, const Scale &y, const Frame &frame) {
@@ -99,21 +100,30 @@ std::string rule_line(const Rule &rule, const Scale &x, const Scale &y, const Fr
                                 on_the_right ? "end" : "start", rule.label, fill);
 }
 
-std::string legend(const Plot &plot, const Frame &frame, bool &any) {
+// Above the frame, in as many rows as it takes; moves the frame's top below them.
+std::string legend(const Plot &plot, Frame &frame) {
+  constexpr double kRow = 20.0;
   std::string out;
   double x = frame.left;
+  double top = 0.0;
+  bool any = false;
   for (const auto &series : plot.series) {
     if (series.name.empty()) {
       continue;
     }
-    any = true;
     const bool line = series.mark == Mark::kLine;
-    out += "<rect x='" + text_of(x) + "' y='" + text_of(line ? 10.0 : 7.0) + "' width='" + (line ? "16" : "9") +
+    const double mark = line ? 21.0 : 14.0;
+    if (any && x + mark + text_width(series.name) > frame.right) {
+      x = frame.left;
+      top += kRow;
+    }
+    any = true;
+    out += "<rect x='" + text_of(x) + "' y='" + text_of(top + (line ? 10.0 : 7.0)) + "' width='" + (line ? "16" : "9") +
            "' height='" + (line ? "2.5" : "9") + "' rx='1.5' fill='" + series.colour + "'/>";
-    x += line ? 21.0 : 14.0;
-    out += label_at(x, 16.0, "start", series.name);
-    x += text_width(series.name) + 18.0;
+    out += label_at(x + mark, top + 16.0, "start", series.name);
+    x += mark + text_width(series.name) + 18.0;
   }
+  frame.top += any ? top + kRow : 0.0;
   return out;
 }
 
@@ -145,9 +155,7 @@ std::string plot_svg(const Plot &plot, Size size) {
     tick_width = std::max(tick_width, text_width(tick_text(tick)));
   }
   Frame frame{30.0 + tick_width, 8.0, size.width - 16.0, size.height - 44.0};
-  bool any_legend = false;
-  const std::string legend_text = legend(plot, frame, any_legend);
-  frame.top += any_legend ? 20.0 : 0.0;
+  const std::string legend_text = legend(plot, frame);
 
   const Scale x(plot.x, x_range, frame.left, frame.right);
   const Scale y(plot.y, y_range, frame.bottom, frame.top);

@@ -41,6 +41,7 @@ struct Series {
                                  // only ends the one before
   double size = 1.5;             // width of the line or radius of the point
   bool dashed = false;
+  double opacity = 1.0;
 };
 
 struct Band { // from one x to another, behind the data

@@ -44,8 +44,8 @@ private:
   bool written_ = false;
 };
 
-Result<geometry::TriangleMesh> attached_mesh(const casefile::SessionReader &reader) {
-  const auto body = reader.attachment(kScalpAttachment);
+Result<geometry::TriangleMesh> attached_mesh(const casefile::SessionReader &reader, const std::string &name) {
+  const auto body = reader.attachment(name);
   if (!body) {
     return tl::unexpected(body.error());
   }
@@ -53,8 +53,8 @@ Result<geometry::TriangleMesh> attached_mesh(const casefile::SessionReader &read
   if (!file.written()) {
     return casefile::failure("cannot write a temporary file in " + std::filesystem::temp_directory_path().string());
   }
-  return casefile::read_mesh(file.path()).map_error([](const casefile::Error &error) {
-    return casefile::Error{"attachment " + std::string(kScalpAttachment) + ": " + error.message};
+  return casefile::read_mesh(file.path()).map_error([&](const casefile::Error &error) {
+    return casefile::Error{"attachment " + name + ": " + error.message};
   });
 }
 
@@ -66,10 +66,13 @@ Result<void> measure_trace(const casefile::SessionReader &reader, const wire::Re
   if (!names) {
     return tl::unexpected(names.error());
   }
-  if (std::find(names->begin(), names->end(), kScalpAttachment) == names->end()) {
+  const auto name = std::find_if(names->begin(), names->end(), [](const std::string &one) {
+    return std::filesystem::path(one).filename() == kScalpAttachment;
+  });
+  if (name == names->end()) {
     return {};
   }
-  auto mesh = attached_mesh(reader);
+  auto mesh = attached_mesh(reader, *name);
   if (!mesh) {
     return tl::unexpected(mesh.error());
   }
@@ -78,7 +81,7 @@ Result<void> measure_trace(const casefile::SessionReader &reader, const wire::Re
   try {
     model.emplace(out.scalp);
   } catch (const std::invalid_argument &error) {
-    return casefile::failure("attachment " + std::string(kScalpAttachment) + ": " + error.what());
+    return casefile::failure("attachment " + *name + ": " + error.what());
   }
   const auto T_image_reference =
       wire::from_wire<geometry::frame::Image, geometry::frame::Reference>(accepted.accepted_T_image_reference);

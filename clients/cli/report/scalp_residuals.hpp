@@ -6,7 +6,7 @@
 
 namespace bregma::cli::report {
 
-inline constexpr const char *kScalpAttachment = "scalp.ply";
+inline constexpr const char *kScalpAttachment = "scalp.ply"; // in whatever folder of the case
 
 // Fills scalp and trace with the surface samples captured since since_ns and up to the acceptance. Nothing is filled,
 // and nothing is wrong, when the file carries no scalp.

@@ -78,7 +78,7 @@ std::string open_svg(Size size, std::string_view title) {
 
 std::string x_axis(const Scale &x, const Frame &frame, const Axis &axis) {
   std::string out;
-  const int wanted = std::max(3, static_cast<int>((frame.right - frame.left) / 90.0));
+  const int wanted = std::max(4, static_cast<int>((frame.right - frame.left) / 75.0));
   for (const double tick : x.ticks(wanted)) {
     out += line_between(x(tick), frame.top, x(tick), frame.bottom, "stroke='#e7eaef'");
     out += label_at(x(tick), frame.bottom + 17.0, "middle", tick_text(tick));

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 
 #include "clients/cli/report/plots.hpp"
 #include "clients/cli/report/svg.hpp"

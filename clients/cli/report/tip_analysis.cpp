@@ -17,6 +17,9 @@ using ImagePose = geometry::Rigid3<frame::Image, frame::Reference>;
 // A restarted tracker counts its frames anew, so a frame's number alone does not name it.
 constexpr std::int64_t kSameFrame_ns = 1'000'000'000;
 
+// The nearest structure is always told; others when the tip came as near as this.
+constexpr double kApproach_mm = 50.0;
+
 struct TrueTip {
   std::int64_t time_ns;
   std::uint32_t tool;
@@ -158,6 +161,9 @@ public:
     }
     std::stable_sort(out_.approaches.begin(), out_.approaches.end(),
                      [](const Approach &a, const Approach &b) { return a.shown_mm < b.shown_mm; });
+    while (out_.approaches.size() > 1 && out_.approaches.back().shown_mm > kApproach_mm) {
+      out_.approaches.pop_back();
+    }
     if (at_target_.samples > 0) {
       at_target_.shown_distance_mm = distribution_of(std::move(shown_distance_)).percentile(0.5);
       at_target_.predicted_rms_mm = distribution_of(std::move(predicted_)).percentile(0.5);

@@ -78,7 +78,7 @@ SessionAnalysis some_session() {
   SessionAnalysis session;
   session.start_ns = 1'700'000'000'000'000'000;
   session.end_ns = session.start_ns + 20'000'000'000;
-  session.meta = {{"case_id", "<colin & 27>"}};
+  session.meta = {{"case", "<colin & 27>"}};
   session.tools = {"Probe", "Stylus"};
   session.has_truth = true;
   for (int i = 0; i < 1000; ++i) {

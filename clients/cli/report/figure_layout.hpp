@@ -1,0 +1,38 @@
+// How plots become figures of the page. Internal to figures.hpp's sources.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "clients/cli/report/plots.hpp"
+
+namespace bregma::cli::report {
+
+// Two pictures of the same: one for a desk, one for a phone; the style sheet shows the one that fits.
+template <class Draw> std::string responsive(Draw &&draw, int wide, int narrow) {
+  return "<div class='wide'>" + draw(wide) + "</div><div class='narrow'>" + draw(narrow) + "</div>";
+}
+
+inline std::string figure(const std::string &picture, std::string_view caption) {
+  return "<figure>" + picture + "<figcaption>" + escape(caption) + "</figcaption></figure>";
+}
+
+inline std::string full_width(const Plot &plot, std::string_view caption) {
+  return figure(responsive(
+                    [&](int width) {
+                      return plot_svg(plot, {width, width > 600 ? 320 : 300});
+                    },
+                    1060, 420),
+                caption);
+}
+
+inline std::string half_width(const Plot &plot, std::string_view caption) {
+  return figure(responsive(
+                    [&](int width) {
+                      return plot_svg(plot, {width, width > 450 ? 370 : 340});
+                    },
+                    520, 420),
+                caption);
+}
+
+} // namespace bregma::cli::report
