@@ -1,6 +1,7 @@
 // Names and poses as they stand on the wire, and their values in C++. The one border between the two.
 #pragma once
 
+#include <algorithm>
 #include <cstring>
 #include <limits>
 #include <string>
@@ -35,10 +36,9 @@ inline constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 // A person's message in a bounded string; the end of a text that is too long is replaced by "...".
 template <std::size_t N> void set_text(char (&out)[N], std::string_view message) noexcept {
   static_assert(N > 4);
-  const bool fits = message.size() < N;
-  const std::size_t length = fits ? message.size() : N - 1;
-  std::memcpy(out, message.data(), length);
-  if (!fits) {
+  const std::size_t length = std::min(message.size(), N - 1);
+  message.copy(out, length);
+  if (length < message.size()) {
     std::memcpy(out + N - 4, "...", 3);
   }
   out[length] = '\0';

@@ -1,7 +1,9 @@
 #include "casefile/volumes/case_builder.hpp"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
+#include <cstdio>
 #include <limits>
 #include <map>
 #include <system_error>
@@ -303,18 +305,22 @@ Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sourc
 }
 
 Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, const Surface &surface, double max_mm) {
+  std::vector<Eigen::Vector3d> places;
+  for (const NamedPoint &point : points) {
+    places.push_back(point.position_mm);
+  }
+  const std::vector<Eigen::Vector3d> nearest = nearest_on_surface(surface.mesh, places);
   std::vector<SnappedPoint> moves;
   std::vector<NamedPoint> snapped = points;
-  for (NamedPoint &point : snapped) {
-    const Eigen::Vector3d nearest = nearest_on_surface(surface.mesh, point.position_mm);
-    moves.push_back({point.name, (nearest - point.position_mm).norm()});
+  for (std::size_t at = 0; at < points.size(); ++at) {
+    moves.push_back({points[at].name, (nearest[at] - places[at]).norm()});
     if (!(moves.back().moved_mm <= max_mm)) {
-      char text[64];
-      std::snprintf(text, sizeof text, "%.1f mm", moves.back().moved_mm);
-      return failure("\"" + point.name + "\" lies " + text + " from the " + surface.name +
+      std::array<char, 64> text{};
+      std::snprintf(text.data(), text.size(), "%.1f mm", moves.back().moved_mm);
+      return failure("\"" + points[at].name + "\" lies " + text.data() + " from the " + surface.name +
                      ", too far to be moved onto it");
     }
-    point.position_mm = nearest;
+    snapped[at].position_mm = nearest[at];
   }
   points = std::move(snapped);
   return moves;

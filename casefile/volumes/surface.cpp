@@ -237,8 +237,13 @@ Result<ExtractedSurface> extract_surface(const LabelVolume &volume, std::span<co
   return extract(options, progress, [&](const Step &step) { return region_field(volume, labels, options, step); });
 }
 
-Eigen::Vector3d nearest_on_surface(const TriangleMesh &mesh, const Eigen::Vector3d &point_mm) {
-  return NearestPoint(to_vtk(mesh)).of(point_mm);
+std::vector<Eigen::Vector3d> nearest_on_surface(const TriangleMesh &mesh, std::span<const Eigen::Vector3d> points_mm) {
+  NearestPoint nearest(to_vtk(mesh));
+  std::vector<Eigen::Vector3d> out;
+  for (const Eigen::Vector3d &point : points_mm) {
+    out.push_back(nearest.of(point));
+  }
+  return out;
 }
 
 } // namespace bregma::casefile

@@ -13,6 +13,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "algorithms/geometry/triangle_mesh.hpp"
 #include "casefile/result.hpp"
@@ -66,7 +67,9 @@ struct MeshCheck {
 };
 [[nodiscard]] MeshCheck check_mesh(const geometry::TriangleMesh &mesh);
 
-// The nearest point on the surface, not only among its vertices.
-[[nodiscard]] Eigen::Vector3d nearest_on_surface(const geometry::TriangleMesh &mesh, const Eigen::Vector3d &point_mm);
+// For each point the nearest one on the surface, not only among its vertices. Sorts the mesh first: ask for many at
+// once.
+[[nodiscard]] std::vector<Eigen::Vector3d> nearest_on_surface(const geometry::TriangleMesh &mesh,
+                                                              std::span<const Eigen::Vector3d> points_mm);
 
 } // namespace bregma::casefile

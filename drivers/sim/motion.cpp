@@ -92,7 +92,7 @@ HandPose Glide::at(double since_start_s) const {
   return out;
 }
 
-Swing::Swing(const HandPose &rest, std::array<Amplitude, 3> amplitudes, double duration_s)
+Swing::Swing(const HandPose &rest, const std::array<Amplitude, 3> &amplitudes, double duration_s)
     : rest_(rest), amplitudes_(amplitudes), duration_s_(duration_s) {}
 
 HandPose Swing::at(double since_start_s) const {

@@ -77,7 +77,7 @@ public:
     double angle_rad;
     double frequency_hz;
   };
-  Swing(const HandPose &rest, std::array<Amplitude, 3> amplitudes, double duration_s);
+  Swing(const HandPose &rest, const std::array<Amplitude, 3> &amplitudes, double duration_s);
   [[nodiscard]] double duration_s() const override { return duration_s_; }
   [[nodiscard]] HandPose at(double since_start_s) const override;
 

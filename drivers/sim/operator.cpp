@@ -35,13 +35,14 @@ Operator::Operator(const casefile::Case &a_case, const Scenario &scenario, const
 }
 
 void Operator::check(const Step &step) const {
-  const std::string who = "step " + step.name + ": case " + case_->id + " has no ";
+  const auto refuse = [this, &step](const std::string &what) {
+    throw std::invalid_argument("step " + step.name + ": case " + case_->id + " has no " + what);
+  };
   if (needs_tool(step.kind)) {
     const auto *tool = case_->tool(step.tool);
     if (tool == nullptr) {
-      throw std::invalid_argument(who + "tool '" + step.tool + "'");
-    }
-    if (tool->role == casefile::ToolRole::kReference) {
+      refuse("tool '" + step.tool + "'");
+    } else if (tool->role == casefile::ToolRole::kReference) {
       throw std::invalid_argument("step " + step.name + ": '" + step.tool +
                                   "' is the reference, it stays in its clamp");
     }
@@ -49,12 +50,15 @@ void Operator::check(const Step &step) const {
   const bool navigates =
       step.kind == StepKind::kFollowTrajectory || (step.kind == StepKind::kStartNavigation && !step.trajectory.empty());
   if (navigates && case_->trajectory(step.trajectory) == nullptr) {
-    throw std::invalid_argument(who + "trajectory '" + step.trajectory + "'");
+    refuse("trajectory '" + step.trajectory + "'");
   }
+  const bool fiducials = step.kind == StepKind::kTouchFiducials;
   for (const std::string &point : step.points) {
-    const bool fiducials = step.kind == StepKind::kTouchFiducials;
-    if ((fiducials ? case_->fiducial(point) : case_->landmark(point)) == nullptr) {
-      throw std::invalid_argument(who + (fiducials ? "fiducial '" : "landmark '") + point + "'");
+    if (fiducials && case_->fiducial(point) == nullptr) {
+      refuse("fiducial '" + point + "'");
+    }
+    if (!fiducials && case_->landmark(point) == nullptr) {
+      refuse("landmark '" + point + "'");
     }
   }
 }

@@ -53,6 +53,7 @@ template <class Enum, std::size_t N>
 Enum require_enum(TableReader &table, std::string_view key,
                   const std::array<std::pair<std::string_view, Enum>, N> &names) {
   std::vector<std::string> choices;
+  choices.reserve(N);
   for (const auto &entry : names) {
     choices.emplace_back(entry.first);
   }

@@ -22,7 +22,7 @@ wire::ForceSample ForceSensor::sample(const TrueTool *probe, const T_ImageTip &T
   const Vector3d torque = noise_.normal3(kArm_mm * noise_N_);
   if (probe != nullptr) {
     const Vector3d axis = probe->model.axis.normalized();
-    const Vector3d tip = T_image_tip.translation();
+    const Vector3d &tip = T_image_tip.translation();
     const double elapsed_s = static_cast<double>(time_ns - last_ns_) * 1e-9;
     if (last_ns_ != 0 && elapsed_s > 0.0) {
       const double speed = (tip - last_tip_).dot(T_image_tip.rotation() * axis) / elapsed_s;

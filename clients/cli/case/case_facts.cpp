@@ -24,11 +24,20 @@ SurfaceFacts facts_of(const casefile::Surface &surface) {
   return {surface.name, static_cast<int>(surface.mesh.vertices_mm.size()), check.volume_ml, check.area_cm2};
 }
 
-void add_points(const Case &c, const std::vector<casefile::NamedPoint> &points, const std::string &list,
-                CaseFacts &facts) {
+void add_points(const std::vector<casefile::NamedPoint> &points, const std::string &list, CaseFacts &facts) {
   for (const casefile::NamedPoint &point : points) {
-    const Eigen::Vector3d nearest = casefile::nearest_on_surface(c.scalp.mesh, point.position_mm);
-    facts.points.push_back({point.name, list, point.position_mm, (nearest - point.position_mm).norm()});
+    facts.points.push_back({point.name, list, point.position_mm, 0.0});
+  }
+}
+
+void measure_to_scalp(const Case &c, CaseFacts &facts) {
+  std::vector<Eigen::Vector3d> places;
+  for (const PointFacts &point : facts.points) {
+    places.push_back(point.position_mm);
+  }
+  const std::vector<Eigen::Vector3d> nearest = casefile::nearest_on_surface(c.scalp.mesh, places);
+  for (std::size_t at = 0; at < nearest.size(); ++at) {
+    facts.points[at].to_scalp_mm = (nearest[at] - places[at]).norm();
   }
 }
 
@@ -59,9 +68,10 @@ CaseFacts facts_of(const Case &c) {
     facts.surfaces.push_back(facts_of(structure));
     meshes.push_back({structure.name, structure.mesh});
   }
-  add_points(c, c.fiducials, "fiducial", facts);
-  add_points(c, c.landmarks, "landmark", facts);
-  add_points(c, c.targets, "target", facts);
+  add_points(c.fiducials, "fiducial", facts);
+  add_points(c.landmarks, "landmark", facts);
+  add_points(c.targets, "target", facts);
+  measure_to_scalp(c, facts);
   const planning::CriticalStructures structures(meshes);
   for (const casefile::Trajectory &trajectory : c.trajectories) {
     TrajectoryFacts path{trajectory.name, (trajectory.target_mm - trajectory.entry_mm).norm(), {}};

@@ -4,7 +4,7 @@
 
 namespace {
 
-using bregma::tests::Run;
+using bregma::tests::Outcome;
 using bregma::tests::run_bregma;
 using bregma::tests::TempFolder;
 
@@ -12,7 +12,7 @@ const std::string kSource = "name,x,y,z\nA,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\
 // A quarter turn about z and (10, 20, 30), in another order.
 const std::string kTarget = "C,-70,20,30\nA,10,20,30\n# a remark\n\nD,10,20,90\nB,10,120,30\n";
 
-Run register_points(const std::string &source, const std::string &target, const std::string &options = "") {
+Outcome register_points(const std::string &source, const std::string &target, const std::string &options = "") {
   const TempFolder folder;
   folder.write("source.csv", source);
   folder.write("target.csv", target);
@@ -20,7 +20,7 @@ Run register_points(const std::string &source, const std::string &target, const 
 }
 
 TEST(RegisterPoints, PairsByNameAndGivesBothDirections) {
-  const Run run = register_points(kSource, kTarget, "--json");
+  const Outcome run = register_points(kSource, kTarget, "--json");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   const auto json = run.json();
   const auto forth = json["T_target_source"];
@@ -34,13 +34,13 @@ TEST(RegisterPoints, PairsByNameAndGivesBothDirections) {
 }
 
 TEST(RegisterPoints, WithoutNamesTheOrderCounts) {
-  const Run run = register_points("0,0,0\n100,0,0\n0,80,0\n", "10,20,30\n10,120,30\n-70,20,30\n", "--json");
+  const Outcome run = register_points("0,0,0\n100,0,0\n0,80,0\n", "10,20,30\n10,120,30\n-70,20,30\n", "--json");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   EXPECT_NEAR(run.json()["fre_mm"].get<double>(), 0.0, 1e-6);
 }
 
 TEST(RegisterPoints, TheTableShowsResidualsAndSaysWhatFreIsNot) {
-  const Run run = register_points(kSource, "A,10,20.3,30\nB,10,120,30\nC,-70,20,30.4\nD,10,20,90\n", "--at 0 0 100");
+  const Outcome run = register_points(kSource, "A,10,20.3,30\nB,10,120,30\nC,-70,20,30.4\nD,10,20,90\n", "--at 0 0 100");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   for (const char *text : {"T_target_source", "T_source_target", "Residual mm", "Left out mm",
                            "a figure of consistency, not of accuracy", "estimated from the residuals",
@@ -50,14 +50,14 @@ TEST(RegisterPoints, TheTableShowsResidualsAndSaysWhatFreIsNot) {
 }
 
 TEST(RegisterPoints, AStatedErrorThatTheResidualsContradictIsRefused) {
-  const Run run = register_points(kSource, "A,10,23,30\nB,10,120,30\nC,-70,20,30\nD,10,20,90\n", "--sigma-mm 0.2");
+  const Outcome run = register_points(kSource, "A,10,23,30\nB,10,120,30\nC,-70,20,30\nD,10,20,90\n", "--sigma-mm 0.2");
   EXPECT_EQ(run.exit_code, 1);
   EXPECT_EQ(run.err.rfind("bregma: refused: the residuals are too large for the stated error", 0), 0U) << run.err;
   EXPECT_EQ(register_points(kSource, kTarget, "--sigma-mm 0.2").exit_code, 0);
 }
 
 TEST(RegisterPoints, PointsThatFixNoPoseAreRefused) {
-  Run run = register_points("0,0,0\n1,0,0\n", "0,0,0\n1,0,0\n");
+  Outcome run = register_points("0,0,0\n1,0,0\n", "0,0,0\n1,0,0\n");
   EXPECT_EQ(run.exit_code, 1);
   EXPECT_EQ(run.err, "bregma: refused: 2 points; 3 are needed, and at most 64 are taken\n");
   const std::string line = "0,0,0\n50,0,0\n100,1,0\n";
@@ -71,7 +71,7 @@ TEST(RegisterPoints, PointsThatFixNoPoseAreRefused) {
 
 TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
   const auto error_of = [](const std::string &source, const std::string &target) {
-    const Run run = register_points(source, target);
+    const Outcome run = register_points(source, target);
     EXPECT_EQ(run.exit_code, 2);
     return run.err;
   };

@@ -12,14 +12,14 @@
 
 namespace bregma::tests {
 
-struct Run {
+struct Outcome {
   int exit_code = -1;
   std::string out, err;
   [[nodiscard]] nlohmann::json json() const { return nlohmann::json::parse(out, nullptr, false); }
 };
 
 // arguments as in a shell; the working folder is the given one.
-inline Run run_bregma(const TempFolder &folder, const std::string &arguments) {
+inline Outcome run_bregma(const TempFolder &folder, const std::string &arguments) {
   const std::string out = (folder.path() / ".out").string();
   const std::string err = (folder.path() / ".err").string();
   const std::string command = "cd '" + folder.path().string() + "' && '" BREGMA_PROGRAM "' " + arguments + " >'" + out +

@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstring>
 
 #include "idl/names.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
@@ -109,7 +108,7 @@ TEST(Faults, BadSamplesAreBadAsNamed) {
     std::map<std::uint64_t, int> seen;
     for (const auto &frame : bad.all.frames) {
       const auto &good = clean.all.frames.at(frame.frame - 1);
-      if (std::memcmp(&frame, &good, sizeof(frame)) != 0 || seen[frame.frame]++ > 0) {
+      if (!same_bytes(&frame, &good, sizeof(frame)) || seen[frame.frame]++ > 0) {
         out.push_back(frame);
       }
     }
@@ -136,7 +135,7 @@ TEST(Faults, BadSamplesAreBadAsNamed) {
       [](const Frame &f, const Frame &g) { return f.device_time_ns > g.device_time_ns + 3'000'000'000'000; });
   all("unknown_tool", n, [](const Frame &f, const Frame &) { return wire::view(f.tools[0].tool) == "Stranger"; });
   all("malformed", n, [](const Frame &f, const Frame &) { return f.tool_count > bregma_wire_MAX_TOOLS; });
-  all("duplicate", n + 7, [](const Frame &f, const Frame &g) { return std::memcmp(&f, &g, sizeof(f)) == 0; });
+  all("duplicate", n + 7, [](const Frame &f, const Frame &g) { return same_bytes(&f, &g, sizeof(f)); });
   all("unknown_device", n + 7, [](const Frame &f, const Frame &) { return wire::view(f.device) == "Stranger"; });
 }
 

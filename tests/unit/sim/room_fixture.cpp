@@ -1,5 +1,6 @@
 #include "tests/unit/sim/room_fixture.hpp"
 
+#include <cstring>
 #include <stdexcept>
 
 #include "idl/names.hpp"
@@ -132,6 +133,9 @@ Recording play_for(SimulatedRoom &room, double seconds, std::int64_t step_ns) {
   ScriptedDaemon daemon;
   return play(room, daemon, seconds, step_ns);
 }
+
+// The room zero-fills its samples, padding included.
+bool same_bytes(const void *a, const void *b, std::size_t size) { return std::memcmp(a, b, size) == 0; }
 
 const wire::TrueTool *find(const wire::SimulatedTruth &truth, const std::string &tool) {
   for (std::uint32_t i = 0; i < truth.tool_count; ++i) {

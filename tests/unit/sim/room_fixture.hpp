@@ -52,6 +52,11 @@ struct Recording {
                              std::int64_t step_ns = 2'000'000);
 [[nodiscard]] Recording play_for(SimulatedRoom &room, double seconds, std::int64_t step_ns = 2'000'000);
 
+[[nodiscard]] bool same_bytes(const void *a, const void *b, std::size_t size);
+template <class T> [[nodiscard]] bool same_bytes(const std::vector<T> &a, const std::vector<T> &b) {
+  return a.size() == b.size() && same_bytes(a.data(), b.data(), a.size() * sizeof(T));
+}
+
 [[nodiscard]] const wire::TrueTool *find(const wire::SimulatedTruth &truth, const std::string &tool);
 [[nodiscard]] const wire::TrackedTool *find(const wire::TrackerFrame &frame, const std::string &tool);
 [[nodiscard]] Eigen::Vector3d translation(const wire::Pose &pose);

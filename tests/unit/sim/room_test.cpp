@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include "idl/names.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
@@ -19,10 +18,6 @@ Recording short_run(std::uint64_t seed, std::int64_t step_ns) {
   SimulatedRoom room(make_case(), scenario_of("[tracker]\nrate_hz = 100\nmissing_share = 0.05\n" + kShort), seed);
   ScriptedDaemon daemon;
   return play(room, daemon, 60.0, step_ns);
-}
-
-template <class T> bool same_bytes(const std::vector<T> &a, const std::vector<T> &b) {
-  return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(T)) == 0;
 }
 
 } // namespace
@@ -52,7 +47,7 @@ TEST(SimulatedRoom, TheStepsInWhichTimeIsToldDoNotMatter) {
   const std::size_t common = std::min(fine.all.frames.size(), coarse.all.frames.size());
   ASSERT_GT(common, 450U);
   for (std::size_t i = 0; i < common; ++i) {
-    ASSERT_EQ(std::memcmp(&fine.all.frames[i], &coarse.all.frames[i], sizeof(wire::TrackerFrame)), 0) << i;
+    ASSERT_TRUE(same_bytes(&fine.all.frames[i], &coarse.all.frames[i], sizeof(wire::TrackerFrame))) << i;
   }
 }
 

@@ -1,0 +1,300 @@
+// From the write of a tracker frame to a client's take of the navigation state made from it: through bregmad with all
+// its loops at work, beside a bare relay that takes a frame and writes states of the same size over the same DDS
+// settings. The frames come from the simulated operating room, a process of its own, in both cases; so does each
+// client.
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdint>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <thread>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "bench/record.hpp"
+#include "idl/dds.hpp"
+#include "idl/names.hpp"
+#include "tests/support/process.hpp"
+#include "tests/support/virtual_operation.hpp"
+
+namespace {
+
+using namespace bregma;
+using Clock = std::chrono::system_clock;
+
+constexpr std::uint64_t kSeed = 1;
+constexpr const char *kTool = "Probe";
+constexpr int kClients = 20;
+constexpr double kWarmUp_s = 2.0;
+
+std::int64_t now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
+}
+
+std::atomic<bool> stopping{false};
+
+// Two hops and nothing between them: one state for each tool that the daemon would publish.
+int relay(std::uint32_t domain) {
+  std::signal(SIGTERM, [](int) { stopping = true; });
+  const dds::Participant participant(domain);
+  const dds::Writer<wire::NavigationState> states(participant);
+  const dds::Reader<wire::Command> commands(participant); // the room waits for somebody who listens
+  const dds::Writer<wire::CommandReply> replies(participant);
+  const dds::Writer<wire::SystemHealth> health(participant);
+  dds::Reader<wire::TrackerFrame> frames(participant);
+  dds::WaitSet wait(participant);
+  wait.attach(frames);
+  wire::NavigationState state{};
+  while (!stopping) {
+    wait.wait(std::chrono::milliseconds(100));
+    const std::size_t taken = frames.take_each([&](const wire::TrackerFrame &frame, const auto &) {
+      for (const char *tool : {"Stylus", kTool}) {
+        (void)wire::set_name(state.tool, tool);
+        state.frame = frame.frame;
+        state.frame_sent_time_ns = frame.sent_time_ns;
+        (void)states.write(state);
+      }
+    });
+    if (taken == 0) {
+      (void)frames.status(); // lets the wait set sleep after a missed deadline
+    }
+  }
+  return 0;
+}
+
+// Writes one latency (int64, ns) a frame to the file.
+int client(std::uint32_t domain, double seconds, const std::string &file) {
+  const dds::Participant participant(domain);
+  dds::Reader<wire::NavigationState> states(participant);
+  dds::WaitSet wait(participant);
+  wait.attach(states);
+  std::vector<std::int64_t> latencies;
+  latencies.reserve(1 << 20);
+  std::uint64_t last_frame = 0;
+  const std::int64_t begin_ns = now_ns() + static_cast<std::int64_t>(kWarmUp_s * 1e9);
+  const std::int64_t end_ns = begin_ns + static_cast<std::int64_t>(seconds * 1e9);
+  while (now_ns() < end_ns) {
+    wait.wait(std::chrono::milliseconds(100));
+    const std::size_t taken = states.take_each([&](const wire::NavigationState &state, const auto &) {
+      const std::int64_t taken_ns = now_ns();
+      // A state that is published again without a new frame says nothing about the way of a frame.
+      if (wire::view(state.tool) == kTool && state.frame != last_frame && taken_ns >= begin_ns) {
+        latencies.push_back(taken_ns - state.frame_sent_time_ns);
+      }
+      last_frame = wire::view(state.tool) == kTool ? state.frame : last_frame;
+    });
+    if (taken == 0) {
+      (void)states.status();
+    }
+  }
+  std::ofstream out(file, std::ios::binary);
+  out.write(reinterpret_cast<const char *>(latencies.data()),
+            static_cast<std::streamsize>(latencies.size() * sizeof latencies[0]));
+  return out.good() ? 0 : 1;
+}
+
+std::vector<double> microseconds_in(const std::string &file) {
+  std::ifstream in(file, std::ios::binary);
+  std::vector<double> out;
+  std::int64_t value = 0;
+  while (in.read(reinterpret_cast<char *>(&value), sizeof value)) {
+    out.push_back(1e-3 * static_cast<double>(value));
+  }
+  return out;
+}
+
+class Bench {
+public:
+  Bench(std::string self, std::string case_folder, std::string scenario_file, std::uint32_t domain, double seconds)
+      : self_(std::move(self)), bin_(std::filesystem::path(self_).parent_path()), case_folder_(std::move(case_folder)),
+        scenario_file_(std::move(scenario_file)), domain_(domain), seconds_(seconds) {}
+
+  std::vector<double> through_relay(double rate_hz) {
+    const test::Process relaying({self_, "--relay", "--domain", domain_text()}, log("relay"));
+    const std::string waiting = (folder_.path() / "wait.toml").string();
+    std::ofstream(waiting) << "[[steps]]\ndo = \"wait\"\nduration_s = 3600.0\n";
+    const auto room = start_room(waiting, rate_hz);
+    return measure(1, -1);
+  }
+
+  // The probe is navigated when this returns; the processes run until the next call.
+  void start_operation(double rate_hz) {
+    operation_room_.reset();
+    operation_daemon_.reset();
+    const auto a_case = casefile::load_case(case_folder_);
+    auto scenario = sim::load_scenario(scenario_file_);
+    if (!a_case || !scenario) {
+      throw std::runtime_error(a_case ? scenario.error().message : a_case.error().message);
+    }
+    const auto accepted = std::find_if(scenario->steps.begin(), scenario->steps.end(), [](const sim::Step &step) {
+      return step.kind == sim::StepKind::kAcceptRegistration;
+    });
+    scenario->steps.erase(std::next(accepted), scenario->steps.end());
+    server::Config config;
+    config.state.directory = (folder_.path() / "state").string();
+    test::VirtualOperation registering(*a_case, *scenario, kSeed, config);
+    if (!registering.run()) {
+      throw std::runtime_error(registering.failure());
+    }
+    const std::string navigating = (folder_.path() / "navigate.toml").string();
+    std::ofstream(navigating) << "[[steps]]\ndo = \"check_landmarks\"\ntool = \"Stylus\"\n"
+                                 "[[steps]]\ndo = \"confirm_verification\"\n"
+                                 "[[steps]]\ndo = \"start_navigation\"\ntool = \"Probe\"\ntrajectory = \""
+                              << a_case->trajectories.front().name
+                              << "\"\n[[steps]]\ndo = \"follow_trajectory\"\ntool = \"Probe\"\nduration_s = 3600.0\n"
+                                 "trajectory = \""
+                              << a_case->trajectories.front().name << "\"\n";
+    operation_daemon_ = std::make_unique<test::Process>(
+        std::vector<std::string>{(bin_ / "bregmad").string(), "--set", "domain_id=" + domain_text(), "--set",
+                                 "state.directory=" + config.state.directory},
+        log("bregmad"));
+    operation_room_ = start_room(navigating, rate_hz);
+    wait_until_live();
+  }
+
+  // Latencies of all clients but the stopped one (-1: none is stopped).
+  std::vector<double> measure(int clients, int stopped) {
+    std::vector<std::unique_ptr<test::Process>> running;
+    running.reserve(static_cast<std::size_t>(clients));
+    for (int i = 0; i < clients; ++i) {
+      running.push_back(std::make_unique<test::Process>(std::vector<std::string>{self_, "--client", latencies(i),
+                                                                                 "--domain", domain_text(), "--seconds",
+                                                                                 std::to_string(seconds_)},
+                                                        log("client")));
+    }
+    if (stopped >= 0) {
+      std::this_thread::sleep_for(std::chrono::duration<double>(0.5 * kWarmUp_s)); // it has joined by then
+      running[static_cast<std::size_t>(stopped)]->signal(SIGSTOP);
+    }
+    std::vector<double> out;
+    for (int i = 0; i < clients; ++i) {
+      if (i == stopped) {
+        continue;
+      }
+      if (running[static_cast<std::size_t>(i)]->wait(seconds_ + 60.0) != 0) {
+        throw std::runtime_error("a client failed: " + running[static_cast<std::size_t>(i)]->log());
+      }
+      const auto one = microseconds_in(latencies(i));
+      out.insert(out.end(), one.begin(), one.end());
+    }
+    if (out.empty()) {
+      throw std::runtime_error("no state reached the clients");
+    }
+    return out;
+  }
+
+private:
+  [[nodiscard]] std::string domain_text() const { return std::to_string(domain_); }
+  [[nodiscard]] std::string log(const std::string &who) const { return (folder_.path() / (who + ".log")).string(); }
+  [[nodiscard]] std::string latencies(int i) const {
+    return (folder_.path() / ("client-" + std::to_string(i))).string();
+  }
+
+  std::unique_ptr<test::Process> start_room(const std::string &scenario, double rate_hz) const {
+    return std::make_unique<test::Process>(std::vector<std::string>{(bin_ / "bregma-sim-room").string(), "--case",
+                                                                    case_folder_, "--scenario", scenario, "--seed",
+                                                                    std::to_string(kSeed), "--domain", domain_text(),
+                                                                    "--rate", std::to_string(rate_hz)},
+                                           log("room"));
+  }
+
+  void wait_until_live() {
+    const dds::Participant participant(domain_);
+    dds::Reader<wire::NavigationState> states(participant);
+    bool live = false;
+    for (int i = 0; i < 9000 && !live; ++i) {
+      states.take_each([&](const wire::NavigationState &state, const auto &) {
+        live = live || (wire::view(state.tool) == kTool && state.status == bregma_wire_POSE_LIVE &&
+                        state.session == bregma_wire_SESSION_NAVIGATING);
+      });
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    if (!live) {
+      throw std::runtime_error("the probe was never navigated\n" + operation_daemon_->log() + operation_room_->log());
+    }
+  }
+
+  std::string self_;
+  std::filesystem::path bin_;
+  std::string case_folder_;
+  std::string scenario_file_;
+  std::uint32_t domain_;
+  double seconds_;
+  test::TemporaryFolder folder_;
+  std::unique_ptr<test::Process> operation_daemon_;
+  std::unique_ptr<test::Process> operation_room_;
+};
+
+void run(Bench &bench, bench::Report &report) {
+  const auto share = [](std::vector<double> &values, double p) { return bench::percentile(values, p); };
+  for (const double rate_hz : {250.0, 1000.0}) {
+    auto floor = bench.through_relay(rate_hz);
+    bench.start_operation(rate_hz);
+    auto daemon = bench.measure(1, -1);
+    const std::string name = "latency." + std::to_string(static_cast<int>(rate_hz)) + "hz";
+    report.note(std::to_string(daemon.size()) + " frames through bregmad, " + std::to_string(floor.size()) +
+                " through the relay, at " + std::to_string(static_cast<int>(rate_hz)) + " frames/s");
+    const double floor_p50 = share(floor, 0.5);
+    const double floor_p999 = share(floor, 0.999);
+    report.add(
+        bench::beside(bench::at_most(name + ".p50", share(daemon, 0.5), "us", 2.0 * floor_p50), floor_p50, "relay"));
+    report.add(bench::beside(bench::figure(name + ".p99", share(daemon, 0.99), "us"), share(floor, 0.99), "relay"));
+    report.add(bench::beside(bench::at_most(name + ".p99.9", share(daemon, 0.999), "us", 4.0 * floor_p999), floor_p999,
+                             "relay"));
+    if (rate_hz == 250.0) {
+      auto all = bench.measure(kClients, -1);
+      auto others = bench.measure(kClients, 0);
+      const double before = share(all, 0.99);
+      report.add(
+          bench::beside(bench::at_most("latency.20_clients.one_stopped.p99", share(others, 0.99), "us", 1.2 * before),
+                        before, "none stopped"));
+    }
+  }
+}
+
+int serve(int argc, char **argv) {
+  bench::Options options;
+  std::string case_folder = "out/cases/colin27";
+  std::string scenario = "demo/colin27/scenario.toml";
+  std::uint32_t domain = 90;
+  double seconds = 0.0;
+  std::string client_file;
+  bool relaying = false;
+  CLI::App app("Latency from the write of a tracker frame to a client's take, beside a bare relay");
+  bench::add_options(app, options);
+  app.add_option("--case", case_folder, "case folder")->capture_default_str();
+  app.add_option("--scenario", scenario, "scenario that registers the patient")->capture_default_str();
+  app.add_option("--domain", domain, "DDS domain")->capture_default_str();
+  app.add_option("--seconds", seconds, "length of each measurement; default 30, with --quick 4");
+  // The roles that this program gives to copies of itself.
+  app.add_flag("--relay", relaying)->group("");
+  app.add_option("--client", client_file)->group("");
+  CLI11_PARSE(app, argc, argv);
+  if (relaying) {
+    return relay(domain);
+  }
+  if (!client_file.empty()) {
+    return client(domain, seconds, client_file);
+  }
+  const double length = seconds > 0.0 ? seconds : (options.quick ? 4.0 : 30.0);
+  Bench measuring(std::filesystem::canonical("/proc/self/exe").string(), case_folder, scenario, domain, length);
+  bench::Report report(options.json);
+  run(measuring, report);
+  return report.all_hold() ? 0 : 1;
+}
+
+} // namespace
+
+int main(int argc, char **argv) {
+  try {
+    return serve(argc, argv);
+  } catch (const std::exception &error) {
+    std::fprintf(stderr, "bench_latency: %s\n", error.what());
+    return 2;
+  }
+}

@@ -1,0 +1,265 @@
+#include "casefile/volumes/case_builder.hpp"
+
+#include <cstdlib>
+
+#include <gtest/gtest.h>
+
+#include "casefile/markups.hpp"
+#include "casefile/volumes/case_picture.hpp"
+#include "casefile/volumes/volume.hpp"
+#include "files.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+namespace fs = std::filesystem;
+using test::Scratch;
+
+constexpr const char *kTools = R"([[tools]]
+name = "Reference"
+role = "reference"
+markers_mm = [[0, 0, 0], [60, 0, 0], [0, 40, 0]]
+)";
+
+// A ball for a head, a smaller one for a brain, two regions in it, and a plan.
+class SmallHead {
+public:
+  SmallHead() {
+    Volume head = ball(40.0);
+    Volume brain = ball(30.0);
+    Volume labels = ball(0.0);
+    for (int i = -1; i <= 1; ++i) {
+      for (int j = 0; j < 18; ++j) {
+        for (int k = 0; k < 18; ++k) {
+          labels.voxels[labels.offset(30 + i, 40 + j, 40 + k)] = 3.0F;
+          labels.voxels[labels.offset(60 + i, 40 + j, 40 + k)] = 4.0F;
+        }
+      }
+    }
+    EXPECT_TRUE(write_volume(scratch / "head.nii.gz", head) && write_volume(scratch / "brain.nrrd", brain) &&
+                write_volume(scratch / "labels.nii.gz", labels));
+    test::write_bytes(scratch / "labels.nii.txt", "3 Cuneus_L\n4 Cuneus_R\n");
+    test::write_bytes(scratch / "tools.toml", kTools);
+    const NamedPoint fiducials[] = {{"A", {42, 0, 0}}, {"B", {-39, 0, 0}}, {"C", {0, 40, 0}}, {"D", {0, 0, 41}}};
+    const NamedPoint target[] = {{"T", {5, 5, 5}}};
+    const Trajectory path[] = {{"P", {0, 0, 40}, {5, 5, 5}}};
+    EXPECT_TRUE(write_points(scratch / "f.mrk.json", "f", fiducials) &&
+                write_points(scratch / "t.mrk.json", "t", target) && write_trajectories(scratch / "p.mrk.json", path));
+  }
+
+  [[nodiscard]] CaseSources sources() const {
+    CaseSources out;
+    out.id = "ball";
+    out.image = scratch / "head.nii.gz";
+    out.brain = scratch / "brain.nrrd";
+    out.labels = scratch / "labels.nii.gz";
+    out.structures = {{"Left", {"Cuneus_L"}}, {"Both", {"Cuneus_L", "4"}}};
+    out.fiducials = scratch / "f.mrk.json";
+    out.targets = scratch / "t.mrk.json";
+    out.trajectories = scratch / "p.mrk.json";
+    out.tools = scratch / "tools.toml";
+    out.vertices = 1500;
+    return out;
+  }
+
+  // What lies in the folder beside the case: nothing half-made may be left.
+  [[nodiscard]] int hidden_entries() const {
+    int count = 0;
+    for (const auto &entry : fs::directory_iterator(scratch.path())) {
+      count += entry.path().filename().string().starts_with(".") ? 1 : 0;
+    }
+    return count;
+  }
+
+  Scratch scratch;
+
+private:
+  static Volume ball(double radius_mm) {
+    Volume volume;
+    volume.size = {92, 90, 94};
+    volume.T_image_index.col(3) << -45.0, -44.0, -46.0, 1.0;
+    for (int k = 0; k < volume.size[2]; ++k) {
+      for (int j = 0; j < volume.size[1]; ++j) {
+        for (int i = 0; i < volume.size[0]; ++i) {
+          volume.voxels.push_back(volume.point_mm({double(i), double(j), double(k)}).norm() < radius_mm ? 100.0F
+                                                                                                        : 0.0F);
+        }
+      }
+    }
+    return volume;
+  }
+};
+
+TEST(CreateCase, MakesAFolderThatLoads) {
+  const SmallHead head;
+  const fs::path folder = head.scratch / "case";
+  std::string last_stage;
+  const auto created = create_case(folder, head.sources(), false, [&](double, std::string_view stage) {
+    last_stage = stage;
+    return true;
+  });
+  ASSERT_TRUE(created) << created.error().message;
+  EXPECT_EQ("done", last_stage);
+  EXPECT_EQ(4U, created->surfaces.size());
+  const auto loaded = load_case(folder);
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_EQ("ball", loaded->id);
+  EXPECT_TRUE(fs::exists(loaded->image));
+  EXPECT_EQ(test::read_bytes(head.scratch / "head.nii.gz"), test::read_bytes(loaded->image))
+      << "the image is kept as it is";
+  ASSERT_EQ(2U, loaded->structures.size());
+  EXPECT_EQ("Left", loaded->structures[0].name);
+  EXPECT_EQ(2, check_mesh(loaded->structures[1].mesh).components);
+  EXPECT_TRUE(check_mesh(loaded->scalp.mesh).closed);
+  EXPECT_NEAR(268.0, check_mesh(loaded->scalp.mesh).volume_ml, 4.0); // 4/3 pi 40^3
+  EXPECT_TRUE(loaded->fiducials[0].position_mm.isApprox(Eigen::Vector3d(42, 0, 0), 1e-9))
+      << "not moved unless asked to";
+  EXPECT_EQ(0, head.hidden_entries());
+}
+
+TEST(CreateCase, SnapsPointsOntoTheScalp) {
+  const SmallHead head;
+  CaseSources sources = head.sources();
+  sources.snap = true;
+  ASSERT_TRUE(create_case(head.scratch / "case", sources, false));
+  const auto loaded = load_case(head.scratch / "case");
+  ASSERT_TRUE(loaded);
+  for (const NamedPoint &fiducial : loaded->fiducials) {
+    EXPECT_NEAR(0.0, (nearest_on_surface(loaded->scalp.mesh, fiducial.position_mm) - fiducial.position_mm).norm(),
+                1e-3);
+    EXPECT_NEAR(40.0, fiducial.position_mm.norm(), 0.6);
+  }
+  std::vector<NamedPoint> far{{"near", {0, 41, 0}}, {"far", {0, 90, 0}}};
+  const auto refused = snap_points(far, loaded->scalp, kMaxSnap_mm);
+  ASSERT_FALSE(refused);
+  EXPECT_TRUE(refused.error().message.starts_with("\"far\" lies ")) << refused.error().message;
+  EXPECT_EQ(41.0, far[0].position_mm.y()) << "all or none";
+}
+
+TEST(CreateCase, LeavesNothingHalfMade) {
+  const SmallHead head;
+  const fs::path folder = head.scratch / "case";
+  const auto stopped =
+      create_case(folder, head.sources(), false, [](double done, std::string_view) { return done < 0.6; });
+  ASSERT_FALSE(stopped);
+  EXPECT_NE(std::string::npos, stopped.error().message.find("stopped"));
+  EXPECT_FALSE(fs::exists(folder));
+  EXPECT_EQ(0, head.hidden_entries());
+}
+
+TEST(CreateCase, ReplacesOnlyACaseAndKeepsItsSessions) {
+  const SmallHead head;
+  const fs::path folder = head.scratch / "case";
+  fs::create_directories(folder);
+  test::write_bytes(folder / "precious.txt", "no case");
+  const auto taken = create_case(folder, head.sources(), true);
+  ASSERT_FALSE(taken);
+  EXPECT_EQ(folder.string() + ": exists and is not a case; it is left alone", taken.error().message);
+  EXPECT_TRUE(fs::exists(folder / "precious.txt"));
+
+  test::write_bytes(folder / "case.toml", "id = \"old\"\n");
+  fs::create_directories(folder / "sessions");
+  test::write_bytes(folder / "sessions/one.db", "recorded");
+  const auto again = create_case(folder, head.sources(), false);
+  ASSERT_FALSE(again);
+  EXPECT_EQ(folder.string() + ": there is a case already; --force replaces it and keeps its sessions",
+            again.error().message);
+  ASSERT_TRUE(create_case(folder, head.sources(), true));
+  EXPECT_TRUE(load_case(folder));
+  EXPECT_EQ("recorded", test::read_bytes(folder / "sessions/one.db"));
+  EXPECT_FALSE(fs::exists(folder / "precious.txt"));
+  EXPECT_EQ(0, head.hidden_entries());
+}
+
+TEST(CreateCase, SaysWhatIsWrong) {
+  const SmallHead head;
+  const auto message = [&](const auto &change) {
+    CaseSources sources = head.sources();
+    change(sources);
+    const auto created = create_case(head.scratch / "case", sources, false);
+    EXPECT_FALSE(fs::exists(head.scratch / "case"));
+    EXPECT_EQ(0, head.hidden_entries());
+    return created ? std::string("made") : created.error().message;
+  };
+  EXPECT_EQ((head.scratch / "none.nii").string() + ": no such file or folder",
+            message([&](CaseSources &s) { s.image = head.scratch / "none.nii"; }));
+  EXPECT_EQ((head.scratch / "labels.nii.gz").string() + ": structure \"X\": there is no region \"Cuneus\" in " +
+                (head.scratch / "labels.nii.txt").string(),
+            message([](CaseSources &s) {
+              s.structures = {{"X", {"Cuneus"}}};
+            }));
+  EXPECT_EQ((head.scratch / "labels.nii.gz").string() + ": surface \"X\": no voxel carries the label",
+            message([](CaseSources &s) {
+              s.structures = {{"X", {"12"}}};
+            }));
+  EXPECT_EQ((head.scratch / "head.nii.gz").string() + ": surface \"scalp\": no voxel is above the threshold of 200.000",
+            message([](CaseSources &s) { s.scalp_threshold = 200.0; }));
+  EXPECT_NE(std::string::npos, message([](CaseSources &s) { s.fiducials.clear(); }).find("fiducials"));
+  EXPECT_NE(std::string::npos, message([](CaseSources &s) { s.tools.clear(); }).find("reference"));
+  EXPECT_EQ("structures are asked for, but there is no label image", message([](CaseSources &s) { s.labels.clear(); }));
+}
+
+TEST(StructureRequests, AreParsed) {
+  const auto both = parse_structure("Visual cortex=Calcarine_L,Calcarine_R");
+  ASSERT_TRUE(both);
+  EXPECT_EQ("Visual cortex", both->name);
+  EXPECT_EQ((std::vector<std::string>{"Calcarine_L", "Calcarine_R"}), both->regions);
+  EXPECT_EQ(std::vector<std::string>{"Insula_L"}, parse_structure("Insula_L")->regions);
+  for (const char *bad : {"", "A=", "=B", "A=B,,C", "A=B,"}) {
+    const auto refused = parse_structure(bad);
+    ASSERT_FALSE(refused) << bad;
+    EXPECT_EQ("structure \"" + std::string(bad) + "\": must be Region or Name=Region,Region,...",
+              refused.error().message);
+  }
+}
+
+// The plan that comes with the project, on the head that it was made for.
+TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
+  if (!fs::exists(test::templates() / "ch2.nii.gz")) {
+    GTEST_SKIP() << "needs mricron-data";
+  }
+  const fs::path plan = fs::path(BREGMA_SOURCE_DIR) / "demo/colin27";
+  const Scratch scratch;
+  CaseSources sources;
+  sources.id = "colin27";
+  sources.image = test::templates() / "ch2.nii.gz";
+  sources.brain = test::templates() / "ch2bet.nii.gz";
+  sources.labels = test::templates() / "aal.nii.gz";
+  sources.fiducials = plan / "fiducials.mrk.json";
+  sources.landmarks = plan / "landmarks.mrk.json";
+  sources.targets = plan / "targets.mrk.json";
+  sources.trajectories = plan / "trajectories.mrk.json";
+  sources.tools = plan / "tools.toml";
+  const auto created = create_case(scratch / "colin27", sources, false);
+  ASSERT_TRUE(created) << created.error().message;
+  const auto loaded = load_case(scratch / "colin27");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_EQ(8U, loaded->fiducials.size());
+  EXPECT_EQ(3U, loaded->landmarks.size());
+  EXPECT_EQ(6U, loaded->structures.size());
+  EXPECT_EQ(10'000U, loaded->scalp.mesh.vertices_mm.size());
+  EXPECT_EQ(10'000U, loaded->brain.mesh.vertices_mm.size());
+  for (const auto *points : {&loaded->fiducials, &loaded->landmarks}) {
+    for (const NamedPoint &point : *points) {
+      const double off = (nearest_on_surface(loaded->scalp.mesh, point.position_mm) - point.position_mm).norm();
+      EXPECT_LT(off, 0.2) << point.name;
+    }
+  }
+  ASSERT_EQ(1U, loaded->trajectories.size());
+  const Trajectory &path = loaded->trajectories.front();
+  EXPECT_LT((nearest_on_surface(loaded->scalp.mesh, path.entry_mm) - path.entry_mm).norm(), 1.0);
+  EXPECT_LT((path.target_mm - loaded->targets.front().position_mm).norm(), 1e-6);
+  for (const Surface &structure : loaded->structures) {
+    for (int step = 0; step <= 40; ++step) {
+      const Eigen::Vector3d point = path.entry_mm + step / 40.0 * (path.target_mm - path.entry_mm);
+      EXPECT_GT((nearest_on_surface(structure.mesh, point) - point).norm(), 10.0) << structure.name;
+      if (HasFailure()) {
+        return;
+      }
+    }
+  }
+  EXPECT_TRUE(encode_png(render(case_scene(*loaded, {0.75, 0.6, 0.45}, 300, 300))));
+}
+
+} // namespace
+} // namespace bregma::casefile

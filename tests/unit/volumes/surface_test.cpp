@@ -1,0 +1,319 @@
+#include "casefile/volumes/surface.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <numbers>
+#include <random>
+
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
+
+#include "files.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+using geometry::TriangleMesh;
+
+// A ball of 100 in a noisy background, on an anisotropic grid that lies askew in space.
+struct Phantom {
+  double radius_mm = 30.0;
+  double cavity_mm = 0.0;  // radius of a hollow at the centre
+  double channel_mm = 0.0; // radius of a bore from the hollow upwards and out
+  Eigen::Vector3d centre_mm{12.0, -7.0, 20.0};
+};
+
+Volume image_of(const Phantom &phantom) {
+  Volume volume;
+  volume.size = {76, 72, 52};
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(0.3, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
+  volume.T_image_index.topLeftCorner<3, 3>() = R * Eigen::Vector3d(1.0, 1.1, 1.5).asDiagonal();
+  const Eigen::Vector3d middle(37.3, 35.6, 25.4);
+  volume.T_image_index.topRightCorner<3, 1>() = phantom.centre_mm - volume.T_image_index.topLeftCorner<3, 3>() * middle;
+  std::mt19937 random(20);
+  std::normal_distribution<float> noise(0.0F, 5.0F);
+  for (int k = 0; k < volume.size[2]; ++k) {
+    for (int j = 0; j < volume.size[1]; ++j) {
+      for (int i = 0; i < volume.size[0]; ++i) {
+        const Eigen::Vector3d from_centre = volume.point_mm({double(i), double(j), double(k)}) - phantom.centre_mm;
+        const double distance = from_centre.norm();
+        const bool bored = from_centre.z() > 0.0 && from_centre.head<2>().norm() < phantom.channel_mm;
+        const bool speck = i < 3 && j < 3 && k < 3; // apart from the ball, to be left out
+        const bool solid = distance < phantom.radius_mm && distance >= phantom.cavity_mm && !bored;
+        volume.voxels.push_back((solid || speck ? 100.0F : 0.0F) + noise(random));
+      }
+    }
+  }
+  return volume;
+}
+
+double ball_ml(double radius_mm) { return 4.0 / 3.0 * std::numbers::pi * std::pow(radius_mm, 3) / 1000.0; }
+
+void expect_body(const TriangleMesh &mesh) {
+  const MeshCheck check = check_mesh(mesh);
+  EXPECT_TRUE(check.closed);
+  EXPECT_TRUE(check.manifold);
+  EXPECT_TRUE(check.oriented);
+  EXPECT_GT(check.volume_ml, 0.0);
+}
+
+TEST(Surface, BallWithCavityIsFilledClosedAndOutward) {
+  const Phantom phantom{.cavity_mm = 12.0};
+  SurfaceOptions options;
+  options.vertices = 3000;
+  const auto surface = extract_surface(image_of(phantom), options);
+  ASSERT_TRUE(surface) << surface.error().message;
+  expect_body(surface->mesh);
+  const MeshCheck check = check_mesh(surface->mesh);
+  EXPECT_EQ(1, check.components);
+  EXPECT_EQ(3000U, surface->mesh.vertices_mm.size());
+  EXPECT_NEAR(ball_ml(30.0), check.volume_ml, 0.01 * ball_ml(30.0));
+  EXPECT_NEAR(50.0, surface->report.threshold, 35.0); // Otsu's, between the noise about 0 and about 100
+  EXPECT_LT(surface->report.mean_distance_mm, 0.1);
+  EXPECT_LT(surface->report.max_distance_mm, 0.5);
+  for (const Eigen::Vector3d &vertex : surface->mesh.vertices_mm) {
+    EXPECT_NEAR(30.0, (vertex - phantom.centre_mm).norm(), 0.8);
+  }
+}
+
+TEST(Surface, HolesStayWhereTheyAreWanted) {
+  SurfaceOptions options;
+  options.fill_holes = false;
+  options.vertices = 4000;
+  const auto surface = extract_surface(image_of({.cavity_mm = 15.0}), options);
+  ASSERT_TRUE(surface) << surface.error().message;
+  const MeshCheck check = check_mesh(surface->mesh);
+  EXPECT_TRUE(check.closed && check.manifold && check.oriented);
+  EXPECT_EQ(2, check.components);
+  EXPECT_NEAR(ball_ml(30.0) - ball_ml(15.0), check.volume_ml, 0.015 * ball_ml(30.0));
+}
+
+// The bore lets the outside into the hollow: only closing keeps it out.
+TEST(Surface, ClosingShutsAChannel) {
+  const Volume image = image_of({.cavity_mm = 12.0, .channel_mm = 3.0});
+  SurfaceOptions options;
+  options.vertices = 3000;
+  const auto open = extract_surface(image, options);
+  ASSERT_TRUE(open) << open.error().message;
+  expect_body(open->mesh);
+  EXPECT_LT(open->report.volume_ml, 0.95 * ball_ml(30.0));
+  options.closing_mm = 5.0;
+  const auto shut = extract_surface(image, options);
+  ASSERT_TRUE(shut) << shut.error().message;
+  expect_body(shut->mesh);
+  EXPECT_NEAR(ball_ml(30.0), shut->report.volume_ml, 0.015 * ball_ml(30.0));
+}
+
+// The image ends within the ball, and the hollow is open there: the cut is closed as a plane.
+TEST(Surface, ACutByTheImageBorderIsClosed) {
+  Volume image = image_of({.cavity_mm = 14.0});
+  const int kept = 26; // of 52 slices
+  image.voxels.erase(image.voxels.begin(),
+                     image.voxels.begin() + static_cast<std::ptrdiff_t>(image.offset(0, 0, kept)));
+  image.size[2] -= kept;
+  image.T_image_index.col(3) += double(kept) * image.T_image_index.col(2);
+  SurfaceOptions options;
+  options.vertices = 3000;
+  options.fill_slices = true;
+  const auto surface = extract_surface(image, options);
+  ASSERT_TRUE(surface) << surface.error().message;
+  expect_body(surface->mesh);
+  EXPECT_EQ(1, check_mesh(surface->mesh).components);
+  // Half a ball, less the slab between its centre and the first slice's lower side.
+  const double height = (25.4 - (kept - 0.5)) * 1.5;
+  const double slab_ml = std::numbers::pi * (900.0 * -height - std::pow(-height, 3) / 3.0) / 1000.0;
+  EXPECT_NEAR(0.5 * ball_ml(30.0) - slab_ml, surface->report.volume_ml, 0.015 * ball_ml(30.0));
+}
+
+TEST(Surface, DoesNotDependOnTheGridsHandedness) {
+  const Volume image = image_of({});
+  Volume mirrored = image; // the same voxels stored from the other end of i
+  for (int k = 0; k < image.size[2]; ++k) {
+    for (int j = 0; j < image.size[1]; ++j) {
+      const auto row = mirrored.voxels.begin() + static_cast<std::ptrdiff_t>(image.offset(0, j, k));
+      std::reverse(row, row + image.size[0]);
+    }
+  }
+  mirrored.T_image_index.col(3) += (image.size[0] - 1.0) * image.T_image_index.col(0);
+  mirrored.T_image_index.col(0) *= -1.0;
+  SurfaceOptions options;
+  options.vertices = 2000;
+  const auto a = extract_surface(image, options);
+  const auto b = extract_surface(mirrored, options);
+  ASSERT_TRUE(a && b);
+  expect_body(b->mesh);
+  EXPECT_NEAR(a->report.volume_ml, b->report.volume_ml, 1e-3 * a->report.volume_ml);
+  for (const Eigen::Vector3d &vertex : b->mesh.vertices_mm) {
+    EXPECT_LT((nearest_on_surface(a->mesh, vertex) - vertex).norm(), 0.3);
+    if (HasFailure()) {
+      break;
+    }
+  }
+}
+
+TEST(Surface, RegionsKeepTheirVolumeThoughThin) {
+  LabelVolume labels;
+  labels.size = {60, 50, 40};
+  labels.T_image_index(0, 3) = -30.0;
+  labels.voxels.assign(60 * 50 * 40, 0);
+  int marked = 0;
+  for (int i = 10; i < 50; ++i) { // two plates of four voxels, apart
+    for (int j = 8; j < 40; ++j) {
+      for (const int k : {10, 11, 12, 13, 24, 25, 26, 27}) {
+        labels.voxels[labels.offset(i, j, k)] = k < 20 ? std::int16_t{7} : std::int16_t{9};
+        ++marked;
+      }
+    }
+  }
+  const std::int16_t both[] = {7, 9};
+  const auto surface = extract_surface(labels, both, {.closing_mm = 1.0, .vertices = 2000});
+  ASSERT_TRUE(surface) << surface.error().message;
+  expect_body(surface->mesh);
+  EXPECT_EQ(2, check_mesh(surface->mesh).components);
+  EXPECT_NEAR(marked / 1000.0, surface->report.volume_ml, 0.06 * marked / 1000.0); // the rounded rims
+  const std::int16_t absent[] = {8};
+  const auto none = extract_surface(labels, absent, {});
+  ASSERT_FALSE(none);
+  EXPECT_EQ("no voxel carries the label", none.error().message);
+}
+
+TEST(Surface, ShowsProgressAndStops) {
+  const Volume image = image_of({});
+  double last = -1.0;
+  int calls = 0;
+  ASSERT_TRUE(extract_surface(image, {.vertices = 1000}, [&](double done, std::string_view stage) {
+    EXPECT_GE(done, last);
+    EXPECT_FALSE(stage.empty());
+    last = done;
+    ++calls;
+    return true;
+  }));
+  EXPECT_DOUBLE_EQ(1.0, last);
+  EXPECT_GE(calls, 6);
+  const auto stopped = extract_surface(image, {}, [](double done, std::string_view) { return done < 0.5; });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ("stopped", stopped.error().message);
+}
+
+TEST(Surface, SaysWhatIsWrong) {
+  const Volume image = image_of({});
+  EXPECT_EQ("no voxel is above the threshold of 500.000", extract_surface(image, {.threshold = 500.0}).error().message);
+  EXPECT_EQ("a surface needs at least 100 vertices, a closing of 0 to 50 mm and a blur of 0 to 10 mm",
+            extract_surface(image, {.vertices = 3}).error().message);
+}
+
+TriangleMesh tetrahedron(const Eigen::Vector3d &at) {
+  return {{at, at + Eigen::Vector3d(30, 0, 0), at + Eigen::Vector3d(0, 30, 0), at + Eigen::Vector3d(0, 0, 30)},
+          {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}}};
+}
+
+TEST(CheckMesh, FindsEachDefect) {
+  const TriangleMesh good = tetrahedron({1, 2, 3});
+  MeshCheck check = check_mesh(good);
+  EXPECT_TRUE(check.closed && check.manifold && check.oriented);
+  EXPECT_NEAR(4.5, check.volume_ml, 1e-12);
+
+  TriangleMesh open = good;
+  open.triangles.pop_back();
+  EXPECT_FALSE(check_mesh(open).closed);
+
+  TriangleMesh flipped = good;
+  std::swap(flipped.triangles[1][0], flipped.triangles[1][1]);
+  EXPECT_TRUE(check_mesh(flipped).closed);
+  EXPECT_FALSE(check_mesh(flipped).oriented);
+
+  TriangleMesh inside_out = good;
+  for (Eigen::Vector3i &triangle : inside_out.triangles) {
+    std::swap(triangle[0], triangle[1]);
+  }
+  check = check_mesh(inside_out);
+  EXPECT_TRUE(check.closed && check.manifold);
+  EXPECT_FALSE(check.oriented);
+
+  TriangleMesh touching = good; // two that share a vertex
+  const TriangleMesh other = tetrahedron({31, 2, 3});
+  touching.vertices_mm.insert(touching.vertices_mm.end(), other.vertices_mm.begin() + 1, other.vertices_mm.end());
+  for (const Eigen::Vector3i &triangle : other.triangles) {
+    touching.triangles.push_back(triangle.unaryExpr([](int v) { return v == 0 ? 1 : v + 3; }));
+  }
+  check = check_mesh(touching);
+  EXPECT_TRUE(check.closed && check.oriented);
+  EXPECT_FALSE(check.manifold);
+
+  EXPECT_FALSE(check_mesh({}).closed);
+  TriangleMesh out_of_range = good;
+  out_of_range.triangles[0][0] = 99;
+  EXPECT_FALSE(check_mesh(out_of_range).closed);
+}
+
+// FreeSurfer's ASCII surfaces: a comment, counts, vertices with a flag, triangles with a flag.
+TriangleMesh read_ascii(const std::filesystem::path &file) {
+  std::ifstream in(file);
+  std::string comment;
+  std::getline(in, comment);
+  std::size_t vertices = 0;
+  std::size_t triangles = 0;
+  in >> vertices >> triangles;
+  TriangleMesh mesh;
+  double flag = 0.0;
+  for (std::size_t at = 0; at < vertices; ++at) {
+    Eigen::Vector3d v;
+    in >> v[0] >> v[1] >> v[2] >> flag;
+    mesh.vertices_mm.push_back(v);
+  }
+  for (std::size_t at = 0; at < triangles; ++at) {
+    Eigen::Vector3i t;
+    in >> t[0] >> t[1] >> t[2] >> flag;
+    mesh.triangles.push_back(t);
+  }
+  return mesh;
+}
+
+TEST(Surface, ScalpOfColin27) {
+  if (!std::filesystem::exists(test::templates() / "ch2.nii.gz")) {
+    GTEST_SKIP() << "needs mricron-data";
+  }
+  const auto image = read_volume(test::templates() / "ch2.nii.gz");
+  ASSERT_TRUE(image);
+  const auto scalp = extract_surface(*image, {.closing_mm = 8.0, .fill_slices = true});
+  ASSERT_TRUE(scalp) << scalp.error().message;
+  expect_body(scalp->mesh);
+  const MeshCheck check = check_mesh(scalp->mesh);
+  EXPECT_EQ(1, check.components);
+  EXPECT_EQ(10'000U, scalp->mesh.vertices_mm.size());
+  EXPECT_EQ(2 * 10'000 - 4, static_cast<int>(scalp->mesh.triangles.size())); // like a sphere: no handle, no tunnel
+  EXPECT_LT(scalp->report.mean_distance_mm, 0.05);
+  EXPECT_LT(scalp->report.max_distance_mm, 0.5);
+
+  const auto file = test::shared_data() / "meshes/colin27/colin27_outer_skin_surface.asc";
+  if (!std::filesystem::exists(file)) {
+    GTEST_SKIP() << "the comparison with a published surface needs " << file;
+  }
+  // That surface counts from the middle of the same 181 x 217 x 181 voxels.
+  TriangleMesh published = read_ascii(file);
+  const Eigen::Vector3d middle = image->point_mm({90.5, 108.5, 90.5});
+  for (Eigen::Vector3d &vertex : published.vertices_mm) {
+    vertex += middle;
+  }
+  EXPECT_NEAR(4095.0, check_mesh(published).volume_ml, 1.0);
+  EXPECT_NEAR(4095.0, check.volume_ml, 0.05 * 4095.0);
+  const auto median_distance = [&](double sign) {
+    std::vector<double> distances;
+    for (std::size_t at = 0; at < scalp->mesh.vertices_mm.size(); at += 50) {
+      Eigen::Vector3d point = scalp->mesh.vertices_mm[at];
+      if (point.z() > -50.0) { // above the cut and the ears, which the other smooths away
+        point.x() *= sign;
+        distances.push_back((nearest_on_surface(published, point) - point).norm());
+      }
+    }
+    std::nth_element(distances.begin(), distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2),
+                     distances.end());
+    return distances[distances.size() / 2];
+  };
+  EXPECT_LT(median_distance(1.0), 2.0);
+  EXPECT_GT(median_distance(-1.0), median_distance(1.0));
+}
+
+} // namespace
+} // namespace bregma::casefile
