@@ -78,6 +78,7 @@ inline wire::CommandReply reply_to(const wire::Command &command, wire::CommandRe
   out.result = result;
   out.session = bregma_wire_SESSION_NAVIGATING;
   out.value_mm = wire::kUnknown;
+  out.value_mm = wire::kUnknown;
   wire::set_text(out.text, text);
   return out;
 }
