@@ -77,22 +77,24 @@ casefile::Error DaemonLink::no_daemon() const {
 
 bool DaemonLink::take_all() {
   std::size_t news = 0;
-  news += replies_.take_each([&](const wire::CommandReply &reply, const auto &) {
+  const auto take = [&news](auto &reader, auto &&visit) {
+    news += reader.take_each([&](const auto &sample, const dds::SampleInfo &) { visit(sample); });
+    (void)reader.status(); // else a change of liveliness would keep the wait set awake
+  };
+  take(replies_, [&](const wire::CommandReply &reply) {
     if (wire::view(reply.client) == client_) {
       arrived_replies_[reply.id] = reply;
     }
   });
-  news += registration_.take_each([&](const auto &sample, const auto &) { snapshot_.registration = sample; });
-  news += fiducials_.take_each([&](const auto &sample, const auto &) { snapshot_.fiducials = sample; });
-  news += accuracy_.take_each([&](const auto &sample, const auto &) { snapshot_.accuracy = sample; });
-  news += navigation_.take_each(
-      [&](const auto &sample, const auto &) { snapshot_.tools[wire::text(sample.tool)] = sample; });
-  news += deformation_.take_each(
-      [&](const auto &sample, const auto &) { snapshot_.deformation[wire::text(sample.target)] = sample; });
-  news += alarms_.take_each([&](const auto &sample, const auto &) {
+  take(registration_, [&](const auto &sample) { snapshot_.registration = sample; });
+  take(fiducials_, [&](const auto &sample) { snapshot_.fiducials = sample; });
+  take(accuracy_, [&](const auto &sample) { snapshot_.accuracy = sample; });
+  take(navigation_, [&](const auto &sample) { snapshot_.tools[wire::text(sample.tool)] = sample; });
+  take(deformation_, [&](const auto &sample) { snapshot_.deformation[wire::text(sample.target)] = sample; });
+  take(alarms_, [&](const auto &sample) {
     snapshot_.alarms[{wire::text(sample.kind), wire::text(sample.subject)}] = sample;
   });
-  news += health_.take_each([&](const auto &sample, const auto &) { snapshot_.health = sample; });
+  take(health_, [&](const auto &sample) { snapshot_.health = sample; });
   return news > 0;
 }
 

@@ -15,6 +15,7 @@
 
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
+#include "server/runtime/realtime.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -23,12 +24,18 @@ using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
 constexpr std::size_t kCommitBytes = 64 * 1024; // about what the recorder commits at once
+// Of the answers: deep enough that one which is taken late has not been replaced by the next, and counted as lost.
+constexpr wire::Qos kAnswers = wire::qos::kTracker;
+
+// As the daemon's own loop would run, where the kernel allows it.
+void set_up_like_a_loop() { (void)runtime::set_up_thread({.name = "dds-check", .fifo_priority = 70}); }
 
 // Runs in the second process until it is killed.
 void answer_frames(std::uint32_t domain) {
+  set_up_like_a_loop();
   const dds::Participant participant(domain);
   dds::Reader<wire::TrackerFrame> frames(participant);
-  const dds::Writer<wire::NavigationState> states(participant);
+  const dds::Writer<wire::NavigationState> states(participant, kAnswers);
   dds::WaitSet wait(participant);
   wait.attach(frames);
   wire::NavigationState state{};
@@ -38,8 +45,59 @@ void answer_frames(std::uint32_t domain) {
       state.frame = frame.frame;
       (void)states.write(state);
     });
-    (void)frames.status(); // lets the wait set sleep again after a missed deadline
+    (void)frames.status(); // as below
   }
+}
+
+casefile::Result<LoopbackQuality> measure_round_trips(std::uint32_t domain, double rate_hz,
+                                                      std::chrono::nanoseconds duration) {
+  const dds::Participant participant(domain);
+  const dds::Writer<wire::TrackerFrame> frames(participant);
+  dds::Reader<wire::NavigationState> states(participant, kAnswers);
+  dds::WaitSet wait(participant);
+  wait.attach(states);
+  const auto patience = Clock::now() + 5s;
+  while (frames.matched_readers() == 0 || states.matched_writers() == 0) {
+    if (Clock::now() > patience) {
+      return casefile::failure("no second process could be reached over DDS on domain " + std::to_string(domain));
+    }
+    std::this_thread::sleep_for(10ms);
+  }
+  std::this_thread::sleep_for(100ms); // the other side has to have matched as well
+
+  LoopbackQuality out;
+  std::unordered_map<std::uint64_t, Clock::time_point> under_way;
+  std::vector<double> round_trips_us;
+  const auto take = [&] {
+    states.take_each([&](const wire::NavigationState &state, const dds::SampleInfo &) {
+      const auto sent = under_way.find(state.frame);
+      if (sent != under_way.end()) {
+        round_trips_us.push_back(std::chrono::duration<double, std::micro>(Clock::now() - sent->second).count());
+        under_way.erase(sent);
+      }
+    });
+    (void)states.status(); // lets the wait set sleep again after a change of liveliness or a missed deadline
+  };
+  wire::TrackerFrame frame{};
+  (void)wire::set_name(frame.device, "Doctor");
+  const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz));
+  const auto start = Clock::now();
+  for (auto next = start; next < start + duration; next += period) {
+    ++frame.frame;
+    under_way[frame.frame] = Clock::now();
+    out.sent += frames.write(frame) ? 1 : 0;
+    while (Clock::now() < next + period) {
+      (void)wait.wait(next + period - Clock::now());
+      take();
+    }
+  }
+  const auto end = Clock::now() + 200ms;
+  while (!under_way.empty() && Clock::now() < end) {
+    (void)wait.wait(10ms);
+    take();
+  }
+  out.round_trip_us = spread_of(std::move(round_trips_us));
+  return out;
 }
 
 std::string reason() { return std::strerror(errno); } // NOLINT(concurrency-mt-unsafe): one thread
@@ -88,51 +146,15 @@ EchoProcess::~EchoProcess() {
 }
 
 casefile::Result<LoopbackQuality> EchoProcess::measure(double rate_hz, std::chrono::nanoseconds duration) {
-  const dds::Participant participant(domain_);
-  const dds::Writer<wire::TrackerFrame> frames(participant);
-  dds::Reader<wire::NavigationState> states(participant);
-  dds::WaitSet wait(participant);
-  wait.attach(states);
-  const auto patience = Clock::now() + 5s;
-  while (frames.matched_readers() == 0 || states.matched_writers() == 0) {
-    if (Clock::now() > patience) {
-      return casefile::failure("no second process could be reached over DDS on domain " + std::to_string(domain_));
+  casefile::Result<LoopbackQuality> out;
+  std::thread([&] {
+    set_up_like_a_loop();
+    try {
+      out = measure_round_trips(domain_, rate_hz, duration);
+    } catch (const dds::Error &error) {
+      out = casefile::failure(error.what());
     }
-    std::this_thread::sleep_for(10ms);
-  }
-  std::this_thread::sleep_for(100ms); // the other side has to have matched as well
-
-  LoopbackQuality out;
-  std::unordered_map<std::uint64_t, Clock::time_point> under_way;
-  std::vector<double> round_trips_us;
-  const auto take = [&] {
-    states.take_each([&](const wire::NavigationState &state, const dds::SampleInfo &) {
-      const auto sent = under_way.find(state.frame);
-      if (sent != under_way.end()) {
-        round_trips_us.push_back(std::chrono::duration<double, std::micro>(Clock::now() - sent->second).count());
-        under_way.erase(sent);
-      }
-    });
-  };
-  wire::TrackerFrame frame{};
-  (void)wire::set_name(frame.device, "Doctor");
-  const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(1.0 / rate_hz));
-  const auto start = Clock::now();
-  for (auto next = start; next < start + duration; next += period) {
-    ++frame.frame;
-    under_way[frame.frame] = Clock::now();
-    out.sent += frames.write(frame) ? 1 : 0;
-    while (Clock::now() < next + period) {
-      (void)wait.wait(next + period - Clock::now());
-      take();
-    }
-  }
-  const auto end = Clock::now() + 200ms;
-  while (!under_way.empty() && Clock::now() < end) {
-    (void)wait.wait(10ms);
-    take();
-  }
-  out.round_trip_us = spread_of(std::move(round_trips_us));
+  }).join();
   return out;
 }
 

@@ -28,7 +28,7 @@ th{text-align:left;color:var(--soft);font-weight:600;font-size:.82rem;border-bot
 td{border-bottom:1px solid var(--line);padding:6px 14px 6px 0;vertical-align:top}
 th.n,td.n{text-align:right}tr:last-child td{border-bottom:0}
 .yes{color:var(--good);font-weight:600}.no{color:var(--bad);font-weight:600}
-p{margin:0 0 10px}.note{color:var(--soft);font-size:.9rem}
+p{margin:0 0 10px}.note{color:var(--soft);font-size:.9rem;margin-top:10px}
 figure{margin:0}figure+figure{margin-top:22px}figcaption{color:var(--soft);font-size:.88rem;margin-top:8px;max-width:75ch}
 svg{display:block;width:100%;height:auto;font-family:inherit}
 svg .halo{paint-order:stroke;stroke:#fff;stroke-width:3px}

@@ -118,8 +118,14 @@ std::string legend(const Plot &plot, Frame &frame) {
       top += kRow;
     }
     any = true;
-    out += "<rect x='" + text_of(x) + "' y='" + text_of(top + (line ? 10.0 : 7.0)) + "' width='" + (line ? "16" : "9") +
-           "' height='" + (line ? "2.5" : "9") + "' rx='1.5' fill='" + series.colour + "'/>";
+    if (line) {
+      const std::string dashes = series.dashed ? " stroke-dasharray='6 4'" : "";
+      out += line_between(x, top + 11.5, x + 16.0, top + 11.5,
+                          "stroke='" + series.colour + "' stroke-width='2.5'" + dashes);
+    } else {
+      out += "<rect x='" + text_of(x) + "' y='" + text_of(top + 7.0) + "' width='9' height='9' rx='1.5' fill='" +
+             series.colour + "'/>";
+    }
     out += label_at(x + mark, top + 16.0, "start", series.name);
     x += mark + text_width(series.name) + 18.0;
   }
