@@ -198,6 +198,7 @@ private:
   Result<void> make_structures() {
     SurfaceOptions options;
     options.closing_mm = 1.0;
+    options.blur_mm = 0.7; // a thin gyrus would lose its edges to more
     options.vertices = std::max(100, sources_.vertices / 2);
     const double start = kScalpShare + kBrainShare;
     const double share = (1.0 - start) / static_cast<double>(std::max<std::size_t>(structures_.size(), 1));

@@ -1,6 +1,7 @@
 #include "casefile/volumes/case_builder.hpp"
 
 #include <algorithm>
+#include <fstream>
 #include <limits>
 #include <vector>
 
@@ -223,6 +224,54 @@ TEST(StructureRequests, AreParsed) {
   }
 }
 
+// FreeSurfer's ASCII surfaces: a comment, counts, vertices with a flag, triangles with a flag.
+geometry::TriangleMesh read_ascii(const std::filesystem::path &file) {
+  std::ifstream in(file);
+  std::string comment;
+  std::getline(in, comment);
+  std::size_t vertices = 0;
+  std::size_t triangles = 0;
+  in >> vertices >> triangles;
+  geometry::TriangleMesh mesh;
+  double flag = 0.0;
+  for (std::size_t at = 0; at < vertices; ++at) {
+    Eigen::Vector3d v;
+    in >> v[0] >> v[1] >> v[2] >> flag;
+    mesh.vertices_mm.push_back(v);
+  }
+  for (std::size_t at = 0; at < triangles; ++at) {
+    Eigen::Vector3i t;
+    in >> t[0] >> t[1] >> t[2] >> flag;
+    mesh.triangles.push_back(t);
+  }
+  return mesh;
+}
+
+// A published surface of the same person, by another method, counted from the middle of the same voxels.
+void expect_near_published_skin(const geometry::TriangleMesh &scalp, const Volume &image, const fs::path &file) {
+  geometry::TriangleMesh published = read_ascii(file);
+  const Eigen::Vector3d middle = image.point_mm({90.5, 108.5, 90.5});
+  for (Eigen::Vector3d &vertex : published.vertices_mm) {
+    vertex += middle;
+  }
+  EXPECT_NEAR(4095.0, check_mesh(published).volume_ml, 1.0);
+  EXPECT_NEAR(4095.0, check_mesh(scalp).volume_ml, 0.05 * 4095.0);
+  std::vector<Eigen::Vector3d> points;
+  for (const Eigen::Vector3d &vertex : scalp.vertices_mm) {
+    if (vertex.z() > -50.0) { // above the cut and the ears, which the other smooths away
+      points.push_back(vertex);
+    }
+  }
+  const std::vector<Eigen::Vector3d> nearest = nearest_on_surface(published, points);
+  std::vector<double> distances;
+  for (std::size_t at = 0; at < points.size(); ++at) {
+    distances.push_back((nearest[at] - points[at]).norm());
+  }
+  const auto median = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+  std::nth_element(distances.begin(), median, distances.end());
+  EXPECT_LT(*median, 2.0);
+}
+
 // The plan that comes with the project, on the head that it was made for.
 TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
   if (!fs::exists(test::templates() / "ch2.nii.gz")) {
@@ -247,8 +296,17 @@ TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
   EXPECT_EQ(8U, loaded->fiducials.size());
   EXPECT_EQ(3U, loaded->landmarks.size());
   EXPECT_EQ(6U, loaded->structures.size());
-  EXPECT_EQ(10'000U, loaded->scalp.mesh.vertices_mm.size());
-  EXPECT_EQ(10'000U, loaded->brain.mesh.vertices_mm.size());
+  for (const geometry::TriangleMesh *mesh : {&loaded->scalp.mesh, &loaded->brain.mesh}) {
+    EXPECT_EQ(10'000U, mesh->vertices_mm.size());
+    EXPECT_EQ(2U * 10'000U - 4U, mesh->triangles.size()); // like a sphere: no handle, no tunnel
+    const MeshCheck check = check_mesh(*mesh);
+    EXPECT_TRUE(check.closed && check.manifold && check.oriented);
+    EXPECT_EQ(1, check.components);
+  }
+  for (const SurfaceSummary &surface : created->surfaces) {
+    EXPECT_LT(surface.report.mean_distance_mm, 0.06) << surface.name;
+    EXPECT_LT(surface.report.max_distance_mm, 0.6) << surface.name;
+  }
   for (const auto *points : {&loaded->fiducials, &loaded->landmarks}) {
     for (const NamedPoint &point : *points) {
       EXPECT_LT(least_distance(loaded->scalp, {point.position_mm}), 0.2) << point.name;
@@ -266,6 +324,14 @@ TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
     EXPECT_GT(least_distance(structure, along), 10.0) << structure.name;
   }
   EXPECT_TRUE(encode_png(render(case_scene(*loaded, {0.75, 0.6, 0.45}, 300, 300))));
+
+  const fs::path published = test::shared_data() / "meshes/colin27/colin27_outer_skin_surface.asc";
+  if (!fs::exists(published)) {
+    GTEST_SKIP() << "the comparison with a published surface needs " << published;
+  }
+  const auto image = read_volume(loaded->image);
+  ASSERT_TRUE(image);
+  expect_near_published_skin(loaded->scalp.mesh, *image, published);
 }
 
 } // namespace

@@ -2,14 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <numbers>
 #include <random>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
-
-#include "files.hpp"
 
 namespace bregma::casefile {
 namespace {
@@ -251,71 +248,6 @@ TEST(CheckMesh, FindsEachDefect) {
   TriangleMesh out_of_range = good;
   out_of_range.triangles[0][0] = 99;
   EXPECT_FALSE(check_mesh(out_of_range).closed);
-}
-
-// FreeSurfer's ASCII surfaces: a comment, counts, vertices with a flag, triangles with a flag.
-TriangleMesh read_ascii(const std::filesystem::path &file) {
-  std::ifstream in(file);
-  std::string comment;
-  std::getline(in, comment);
-  std::size_t vertices = 0;
-  std::size_t triangles = 0;
-  in >> vertices >> triangles;
-  TriangleMesh mesh;
-  double flag = 0.0;
-  for (std::size_t at = 0; at < vertices; ++at) {
-    Eigen::Vector3d v;
-    in >> v[0] >> v[1] >> v[2] >> flag;
-    mesh.vertices_mm.push_back(v);
-  }
-  for (std::size_t at = 0; at < triangles; ++at) {
-    Eigen::Vector3i t;
-    in >> t[0] >> t[1] >> t[2] >> flag;
-    mesh.triangles.push_back(t);
-  }
-  return mesh;
-}
-
-TEST(Surface, ScalpOfColin27) {
-  if (!std::filesystem::exists(test::templates() / "ch2.nii.gz")) {
-    GTEST_SKIP() << "needs mricron-data";
-  }
-  const auto image = read_volume(test::templates() / "ch2.nii.gz");
-  ASSERT_TRUE(image);
-  const auto scalp = extract_surface(*image, {.closing_mm = 8.0, .fill_slices = true});
-  ASSERT_TRUE(scalp) << scalp.error().message;
-  expect_body(scalp->mesh);
-  const MeshCheck check = check_mesh(scalp->mesh);
-  EXPECT_EQ(1, check.components);
-  EXPECT_EQ(10'000U, scalp->mesh.vertices_mm.size());
-  EXPECT_EQ(2 * 10'000 - 4, static_cast<int>(scalp->mesh.triangles.size())); // like a sphere: no handle, no tunnel
-  EXPECT_LT(scalp->report.mean_distance_mm, 0.05);
-  EXPECT_LT(scalp->report.max_distance_mm, 0.5);
-
-  const auto file = test::shared_data() / "meshes/colin27/colin27_outer_skin_surface.asc";
-  if (!std::filesystem::exists(file)) {
-    GTEST_SKIP() << "the comparison with a published surface needs " << file;
-  }
-  // That surface counts from the middle of the same 181 x 217 x 181 voxels.
-  TriangleMesh published = read_ascii(file);
-  const Eigen::Vector3d middle = image->point_mm({90.5, 108.5, 90.5});
-  for (Eigen::Vector3d &vertex : published.vertices_mm) {
-    vertex += middle;
-  }
-  EXPECT_NEAR(4095.0, check_mesh(published).volume_ml, 1.0);
-  EXPECT_NEAR(4095.0, check.volume_ml, 0.05 * 4095.0);
-  const auto median_distance = [&](double sign) {
-    std::vector<Eigen::Vector3d> points;
-    for (const Eigen::Vector3d &vertex : scalp->mesh.vertices_mm) {
-      if (vertex.z() > -50.0) { // above the cut and the ears, which the other smooths away
-        points.emplace_back(sign * vertex.x(), vertex.y(), vertex.z());
-      }
-    }
-    const std::vector<double> sorted = distances(published, points);
-    return sorted[sorted.size() / 2];
-  };
-  EXPECT_LT(median_distance(1.0), 2.0);
-  EXPECT_GT(median_distance(-1.0), median_distance(1.0));
 }
 
 } // namespace
