@@ -40,7 +40,8 @@ TEST(RegisterPoints, WithoutNamesTheOrderCounts) {
 }
 
 TEST(RegisterPoints, TheTableShowsResidualsAndSaysWhatFreIsNot) {
-  const Outcome run = register_points(kSource, "A,10,20.3,30\nB,10,120,30\nC,-70,20,30.4\nD,10,20,90\n", "--at 0 0 100");
+  const Outcome run =
+      register_points(kSource, "A,10,20.3,30\nB,10,120,30\nC,-70,20,30.4\nD,10,20,90\n", "--at 0 0 100");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   for (const char *text : {"T_target_source", "T_source_target", "Residual mm", "Left out mm",
                            "a figure of consistency, not of accuracy", "estimated from the residuals",
