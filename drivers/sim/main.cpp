@@ -153,7 +153,8 @@ int parse_and_run(int argc, char **argv) {
   app.add_option("--scenario", options.scenario, "what happens, TOML")->required()->check(CLI::ExistingFile);
   app.add_option("--seed", options.seed, "of all that is random")->capture_default_str();
   app.add_option("--domain", options.domain, "DDS domain")->check(CLI::Range(0, 230))->capture_default_str();
-  app.add_option("--rate", options.rate_hz, "tracker frames/s, instead of the scenario's")->check(CLI::Range(20.0, 1000.0));
+  app.add_option("--rate", options.rate_hz, "tracker frames/s, instead of the scenario's")
+      ->check(CLI::Range(20.0, 1000.0));
   app.add_option("--timeout", options.timeout_s, "s to wait for a daemon")
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
