@@ -83,7 +83,7 @@ struct Case {
 // the folder where it lies inside. Existing files of these names are replaced; sessions/ is left alone.
 [[nodiscard]] Result<void> save_case(const Case &c);
 
-// The checks that load_case makes on what was read, with case.toml's name in the message: for a case made in memory.
+// The checks that load_case makes on what was read, with the case's id in the message: for a case made in memory.
 [[nodiscard]] Result<void> check_case(const Case &c);
 
 } // namespace bregma::casefile

@@ -1,12 +1,11 @@
 #include "casefile/markups.hpp"
 
-#include <charconv>
 #include <cmath>
 #include <fstream>
-#include <sstream>
-#include <system_error>
 
 #include <nlohmann/json.hpp>
+
+#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -135,20 +134,6 @@ private:
   std::string file_;
 };
 
-std::vector<std::string> split(const std::string &line, char separator) {
-  std::vector<std::string> out;
-  std::istringstream in(line);
-  for (std::string part; std::getline(in, part, separator);) {
-    out.push_back(part);
-  }
-  return out;
-}
-
-std::string trimmed(const std::string &text) {
-  const auto first = text.find_first_not_of(" \t\r");
-  return first == std::string::npos ? "" : text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
-}
-
 // Slicer's older format: comment lines with the coordinate system and the columns, then one point a line.
 Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
   Markup markup;
@@ -156,44 +141,44 @@ Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
   Space space = Space::kRas; // what Slicer 4 took when the line was missing
   std::vector<std::string> columns{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
   std::string line;
-  for (int number = 1; std::getline(in, line); ++number) {
-    const std::string place = file.string() + ":" + std::to_string(number);
-    line = trimmed(line);
-    if (line.starts_with("#")) {
-      const auto equals = line.find('=');
-      const std::string value = equals == std::string::npos ? "" : trimmed(line.substr(equals + 1));
-      if (line.find("CoordinateSystem") != std::string::npos) {
+  for (int line_number = 1; std::getline(in, line); ++line_number) {
+    const std::string place = file.string() + ":" + std::to_string(line_number);
+    const std::string_view text = trimmed(line);
+    if (text.starts_with("#")) {
+      const auto equals = text.find('=');
+      const std::string value(equals == std::string_view::npos ? "" : trimmed(text.substr(equals + 1)));
+      if (text.find("CoordinateSystem") != std::string::npos) {
         const auto given = space_of(value);
         if (!given) {
           return failure(place + ": CoordinateSystem = " + value + ": must be LPS or RAS (1 or 0)");
         }
         space = *given;
-      } else if (line.find("columns") != std::string::npos) {
-        columns = split(value, ',');
+      } else if (text.find("columns") != std::string::npos) {
+        const auto names = cells(value, ',');
+        columns.assign(names.begin(), names.end());
       }
       continue;
     }
-    if (line.empty()) {
+    if (text.empty()) {
       continue;
     }
-    const std::vector<std::string> cells = split(line, ',');
+    const std::vector<std::string_view> row = cells(text, ',');
     NamedPoint point;
     for (std::size_t i = 0; i < columns.size(); ++i) {
-      const std::string name = trimmed(columns[i]);
-      const std::string cell = i < cells.size() ? trimmed(cells[i]) : "";
+      const std::string &name = columns[i];
+      const std::string cell(i < row.size() ? row[i] : "");
       if (name == "label") {
         point.name = cell;
       }
       if (name != "x" && name != "y" && name != "z") {
         continue;
       }
-      double value = 0.0;
-      const auto parsed = std::from_chars(cell.data(), cell.data() + cell.size(), value);
-      if (parsed.ec != std::errc() || parsed.ptr != cell.data() + cell.size() || !std::isfinite(value)) {
+      const auto value = parsed_number<double>(cell);
+      if (!value || !std::isfinite(*value)) {
         return failure(place + ": control point " + std::to_string(markup.points.size() + 1) + ": " + name + " = " +
                        cell + ": must be a finite number");
       }
-      point.position_mm[name[0] - 'x'] = value;
+      point.position_mm[name[0] - 'x'] = *value;
     }
     point.position_mm = space == Space::kLps ? flipped(point.position_mm) : point.position_mm;
     markup.points.push_back(point);

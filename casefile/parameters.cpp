@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "casefile/text.hpp"
 #include "casefile/toml_values.hpp"
 
 namespace bregma::casefile {
@@ -36,12 +37,6 @@ void collect_leaves(const toml::table &table, const std::string &prefix, std::ve
       out.push_back({full, &node});
     }
   }
-}
-
-std::string_view trimmed(std::string_view text) {
-  const std::size_t first = text.find_first_not_of(" \t");
-  const std::size_t last = text.find_last_not_of(" \t");
-  return first == std::string_view::npos ? std::string_view() : text.substr(first, last - first + 1);
 }
 
 template <class T> auto getter(T *value) {

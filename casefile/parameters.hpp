@@ -56,6 +56,7 @@ public:
                        std::string text) {
     const std::vector<std::pair<std::string, Enum>> table(choices.begin(), choices.end());
     std::vector<std::string> names;
+    names.reserve(table.size());
     for (const auto &entry : table) {
       names.push_back(entry.first);
     }

@@ -11,6 +11,7 @@
 
 #include "casefile/pose_text.hpp"
 #include "casefile/poses.hpp"
+#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -35,12 +36,6 @@ std::optional<Ends> ends_of(std::string_view name) {
     }
   }
   return std::nullopt;
-}
-
-std::string_view trimmed(std::string_view text) {
-  const std::size_t first = text.find_first_not_of(" \t\r");
-  return first == std::string_view::npos ? std::string_view()
-                                         : text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
 class SequenceReader {

@@ -14,6 +14,7 @@
 #include <archive_entry.h>
 
 #include "casefile/pose_text.hpp"
+#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -26,13 +27,7 @@ constexpr double kOrthogonality = 1e-3;
 constexpr std::size_t kMaxEntryBytes = 1 << 20;
 
 // "1378476416922755200" of "./1378476416922755200.txt".
-std::optional<std::int64_t> time_of(const fs::path &file) {
-  const std::string stem = file.stem().string();
-  std::int64_t time_ns = 0;
-  const auto parsed = std::from_chars(stem.data(), stem.data() + stem.size(), time_ns);
-  const bool whole = parsed.ec == std::errc() && parsed.ptr == stem.data() + stem.size();
-  return whole ? std::optional(time_ns) : std::nullopt;
-}
+std::optional<std::int64_t> time_of(const fs::path &file) { return parsed_number<std::int64_t>(file.stem().string()); }
 
 bool is_pose_file(const fs::path &file) {
   return file.extension() == ".txt" && !file.filename().string().starts_with(".");

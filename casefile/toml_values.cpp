@@ -22,7 +22,9 @@ bool has_range(const ValueRule &rule) {
   return ordered && !std::holds_alternative<std::string>(rule.min);
 }
 
-std::string with_unit(std::string text, const std::string &unit) { return unit.empty() ? text : text + " " + unit; }
+std::string with_unit(const std::string &text, const std::string &unit) {
+  return unit.empty() ? text : text + " " + unit;
+}
 
 std::string quoted_list(const std::vector<std::string> &names) {
   std::string out;

@@ -1,9 +1,9 @@
 #include "server/engine.hpp"
 
 #include <algorithm>
-#include <numbers>
 #include <stdexcept>
 
+#include "algorithms/geometry/angles.hpp"
 #include "server/pipelines/wire_values.hpp"
 
 namespace bregma::server {
@@ -45,7 +45,7 @@ SessionConfig session_config(const Config &config) {
   out.capture_max_motion_mm = config.capture.max_motion_mm;
   out.trace_spacing_mm = config.trace.spacing_mm;
   out.trace_max_samples = static_cast<std::size_t>(config.trace.max_samples);
-  out.pivot_min_rotation_rad = config.pivot.min_rotation_deg * std::numbers::pi / 180.0;
+  out.pivot_min_rotation_rad = config.pivot.min_rotation_deg * geometry::kRadiansPerDegree;
   out.pivot_max_samples = static_cast<std::size_t>(config.pivot.max_samples);
   out.min_checks = static_cast<std::size_t>(config.verification.min_checks);
   return out;
@@ -55,14 +55,6 @@ inputs::DeviceOptions tracker_options(const Config &config) {
   inputs::DeviceOptions out;
   out.clock.minimum_latency_ns = ns_of_ms(config.tracker.latency_ms);
   return out;
-}
-
-// Appends the devices of one stream to those of another.
-void append(inputs::StreamHealth &to, const inputs::StreamHealth &from) {
-  for (std::uint32_t i = 0; i < from.device_count && to.device_count < bregma_wire_MAX_DEVICES; ++i) {
-    to.devices[to.device_count++] = from.devices[i];
-  }
-  to.unknown_device_samples += from.unknown_device_samples;
 }
 
 } // namespace
@@ -211,8 +203,8 @@ void Engine::sensor_writers(std::uint32_t robots, std::uint32_t ranges, std::uin
 
 void Engine::share_sensor_health(std::int64_t now_ns) noexcept {
   inputs::StreamHealth health = robot_border_.health(now_ns);
-  append(health, range_border_.health(now_ns));
-  append(health, force_border_.health(now_ns));
+  inputs::add_to(health, range_border_.health(now_ns));
+  inputs::add_to(health, force_border_.health(now_ns));
   sensor_health_.store(health);
 }
 

@@ -5,13 +5,14 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
-#include <numbers>
 #include <optional>
 #include <random>
 #include <vector>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+
+#include "algorithms/geometry/angles.hpp"
 
 namespace bregma::calibration {
 
@@ -23,7 +24,6 @@ using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kDegrees = 180.0 / std::numbers::pi;
 
 // Median of |e| when each coordinate has sigma one (root of the median of chi-square with 3 degrees of freedom).
 constexpr double kMedianOfNorm = 1.538172;
@@ -256,8 +256,8 @@ struct Judgement {
 
 // What forbids an estimate at all; nothing when there may be one.
 std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &options) {
-  const double wide = r.rotation_rad[0] * kDegrees;
-  const double narrow = r.rotation_rad[1] * kDegrees;
+  const double wide = r.rotation_rad[0] / geometry::kRadiansPerDegree;
+  const double narrow = r.rotation_rad[1] / geometry::kRadiansPerDegree;
   if (r.poses < options.min_poses) {
     return Judgement{PivotVerdict::kTooFewPoses,
                      format("refused: %zu poses, at least %zu are needed", r.poses, options.min_poses)};
@@ -270,7 +270,7 @@ std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &
     return Judgement{PivotVerdict::kTooLittleRotation,
                      format("refused: the tool was turned by %.0f degrees about one axis and by %.0f about the other; "
                             "at least %.0f about both are needed",
-                            wide, narrow, options.min_rotation_rad * kDegrees)};
+                            wide, narrow, options.min_rotation_rad / geometry::kRadiansPerDegree)};
   }
   return std::nullopt;
 }

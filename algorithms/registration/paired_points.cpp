@@ -22,7 +22,7 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kMaxIterations = 50;
-constexpr double kStep_mm = 1e-9;
+constexpr double kRefinedStep_mm = 1e-9;
 
 Matrix3d residual_covariance(const PointPair &pair, const Matrix3d &R) {
   return R * pair.source_covariance * R.transpose() + pair.target_covariance;
@@ -177,7 +177,7 @@ PairedFit fit_paired(std::span<const PointPair> pairs, const PairedPose *start) 
     A_inverse = solver.solve(Matrix6d::Identity());
     out.T_target_source = moved_about(centre, step, out.T_target_source);
     // A rotation step counts as the motion of a point 100 mm away.
-    out.converged = 100.0 * step.head<3>().norm() + step.tail<3>().norm() < kStep_mm;
+    out.converged = 100.0 * step.head<3>().norm() + step.tail<3>().norm() < kRefinedStep_mm;
   }
 
   out.covariance = covariance_at_origin(A_inverse, centre);

@@ -19,11 +19,11 @@ using geometry::Vector6d;
 
 namespace {
 
-constexpr double kStep_mm = 1e-4;      // an estimate that moves less has settled
-constexpr double kLever_mm = 80.0;     // at which rotations are compared with translations
-constexpr int kRescaled = 6;           // iterations that may change the noise scale
-constexpr double kSlow = 0.5;          // a step that shrank less is shortened: the surface bends within it
-constexpr double kWarmLimit_mm = 10.0; // a start farther from the fiducials' own fit is not used
+constexpr double kSettledStep_mm = 1e-4; // an estimate that moves less has settled
+constexpr double kLever_mm = 80.0;       // at which rotations are compared with translations
+constexpr int kRescaled = 6;             // iterations that may change the noise scale
+constexpr double kSlow = 0.5;            // a step that shrank less is shortened: the surface bends within it
+constexpr double kWarmLimit_mm = 10.0;   // a start farther from the fiducials' own fit is not used
 
 double motion_mm(const Vector6d &twist) { return kLever_mm * twist.head<3>().norm() + twist.tail<3>().norm(); }
 
@@ -147,7 +147,7 @@ bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &sta
       return false;
     }
     const double motion = motion_mm(step);
-    settled = motion < kStep_mm;
+    settled = motion < kSettledStep_mm;
     ++result.iterations;
     if (!settled) {
       if (result.iterations > kRescaled && motion > kSlow * last_motion) {
@@ -192,9 +192,10 @@ void RegistrationEstimator::Workspace::find_weakest(std::span<const Vector3d> ta
   // Without targets: six points inside the head stand in.
   constexpr double kInside_mm = 60.0;
   std::array<Vector3d, 6> stand_in;
-  for (int k = 0; k < 3; ++k) {
-    stand_in[static_cast<std::size_t>(2 * k)] = head + kInside_mm * Vector3d::Unit(k);
-    stand_in[static_cast<std::size_t>(2 * k + 1)] = head - kInside_mm * Vector3d::Unit(k);
+  for (std::size_t k = 0; k < 3; ++k) {
+    const Vector3d inside = kInside_mm * Vector3d::Unit(static_cast<Eigen::Index>(k));
+    stand_in[2 * k] = head + inside;
+    stand_in[2 * k + 1] = head - inside;
   }
   const bool given = !targets_image_mm.empty();
   const std::span<const Vector3d> points = given ? targets_image_mm : std::span<const Vector3d>(stand_in);

@@ -115,6 +115,8 @@ public:
         scenario_file_(std::move(scenario_file)), domain_(domain), seconds_(seconds) {}
 
   std::vector<double> through_relay(double rate_hz) {
+    operation_room_.reset();
+    operation_daemon_.reset();
     const test::Process relaying({self_, "--relay", "--domain", domain_text()}, log("relay"));
     const std::string waiting = (folder_.path() / "wait.toml").string();
     std::ofstream(waiting) << "[[steps]]\ndo = \"wait\"\nduration_s = 3600.0\n";

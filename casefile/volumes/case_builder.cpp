@@ -2,15 +2,14 @@
 
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cstdio>
 #include <limits>
 #include <map>
-#include <system_error>
 
 #include <Eigen/Geometry>
 
 #include "casefile/markups.hpp"
+#include "casefile/text.hpp"
 #include "casefile/volumes/partial_folder.hpp"
 #include "casefile/volumes/volume.hpp"
 
@@ -53,15 +52,13 @@ Result<fs::path> store_image(const fs::path &source, const Volume &volume, const
 }
 
 std::optional<std::int16_t> region_number(const std::string &region, const std::map<int, std::string> &names) {
-  for (const auto &[number, name] : names) {
-    if (name == region && number > 0 && number <= std::numeric_limits<std::int16_t>::max()) {
-      return static_cast<std::int16_t>(number);
+  for (const auto &[value, name] : names) {
+    if (name == region && value > 0 && value <= std::numeric_limits<std::int16_t>::max()) {
+      return static_cast<std::int16_t>(value);
     }
   }
-  std::int16_t number = 0;
-  const auto [end, error] = std::from_chars(region.data(), region.data() + region.size(), number);
-  return error == std::errc() && end == region.data() + region.size() && number > 0 ? std::optional(number)
-                                                                                    : std::nullopt;
+  const auto value = parsed_number<std::int16_t>(region);
+  return value && *value > 0 ? value : std::nullopt;
 }
 
 fs::path names_beside(const fs::path &labels) {
@@ -307,6 +304,7 @@ Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sourc
 
 Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, const Surface &surface, double max_mm) {
   std::vector<Eigen::Vector3d> places;
+  places.reserve(points.size());
   for (const NamedPoint &point : points) {
     places.push_back(point.position_mm);
   }

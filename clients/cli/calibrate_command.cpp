@@ -1,7 +1,6 @@
 // `bregma calibrate pivot`: where a tool's tip lies, from a recording or live by the daemon.
 #include <limits>
 #include <memory>
-#include <numbers>
 #include <string>
 #include <vector>
 
@@ -10,6 +9,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/calibration/pivot.hpp"
+#include "algorithms/geometry/angles.hpp"
 #include "casefile/poses.hpp"
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/commands.hpp"
@@ -22,7 +22,6 @@ namespace {
 using calibration::PivotResult;
 using nlohmann::json;
 
-constexpr double kDegrees = 180.0 / std::numbers::pi;
 constexpr const char *kDefaultTransform = "StylusToReference";
 
 struct PivotArguments {
@@ -56,7 +55,8 @@ json to_json(const PivotResult &r, const casefile::PoseSeries &series) {
               {"text", r.text},
               {"poses", r.poses},
               {"invalid_frames", series.invalid},
-              {"rotation_deg", {r.rotation_rad[0] * kDegrees, r.rotation_rad[1] * kDegrees}}};
+              {"rotation_deg",
+               {r.rotation_rad[0] / geometry::kRadiansPerDegree, r.rotation_rad[1] / geometry::kRadiansPerDegree}}};
   if (!r.estimated) {
     return out;
   }
@@ -83,8 +83,8 @@ std::string to_text(const PivotResult &r, const casefile::PoseSeries &series) {
   std::string out = r.text + "\n\n";
   out += "Poses " + std::to_string(r.poses) +
          (series.invalid > 0 ? " (" + std::to_string(series.invalid) + " invalid frames left out)" : "") +
-         ", turned by " + fixed(r.rotation_rad[0] * kDegrees, 0) + " and " + fixed(r.rotation_rad[1] * kDegrees, 0) +
-         " degrees about the two widest axes\n";
+         ", turned by " + fixed(r.rotation_rad[0] / geometry::kRadiansPerDegree, 0) + " and " +
+         fixed(r.rotation_rad[1] / geometry::kRadiansPerDegree, 0) + " degrees about the two widest axes\n";
   if (!r.estimated) {
     return out;
   }

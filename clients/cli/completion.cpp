@@ -87,7 +87,7 @@ std::string value_case(const std::vector<Place> &places) {
 
 std::string bash_completion(const CLI::App &program) {
   const auto places = places_of(program);
-  const std::string name = program.get_name();
+  const std::string &name = program.get_name();
   std::string out = "# Completion of " + name + " for bash: source <(" + name + " completion bash)\n";
   out += "_" + name + "() {\n  local at= word current=${COMP_WORDS[COMP_CWORD]} i\n";
   out += "  for ((i = 1; i < COMP_CWORD; i++)); do\n    word=${COMP_WORDS[i]}\n" + walk_case(places) + "  done\n";
@@ -106,7 +106,7 @@ std::string bash_completion(const CLI::App &program) {
 
 std::string zsh_completion(const CLI::App &program) {
   const auto places = places_of(program);
-  const std::string name = program.get_name();
+  const std::string &name = program.get_name();
   std::string out = "#compdef " + name + "\n# Completion of " + name + " for zsh: " + name +
                     " completion zsh > a folder of $fpath, as _" + name + "\n";
   out += "_" + name + "() {\n  local at= word i\n  local -a choices\n";

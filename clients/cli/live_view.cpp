@@ -2,16 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
+#include "algorithms/geometry/angles.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/wire_labels.hpp"
 
 namespace bregma::cli {
 namespace {
-
-constexpr double kDegree_rad = std::numbers::pi / 180.0;
 
 double seconds_between(std::int64_t from_ns, std::int64_t to_ns) { return static_cast<double>(to_ns - from_ns) * 1e-9; }
 
@@ -93,7 +91,7 @@ ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon,
   if (!out.trajectory.empty()) {
     out.distance_to_target_mm = state.distance_to_target_mm;
     out.lateral_mm = state.lateral_deviation_mm;
-    out.angle_deg = state.angle_rad / kDegree_rad;
+    out.angle_deg = state.angle_rad / geometry::kRadiansPerDegree;
     out.remaining_depth_mm = state.remaining_depth_mm;
   }
   out.nearest_structure = printable(wire::view(state.nearest_structure));

@@ -69,6 +69,10 @@ std::string fixed(double value, int decimals, std::string_view unit) {
   return unit.empty() ? out : out + " " + std::string(unit);
 }
 
+std::string known(double value, int decimals, std::string_view unit) {
+  return std::isfinite(value) ? fixed(value, decimals, unit) : "not known";
+}
+
 std::string vector_text(const Eigen::Vector3d &v, int decimals) {
   return "(" + fixed(v.x(), decimals) + ", " + fixed(v.y(), decimals) + ", " + fixed(v.z(), decimals) + ")";
 }

@@ -27,6 +27,8 @@ private:
 
 // "-" where the value is not known (not finite).
 [[nodiscard]] std::string fixed(double value, int decimals, std::string_view unit = {});
+// The same in a sentence: "not known" where the value is not.
+[[nodiscard]] std::string known(double value, int decimals, std::string_view unit);
 [[nodiscard]] std::string vector_text(const Eigen::Vector3d &v, int decimals); // "(1.0, 2.0, 3.0)"
 
 // JSON has no NaN: what is not known is null.

@@ -1,15 +1,13 @@
 #include "clients/cli/point_file.hpp"
 
-#include <charconv>
 #include <cmath>
 #include <fstream>
-#include <optional>
-#include <sstream>
 #include <string>
-#include <system_error>
+#include <string_view>
 #include <utility>
 
 #include "casefile/markups.hpp"
+#include "casefile/text.hpp"
 
 namespace bregma::cli {
 
@@ -19,23 +17,11 @@ using casefile::failure;
 using casefile::NamedPoint;
 using casefile::Result;
 
-std::string trimmed(const std::string &text) {
-  const auto first = text.find_first_not_of(" \t\r\"");
-  return first == std::string::npos ? "" : text.substr(first, text.find_last_not_of(" \t\r\"") - first + 1);
-}
-
-std::optional<double> number_of(const std::string &text) {
-  double value = 0.0;
-  const auto parsed = std::from_chars(text.data(), text.data() + text.size(), value);
-  const bool number = !text.empty() && parsed.ec == std::errc() && parsed.ptr == text.data() + text.size();
-  return number ? std::optional(value) : std::nullopt;
-}
-
 std::vector<std::string> cells_of(const std::string &line) {
   std::vector<std::string> out;
-  std::istringstream in(line);
-  for (std::string cell; std::getline(in, cell, ',');) {
-    out.push_back(trimmed(cell));
+  for (std::string_view cell : casefile::cells(line, ',')) {
+    const bool quoted = cell.size() > 1 && cell.front() == '"' && cell.back() == '"';
+    out.emplace_back(quoted ? casefile::trimmed(cell.substr(1, cell.size() - 2)) : cell);
   }
   return out;
 }
@@ -43,7 +29,7 @@ std::vector<std::string> cells_of(const std::string &line) {
 // Only words: nothing that could be a point.
 bool is_header(const std::vector<std::string> &cells) {
   for (const std::string &cell : cells) {
-    if (number_of(cell)) {
+    if (casefile::parsed_number<double>(cell)) {
       return false;
     }
   }
@@ -62,7 +48,7 @@ Result<std::vector<NamedPoint>> read_csv(const std::filesystem::path &file) {
   for (int number = 1; std::getline(in, line); ++number) {
     const std::string place = file.string() + ":" + std::to_string(number) + ": ";
     const std::vector<std::string> cells = cells_of(line);
-    if (trimmed(line).empty() || line.starts_with("#")) {
+    if (casefile::trimmed(line).empty() || line.starts_with("#")) {
       continue;
     }
     if (std::exchange(header_allowed, false) && is_header(cells)) {
@@ -76,7 +62,7 @@ Result<std::vector<NamedPoint>> read_csv(const std::filesystem::path &file) {
     const std::size_t offset = cells.size() - 3;
     point.name = offset == 1 ? cells[0] : std::to_string(out.size() + 1);
     for (std::size_t i = 0; i < 3; ++i) {
-      const auto value = number_of(cells[offset + i]);
+      const auto value = casefile::parsed_number<double>(cells[offset + i]);
       if (!value || !std::isfinite(*value)) {
         return failure(place + "point " + point.name + ": " + std::string(1, static_cast<char>('x' + i)) + " = \"" +
                        cells[offset + i] + "\": must be a finite number");

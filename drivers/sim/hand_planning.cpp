@@ -5,11 +5,12 @@
 #include <limits>
 #include <numbers>
 
+#include "algorithms/geometry/angles.hpp"
+
 namespace bregma::sim {
 
 namespace {
 
-constexpr double kRadian = std::numbers::pi / 180.0;
 constexpr double kKnotSpacing_mm = 4.0;
 constexpr std::size_t kKnotsPerGrip = 5;
 constexpr double kClear_mm = 20.0;
@@ -19,8 +20,8 @@ struct Direction { // from the head's centre: azimuth 0 is anterior, positive to
 };
 
 Vector3d unit(const Direction &d) {
-  const double azimuth = d.azimuth_deg * kRadian;
-  const double elevation = d.elevation_deg * kRadian;
+  const double azimuth = d.azimuth_deg * geometry::kRadiansPerDegree;
+  const double elevation = d.elevation_deg * geometry::kRadiansPerDegree;
   return {std::sin(azimuth) * std::cos(elevation), std::cos(azimuth) * std::cos(elevation), std::sin(elevation)};
 }
 
@@ -37,10 +38,11 @@ double HandPlanning::awkwardness(const TrueTool &tool, const HandPose &pose, con
   const T_ImageTool body = tool.body({pose.rotation, pose.tip_mm});
   const Vector3d camera = patient_->camera_mm();
   const Vector3d shaft = -(pose.rotation * tool.model.axis.normalized());
-  const double lean_deg = std::acos(std::clamp(shaft.dot(normal), -1.0, 1.0)) / kRadian;
+  const double lean_deg = std::acos(std::clamp(shaft.dot(normal), -1.0, 1.0)) / geometry::kRadiansPerDegree;
   const Vector3d to_camera = (camera - body.translation()).normalized();
   const double turn_deg =
-      std::acos(std::clamp((pose.rotation * tool.model.normal.normalized()).dot(to_camera), -1.0, 1.0)) / kRadian;
+      std::acos(std::clamp((pose.rotation * tool.model.normal.normalized()).dot(to_camera), -1.0, 1.0)) /
+      geometry::kRadiansPerDegree;
   double cost = std::pow(lean_deg / 60.0, 2) + std::pow(turn_deg / 50.0, 2);
   cost += turn_deg > 48.0 ? 5.0 + (turn_deg - 48.0) : 0.0; // markers are lost at 60
   if (like != nullptr) {
@@ -64,8 +66,9 @@ HandPose HandPlanning::grip(const TrueTool &tool, const Vector3d &point, const V
     const int around = lean_deg == 0.0 ? 1 : 12;
     for (int i = 0; i < around; ++i) {
       const double azimuth = 2.0 * std::numbers::pi * i / around;
-      const Vector3d shaft = std::cos(lean_deg * kRadian) * normal +
-                             std::sin(lean_deg * kRadian) * (std::cos(azimuth) * side + std::sin(azimuth) * other);
+      const Vector3d shaft =
+          std::cos(lean_deg * geometry::kRadiansPerDegree) * normal +
+          std::sin(lean_deg * geometry::kRadiansPerDegree) * (std::cos(azimuth) * side + std::sin(azimuth) * other);
       const Vector3d facing = patient_->camera_mm() - point;
       HandPose pose{point, point_tool(tool.model, -shaft, facing), parameters_.rest_share, 1.0};
       const double cost = awkwardness(tool, pose, normal, like);

@@ -1,19 +1,15 @@
 #include "drivers/sim/hands.hpp"
 
-#include <numbers>
+#include "algorithms/geometry/angles.hpp"
 
 namespace bregma::sim {
 
-namespace {
-
-constexpr double kRadian = std::numbers::pi / 180.0;
-
-} // namespace
+namespace {} // namespace
 
 Hands::Hands(std::vector<HandPose> stands, const OperatorParameters &parameters, const Patient &patient,
              std::uint64_t seed) {
-  const Tremor::Strength strength{parameters.tremor_mm, parameters.tremor_deg * kRadian, parameters.wander_mm,
-                                  parameters.wander_deg * kRadian};
+  const Tremor::Strength strength{parameters.tremor_mm, parameters.tremor_deg * geometry::kRadiansPerDegree,
+                                  parameters.wander_mm, parameters.wander_deg * geometry::kRadiansPerDegree};
   for (std::size_t i = 0; i < stands.size(); ++i) {
     tools_.push_back({stands[i], stands[i], nullptr, 0, Tremor(strength, seed, patient.tools[i].model.name)});
   }

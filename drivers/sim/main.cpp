@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <map>
 #include <string>
 
 #include <CLI/CLI.hpp>
@@ -76,6 +77,21 @@ public:
     std::fflush(stdout);
   }
 
+  // At the end: what each device has given to the wire.
+  void account(const std::map<std::string, sim::RoomOnTheWire::Sent> &sent) const {
+    for (const auto &[device, s] : sent) {
+      if (json_) {
+        const nlohmann::json line{
+            {"event", "sent"}, {"device", device}, {"written", s.written}, {"last_number", s.last_number}};
+        std::printf("%s\n", line.dump().c_str());
+      } else {
+        std::printf("  %-8s %llu samples sent, numbers up to %llu\n", device.c_str(),
+                    static_cast<unsigned long long>(s.written), static_cast<unsigned long long>(s.last_number));
+      }
+    }
+    std::fflush(stdout);
+  }
+
 private:
   bool json_;
   std::int64_t start_ns_ = 0;
@@ -135,6 +151,7 @@ int run(const Options &options) {
     room.continue_with(repeated);
     wire.run(stop_requested, tell);
   }
+  narrator.account(wire.sent());
   if (wire.dropped() > 0) {
     std::fprintf(stderr, "bregma-sim-room: %llu samples were not written in time\n",
                  static_cast<unsigned long long>(wire.dropped()));

@@ -3,9 +3,9 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <numbers>
 #include <span>
 
+#include "algorithms/geometry/angles.hpp"
 #include "algorithms/registration/paired_points.hpp"
 #include "idl/names.hpp"
 
@@ -13,7 +13,6 @@ namespace bregma::sim {
 
 namespace {
 
-constexpr double kRadian = std::numbers::pi / 180.0;
 constexpr std::size_t kMaxMarkers = 32; // bits of TrackedTool::used_markers
 
 } // namespace
@@ -32,9 +31,9 @@ std::int64_t DeviceClock::stamp(std::int64_t host_ns) {
 OpticalTracker::OpticalTracker(const Patient &patient, const TrackerParameters &parameters, std::uint64_t seed)
     : patient_(&patient), parameters_(parameters), T_tracker_image_(patient.T_tracker_image),
       T_image_tracker_(patient.T_tracker_image.inverse()),
-      cos_max_angle_(std::cos(parameters.max_marker_angle_deg * kRadian)),
-      tan_half_width_(std::tan(parameters.half_width_deg * kRadian)),
-      tan_half_height_(std::tan(parameters.half_height_deg * kRadian)), noise_(seed, "markers") {}
+      cos_max_angle_(std::cos(parameters.max_marker_angle_deg * geometry::kRadiansPerDegree)),
+      tan_half_width_(std::tan(parameters.half_width_deg * geometry::kRadiansPerDegree)),
+      tan_half_height_(std::tan(parameters.half_height_deg * geometry::kRadiansPerDegree)), noise_(seed, "markers") {}
 
 bool OpticalTracker::in_volume(const Vector3d &in_tracker) const {
   const double depth = in_tracker.z();

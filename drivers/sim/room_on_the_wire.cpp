@@ -1,5 +1,6 @@
 #include "drivers/sim/room_on_the_wire.hpp"
 
+#include <algorithm>
 #include <thread>
 
 #include <ctime>
@@ -47,22 +48,27 @@ bool RoomOnTheWire::wait_for_daemon(std::chrono::nanoseconds timeout, const std:
 
 // A device that was stopped comes back with the present, not with what it missed: the gap shows in the numbers.
 template <class T>
-void RoomOnTheWire::write_all(const dds::Writer<T> &writer, std::vector<T> &samples, std::int64_t now_ns) {
+void RoomOnTheWire::write_all(const dds::Writer<T> &writer, const char *device, std::vector<T> &samples,
+                              std::int64_t now_ns) {
+  Sent &sent = sent_[device];
   for (T &sample : samples) {
     if (now_ns - sample.sent_time_ns > kTooOld_ns) {
       ++dropped_;
       continue;
     }
     sample.sent_time_ns = now_ns;
-    dropped_ += writer.write(sample) ? 0 : 1;
+    const bool written = writer.write(sample);
+    sent.written += written ? 1 : 0;
+    dropped_ += written ? 0 : 1;
+    sent.last_number = std::max(sent.last_number, sample.frame);
   }
 }
 
 void RoomOnTheWire::write(RoomOutput &out, std::int64_t now_ns) {
-  write_all(frames_, out.frames, now_ns); // first: their latency is measured
-  write_all(robot_states_, out.robot_states, now_ns);
-  write_all(force_samples_, out.force_samples, now_ns);
-  write_all(range_samples_, out.range_samples, now_ns);
+  write_all(frames_, kTrackerDevice, out.frames, now_ns); // first: their latency is measured
+  write_all(robot_states_, kRobotDevice, out.robot_states, now_ns);
+  write_all(force_samples_, kForceDevice, out.force_samples, now_ns);
+  write_all(range_samples_, kRangeDevice, out.range_samples, now_ns);
   for (const auto &truth : out.truths) {
     dropped_ += truths_.write(truth) ? 0 : 1;
   }

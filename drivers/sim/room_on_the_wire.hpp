@@ -6,6 +6,8 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <map>
+#include <string>
 
 #include "drivers/sim/simulated_room.hpp"
 #include "idl/dds.hpp"
@@ -25,7 +27,14 @@ public:
   // Until the script is over or stop is set. tell is called for every event of the script.
   void run(const std::atomic<bool> &stop, const Tell &tell);
 
-  // Written late by more than kTooOld, and therefore not written: the process was stopped or starved.
+  // What one device has given to the wire. Numbers up to last_number that are not among `written` are lost samples:
+  // the device lost them itself, or they fell due more than kTooOld ago (the process was stopped or starved).
+  struct Sent {
+    std::uint64_t written = 0; // samples, hostile ones and copies among them
+    std::uint64_t last_number = 0;
+  };
+  [[nodiscard]] const std::map<std::string, Sent> &sent() const { return sent_; }
+  // Samples, truths and commands that were too old or that DDS did not take.
   [[nodiscard]] std::uint64_t dropped() const { return dropped_; }
 
 private:
@@ -33,7 +42,8 @@ private:
 
   [[nodiscard]] std::int64_t host_now_ns() const; // UTC that never steps
   void write(RoomOutput &out, std::int64_t now_ns);
-  template <class T> void write_all(const dds::Writer<T> &writer, std::vector<T> &samples, std::int64_t now_ns);
+  template <class T>
+  void write_all(const dds::Writer<T> &writer, const char *device, std::vector<T> &samples, std::int64_t now_ns);
 
   SimulatedRoom *room_;
   dds::Participant participant_;
@@ -46,6 +56,7 @@ private:
   dds::Reader<wire::CommandReply> replies_;
   dds::Reader<wire::NavigationState> states_;
   std::int64_t utc_ahead_ns_; // the host's UTC at the start minus monotonic time
+  std::map<std::string, Sent> sent_;
   std::uint64_t dropped_ = 0;
 };
 

@@ -4,13 +4,6 @@
 
 namespace bregma::inputs {
 
-void add_to(wire::SystemHealth &health, const StreamHealth &stream) noexcept {
-  for (std::uint32_t i = 0; i < stream.device_count && health.device_count < bregma_wire_MAX_DEVICES; ++i) {
-    health.devices[health.device_count++] = stream.devices[i];
-  }
-  health.unknown_device_samples += stream.unknown_device_samples;
-}
-
 template <class Sample> Border<Sample>::Border(std::span<const std::string> devices, DeviceOptions options) {
   if (options.deadline_ns == 0) {
     options.deadline_ns = wire::Topic<Sample>::kQos.deadline_ns;

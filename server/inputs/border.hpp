@@ -38,7 +38,13 @@ struct StreamHealth {
 };
 
 // Appends the stream's devices and adds its unknown samples. Devices beyond MAX_DEVICES are left out.
-void add_to(wire::SystemHealth &health, const StreamHealth &stream) noexcept;
+// health: a wire::SystemHealth, or the StreamHealth of several streams.
+template <class Health> void add_to(Health &health, const StreamHealth &stream) noexcept {
+  for (std::uint32_t i = 0; i < stream.device_count && health.device_count < bregma_wire_MAX_DEVICES; ++i) {
+    health.devices[health.device_count++] = stream.devices[i];
+  }
+  health.unknown_device_samples += stream.unknown_device_samples;
+}
 
 template <class Sample> class Border {
 public:

@@ -71,8 +71,8 @@ std::optional<CaptureResult> TouchCapture::finish(std::int64_t now_ns) noexcept 
   for (const Part &part : parts_) {
     mean += part.sum / count;
   }
-  result.spread_mm = motion_mm(mean);
-  result.status = result.spread_mm <= request_.max_motion_mm ? CaptureStatus::kOk : CaptureStatus::kMoved;
+  result.motion_mm = motion_mm(mean);
+  result.status = result.motion_mm <= request_.max_motion_mm ? CaptureStatus::kOk : CaptureStatus::kMoved;
   result.position_mm = array_of(mean);
   // The markers' noise averages out over the frames, the error of the tip does not.
   result.covariance_mm2 = array_of(Matrix3d(marker_sum_ / (count * count) + tip_covariance_));

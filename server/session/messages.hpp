@@ -144,7 +144,7 @@ enum class CaptureStatus : std::uint8_t {
   kNoFrames,        // the tracker was silent
   kToolHidden,      // the tool was seen in too few of the window's frames
   kReferenceHidden, // the reference was
-  kMoved,           // see CaptureResult::spread_mm
+  kMoved,           // see CaptureResult::motion_mm
   kNotCalibrated    // the tool has no tip
 };
 
@@ -155,9 +155,9 @@ struct CaptureResult {
   std::uint32_t window_frames; // all that were exposed in the window
   std::uint64_t frame;         // the last that was used
   std::int64_t acquired_time_ns;
-  Array3 position_mm;    // mean; this and what follows only with kOk, spread_mm also with kMoved
+  Array3 position_mm;    // mean; this and what follows only with kOk, motion_mm also with kMoved
   Array9 covariance_mm2; // of the mean
-  double spread_mm;      // how far the tip moved about the mean, beyond the noise of the markers
+  double motion_mm;      // how far the tip moved about the mean, beyond the noise of the markers
 };
 
 struct PivotPose {

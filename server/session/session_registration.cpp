@@ -76,8 +76,8 @@ Answer Session::Impl::take_fiducial(const CaptureRequest &request, const Capture
   ports_.publish(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, point));
   return {.text = point + (again ? " touched again" : " touched") + " (" + std::to_string(data_.fiducials.size()) +
                   " of " + std::to_string(case_->fiducials.size()) + "), " + std::to_string(result.used_frames) +
-                  " frames, tip within " + mm(result.spread_mm),
-          .value_mm = result.spread_mm};
+                  " frames, moved " + mm(result.motion_mm) + " beyond the markers' noise",
+          .value_mm = result.motion_mm};
 }
 
 Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureResult &result) {

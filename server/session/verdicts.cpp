@@ -185,7 +185,7 @@ std::optional<std::string> refuse_capture(const CaptureRequest &request, const C
   case CaptureStatus::kReferenceHidden:
     return "the reference was hidden: " + frames;
   case CaptureStatus::kMoved:
-    return tool + " was not held still: its tip strayed " + mm(result.spread_mm) + " from its mean, limit " +
+    return tool + " was not held still: its tip strayed " + mm(result.motion_mm) + " from its mean, limit " +
            mm(request.max_motion_mm);
   case CaptureStatus::kNotCalibrated:
     return tool + " has no tip: calibrate it by a pivot first";

@@ -112,13 +112,14 @@ void Operation::start_daemon(const std::vector<std::string> &settings) {
   daemon_ = std::make_unique<Process>(command, (logs_.path() / "bregmad.log").string());
 }
 
-void Operation::start_room(const std::string &scenario_toml) {
+void Operation::start_room(const std::string &scenario_toml, const std::vector<std::string> &options) {
   const std::string scenario = (logs_.path() / ("scenario-" + std::to_string(++rooms_) + ".toml")).string();
   std::ofstream(scenario) << scenario_toml;
-  room_ = std::make_unique<Process>(std::vector<std::string>{BREGMA_SIM_ROOM, "--case", case_.loaded().folder.string(),
-                                                             "--scenario", scenario, "--seed", std::to_string(kSeed),
-                                                             "--domain", std::to_string(domain_)},
-                                    (logs_.path() / "room.log").string());
+  std::vector<std::string> command{BREGMA_SIM_ROOM,       "--case",   case_.loaded().folder.string(),
+                                   "--scenario",          scenario,   "--seed",
+                                   std::to_string(kSeed), "--domain", std::to_string(domain_)};
+  command.insert(command.end(), options.begin(), options.end());
+  room_ = std::make_unique<Process>(command, (logs_.path() / "room.log").string());
 }
 
 bool Operation::observe_until(const std::function<bool()> &done, double seconds) {

@@ -43,7 +43,7 @@ public:
 
   void start_daemon(const std::vector<std::string> &settings = {});
   // steps: scenario text; the room's log is kept.
-  void start_room(const std::string &scenario_toml);
+  void start_room(const std::string &scenario_toml, const std::vector<std::string> &options = {});
 
   // Takes in what has arrived until done() holds; false when that took longer than the time (which is generous: it
   // bounds a hang, it measures nothing).

@@ -93,6 +93,7 @@ casefile::Result<std::string> head_figure(const SessionAnalysis &session) {
            escape(view.name) + "</p></div>";
   }
   std::vector<std::string> stops;
+  stops.reserve(std::size(kStops));
   for (const auto &stop : kStops) {
     stops.push_back(hex(stop));
   }

@@ -55,10 +55,6 @@ std::string card(std::string_view name, const std::string &value, std::string_vi
          "</small></div>";
 }
 
-std::string known(double value, int decimals, std::string_view unit) {
-  return std::isfinite(value) ? fixed(value, decimals, unit) : "not known";
-}
-
 std::string date_text(std::int64_t time_ns) {
   const std::time_t seconds = static_cast<std::time_t>(time_ns / 1'000'000'000);
   std::tm parts{};

@@ -27,10 +27,6 @@ json spread_json(const Distribution &values) {
           {"max", json_number(values.max())}};
 }
 
-std::string known(double value, int decimals, std::string_view unit) {
-  return std::isfinite(value) ? fixed(value, decimals, unit) : "not known";
-}
-
 std::string at_target_text(const AtTarget &target) {
   std::string out = "At the target  " + printable(target.tool) + " along " + printable(target.trajectory) + ", " +
                     std::to_string(target.samples) + " samples\n";

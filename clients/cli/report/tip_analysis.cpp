@@ -105,7 +105,7 @@ private:
 // Of an error vector, squared, in units of the semi-axes.
 double in_semi_axes(const wire::Ellipsoid &region, const Vector3d &error_mm) {
   double sum = 0.0;
-  for (int i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i) {
     const Vector3d axis(region.axes + 3 * i);
     sum += std::pow(axis.dot(error_mm) / region.semi_axes_mm[i], 2);
   }

@@ -14,7 +14,7 @@ using namespace bregma;
 using geometry::Vector3d;
 using planning::CriticalStructures;
 using planning::NamedMesh;
-constexpr unsigned kSeed = 20260203;
+constexpr unsigned kStructuresSeed = 20260203;
 
 // A lumpy body: no two distances alike, concave in places.
 geometry::TriangleMesh blob(const Vector3d &centre, double radius, std::mt19937 &rng) {
@@ -33,7 +33,7 @@ std::vector<NamedMesh> structures(std::mt19937 &rng) {
 }
 
 TEST(CriticalStructures, AgreeWithTheClosestPointOfEachSurfaceAlongAPath) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kStructuresSeed);
   const auto given = structures(rng);
   const CriticalStructures critical(given);
   std::vector<registration::SurfaceModel> surfaces;
@@ -60,7 +60,7 @@ TEST(CriticalStructures, AgreeWithTheClosestPointOfEachSurfaceAlongAPath) {
     const auto nearest = critical.nearest(tip, warm);
     CriticalStructures::Warm fresh;
     const auto cold = critical.nearest(tip, fresh);
-    ASSERT_NEAR(nearest.distance_mm, expected, 2e-5) << "step " << i << " seed " << kSeed;
+    ASSERT_NEAR(nearest.distance_mm, expected, 2e-5) << "step " << i << " seed " << kStructuresSeed;
     ASSERT_NEAR(cold.distance_mm, expected, 2e-5) << "step " << i;
     ASSERT_EQ(critical.name(nearest.index), name) << "step " << i;
     ASSERT_EQ(cold.index, nearest.index) << "step " << i;
@@ -68,7 +68,7 @@ TEST(CriticalStructures, AgreeWithTheClosestPointOfEachSurfaceAlongAPath) {
 }
 
 TEST(CriticalStructures, InsideIsZero) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kStructuresSeed);
   const CriticalStructures critical(structures(rng));
   CriticalStructures::Warm warm;
   const auto nearest = critical.nearest({-45, -20, 8}, warm);
@@ -87,7 +87,7 @@ TEST(CriticalStructures, QueriesDoNotAllocate) {
   if (!test::AllocationScope::available()) {
     GTEST_SKIP() << "the sanitizer owns malloc";
   }
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kStructuresSeed);
   const CriticalStructures critical(structures(rng));
   CriticalStructures::Warm warm;
   (void)critical.nearest({0, 0, 90}, warm); // FCL fills its table of functions at the first query
@@ -99,7 +99,7 @@ TEST(CriticalStructures, QueriesDoNotAllocate) {
 }
 
 TEST(CriticalStructures, PathClearanceIsTheLeastDistanceAlongTheLine) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kStructuresSeed);
   const auto given = structures(rng);
   const CriticalStructures critical(given);
   const Vector3d entry(5, 20, 90);
@@ -123,7 +123,7 @@ TEST(CriticalStructures, PathClearanceIsTheLeastDistanceAlongTheLine) {
 }
 
 TEST(CriticalStructures, ALineThroughOneHasNoClearance) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kStructuresSeed);
   const CriticalStructures critical(structures(rng));
   const auto through = critical.path_clearance({40, 0, 100}, {40, 0, -20});
   EXPECT_EQ(through.front().name, "Precentral_R");

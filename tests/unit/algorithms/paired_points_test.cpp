@@ -13,7 +13,7 @@ using namespace bregma;
 using namespace bregma::registration;
 using geometry::rotation_exp;
 using geometry::Vector6d;
-constexpr unsigned kSeed = 20260202;
+constexpr unsigned kPairedSeed = 20260202;
 
 PairedPose random_pose(std::mt19937 &rng) {
   return test::random_pose<geometry::frame::Target, geometry::frame::Source>(rng);
@@ -52,20 +52,20 @@ std::vector<PointPair> noisy_pairs(std::mt19937 &rng, const PairedPose &T, int c
 double difference(const PairedPose &a, const PairedPose &b) { return (a.matrix() - b.matrix()).norm(); }
 
 TEST(FitRigid, FindsTheMotionOfCleanPoints) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   for (int count : {3, 4, 8, 64, 500}) {
     for (int run = 0; run < 20; ++run) {
       const PairedPose T = random_pose(rng);
       const auto source = cloud(rng, count);
       const auto fit = fit_rigid(source, mapped(T, source));
       ASSERT_TRUE(fit.has_value());
-      EXPECT_LT(difference(*fit, T), 1e-10) << count << " points, seed " << kSeed;
+      EXPECT_LT(difference(*fit, T), 1e-10) << count << " points, seed " << kPairedSeed;
     }
   }
 }
 
 TEST(FitRigid, NeverReflects) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   for (int run = 0; run < 200; ++run) {
     // Flat and mirrored sets are where the best orthogonal matrix is a reflection.
     auto source = cloud(rng, 5);
@@ -96,7 +96,7 @@ TEST(FitRigid, NeverReflects) {
 }
 
 TEST(FitRigid, WeightsTakePointsOutAndIn) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   const PairedPose T = random_pose(rng);
   const auto source = cloud(rng, 6);
   auto target = mapped(T, source);
@@ -124,7 +124,7 @@ TEST(FitRigid, RefusesWhatDoesNotFixAPose) {
 }
 
 TEST(FitPaired, MovesWithBothSides) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   for (int run = 0; run < 50; ++run) {
     const auto pairs = noisy_pairs(rng, random_pose(rng), 8);
     const auto fit = fit_paired(pairs);
@@ -143,7 +143,7 @@ TEST(FitPaired, MovesWithBothSides) {
     ASSERT_TRUE(moved_fit.converged);
     const auto expected = on_target.as<geometry::frame::Target, geometry::frame::Target>() * fit.T_target_source *
                           on_source.as<geometry::frame::Source, geometry::frame::Source>().inverse();
-    EXPECT_LT(difference(moved_fit.T_target_source, expected), 1e-7) << "run " << run << " seed " << kSeed;
+    EXPECT_LT(difference(moved_fit.T_target_source, expected), 1e-7) << "run " << run << " seed " << kPairedSeed;
     EXPECT_NEAR(moved_fit.chi_square, fit.chi_square, 1e-6);
     EXPECT_NEAR(moved_fit.fre_mm, fit.fre_mm, 1e-9);
     const auto ad = geometry::adjoint(on_target);
@@ -161,7 +161,7 @@ TEST(FitPaired, MovesWithBothSides) {
 }
 
 TEST(FitPaired, BeatsLeastSquaresWhereErrorsAreAnisotropic) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   double ours = 0.0;
   double plain = 0.0;
   for (int run = 0; run < 300; ++run) {
@@ -182,7 +182,7 @@ TEST(FitPaired, BeatsLeastSquaresWhereErrorsAreAnisotropic) {
 }
 
 TEST(FitPaired, PValuesAreUniform) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   constexpr int kRuns = 3000;
   for (const int count : {3, 5, 8}) {
     int total_below = 0;
@@ -192,13 +192,13 @@ TEST(FitPaired, PValuesAreUniform) {
       total_below += fit.p_value < 0.1 ? 1 : 0;
       single_below += fit.fiducials[0].p_value < 0.1 ? 1 : 0;
     }
-    EXPECT_NEAR(100.0 * total_below / kRuns, 10.0, 1.8) << count << " fiducials, seed " << kSeed;
+    EXPECT_NEAR(100.0 * total_below / kRuns, 10.0, 1.8) << count << " fiducials, seed " << kPairedSeed;
     EXPECT_NEAR(100.0 * single_below / kRuns, 10.0, 1.8) << count << " fiducials";
   }
 }
 
 TEST(FitPaired, LeaveOneOutIsTheDistanceAFitWithoutItGives) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   for (int run = 0; run < 50; ++run) {
     auto pairs = noisy_pairs(rng, random_pose(rng), 6);
     pairs[4].target_mm += Vector3d(1.5, -1.0, 2.0);
@@ -207,13 +207,13 @@ TEST(FitPaired, LeaveOneOutIsTheDistanceAFitWithoutItGives) {
     pairs.erase(pairs.begin() + 4);
     const auto rest = fit_paired(pairs);
     const double really = (rest.T_target_source * left_out.source_mm - left_out.target_mm).norm();
-    EXPECT_NEAR(fit.fiducials[4].leave_one_out_mm, really, 0.05 * really) << "run " << run << " seed " << kSeed;
+    EXPECT_NEAR(fit.fiducials[4].leave_one_out_mm, really, 0.05 * really) << "run " << run << " seed " << kPairedSeed;
     EXPECT_GT(fit.fiducials[4].leave_one_out_mm, fit.fiducials[4].norm_mm);
   }
 }
 
 TEST(FitPaired, LeaveOneOutIsUnknownWithThree) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   const auto fit = fit_paired(noisy_pairs(rng, random_pose(rng), 3));
   ASSERT_TRUE(fit.converged);
   EXPECT_TRUE(std::isnan(fit.fiducials[0].leave_one_out_mm));
@@ -221,7 +221,7 @@ TEST(FitPaired, LeaveOneOutIsUnknownWithThree) {
 }
 
 TEST(FitPaired, DoesNotPretendToConverge) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   auto pairs = noisy_pairs(rng, random_pose(rng), 8);
   EXPECT_FALSE(fit_paired(std::span(pairs).first(2)).converged);
   auto exact = pairs;
@@ -239,7 +239,7 @@ TEST(FitPaired, DoesNotAllocate) {
   if (!test::AllocationScope::available()) {
     GTEST_SKIP() << "the sanitizer owns malloc";
   }
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   const auto pairs = noisy_pairs(rng, random_pose(rng), 64);
   const test::AllocationScope scope;
   EXPECT_TRUE(fit_paired(pairs).converged);
@@ -263,7 +263,7 @@ const std::vector<Vector3d> kMarkers = {{0, 0, 0}, {50, 0, 0}, {0, 35, 0}, {-20,
 
 // Against what a tracker does: least squares on noisy markers, many times.
 TEST(MarkerFitCovariance, AgreesWithSampling) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPairedSeed);
   using TrackerFromTool = geometry::Rigid3<geometry::frame::Tracker, geometry::frame::Tool>;
   const TrackerFromTool T(test::random_rotation(rng), Vector3d(120.0, -80.0, -1900.0));
   for (const std::uint32_t used : {0b1111U, 0b1011U}) {
@@ -286,7 +286,7 @@ TEST(MarkerFitCovariance, AgreesWithSampling) {
       const Vector3d error = *fit_rigid(source, target) * tip - T * tip;
       sampled += error * error.transpose() / kRuns;
     }
-    EXPECT_LT((sampled - at_tip).norm(), 0.04 * at_tip.norm()) << "markers " << used << " seed " << kSeed;
+    EXPECT_LT((sampled - at_tip).norm(), 0.04 * at_tip.norm()) << "markers " << used << " seed " << kPairedSeed;
   }
 }
 

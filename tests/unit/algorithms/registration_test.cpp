@@ -14,7 +14,7 @@ namespace {
 
 using namespace bregma;
 using namespace bregma::registration;
-constexpr unsigned kSeed = 20260208;
+constexpr unsigned kRegistrationSeed = 20260208;
 const Vector3d kTarget(12.0, -20.0, 5.0);
 
 struct Patient {
@@ -70,7 +70,7 @@ std::string words(const RegistrationResult &result, const RegistrationOptions &o
 TEST(Registration, FindsThePatientAndTheSurfaceHelps) {
   double with = 0.0;
   double without = 0.0;
-  for (unsigned seed = kSeed; seed < kSeed + 40; ++seed) {
+  for (unsigned seed = kRegistrationSeed; seed < kRegistrationSeed + 40; ++seed) {
     Patient patient(seed);
     patient.touch_eight();
     patient.trace_scalp(300);
@@ -93,7 +93,7 @@ TEST(Registration, FindsThePatientAndTheSurfaceHelps) {
 }
 
 TEST(Registration, WithoutSurfaceItIsThePairedFit) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   std::vector<PointPair> pairs;
   for (const auto &f : patient.fiducials) {
@@ -109,7 +109,7 @@ TEST(Registration, WithoutSurfaceItIsThePairedFit) {
 }
 
 TEST(Registration, StartsWarmFromALastEstimateAndIgnoresAWildOne) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace_scalp(300);
   RegistrationEstimator estimator(&patient.surface, {});
@@ -124,7 +124,7 @@ TEST(Registration, StartsWarmFromALastEstimateAndIgnoresAWildOne) {
 
 // A trace that leaves the skin, a pointer laid on the drape: a fifth of the samples far off.
 TEST(Registration, SurfaceOutliersHaveNoSay) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace_scalp(300);
   RegistrationEstimator estimator(&patient.surface, {});
@@ -141,7 +141,7 @@ TEST(Registration, SurfaceOutliersHaveNoSay) {
 }
 
 TEST(Registration, SamplesThatAreNotFiniteAreIgnored) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace_scalp(100);
   RegistrationEstimator estimator(&patient.surface, {});
@@ -156,7 +156,7 @@ TEST(Registration, SamplesThatAreNotFiniteAreIgnored) {
 }
 
 TEST(Registration, SkinThatErrsMoreThanStatedIsBelievedLess) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace(
       300, [](const Vector3d &p) { return p.z() > 20.0; }, 2.0);
@@ -170,18 +170,18 @@ TEST(Registration, SkinThatErrsMoreThanStatedIsBelievedLess) {
 TEST(Registration, GoodFiducialsAreNotRefused) {
   int refused = 0;
   constexpr int kRuns = 2000;
-  Patient patient(kSeed, 2);
+  Patient patient(kRegistrationSeed, 2);
   RegistrationEstimator estimator(nullptr, {});
   for (int run = 0; run < kRuns; ++run) {
     patient.fiducials.clear();
     patient.touch_eight();
     refused += estimator.estimate(patient.fiducials, {}, kTargets).refusal == Refusal::kNone ? 0 : 1;
   }
-  EXPECT_LE(refused, kRuns / 200) << "seed " << kSeed; // 0.5 %; 0.2 % stated
+  EXPECT_LE(refused, kRuns / 200) << "seed " << kRegistrationSeed; // 0.5 %; 0.2 % stated
 }
 
 TEST(RegistrationRefusal, TooFewFiducials) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch({0, 1, 0.2});
   patient.touch({1, 0, 0.2});
   patient.trace_scalp(300);
@@ -193,7 +193,7 @@ TEST(RegistrationRefusal, TooFewFiducials) {
 }
 
 TEST(RegistrationRefusal, NearlyCollinearFiducials) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   for (const double s : {-40.0, -10.0, 15.0, 45.0}) {
     patient.touch({0, 1, 0.2});
     const Vector3d p(s, 60.0 + 0.05 * std::abs(s), 20.0);
@@ -212,7 +212,7 @@ TEST(RegistrationRefusal, AFiducialThatContradictsTheOthersIsNamed) {
   for (const double off_mm : {4.0, 8.0, 30.0}) {
     int named = 0;
     constexpr int kRuns = 50;
-    for (unsigned seed = kSeed; seed < kSeed + kRuns; ++seed) {
+    for (unsigned seed = kRegistrationSeed; seed < kRegistrationSeed + kRuns; ++seed) {
       Patient patient(seed, 2);
       patient.touch_eight();
       patient.fiducials[5].reference_mm += off_mm * test::normal_vector(patient.rng, 1.0).normalized();
@@ -232,7 +232,7 @@ TEST(RegistrationRefusal, AFiducialThatContradictsTheOthersIsNamed) {
 }
 
 TEST(RegistrationRefusal, TwoSwappedFiducialsAreTooMuchForOneName) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   std::swap(patient.fiducials[1].image_mm, patient.fiducials[4].image_mm);
   RegistrationEstimator estimator(nullptr, {});
@@ -245,7 +245,7 @@ TEST(RegistrationRefusal, TwoSwappedFiducialsAreTooMuchForOneName) {
 }
 
 TEST(RegistrationRefusal, ThreeFiducialsCannotSayWhichIsWrong) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   for (const Vector3d &direction : {Vector3d(0, 1, 0.2), Vector3d(1, 0, 0.2), Vector3d(-1, -0.3, 0.4)}) {
     patient.touch(direction);
   }
@@ -257,7 +257,7 @@ TEST(RegistrationRefusal, ThreeFiducialsCannotSayWhichIsWrong) {
 
 // Three fiducials close together on the forehead: what they leave open is the rotation, until enough skin is traced.
 TEST(RegistrationRefusal, ADirectionThatIsNotFixedIsNamedUntilTheSurfaceFixesIt) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   for (const Vector3d &direction : {Vector3d(0, 1, 0.3), Vector3d(0.25, 1, 0.32), Vector3d(0.1, 1, 0.5)}) {
     patient.touch(direction, 0.1);
   }
@@ -278,7 +278,7 @@ TEST(RegistrationRefusal, ADirectionThatIsNotFixedIsNamedUntilTheSurfaceFixesIt)
 }
 
 TEST(RegistrationRefusal, WithoutTargetsTheWholeHeadStandsIn) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   for (const Vector3d &direction : {Vector3d(0, 1, 0.3), Vector3d(0.25, 1, 0.32), Vector3d(0.1, 1, 0.5)}) {
     patient.touch(direction, 0.1);
   }
@@ -304,7 +304,7 @@ TEST(RegistrationRefusal, DirectionsHaveNames) {
 }
 
 TEST(RegistrationRefusal, NotConverged) {
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace_scalp(300);
   RegistrationOptions options;
@@ -328,7 +328,7 @@ TEST(Registration, EstimatesWithoutAllocation) {
   if (!test::AllocationScope::available()) {
     GTEST_SKIP() << "the sanitizer owns malloc";
   }
-  Patient patient(kSeed);
+  Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace_scalp(300);
   RegistrationEstimator estimator(&patient.surface, {});

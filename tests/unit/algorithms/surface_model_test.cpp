@@ -12,7 +12,7 @@ namespace {
 using namespace bregma;
 using geometry::Vector3d;
 using registration::SurfaceModel;
-constexpr unsigned kSeed = 20260206;
+constexpr unsigned kSurfaceSeed = 20260206;
 
 // The distance to a triangle by brute force: the plane where its foot is inside, else the nearest edge.
 double triangle_distance(const Vector3d &a, const Vector3d &b, const Vector3d &c, const Vector3d &p) {
@@ -28,7 +28,7 @@ double triangle_distance(const Vector3d &a, const Vector3d &b, const Vector3d &c
 }
 
 TEST(SurfaceModel, ClosestPointIsThatOfEveryTriangleTried) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kSurfaceSeed);
   const auto mesh = test::make_head(3);
   const SurfaceModel surface(mesh);
   EXPECT_TRUE(surface.is_closed());
@@ -42,7 +42,7 @@ TEST(SurfaceModel, ClosestPointIsThatOfEveryTriangleTried) {
       least = std::min(least, triangle_distance(at(0), at(1), at(2), p));
     }
     const auto cold = surface.closest(p);
-    ASSERT_NEAR(cold.distance_mm, least, 1e-9) << "run " << run << " seed " << kSeed;
+    ASSERT_NEAR(cold.distance_mm, least, 1e-9) << "run " << run << " seed " << kSurfaceSeed;
     ASSERT_NEAR((cold.point_mm - p).norm(), least, 1e-9);
     ASSERT_NEAR(cold.normal.norm(), 1.0, 1e-12);
     // A warm start, however wrong, changes nothing.
@@ -56,7 +56,7 @@ TEST(SurfaceModel, ClosestPointIsThatOfEveryTriangleTried) {
 }
 
 TEST(SurfaceModel, TellsInsideFromOutsideAtVerticesEdgesAndFaces) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kSurfaceSeed);
   const auto mesh = test::make_head(3);
   const SurfaceModel surface(mesh);
   // The head is star-shaped about its centre: nearer to it than the skin is inside. Straight out of a vertex or the
@@ -76,7 +76,7 @@ TEST(SurfaceModel, TellsInsideFromOutsideAtVerticesEdgesAndFaces) {
 }
 
 TEST(SurfaceModel, SegmentsHitWhatStandsBetween) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kSurfaceSeed);
   const SurfaceModel sphere(test::make_sphere(4, 50.0, {10.0, 20.0, 30.0}));
   int hits = 0;
   for (int run = 0; run < 4000; ++run) {
@@ -93,7 +93,7 @@ TEST(SurfaceModel, SegmentsHitWhatStandsBetween) {
     }
     const bool expected = nearest < 50.0 && farthest > 50.0;
     hits += expected ? 1 : 0;
-    ASSERT_EQ(sphere.segment_hits(a, b), expected) << "run " << run << " seed " << kSeed;
+    ASSERT_EQ(sphere.segment_hits(a, b), expected) << "run " << run << " seed " << kSurfaceSeed;
     ASSERT_EQ(sphere.segment_hits(b, a), expected);
   }
   EXPECT_GT(hits, 500);

@@ -15,7 +15,7 @@ using geometry::Vector3d;
 using uncertainty::chi_square_cdf;
 using uncertainty::chi_square_survival;
 using uncertainty::chi_square_upper_quantile;
-constexpr unsigned kSeed = 20260205;
+constexpr unsigned kUncertaintySeed = 20260205;
 
 // Abramowitz & Stegun, table 26.8, and the closed form for two degrees of freedom.
 TEST(ChiSquare, QuantilesOfTheTables) {
@@ -45,7 +45,7 @@ TEST(ChiSquare, EndsAndExtremesAreDefined) {
 }
 
 TEST(Ellipsoid95, AxesAreLongestFirstAndRebuildTheCovariance) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kUncertaintySeed);
   for (int run = 0; run < 200; ++run) {
     const Matrix3d C = test::random_anisotropic(rng, 0.4, 1.1) + test::random_anisotropic(rng, 0.1, 0.6);
     const auto e = uncertainty::ellipsoid_95(C);
@@ -53,7 +53,8 @@ TEST(Ellipsoid95, AxesAreLongestFirstAndRebuildTheCovariance) {
     EXPECT_GE(e.semi_axes_mm[1], e.semi_axes_mm[2]);
     EXPECT_NEAR(e.axes.determinant(), 1.0, 1e-12);
     const Vector3d variances = e.semi_axes_mm.cwiseAbs2() / uncertainty::kChiSquare95Of3;
-    EXPECT_TRUE((e.axes.transpose() * variances.asDiagonal() * e.axes).isApprox(C, 1e-10)) << "seed " << kSeed;
+    EXPECT_TRUE((e.axes.transpose() * variances.asDiagonal() * e.axes).isApprox(C, 1e-10))
+        << "seed " << kUncertaintySeed;
     // A point at the end of an axis is on the border.
     const Vector3d end = e.semi_axes_mm[0] * e.axes.row(0).transpose();
     EXPECT_NEAR(uncertainty::mahalanobis_squared(C, end), uncertainty::kChiSquare95Of3, 1e-9);
@@ -61,7 +62,7 @@ TEST(Ellipsoid95, AxesAreLongestFirstAndRebuildTheCovariance) {
 }
 
 TEST(Ellipsoid95, HoldsNineteenOfTwenty) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kUncertaintySeed);
   const Matrix3d C = test::random_anisotropic(rng, 0.3, 0.9);
   int inside = 0;
   constexpr int kDraws = 20'000;
@@ -82,7 +83,7 @@ TEST(Ellipsoid95, UnknownStaysUnknownAndSingularIsInfinite) {
 // The covariance of the maximum likelihood estimate must agree with Fitzpatrick's closed form, which was derived
 // another way, wherever that applies.
 TEST(Tre, AgreesWithFitzpatrickForIsotropicErrors) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kUncertaintySeed);
   for (const int count : {3, 4, 8, 30}) {
     for (int run = 0; run < 20; ++run) {
       std::vector<Vector3d> fiducials;
@@ -99,7 +100,7 @@ TEST(Tre, AgreesWithFitzpatrickForIsotropicErrors) {
       ASSERT_TRUE(fit.converged);
       const double ours = uncertainty::rms_mm(uncertainty::tre_covariance(fit.covariance, target));
       const double theirs = uncertainty::fitzpatrick_tre_rms_mm(fiducials, target, sigma * std::sqrt(3.0));
-      EXPECT_NEAR(ours / theirs, 1.0, 1e-9) << count << " fiducials, run " << run << ", seed " << kSeed;
+      EXPECT_NEAR(ours / theirs, 1.0, 1e-9) << count << " fiducials, run " << run << ", seed " << kUncertaintySeed;
       EXPECT_NEAR(fit.fre_expected_mm, uncertainty::expected_fre_rms_mm(count, sigma * std::sqrt(3.0)), 1e-9);
     }
   }

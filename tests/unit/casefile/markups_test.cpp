@@ -15,7 +15,7 @@ std::string points_file(const std::string &control_points, const std::string &fi
   return "{\"markups\": [{\"type\": \"" + type + "\", " + fields + " \"controlPoints\": [" + control_points + "]}]}";
 }
 
-std::string error_of(const std::string &content, const std::string &name = "f.mrk.json") {
+std::string markups_error(const std::string &content, const std::string &name = "f.mrk.json") {
   TempFolder folder;
   const auto read = read_points(folder.write(name, content));
   const std::string message = read ? "no error" : read.error().message;
@@ -73,24 +73,27 @@ TEST(Markups, WrittenFilesAreWhatSlicerWrites) {
 }
 
 TEST(Markups, ErrorsNameTheControlPointAndTheValue) {
-  EXPECT_EQ(error_of(points_file(R"({"label": "A", "position": [1, 2, 3]}, {"label": "B", "position": [1, 2, null]})")),
-            ": markup 1, control point 2 (B): position = [1,2,null]: must be three numbers");
-  EXPECT_EQ(error_of(points_file(R"({"label": "A", "position": [1, 2]})")),
+  EXPECT_EQ(
+      markups_error(points_file(R"({"label": "A", "position": [1, 2, 3]}, {"label": "B", "position": [1, 2, null]})")),
+      ": markup 1, control point 2 (B): position = [1,2,null]: must be three numbers");
+  EXPECT_EQ(markups_error(points_file(R"({"label": "A", "position": [1, 2]})")),
             ": markup 1, control point 1 (A): position = [1,2]: must be three numbers");
-  EXPECT_EQ(error_of(points_file(R"({"label": " "})")), ": markup 1, control point 1: has no position");
-  EXPECT_EQ(error_of(points_file(R"({"label": "A", "position": [0, 0, 0], "positionStatus": "undefined"})")),
+  EXPECT_EQ(markups_error(points_file(R"({"label": " "})")), ": markup 1, control point 1: has no position");
+  EXPECT_EQ(markups_error(points_file(R"({"label": "A", "position": [0, 0, 0], "positionStatus": "undefined"})")),
             ": markup 1, control point 1 (A): positionStatus = \"undefined\": it was never placed");
-  EXPECT_EQ(error_of(points_file("", "\"coordinateSystem\": \"XYZ\",")),
+  EXPECT_EQ(markups_error(points_file("", "\"coordinateSystem\": \"XYZ\",")),
             ": markup 1: coordinateSystem = \"XYZ\": must be LPS or RAS");
-  EXPECT_EQ(error_of(points_file("", "", "Plane")), ": markup 1: type = \"Plane\": only Fiducial and Line are read");
-  EXPECT_EQ(error_of(points_file("", "\"coordinateUnits\": \"m\",")),
+  EXPECT_EQ(markups_error(points_file("", "", "Plane")),
+            ": markup 1: type = \"Plane\": only Fiducial and Line are read");
+  EXPECT_EQ(markups_error(points_file("", "\"coordinateUnits\": \"m\",")),
             ": markup 1: coordinateUnits = \"m\": must be mm");
-  EXPECT_EQ(error_of("{}"), ": is not a Slicer markups file: it has no list \"markups\"");
-  EXPECT_EQ(error_of("[1, 2]"), ": is not a Slicer markups file: it has no list \"markups\"");
-  EXPECT_EQ(error_of("{\"markups\": [3]}"), ": markup 1: is not a markup");
-  EXPECT_NE(error_of("{\"markups\": [").find("is not JSON"), std::string::npos);
-  EXPECT_NE(error_of(points_file(R"({"label": "A", "position": [NaN, 0, 0]})")).find("is not JSON"), std::string::npos);
-  EXPECT_NE(error_of(points_file(R"({"label": "A", "position": [1e999, 0, 0]})")).find("f.mrk.json"), 0U);
+  EXPECT_EQ(markups_error("{}"), ": is not a Slicer markups file: it has no list \"markups\"");
+  EXPECT_EQ(markups_error("[1, 2]"), ": is not a Slicer markups file: it has no list \"markups\"");
+  EXPECT_EQ(markups_error("{\"markups\": [3]}"), ": markup 1: is not a markup");
+  EXPECT_NE(markups_error("{\"markups\": [").find("is not JSON"), std::string::npos);
+  EXPECT_NE(markups_error(points_file(R"({"label": "A", "position": [NaN, 0, 0]})")).find("is not JSON"),
+            std::string::npos);
+  EXPECT_NE(markups_error(points_file(R"({"label": "A", "position": [1e999, 0, 0]})")).find("f.mrk.json"), 0U);
 }
 
 TEST(Markups, LinesAndPointsAreNotTakenForEachOther) {
@@ -114,9 +117,10 @@ TEST(Markups, FcsvIsRead) {
   ASSERT_TRUE(points) << points.error().message;
   EXPECT_EQ(points->front().name, "AC");
   EXPECT_EQ(points->front().position_mm, Eigen::Vector3d(0.832, 5.670, -9.659));
-  EXPECT_EQ(error_of(header + "vtk_1,0.832,five,-9.659,0,0,0,1,1,1,0,AC,,\n", "b.fcsv"),
+  EXPECT_EQ(markups_error(header + "vtk_1,0.832,five,-9.659,0,0,0,1,1,1,0,AC,,\n", "b.fcsv"),
             ":4: control point 1: y = five: must be a finite number");
-  EXPECT_EQ(error_of("# CoordinateSystem = 7\n", "c.fcsv"), ":1: CoordinateSystem = 7: must be LPS or RAS (1 or 0)");
+  EXPECT_EQ(markups_error("# CoordinateSystem = 7\n", "c.fcsv"),
+            ":1: CoordinateSystem = 7: must be LPS or RAS (1 or 0)");
 }
 
 // CT and MR of a distortion phantom, from Slicer.

@@ -31,7 +31,7 @@ ParameterSet declare(Config &config) {
   return set;
 }
 
-std::string error_of(const std::string &toml) {
+std::string parameters_error(const std::string &toml) {
   Config config;
   ParameterSet set = declare(config);
   const auto loaded = set.load_text(toml, "bregmad.toml");
@@ -49,31 +49,33 @@ TEST(Parameters, AFileSetsWhatItGivesAndLeavesTheRest) {
 }
 
 TEST(Parameters, ErrorsNameFileLineKeyValueAndWhatIsAllowed) {
-  EXPECT_EQ(error_of("[navigation]\n\nfloor_rate_hz = 5000\n"),
+  EXPECT_EQ(parameters_error("[navigation]\n\nfloor_rate_hz = 5000\n"),
             "bregmad.toml:3: navigation.floor_rate_hz = 5000: must be between 1 and 1000 Hz");
-  EXPECT_EQ(error_of("[navigation]\nfloor_rate_hz = \"fast\"\n"),
+  EXPECT_EQ(parameters_error("[navigation]\nfloor_rate_hz = \"fast\"\n"),
             "bregmad.toml:2: navigation.floor_rate_hz = \"fast\": must be a number, in Hz");
-  EXPECT_EQ(error_of("[navigation]\nfloor_rate_hz = nan\n"),
+  EXPECT_EQ(parameters_error("[navigation]\nfloor_rate_hz = nan\n"),
             "bregmad.toml:2: navigation.floor_rate_hz = nan: must be a finite number");
-  EXPECT_EQ(error_of("[recorder]\ndepth = 2.5\n"), "bregmad.toml:2: recorder.depth = 2.5: must be a whole number");
-  EXPECT_EQ(error_of("[recorder]\nstrict = 1\n"), "bregmad.toml:2: recorder.strict = 1: must be true or false");
-  EXPECT_EQ(error_of("folder = 3\n"), "bregmad.toml:1: folder = 3: must be a text in quotes");
-  EXPECT_EQ(error_of("[log]\nlevel = \"loud\"\n"),
+  EXPECT_EQ(parameters_error("[recorder]\ndepth = 2.5\n"),
+            "bregmad.toml:2: recorder.depth = 2.5: must be a whole number");
+  EXPECT_EQ(parameters_error("[recorder]\nstrict = 1\n"), "bregmad.toml:2: recorder.strict = 1: must be true or false");
+  EXPECT_EQ(parameters_error("folder = 3\n"), "bregmad.toml:1: folder = 3: must be a text in quotes");
+  EXPECT_EQ(parameters_error("[log]\nlevel = \"loud\"\n"),
             "bregmad.toml:2: log.level = \"loud\": must be one of \"debug\", \"info\"");
 }
 
 TEST(Parameters, UnknownKeysAreErrorsThatNameTheNearest) {
-  EXPECT_EQ(error_of("[navigation]\nflor_rate_hz = 30\n"),
+  EXPECT_EQ(parameters_error("[navigation]\nflor_rate_hz = 30\n"),
             "bregmad.toml:2: navigation.flor_rate_hz = 30: unknown key; did you mean navigation.floor_rate_hz?");
-  EXPECT_EQ(error_of("[zzz]\nqqqqqqqqqq = 1\n"), "bregmad.toml:2: zzz.qqqqqqqqqq = 1: unknown key");
-  EXPECT_EQ(error_of("[naviation]\n"), "bregmad.toml:1: naviation: unknown section");
+  EXPECT_EQ(parameters_error("[zzz]\nqqqqqqqqqq = 1\n"), "bregmad.toml:2: zzz.qqqqqqqqqq = 1: unknown key");
+  EXPECT_EQ(parameters_error("[naviation]\n"), "bregmad.toml:1: naviation: unknown section");
   // Of several errors the one that a reader meets first.
-  EXPECT_EQ(error_of("[recorder]\ndepth = 0\n[log]\nlevel = \"loud\"\n"),
+  EXPECT_EQ(parameters_error("[recorder]\ndepth = 0\n[log]\nlevel = \"loud\"\n"),
             "bregmad.toml:2: recorder.depth = 0: must be between 1 and 64");
 }
 
 TEST(Parameters, SyntaxErrorsNameTheLine) {
-  EXPECT_EQ(error_of("folder = \"x\"\n[log\n").rfind("bregmad.toml:2: ", 0), 0U) << error_of("folder = \"x\"\n[log\n");
+  EXPECT_EQ(parameters_error("folder = \"x\"\n[log\n").rfind("bregmad.toml:2: ", 0), 0U)
+      << parameters_error("folder = \"x\"\n[log\n");
 }
 
 TEST(Parameters, AFailedLoadChangesNothing) {

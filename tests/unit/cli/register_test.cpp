@@ -103,7 +103,7 @@ TEST(RegisterPoints, SlicersFilesAreRead) {
     {"label": "B", "position": [51, 2, 3]}, {"label": "C", "position": [1, 62, 3]})"));
   const auto run = run_bregma(folder, "register points lps.mrk.json ras.mrk.json --json");
   ASSERT_EQ(run.exit_code, 0) << run.err;
-  for (int i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_NEAR(run.json()["T_target_source"][i][i].get<double>(), 1.0, 1e-9) << "both mean the same points";
   }
 }

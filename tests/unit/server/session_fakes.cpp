@@ -133,7 +133,7 @@ CaptureResult FakeLoops::answer(const CaptureRequest &request) const {
   out.acquired_time_ns = request.start_ns + request.window_ns;
   out.position_mm = in_reference(point->position_mm + miss_mm);
   out.covariance_mm2 = {0.01, 0, 0, 0, 0.02, 0, 0, 0, 0.03};
-  out.spread_mm = 0.125;
+  out.motion_mm = 0.125;
   return out;
 }
 

@@ -13,11 +13,6 @@
 namespace bregma::server::testing {
 namespace {
 
-constexpr wire::SessionState kCaseLoaded = bregma_wire_SESSION_CASE_LOADED;
-constexpr wire::SessionState kRegistering = bregma_wire_SESSION_REGISTERING;
-constexpr wire::SessionState kRegistered = bregma_wire_SESSION_REGISTERED;
-constexpr wire::SessionState kVerified = bregma_wire_SESSION_VERIFIED;
-
 class RefusalTest : public ::testing::Test {
 protected:
   void expect_refused(const std::string &text, wire::CommandKind kind, const std::string &first = "",

@@ -9,15 +9,16 @@
 namespace bregma::server {
 namespace {
 
+// One letter a state: the table below is read as a whole.
 constexpr wire::SessionState kI = bregma_wire_SESSION_IDLE;
 constexpr wire::SessionState kC = bregma_wire_SESSION_CASE_LOADED;
 constexpr wire::SessionState kG = bregma_wire_SESSION_REGISTERING;
 constexpr wire::SessionState kR = bregma_wire_SESSION_REGISTERED;
 constexpr wire::SessionState kV = bregma_wire_SESSION_VERIFIED;
 constexpr wire::SessionState kN = bregma_wire_SESSION_NAVIGATING;
+constexpr wire::SessionState kDegraded = bregma_wire_SESSION_DEGRADED;
 constexpr wire::SessionState kX = bregma_wire_SESSION_FAULT; // here: refused
 constexpr std::array kStages{kI, kC, kG, kR, kV, kN};
-constexpr wire::SessionState kDegraded = bregma_wire_SESSION_DEGRADED;
 
 struct Expected {
   const char *name;

@@ -15,15 +15,6 @@
 namespace bregma::server::testing {
 namespace {
 
-constexpr wire::SessionState kIdle = bregma_wire_SESSION_IDLE;
-constexpr wire::SessionState kCaseLoaded = bregma_wire_SESSION_CASE_LOADED;
-constexpr wire::SessionState kRegistering = bregma_wire_SESSION_REGISTERING;
-constexpr wire::SessionState kRegistered = bregma_wire_SESSION_REGISTERED;
-constexpr wire::SessionState kVerified = bregma_wire_SESSION_VERIFIED;
-constexpr wire::SessionState kNavigating = bregma_wire_SESSION_NAVIGATING;
-constexpr wire::SessionState kDegraded = bregma_wire_SESSION_DEGRADED;
-constexpr wire::SessionState kFault = bregma_wire_SESSION_FAULT;
-
 class SessionTest : public ::testing::Test {
 protected:
   TemporaryFolder folder;

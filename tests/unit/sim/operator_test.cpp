@@ -15,7 +15,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr std::uint64_t kSeed = 7;
+constexpr std::uint64_t kOperatorSeed = 7;
 
 const char *const kWholeScript = R"(
 [tracker]
@@ -79,7 +79,7 @@ double share_seen(const Recording &run, const std::string &tool, const std::stri
 
 const Recording &whole_run() {
   static const Recording the_run = [] {
-    SimulatedRoom room(make_case(), scenario_of(kWholeScript), kSeed);
+    SimulatedRoom room(make_case(), scenario_of(kWholeScript), kOperatorSeed);
     ScriptedDaemon daemon;
     return play(room, daemon, 300.0);
   }();
@@ -223,7 +223,7 @@ TEST(Operator, TremblesInTheAirBetweenEightAndTwelveHertz) {
   auto scenario = scenario_of("[operator]\ntremor_mm = 0.2\nwander_mm = 0.0\n[tracker]\nrate_hz = 500\n"
                               "[[steps]]\ndo = \"touch_fiducials\"\ntool = \"Stylus\"\npoints = [\"F5\"]\n"
                               "[[steps]]\ndo = \"wait\"\nduration_s = 10\n");
-  SimulatedRoom room(make_case(), scenario, kSeed);
+  SimulatedRoom room(make_case(), scenario, kOperatorSeed);
   const Recording run = play_for(room, 60.0);
   std::vector<Vector3d> tips;
   for (const auto &truth : run.all.truths) {
@@ -251,7 +251,7 @@ TEST(Operator, TriesARefusedTouchAgainAndThenGivesUp) {
   const auto scenario =
       scenario_of("[[steps]]\ndo = \"touch_fiducials\"\ntool = \"Stylus\"\npoints = [\"F2\", \"F5\"]\n");
   {
-    SimulatedRoom room(make_case(), scenario, kSeed);
+    SimulatedRoom room(make_case(), scenario, kOperatorSeed);
     ScriptedDaemon daemon;
     daemon.refuse(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "F2", 2, "tip moved 1.4 mm");
     const Recording run = play(room, daemon, 60.0);
@@ -260,7 +260,7 @@ TEST(Operator, TriesARefusedTouchAgainAndThenGivesUp) {
     EXPECT_EQ(daemon.commands.size(), 4U) << run.told();
     EXPECT_NE(run.told().find("F2: tip moved 1.4 mm; once more"), std::string::npos) << run.told();
   }
-  SimulatedRoom room(make_case(), scenario, kSeed);
+  SimulatedRoom room(make_case(), scenario, kOperatorSeed);
   ScriptedDaemon daemon;
   daemon.refuse(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "F2", 99, "tool hidden in 60 of 75 frames");
   (void)play(room, daemon, 60.0);
@@ -272,7 +272,8 @@ TEST(Operator, TriesARefusedTouchAgainAndThenGivesUp) {
 TEST(Operator, AStepThatMayFailDoesNotEndTheScript) {
   SimulatedRoom room(
       make_case(),
-      scenario_of("[[steps]]\ndo = \"accept_registration\"\nmay_fail = true\n[[steps]]\ndo = \"load_case\"\n"), kSeed);
+      scenario_of("[[steps]]\ndo = \"accept_registration\"\nmay_fail = true\n[[steps]]\ndo = \"load_case\"\n"),
+      kOperatorSeed);
   ScriptedDaemon daemon;
   daemon.refuse(bregma_wire_COMMAND_ACCEPT_REGISTRATION, "", 1, "no registration yet");
   const Recording run = play(room, daemon, 10.0);
@@ -284,7 +285,7 @@ TEST(Operator, AStepThatMayFailDoesNotEndTheScript) {
 
 TEST(Operator, SaysWhenNobodyAnswers) {
   SimulatedRoom room(make_case(), scenario_of("[operator]\nreply_timeout_s = 2\n[[steps]]\ndo = \"load_case\"\n"),
-                     kSeed);
+                     kOperatorSeed);
   ScriptedDaemon daemon;
   daemon.ignore_all();
   const Recording run = play(room, daemon, 10.0);
@@ -295,7 +296,7 @@ TEST(Operator, SaysWhenNobodyAnswers) {
 TEST(Operator, SteersTheShownTipNotTheTrueOne) {
   SimulatedRoom room(make_case(),
                      scenario_of("[[steps]]\ndo = \"follow_trajectory\"\ntool = \"Probe\"\ntrajectory = \"Biopsy\"\n"),
-                     kSeed);
+                     kOperatorSeed);
   ScriptedDaemon daemon;
   daemon.bias_mm = {0.9, -0.7, 0.5};
   const Recording run = play(room, daemon, 120.0);
@@ -317,7 +318,7 @@ TEST(Operator, SteersTheShownTipNotTheTrueOne) {
 TEST(Operator, StopsWhereTheDisplayIsNotLive) {
   const auto scenario = scenario_of(
       "[operator]\ngive_up_s = 5\n[[steps]]\ndo = \"follow_trajectory\"\ntool = \"Probe\"\ntrajectory = \"Biopsy\"\n");
-  SimulatedRoom room(make_case(), scenario, kSeed);
+  SimulatedRoom room(make_case(), scenario, kOperatorSeed);
   ScriptedDaemon daemon;
   RoomOutput out;
   double depth_at_loss = -1.0;
@@ -344,7 +345,7 @@ TEST(Operator, StopsWhereTheDisplayIsNotLive) {
 TEST(Operator, RefusesAScenarioThatDoesNotFitTheCase) {
   const auto message = [](const std::string &toml) -> std::string {
     try {
-      SimulatedRoom room(make_case(), scenario_of(toml), kSeed);
+      SimulatedRoom room(make_case(), scenario_of(toml), kOperatorSeed);
       return "accepted";
     } catch (const std::invalid_argument &error) {
       return error.what();

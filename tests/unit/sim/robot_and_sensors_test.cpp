@@ -12,10 +12,10 @@ namespace bregma::sim::test {
 
 namespace {
 
-constexpr std::uint64_t kSeed = 5;
+constexpr std::uint64_t kRobotSeed = 5;
 
 Random &dice() {
-  static Random random(kSeed, "test");
+  static Random random(kRobotSeed, "test");
   return random;
 }
 
@@ -42,13 +42,13 @@ TEST(RobotArm, JointsAndFlangeAgree) {
 
 // To entries all over the front and both sides of the head: the guide stands where it should, the way there is smooth.
 TEST(RobotArm, HoldsTheGuideOnThePlannedLine) {
-  const Patient patient(make_case(), {}, kSeed);
+  const Patient patient(make_case(), {}, kRobotSeed);
   RobotParameters parameters;
   parameters.encoder_noise_mrad = 0.0;
   const Vector3d target = bregma::test::kHeadCentre;
   for (const Vector3d &direction : {Vector3d(0.45, 0.45, 0.75), Vector3d(-0.45, 0.45, 0.75), Vector3d(0, 0.8, 0.6),
                                     Vector3d(0.9, 0.2, 0.4), Vector3d(-0.9, 0.2, 0.4)}) {
-    RobotArm arm(patient, parameters, kSeed);
+    RobotArm arm(patient, parameters, kRobotSeed);
     (void)arm.sample(kStart_ns);
     const Vector3d entry = bregma::test::on_head(direction);
     const Vector3d along = (target - entry).normalized();
@@ -71,9 +71,9 @@ TEST(RobotArm, HoldsTheGuideOnThePlannedLine) {
 }
 
 TEST(ForceSensor, FeelsTissueOnlyInTheHeadAndAgainstTheMotion) {
-  const Patient patient(make_case(), {}, kSeed);
+  const Patient patient(make_case(), {}, kRobotSeed);
   SensorParameters parameters;
-  ForceSensor sensor(patient, parameters, kSeed);
+  ForceSensor sensor(patient, parameters, kRobotSeed);
   const TrueTool &probe = *patient.tool("Probe");
   const Vector3d entry = bregma::test::on_head(Vector3d(0.45, 0.45, 0.75));
   const Vector3d along = (bregma::test::kHeadCentre - entry).normalized();
@@ -98,9 +98,9 @@ TEST(ForceSensor, FeelsTissueOnlyInTheHeadAndAgainstTheMotion) {
 TEST(RangeSensor, MeasuresTheWayToTheSkin) {
   PatientParameters flat;
   flat.skin_sigma_mm = 0.0;
-  const Patient patient(make_case(), flat, kSeed);
+  const Patient patient(make_case(), flat, kRobotSeed);
   SensorParameters parameters;
-  RangeSensor sensor(patient, parameters, kSeed);
+  RangeSensor sensor(patient, parameters, kRobotSeed);
   const Vector3d direction = Vector3d(0.3, 0.8, 0.4).normalized();
   const Vector3d skin = bregma::test::on_head(direction);
   const Vector3d beam = (bregma::test::kHeadCentre - skin).normalized();

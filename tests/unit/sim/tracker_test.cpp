@@ -3,8 +3,8 @@
 
 #include <array>
 #include <cmath>
-#include <numbers>
 
+#include "algorithms/geometry/angles.hpp"
 #include "algorithms/registration/paired_points.hpp"
 #include "drivers/sim/optical_tracker.hpp"
 #include "idl/names.hpp"
@@ -15,12 +15,11 @@ namespace bregma::sim::test {
 
 namespace {
 
-constexpr std::uint64_t kSeed = 11;
-constexpr double kRadian = std::numbers::pi / 180.0;
+constexpr std::uint64_t kTrackerSeed = 11;
 
 struct Setting {
   explicit Setting(const TrackerParameters &parameters = {})
-      : patient(make_case(), {}, kSeed), tracker(patient, parameters, kSeed) {}
+      : patient(make_case(), {}, kTrackerSeed), tracker(patient, parameters, kTrackerSeed) {}
 
   // Stylus beside the head, turned away from the camera by the angle.
   [[nodiscard]] T_TrackerTool stylus(double turned_deg, const Vector3d &at = Vector3d(300, 50, 1600)) const {
@@ -28,7 +27,7 @@ struct Setting {
     const Vector3d to_camera = -at.normalized();
     const Vector3d axis = to_camera.cross(Vector3d(0.2, 1.0, 0.0)).normalized();
     const Quaterniond straight = point_tool(model, axis, to_camera);
-    return {Quaterniond(Eigen::AngleAxisd(turned_deg * kRadian, axis)) * straight, at};
+    return {Quaterniond(Eigen::AngleAxisd(turned_deg * geometry::kRadiansPerDegree, axis)) * straight, at};
   }
   [[nodiscard]] wire::TrackedTool measure(const T_TrackerTool &T, bool covered = false) {
     return tracker.measure(*patient.tool("Stylus"), T, covered);
@@ -151,7 +150,7 @@ TEST(DeviceClock, HasOffsetDriftAndJitter) {
   parameters.clock_offset_ms = -250.0;
   parameters.clock_drift_ppm = 50.0;
   parameters.clock_jitter_ms = 0.05;
-  DeviceClock clock(parameters, kSeed);
+  DeviceClock clock(parameters, kTrackerSeed);
   const int count = 5000;
   double sum = 0.0;
   double sum_squared = 0.0;

@@ -13,10 +13,10 @@ using namespace bregma::server;
 using geometry::Matrix3d;
 using geometry::Vector3d;
 
-constexpr unsigned kSeed = 3;
+constexpr unsigned kCaptureSeed = 3;
 constexpr std::int64_t kStart_ns = 1'000'000'000;
 constexpr std::int64_t kWindow_ns = 300'000'000;
-constexpr std::int64_t kPeriod_ns = 4'000'000;
+constexpr std::int64_t kFrame_ns = 4'000'000;
 
 CaptureRequest request() {
   CaptureRequest out{};
@@ -37,7 +37,7 @@ template <class Content, class Position> std::optional<CaptureResult> capture(Co
   TouchCapture touch;
   touch.start(request());
   std::int64_t now_ns = kStart_ns;
-  for (std::uint64_t i = 0; now_ns <= kStart_ns + kWindow_ns; ++i, now_ns += kPeriod_ns) {
+  for (std::uint64_t i = 0; now_ns <= kStart_ns + kWindow_ns; ++i, now_ns += kFrame_ns) {
     touch.add(content(i), tip_at(position(i)), i, now_ns);
     EXPECT_FALSE(touch.finish(now_ns).has_value()) << "answered before the window was over";
   }
@@ -49,12 +49,12 @@ template <class Content, class Position> std::optional<CaptureResult> capture(Co
 const auto kSeen = [](std::uint64_t) { return FrameContent::kTip; };
 
 TEST(TouchCapture, AveragesTheMarkersNoiseAndKeepsTheErrorOfTheTip) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kCaptureSeed);
   std::normal_distribution<double> normal(0.0, 0.5);
   const auto result =
       capture(kSeen, [&](std::uint64_t) { return Vector3d(10 + normal(rng), normal(rng), normal(rng)); });
   ASSERT_TRUE(result.has_value());
-  EXPECT_EQ(result->status, CaptureStatus::kOk) << result->spread_mm;
+  EXPECT_EQ(result->status, CaptureStatus::kOk) << result->motion_mm;
   EXPECT_EQ(result->id, 5U);
   EXPECT_NEAR(result->position_mm[0], 10.0, 0.25);
   EXPECT_NEAR(result->covariance_mm2[0], 0.25 / result->used_frames + 0.01, 1e-12);
@@ -65,7 +65,7 @@ TEST(TouchCapture, ATipThatWasDrawnAwayWasNotHeldStill) {
   const auto result = capture(kSeen, [](std::uint64_t i) { return Vector3d(0.08 * static_cast<double>(i), 0, 0); });
   ASSERT_TRUE(result.has_value());
   EXPECT_EQ(result->status, CaptureStatus::kMoved);
-  EXPECT_GT(result->spread_mm, 1.0);
+  EXPECT_GT(result->motion_mm, 1.0);
 }
 
 TEST(TouchCapture, SaysWhetherToolOrReferenceWasHidden) {

@@ -13,7 +13,7 @@ using bregma::geometry::Matrix3d;
 using bregma::geometry::Vector3d;
 using bregma::server::TipFilter;
 
-constexpr unsigned kSeed = 7;
+constexpr unsigned kFilterSeed = 7;
 constexpr std::int64_t kPeriod_ns = 4'000'000;
 constexpr double kBandwidth_hz = 3.0;
 
@@ -27,7 +27,7 @@ struct Result {
 
 // Runs the filter over a path given as a function of time, from settle_s on.
 Result follow(const std::function<Vector3d(double)> &path, double seconds, double settle_s) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kFilterSeed);
   std::normal_distribution<double> normal;
   TipFilter filter;
   Result out;

@@ -1,0 +1,170 @@
+// Minutes of navigation at the full rate, daemon and room as processes: no sample may go missing without being counted,
+// and memory must not grow. BREGMA_SOAK_MINUTES says how long; ten minutes when it is not set.
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <numeric>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "casefile/session_file/session_file.hpp"
+#include "idl/names.hpp"
+#include "tests/component/operation_fixture.hpp"
+
+namespace bregma::test {
+namespace {
+
+constexpr double kSetUp_s = 60.0; // check touches and the way to the target; memory settles meanwhile
+
+double minutes_asked_for() {
+  const char *text = std::getenv("BREGMA_SOAK_MINUTES");
+  return text == nullptr ? 10.0 : std::max(0.1, std::atof(text));
+}
+
+// What the room says at its end: by device, what it has written.
+std::map<std::string, nlohmann::json> sent_by_room(const std::string &log) {
+  std::map<std::string, nlohmann::json> out;
+  std::istringstream lines(log);
+  for (std::string line; std::getline(lines, line);) {
+    const auto json = nlohmann::json::parse(line, nullptr, false);
+    if (json.is_object() && json.value("event", "") == "sent") {
+      out[json.at("device").get<std::string>()] = json;
+    }
+  }
+  return out;
+}
+
+// Navigates for so long, with lost frames, hostile samples and copies among them.
+std::string scenario(double seconds) {
+  std::ostringstream out;
+  out << "[tracker]\nmissing_share = 0.01\n" << kNavigateSteps;
+  std::string text = out.str();
+  const std::string short_hold = "duration_s = 60.0";
+  text.replace(text.find(short_hold), short_hold.size(), "duration_s = " + std::to_string(seconds));
+  int at_s = 10;
+  for (const char *sample : {"not_finite", "not_a_rotation", "time_backwards", "duplicate", "unknown_tool"}) {
+    text += "[[faults]]\nkind = \"bad_samples\"\nafter_s = " + std::to_string(at_s++) + ".0\nsample = \"" + sample +
+            "\"\ncount = 7\n";
+  }
+  return text;
+}
+
+struct MemoryAt {
+  double at_s;
+  double mebibytes;
+};
+
+// Over the last quarter against the first quarter after the first minute.
+double growth_mebibytes(const std::vector<MemoryAt> &memory) {
+  std::vector<double> settled;
+  for (const MemoryAt &m : memory) {
+    if (m.at_s >= 60.0) {
+      settled.push_back(m.mebibytes);
+    }
+  }
+  const auto quarter = static_cast<std::ptrdiff_t>(settled.size() / 4);
+  if (quarter == 0) {
+    return 0.0;
+  }
+  const double first = std::accumulate(settled.begin(), settled.begin() + quarter, 0.0);
+  const double last = std::accumulate(settled.end() - quarter, settled.end(), 0.0);
+  return (last - first) / static_cast<double>(quarter);
+}
+
+TEST(Soak, EverySampleIsAccountedForAndMemoryIsFlat) {
+  const double seconds = 60.0 * minutes_asked_for();
+  Operation operation;
+  register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
+  operation.start_daemon();
+  operation.start_room(scenario(seconds), {"--json"});
+
+  std::vector<MemoryAt> memory;
+  std::size_t states = 0;
+  const auto observe = [&] {
+    if (operation.health.time_ns == 0) {
+      return;
+    }
+    const double at_s = 1e-9 * static_cast<double>(operation.health.time_ns - operation.health.started_time_ns);
+    if (memory.empty() || at_s - memory.back().at_s >= 1.0) {
+      memory.push_back({at_s, static_cast<double>(operation.health.resident_bytes) / 1048576.0});
+    }
+    states += operation.probe.size();
+    operation.probe.clear();
+  };
+  ASSERT_TRUE(operation.observe_until(
+      [&] {
+        observe();
+        return !operation.room().runs();
+      },
+      seconds + 2.0 * kSetUp_s))
+      << operation.logs();
+  ASSERT_EQ(operation.room().wait(0.0), 0) << operation.logs();
+  const auto since = operation.health.time_ns;
+  ASSERT_TRUE(operation.observe_until([&] { return operation.health.time_ns > since + 2'000'000'000; }));
+  const wire::SystemHealth health = operation.health;
+  operation.daemon().signal(SIGTERM);
+  ASSERT_EQ(operation.daemon().wait(30.0), 0) << operation.logs();
+
+  const auto sent = sent_by_room(operation.room().log());
+  ASSERT_EQ(sent.size(), 4U) << operation.room().log();
+  std::map<std::string, std::uint64_t> arrived; // by topic
+  std::printf("%-8s %10s %10s %10s %10s %10s %10s\n", "device", "written", "numbered", "taken", "rejected", "lost",
+              "on the way");
+  for (std::uint32_t i = 0; i < health.device_count; ++i) {
+    const wire::DeviceHealth &device = health.devices[i];
+    const std::string name(wire::view(device.device));
+    ASSERT_TRUE(sent.contains(name)) << name;
+    const auto written = sent.at(name).at("written").get<std::uint64_t>();
+    const auto numbered = sent.at(name).at("last_number").get<std::uint64_t>();
+    const std::uint64_t rejected =
+        std::accumulate(std::begin(device.rejected), std::end(device.rejected), std::uint64_t{0});
+    const std::uint64_t copies = device.rejected[bregma_wire_REJECT_DUPLICATE];
+    const std::uint64_t on_the_way = written - (device.taken + rejected);
+    std::printf("%-8s %10llu %10llu %10llu %10llu %10llu %10lld\n", name.c_str(),
+                static_cast<unsigned long long>(written), static_cast<unsigned long long>(numbered),
+                static_cast<unsigned long long>(device.taken), static_cast<unsigned long long>(rejected),
+                static_cast<unsigned long long>(device.lost), static_cast<long long>(on_the_way));
+    // Every number that the device has given is one taken, one refused, or one lost. (A copy has no number of its own.)
+    EXPECT_EQ(device.taken + rejected - copies + device.lost, numbered) << name;
+    // And of those lost on the way from the room to the daemon, each is among the lost.
+    EXPECT_LE(on_the_way, device.lost) << name;
+    arrived[name] = device.taken + rejected;
+  }
+  EXPECT_GE(operation.health.device_count, 4U);
+
+  // All that arrived is in the session file.
+  EXPECT_EQ(health.record_dropped, 0U);
+  std::uint64_t recorded_frames = 0;
+  std::uint64_t recorded_states = 0;
+  for (const auto &entry : std::filesystem::directory_iterator(operation.case_folder().loaded().folder / "sessions")) {
+    const auto reader = casefile::SessionReader::open(entry.path());
+    ASSERT_TRUE(reader) << reader.error().message;
+    const auto topics = reader->topics();
+    ASSERT_TRUE(topics) << topics.error().message;
+    for (const auto &topic : *topics) {
+      recorded_frames += topic.name == wire::Topic<wire::TrackerFrame>::kName ? topic.count : 0;
+      recorded_states += topic.name == wire::Topic<wire::NavigationState>::kName ? topic.count : 0;
+    }
+  }
+  EXPECT_EQ(recorded_frames, arrived["Tracker"]);
+
+  const double growth = growth_mebibytes(memory);
+  std::printf("%.0f s; %zu states of the probe seen, %llu states recorded; resident %.1f MiB, growth after the first "
+              "minute %+.2f MiB; seed %llu\n",
+              seconds, states, static_cast<unsigned long long>(recorded_states), memory.back().mebibytes, growth,
+              static_cast<unsigned long long>(kSeed));
+  for (std::uint32_t i = 0; i < health.loop_count; ++i) {
+    const wire::LoopHealth &loop = health.loops[i];
+    std::printf("  loop %-14s %10llu steps, %llu overruns\n", std::string(wire::view(loop.loop)).c_str(),
+                static_cast<unsigned long long>(loop.steps), static_cast<unsigned long long>(loop.overruns));
+  }
+  EXPECT_LT(growth, 1.0) << "MiB from the minute after the first to the end";
+}
+
+} // namespace
+} // namespace bregma::test
