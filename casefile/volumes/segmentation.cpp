@@ -42,7 +42,8 @@ Mask::Pointer padded_mask(const VoxelGrid<Voxel> &volume, const Padding &padding
   Mask::SizeType size;
   Mask::SpacingType spacing;
   for (unsigned axis = 0; axis < 3; ++axis) {
-    size[axis] = static_cast<itk::SizeValueType>(volume.size[axis]) + 2 * static_cast<itk::SizeValueType>(padding.voxels[axis]);
+    size[axis] =
+        static_cast<itk::SizeValueType>(volume.size[axis]) + 2 * static_cast<itk::SizeValueType>(padding.voxels[axis]);
     spacing[axis] = volume.spacing_mm()[axis];
   }
   mask->SetRegions(size);

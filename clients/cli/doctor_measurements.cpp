@@ -23,7 +23,7 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t kCommitBytes = 64 * 1024; // about what the recorder commits at once
+constexpr std::size_t kCommitBytes = 65536; // about what the recorder commits at once
 // Of the answers: deep enough that one which is taken late has not been replaced by the next, and counted as lost.
 constexpr wire::Qos kAnswers = wire::qos::kTracker;
 

@@ -1,8 +1,9 @@
 // The real daemon and the real simulated room, as processes over DDS: what happens when one of them fails.
+#include <algorithm>
+#include <array>
 #include <bit>
 #include <chrono>
 #include <cmath>
-#include <cstring>
 
 #include <csignal>
 #include <gtest/gtest.h>
@@ -19,6 +20,13 @@ constexpr bool kSanitized = true; // several times slower: what a person waits f
 #else
 constexpr bool kSanitized = false;
 #endif
+
+template <std::size_t Size> std::array<std::uint64_t, Size> bits_of(const double (&numbers)[Size]) {
+  std::array<std::uint64_t, Size> out;
+  std::transform(std::begin(numbers), std::end(numbers), out.begin(),
+                 [](double number) { return std::bit_cast<std::uint64_t>(number); });
+  return out;
+}
 
 bool is_shown(const wire::NavigationState &state) {
   return state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
@@ -126,12 +134,10 @@ TEST(Daemon, KilledDuringNavigationComesBackAsRegisteredWithTheSameRegistration)
     EXPECT_LT(seconds, 2.0);
   }
   EXPECT_EQ(operation.registration.accepted_revision, before.accepted_revision);
-  EXPECT_EQ(std::memcmp(&operation.registration.accepted_T_image_reference, &before.accepted_T_image_reference,
-                        sizeof(wire::Pose)),
-            0);
-  EXPECT_EQ(std::memcmp(operation.registration.accepted_covariance, before.accepted_covariance,
-                        sizeof before.accepted_covariance),
-            0);
+  const auto &pose = operation.registration.accepted_T_image_reference;
+  EXPECT_EQ(bits_of(pose.rotation_wxyz), bits_of(before.accepted_T_image_reference.rotation_wxyz));
+  EXPECT_EQ(bits_of(pose.translation_mm), bits_of(before.accepted_T_image_reference.translation_mm));
+  EXPECT_EQ(bits_of(operation.registration.accepted_covariance), bits_of(before.accepted_covariance));
   // It asks for verification: poses are computed for check touches, and none is live.
   ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_UNVERIFIED); }))
       << operation.logs();

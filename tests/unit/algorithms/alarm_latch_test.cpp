@@ -24,7 +24,7 @@ TEST(AlarmLatch, RaisesWhenTheConditionHasHeldAndClearsWhenItHasGone) {
 TEST(AlarmLatch, AFlickeringConditionNeitherRaisesNorClears) {
   AlarmLatch latch(100 * kMs, 100 * kMs);
   for (int i = 0; i < 50; ++i) {
-    EXPECT_EQ(latch.update(i % 2 == 0, i * 60 * kMs), Change::kNone);
+    EXPECT_EQ(latch.update(i % 2 == 0, 60 * kMs * i), Change::kNone);
   }
   EXPECT_EQ(latch.update(true, 3000 * kMs), Change::kNone);
   EXPECT_EQ(latch.update(true, 3100 * kMs), Change::kRaised);

@@ -31,7 +31,7 @@ public:
 
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }
   std::filesystem::path write(const std::string &name, const std::string &content) const {
-    const std::filesystem::path file = path_ / name;
+    std::filesystem::path file = path_ / name;
     std::filesystem::create_directories(file.parent_path());
     std::ofstream(file, std::ios::binary) << content;
     return file;
@@ -59,4 +59,4 @@ inline std::optional<std::filesystem::path> shared_data(const std::string &relat
   if (!variable##_found) {                                                                                             \
     GTEST_SKIP() << "../shared/data/" << (relative) << " is not here";                                                 \
   }                                                                                                                    \
-  const std::filesystem::path variable = *variable##_found
+  const std::filesystem::path &variable = *variable##_found

@@ -23,8 +23,8 @@ TEST(RegisterPoints, PairsByNameAndGivesBothDirections) {
   const Outcome run = register_points(kSource, kTarget, "--json");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   const auto json = run.json();
-  const auto forth = json["T_target_source"];
-  const auto back = json["T_source_target"];
+  const auto &forth = json["T_target_source"];
+  const auto &back = json["T_source_target"];
   EXPECT_NEAR(forth[0][1].get<double>(), -1.0, 1e-9);
   EXPECT_NEAR(forth[1][3].get<double>(), 20.0, 1e-6);
   EXPECT_NEAR(back[0][3].get<double>(), -20.0, 1e-6);

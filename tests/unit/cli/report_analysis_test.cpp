@@ -170,7 +170,7 @@ TEST_F(Report, TruthOfAnEarlierTrackerIsNotTakenForThatOfItsSuccessor) {
 
 TEST_F(Report, ChecksVerificationStatesAndAlarmsAreTold) {
   const auto session = analysed([&](auto &writer) {
-    const auto at = [](int s) { return kStart_ns + s * 1000 * kMs; };
+    const auto at = [](std::int64_t s) { return kStart_ns + s * 1000 * kMs; };
     test::put_command(writer, at(1), 1, bregma_wire_COMMAND_START_REGISTRATION, bregma_wire_SESSION_REGISTERING);
     test::put_command(writer, at(2), 2, bregma_wire_COMMAND_ACCEPT_REGISTRATION, bregma_wire_SESSION_REGISTERED, 0.6);
     test::put_command(writer, at(3), 3, bregma_wire_COMMAND_CHECK_TOUCH, bregma_wire_SESSION_REGISTERED, 1.25,

@@ -47,10 +47,10 @@ void put_command(casefile::SessionWriter &writer, std::int64_t time_ns, std::uin
 void write_run(casefile::SessionWriter &writer, const RunPlan &plan) {
   put(writer, kStart_ns, accepted_registration(plan.registration_shift_mm));
   for (int k = 0; k < plan.frames; ++k) {
-    const std::int64_t exposed_ns = kStart_ns + (k + 1) * 4 * kMs;
+    const std::int64_t exposed_ns = kStart_ns + 4 * kMs * (k + 1);
     wire::TrackerFrame frame{};
     name(frame.device, "Tracker");
-    frame.frame = static_cast<std::uint64_t>(k + 1);
+    frame.frame = static_cast<std::uint64_t>(k) + 1;
     put(writer, exposed_ns, frame);
 
     wire::NavigationState state{};
@@ -60,7 +60,7 @@ void write_run(casefile::SessionWriter &writer, const RunPlan &plan) {
     state.frame = frame.frame;
     state.acquired_time_ns = exposed_ns;
     state.frame_sent_time_ns = exposed_ns + 2 * kMs;
-    state.published_time_ns = state.frame_sent_time_ns + (k + 1) * 10'000; // 0.01, 0.02, ... ms
+    state.published_time_ns = state.frame_sent_time_ns + 10'000LL * (k + 1); // 0.01, 0.02, ... ms
     state.status = bregma_wire_POSE_LIVE;
     state.session = bregma_wire_SESSION_NAVIGATING;
     const bool at_target = k >= plan.first_at_target;

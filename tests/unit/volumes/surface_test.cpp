@@ -159,7 +159,7 @@ TEST(Surface, RegionsKeepTheirVolumeThoughThin) {
   LabelVolume labels;
   labels.size = {60, 50, 40};
   labels.T_image_index(0, 3) = -30.0;
-  labels.voxels.assign(60 * 50 * 40, 0);
+  labels.voxels.assign(std::size_t{60} * 50 * 40, 0);
   int marked = 0;
   for (int i = 10; i < 50; ++i) { // two plates of four voxels, apart
     for (int j = 8; j < 40; ++j) {
