@@ -1,0 +1,33 @@
+// Transforms in ITK's text format (.tfm, "#Insight Transform File V1.0"), which Slicer, ANTs and elastix read.
+//
+// In memory: maps points of the source (moving) into the target (fixed), RAS, mm. In the file: LPS, and the way in
+// which an image is resampled, from a point of the fixed image to that of the moving one; that is the inverse. Reader
+// and writer are our own, since the format is four lines and the rest of casefile needs no ITK; the tests hold them
+// against ITK's. Errors name the file, the line and the value.
+#pragma once
+
+#include <filesystem>
+
+#include <Eigen/Core>
+
+#include "algorithms/geometry/rigid3.hpp"
+#include "casefile/result.hpp"
+
+namespace bregma::casefile {
+
+using TargetFromSource = geometry::Rigid3<geometry::frame::Target, geometry::frame::Source>;
+
+// Written as AffineTransform_double_3_3, which Slicer shows as a matrix, centre at the origin. The matrix must be
+// affine (last row 0 0 0 1) and invertible.
+[[nodiscard]] Result<void> write_itk_transform(const std::filesystem::path &file,
+                                               const Eigen::Matrix4d &T_target_source);
+
+// One affine (AffineTransform, MatrixOffsetTransformBase) or rigid (Euler3DTransform, VersorRigid3DTransform) transform
+// of three dimensions, in double or float. Refused: others, several, a matrix that cannot be inverted.
+[[nodiscard]] Result<Eigen::Matrix4d> read_itk_transform(const std::filesystem::path &file);
+
+// The same, refused where it is not rigid to kRigidTolerance.
+inline constexpr double kRigidTolerance = 1e-4;
+[[nodiscard]] Result<TargetFromSource> read_itk_rigid(const std::filesystem::path &file);
+
+} // namespace bregma::casefile

@@ -1,0 +1,81 @@
+#include "casefile/length_unit.hpp"
+
+#include <array>
+#include <cstdio>
+
+#include <Eigen/Geometry>
+
+namespace bregma::casefile {
+
+namespace {
+
+struct NamedUnit {
+  LengthUnit unit;
+  std::string_view name;
+  std::string_view in_words;
+  double mm;
+};
+
+constexpr std::array<NamedUnit, 4> kUnits{{{LengthUnit::kMillimetre, "mm", "millimetres", 1.0},
+                                           {LengthUnit::kCentimetre, "cm", "centimetres", 10.0},
+                                           {LengthUnit::kMetre, "m", "metres", 1000.0},
+                                           {LengthUnit::kMicrometre, "um", "micrometres", 0.001}}};
+
+// What a head measures, to tell which unit explains a width.
+constexpr double kHeadFrom_mm = 80.0;
+constexpr double kHeadTo_mm = 450.0;
+
+std::string shown_width(double mm) {
+  char buffer[32];
+  std::snprintf(buffer, sizeof buffer, "%.3g", mm);
+  // Not 2e+04, which a person has to work out.
+  if (mm >= 1000.0) {
+    std::snprintf(buffer, sizeof buffer, "%.0f", mm);
+  }
+  return buffer;
+}
+
+const NamedUnit &entry_of(LengthUnit unit) { return kUnits[static_cast<std::size_t>(unit)]; }
+
+} // namespace
+
+double mm_per(LengthUnit unit) { return entry_of(unit).mm; }
+
+std::optional<LengthUnit> unit_named(std::string_view name) {
+  for (const NamedUnit &known : kUnits) {
+    if (known.name == name) {
+      return known.unit;
+    }
+  }
+  return std::nullopt;
+}
+
+double width_mm(std::span<const Eigen::Vector3d> points_mm) {
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d &p : points_mm) {
+    box.extend(p);
+  }
+  return box.isEmpty() ? 0.0 : box.sizes().maxCoeff();
+}
+
+std::string size_problem(std::span<const Eigen::Vector3d> points_mm, const SizeLimits &limits, LengthUnit read_in,
+                         std::string_view what, std::string_view option) {
+  const double width = width_mm(points_mm);
+  if (width >= limits.smallest_mm && width <= limits.largest_mm) {
+    return {};
+  }
+  const bool small = width < limits.smallest_mm;
+  std::string out = std::string(what) + " is " + shown_width(width) + " mm wide, " +
+                    (small ? "at least " : "at most ") + shown_width(small ? limits.smallest_mm : limits.largest_mm) +
+                    " mm is taken";
+  for (const NamedUnit &other : kUnits) {
+    const double as_other_mm = width / mm_per(read_in) * other.mm;
+    if (other.unit != read_in && as_other_mm >= kHeadFrom_mm && as_other_mm <= kHeadTo_mm) {
+      return out + ": if the file is in " + std::string(other.in_words) + ", say " + std::string(option) + " " +
+             std::string(other.name);
+    }
+  }
+  return out;
+}
+
+} // namespace bregma::casefile

@@ -1,0 +1,182 @@
+// FreeSurfer's surfaces. Their coordinates are "surface RAS", about the centre of the volume that they were made from;
+// binary files end with that volume's geometry, by which they are moved into scanner RAS, where NIfTI has the image.
+#include <cmath>
+
+#include <Eigen/LU>
+
+#include "casefile/surface_files/mesh_arrays.hpp"
+#include "casefile/surface_files/number_bytes.hpp"
+#include "casefile/surface_files/raw_surface.hpp"
+#include "casefile/surface_files/text_cursor.hpp"
+#include "casefile/text.hpp"
+
+namespace bregma::casefile::detail {
+
+namespace {
+
+constexpr std::int32_t kTagUseRealRas = 2;
+constexpr std::int32_t kTagVolumeGeometry = 20;
+
+Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
+  RawSurface out;
+  TextCursor cursor(content);
+  if (content.starts_with('#')) {
+    static_cast<void>(cursor.rest_of_line());
+  }
+  constexpr std::size_t kSmallestLine = 8; // "0 0 0 0\n"
+  const auto vertices = cursor.count("number of vertices", kSmallestLine);
+  const auto triangles = vertices ? cursor.count("number of triangles", kSmallestLine) : vertices;
+  if (!triangles) {
+    return tl::unexpected(triangles.error());
+  }
+  for (std::size_t i = 0; i < *vertices; ++i) {
+    const auto position = cursor.point("vertex " + std::to_string(i));
+    const auto flag = position ? cursor.number("vertex " + std::to_string(i) + ": flag") : Parsed<double>(0.0);
+    if (!position || !flag) {
+      return tl::unexpected(position ? flag.error() : position.error());
+    }
+    out.mesh.vertices_mm.push_back(*position);
+  }
+  for (std::size_t i = 0; i < *triangles; ++i) {
+    const std::string name = "triangle " + std::to_string(i);
+    Eigen::Vector3i corners;
+    for (int corner = 0; corner < 3; ++corner) {
+      const auto index = cursor.corner(name, *vertices);
+      if (!index) {
+        return tl::unexpected(index.error());
+      }
+      corners[corner] = *index;
+    }
+    if (const auto flag = cursor.number(name + ": flag"); !flag) {
+      return tl::unexpected(flag.error());
+    }
+    out.mesh.triangles.push_back(corners);
+  }
+  return out;
+}
+
+// "valid = 1\nfilename = ...\nxras = -1 0 0\n...cras = 5.4 18 0\n" of a binary file's end.
+struct VolumeGeometry {
+  bool valid = false;
+  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity(); // columns: directions of the voxels' axes in scanner RAS
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+
+  // Of a point in surface RAS. There the axes are taken to run left, inferior and anterior, about the centre.
+  [[nodiscard]] Eigen::Vector3d scanner_ras(const Eigen::Vector3d &p) const {
+    return axes * Eigen::Vector3d(-p.x(), -p.z(), p.y()) + centre;
+  }
+};
+
+Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
+  VolumeGeometry out;
+  int found = 0;
+  for (const std::string_view line : cells(text, '\n')) {
+    const std::size_t equals = line.find('=');
+    if (equals == std::string_view::npos) {
+      continue;
+    }
+    const std::string_view key = trimmed(line.substr(0, equals));
+    const std::string_view value = trimmed(line.substr(equals + 1));
+    if (key == "valid") {
+      out.valid = value.starts_with('1');
+    }
+    const bool axis = key == "xras" || key == "yras" || key == "zras";
+    if (!axis && key != "cras") {
+      continue;
+    }
+    TextCursor numbers(value);
+    const auto vector = numbers.point(std::string(key));
+    if (!vector) {
+      return wrong_byte(at, "volume geometry: " + vector.error().what);
+    }
+    if (axis) {
+      out.axes.col(key.front() - 'x') = *vector;
+    } else {
+      out.centre = *vector;
+    }
+    ++found;
+  }
+  if (out.valid && (found != 4 || std::abs(std::abs(out.axes.determinant()) - 1.0) > 1e-3)) {
+    return wrong_byte(at, "volume geometry: xras, yras and zras must be directions at right angles, and cras be there");
+  }
+  return out;
+}
+
+// What stands behind the triangles: pairs of tag and content. Unknown tags end the search, as their length is not
+// known.
+Parsed<VolumeGeometry> footer_geometry(std::string_view content, std::size_t at) {
+  bool real_ras = false;
+  while (content.size() - at >= 8) {
+    const auto tag = load<std::int32_t>(content.data() + at, true);
+    at += 4;
+    if (tag == kTagUseRealRas) {
+      real_ras = load<std::int32_t>(content.data() + at, true) != 0;
+      at += 4;
+    } else if (tag == kTagVolumeGeometry) {
+      auto geometry = volume_geometry(content.substr(at), at);
+      if (geometry && real_ras) {
+        geometry->valid = false; // the coordinates are scanner RAS already
+      }
+      return geometry;
+    } else {
+      break;
+    }
+  }
+  return VolumeGeometry{};
+}
+
+Parsed<RawSurface> binary_freesurfer(std::string_view content) {
+  const std::size_t comment_end = content.find("\n\n");
+  std::size_t at = comment_end == std::string_view::npos ? content.size() : comment_end + 2;
+  if (content.size() < at + 8) {
+    return wrong_byte(content.size(), "the file ends within its header");
+  }
+  const std::size_t vertices = load<std::uint32_t>(content.data() + at, true);
+  const std::size_t triangles = load<std::uint32_t>(content.data() + at + 4, true);
+  at += 8;
+  if (content.size() - at < 12 * (vertices + triangles)) {
+    return wrong_byte(content.size(), "the file ends before its " + std::to_string(vertices) + " vertices and " +
+                                          std::to_string(triangles) + " triangles do");
+  }
+  const auto geometry = footer_geometry(content, at + 12 * (vertices + triangles));
+  if (!geometry) {
+    return tl::unexpected(geometry.error());
+  }
+  RawSurface out;
+  for (std::size_t i = 0; i < vertices; ++i) {
+    Eigen::Vector3d position;
+    for (Eigen::Index axis = 0; axis < 3; ++axis, at += 4) {
+      position[axis] = static_cast<double>(load<float>(content.data() + at, true));
+      if (!std::isfinite(position[axis])) {
+        return wrong_byte(at, "vertex " + std::to_string(i) + ": " + static_cast<char>('x' + axis) + " = " +
+                                  std::to_string(position[axis]) + ": must be a finite number");
+      }
+    }
+    out.mesh.vertices_mm.push_back(geometry->valid ? geometry->scanner_ras(position) : position);
+  }
+  for (std::size_t i = 0; i < triangles; ++i) {
+    Eigen::Vector3i corners;
+    for (int corner = 0; corner < 3; ++corner, at += 4) {
+      corners[corner] = load<std::int32_t>(content.data() + at, true);
+      if (corners[corner] < 0 || static_cast<std::size_t>(corners[corner]) >= vertices) {
+        return wrong_byte(at, "triangle " + std::to_string(i) + ": corner = " + std::to_string(corners[corner]) + ": " +
+                                  range_text(vertices));
+      }
+    }
+    out.mesh.triangles.push_back(corners);
+  }
+  return out;
+}
+
+} // namespace
+
+Parsed<RawSurface> parse_freesurfer(std::string_view content) {
+  auto out = content.starts_with("\xFF\xFF\xFE") ? binary_freesurfer(content) : ascii_freesurfer(content);
+  if (out) {
+    out->format = "FreeSurfer";
+    out->assumed_space = Space::kRas;
+  }
+  return out;
+}
+
+} // namespace bregma::casefile::detail

@@ -1,0 +1,58 @@
+// What the readers of the single formats hand over, before it is checked and turned into RAS mm. Private to this
+// library.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include <tl/expected.hpp>
+
+#include "algorithms/geometry/triangle_mesh.hpp"
+#include "casefile/space.hpp"
+
+namespace bregma::casefile::detail {
+
+// Where in the file, and what is wrong there with which value.
+struct Problem {
+  std::string what;
+  int line = 0; // of a text; 0 where the place is a byte, or the whole file
+  std::optional<std::size_t> byte = std::nullopt;
+};
+
+template <class T> using Parsed = tl::expected<T, Problem>;
+
+[[nodiscard]] inline tl::unexpected<Problem> wrong(std::string what) {
+  return tl::unexpected<Problem>(Problem{std::move(what)});
+}
+[[nodiscard]] inline tl::unexpected<Problem> wrong_line(int line, std::string what) {
+  return tl::unexpected<Problem>(Problem{std::move(what), line});
+}
+[[nodiscard]] inline tl::unexpected<Problem> wrong_byte(std::size_t byte, std::string what) {
+  return tl::unexpected<Problem>(Problem{std::move(what), 0, byte});
+}
+
+// Vertices are finite and corners lie in range; units and space are still those of the file.
+struct RawSurface {
+  geometry::TriangleMesh mesh;
+  std::string format;                // "STL", ...
+  std::optional<Space> space;        // that the file states
+  Space assumed_space = Space::kLps; // otherwise: that of the programs which write the format
+};
+
+// The SPACE=LPS or SPACE=RAS that Slicer writes into the comments of its mesh files; a file that states both is
+// refused.
+[[nodiscard]] Parsed<std::optional<Space>> stated_space(std::string_view comments);
+
+[[nodiscard]] Parsed<RawSurface> parse_stl(std::string_view content);
+[[nodiscard]] Parsed<RawSurface> parse_vtk_legacy(std::string_view content);
+[[nodiscard]] Parsed<RawSurface> parse_vtk_xml(std::string_view content);
+[[nodiscard]] Parsed<RawSurface> parse_gifti(std::string_view content);
+// Either of FreeSurfer's two: ASCII, or the big-endian "triangle file" that starts with FF FF FE.
+[[nodiscard]] Parsed<RawSurface> parse_freesurfer(std::string_view content);
+
+// By what the file begins with; name: its file name, which decides only where the content does not.
+[[nodiscard]] Parsed<RawSurface> parse_surface(std::string_view content, std::string_view name);
+
+} // namespace bregma::casefile::detail

@@ -1,0 +1,139 @@
+#include "casefile/surface_files/surface_file.hpp"
+
+#include <cmath>
+#include <fstream>
+#include <iterator>
+#include <system_error>
+
+#include "casefile/ply.hpp"
+#include "casefile/surface_files/raw_surface.hpp"
+
+namespace bregma::casefile {
+
+namespace detail {
+
+namespace {
+
+Parsed<RawSurface> parse_ply_surface(std::string_view content) {
+  const std::string_view header = content.substr(0, content.find("end_header"));
+  const auto space = stated_space(header);
+  if (!space) {
+    return tl::unexpected(space.error());
+  }
+  auto mesh = parse_ply(content);
+  if (!mesh) {
+    return wrong(mesh.error());
+  }
+  const bool ours = header.find("comment Bregma: RAS") != std::string_view::npos;
+  return RawSurface{std::move(*mesh), "PLY", ours ? std::optional(Space::kRas) : *space, Space::kLps};
+}
+
+} // namespace
+
+Parsed<std::optional<Space>> stated_space(std::string_view comments) {
+  const bool lps = comments.find("SPACE=LPS") != std::string_view::npos;
+  const bool ras = comments.find("SPACE=RAS") != std::string_view::npos;
+  if (lps && ras) {
+    return wrong("states both SPACE=LPS and SPACE=RAS");
+  }
+  return lps ? std::optional(Space::kLps) : ras ? std::optional(Space::kRas) : std::nullopt;
+}
+
+Parsed<RawSurface> parse_surface(std::string_view content, std::string_view name) {
+  const std::string_view start = content.substr(0, 4096);
+  const auto has = [&start](std::string_view word) { return start.find(word) != std::string_view::npos; };
+  if (start.starts_with("ply")) {
+    return parse_ply_surface(content);
+  }
+  if (start.starts_with("# vtk DataFile")) {
+    return parse_vtk_legacy(content);
+  }
+  if (start.starts_with("\xFF\xFF\xFE") || start.starts_with("#!ascii")) {
+    return parse_freesurfer(content);
+  }
+  if (has("<GIFTI")) {
+    return parse_gifti(content);
+  }
+  if (has("<VTKFile")) {
+    return parse_vtk_xml(content);
+  }
+  if (name.ends_with(".stl") || name.ends_with(".STL")) {
+    return parse_stl(content);
+  }
+  if (name.ends_with(".asc") || name.ends_with(".srf")) {
+    return parse_freesurfer(content);
+  }
+  return wrong("is not a surface that is read: PLY, STL, VTK (.vtk, .vtp), GIFTI or FreeSurfer");
+}
+
+} // namespace detail
+
+namespace {
+
+std::string message_of(const std::filesystem::path &file, const detail::Problem &problem) {
+  const std::string place = problem.line > 0 ? ":" + std::to_string(problem.line)
+                            : problem.byte   ? ": byte " + std::to_string(*problem.byte)
+                                             : "";
+  return file.string() + place + ": " + problem.what;
+}
+
+// What no reader should have let pass, and what PLY's does: not finite, corners out of range. A triangle with a vertex
+// twice has no area and is left out.
+std::string clean(geometry::TriangleMesh &mesh, std::size_t &left_out) {
+  for (std::size_t i = 0; i < mesh.vertices_mm.size(); ++i) {
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      if (const double value = mesh.vertices_mm[i][axis]; !std::isfinite(value)) {
+        return "vertex " + std::to_string(i) + ": " + static_cast<char>('x' + axis) + " = " + std::to_string(value) +
+               ": must be a finite number";
+      }
+    }
+  }
+  const auto vertices = static_cast<int>(mesh.vertices_mm.size());
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    for (const int corner : mesh.triangles[i]) {
+      if (corner < 0 || corner >= vertices) {
+        return "triangle " + std::to_string(i) + ": corner = " + std::to_string(corner) + ": must be a vertex, 0 to " +
+               std::to_string(vertices - 1);
+      }
+    }
+  }
+  left_out = std::erase_if(mesh.triangles,
+                           [](const Eigen::Vector3i &t) { return t[0] == t[1] || t[1] == t[2] || t[2] == t[0]; });
+  return mesh.triangles.empty() ? "the mesh is empty: it has " + std::to_string(vertices) + " vertices and no triangle"
+                                : "";
+}
+
+} // namespace
+
+Result<SurfaceFile> read_surface(const std::filesystem::path &file, const SurfaceReadOptions &options) {
+  std::error_code error;
+  std::ifstream in(file, std::ios::binary);
+  if (!in || std::filesystem::is_directory(file, error)) {
+    return failure(file.string() + ": no such file, or it cannot be read");
+  }
+  const std::string content(std::istreambuf_iterator<char>(in), {});
+  auto raw = detail::parse_surface(content, file.filename().string());
+  if (!raw) {
+    return failure(message_of(file, raw.error()));
+  }
+  SurfaceFile out;
+  if (const auto problem = clean(raw->mesh, out.triangles_left_out); !problem.empty()) {
+    return failure(file.string() + ": " + problem);
+  }
+  out.mesh = std::move(raw->mesh);
+  out.format = std::move(raw->format);
+  out.space_stated = raw->space.has_value();
+  out.space = raw->space.value_or(options.space.value_or(raw->assumed_space));
+  for (Eigen::Vector3d &vertex : out.mesh.vertices_mm) {
+    vertex *= mm_per(options.unit);
+    vertex = out.space == Space::kLps ? flipped(vertex) : vertex;
+  }
+  if (const auto problem =
+          size_problem(out.mesh.vertices_mm, options.size, options.unit, "the surface", options.unit_option);
+      !problem.empty()) {
+    return failure(file.string() + ": " + problem);
+  }
+  return out;
+}
+
+} // namespace bregma::casefile

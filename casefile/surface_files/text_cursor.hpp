@@ -1,0 +1,44 @@
+// Goes through a text word by word and knows the line. Private to this library.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+
+#include <Eigen/Core>
+
+#include "casefile/surface_files/raw_surface.hpp"
+
+namespace bregma::casefile::detail {
+
+class TextCursor {
+public:
+  explicit TextCursor(std::string_view text, int first_line = 1) : text_(text), next_line_(first_line) {}
+
+  [[nodiscard]] std::string_view word();           // the next; empty at the end
+  [[nodiscard]] std::string_view rest_of_line();   // after the last word; goes on behind its end
+  [[nodiscard]] int line() const { return line_; } // of what was last read
+  [[nodiscard]] std::size_t position() const { return at_; }
+  void skip_to(std::size_t position); // forwards; binary data is not counted for lines
+  [[nodiscard]] std::size_t left() const { return text_.size() - at_; }
+
+  // `what` names it in the message: "vertex 3: y".
+  [[nodiscard]] Parsed<double> number(const std::string &what); // finite
+  // Of a file that may claim more than it holds: whole, from 0, and refused where `smallest_size` bytes each would not
+  // fit into what is left.
+  [[nodiscard]] Parsed<std::size_t> count(const std::string &what, std::size_t smallest_size);
+  [[nodiscard]] Parsed<Eigen::Vector3d> point(const std::string &what);
+  // A vertex's number below `vertices`.
+  [[nodiscard]] Parsed<int> corner(const std::string &what, std::size_t vertices);
+
+private:
+  std::string_view text_;
+  std::size_t at_ = 0;
+  int next_line_ = 1;
+  int line_ = 1;
+};
+
+// As much of a word as a message can hold, without control characters.
+[[nodiscard]] std::string quoted(std::string_view word);
+
+} // namespace bregma::casefile::detail

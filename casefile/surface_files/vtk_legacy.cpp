@@ -1,0 +1,240 @@
+// VTK's legacy polydata, versions 1 to 5.1, ASCII and binary (big-endian).
+//
+// Not by VTK's own reader: where a section ends early 9.1 prints a warning and hands over points that it has not read,
+// and it takes corners beyond the last point.
+#include <array>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "casefile/surface_files/mesh_arrays.hpp"
+#include "casefile/surface_files/number_bytes.hpp"
+#include "casefile/surface_files/raw_surface.hpp"
+#include "casefile/surface_files/text_cursor.hpp"
+
+namespace bregma::casefile::detail {
+
+namespace {
+
+std::optional<NumberType> legacy_type(std::string_view name) {
+  constexpr std::array<std::pair<std::string_view, NumberType>, 13> kNames{{{"char", NumberType::kInt8},
+                                                                            {"unsigned_char", NumberType::kUint8},
+                                                                            {"short", NumberType::kInt16},
+                                                                            {"unsigned_short", NumberType::kUint16},
+                                                                            {"int", NumberType::kInt32},
+                                                                            {"unsigned_int", NumberType::kUint32},
+                                                                            {"long", NumberType::kInt64},
+                                                                            {"unsigned_long", NumberType::kUint64},
+                                                                            {"vtktypeint32", NumberType::kInt32},
+                                                                            {"vtktypeint64", NumberType::kInt64},
+                                                                            {"vtkIdType", NumberType::kInt64},
+                                                                            {"float", NumberType::kFloat},
+                                                                            {"double", NumberType::kDouble}}};
+  for (const auto &[known, type] : kNames) {
+    if (known == name) {
+      return type;
+    }
+  }
+  return std::nullopt;
+}
+
+class LegacyReader {
+public:
+  explicit LegacyReader(std::string_view content) : content_(content), cursor_(content) {}
+
+  Parsed<RawSurface> read() {
+    static_cast<void>(cursor_.rest_of_line()); // "# vtk DataFile Version 4.2"
+    const auto space = stated_space(cursor_.rest_of_line());
+    if (!space) {
+      return tl::unexpected(space.error());
+    }
+    surface_.space = *space;
+    surface_.format = "VTK";
+    const std::string_view encoding = cursor_.word();
+    if (encoding != "ASCII" && encoding != "BINARY") {
+      return wrong_line(cursor_.line(), quoted(encoding) + " stands where ASCII or BINARY must");
+    }
+    binary_ = encoding == "BINARY";
+    if (const auto word = cursor_.word(); word != "DATASET") {
+      return wrong_line(cursor_.line(), quoted(word) + " stands where DATASET must");
+    }
+    if (const auto kind = cursor_.word(); kind != "POLYDATA") {
+      return wrong_line(cursor_.line(), "the dataset is " + quoted(kind) + ", only POLYDATA is read");
+    }
+    static_cast<void>(cursor_.rest_of_line());
+    while (!done_) {
+      if (auto section = read_section(); !section) {
+        Problem problem = section.error();
+        if (binary_ && !problem.byte) { // what is binary has no lines
+          problem.line = 0;
+          problem.byte = cursor_.position();
+        }
+        return tl::unexpected(problem);
+      }
+    }
+    return std::move(surface_);
+  }
+
+private:
+  Parsed<void> read_section() {
+    const std::string_view keyword = cursor_.word();
+    // Data of points and cells comes last, and is not needed.
+    if (keyword.empty() || keyword == "POINT_DATA" || keyword == "CELL_DATA") {
+      done_ = true;
+      return {};
+    }
+    if (keyword == "METADATA") {
+      static_cast<void>(cursor_.rest_of_line());
+      while (cursor_.left() > 0 && !cursor_.rest_of_line().empty()) { // it ends with an empty line
+      }
+      return {};
+    }
+    if (keyword == "POINTS") {
+      return read_points();
+    }
+    if (keyword == "FIELD") {
+      return read_field();
+    }
+    if (keyword == "POLYGONS" || keyword == "VERTICES" || keyword == "LINES") {
+      return read_cells(keyword == "POLYGONS");
+    }
+    if (keyword == "TRIANGLE_STRIPS") {
+      return wrong_line(cursor_.line(), "the surface is made of triangle strips, only triangles are read");
+    }
+    return wrong_line(cursor_.line(), quoted(keyword) + " is not a section of polydata");
+  }
+
+  // The next `count` numbers, in either encoding.
+  Parsed<std::vector<double>> numbers(std::size_t count, NumberType type, const std::string &what) {
+    std::vector<double> out;
+    if (binary_) {
+      const std::size_t size = size_of(type);
+      const std::size_t start = cursor_.position();
+      if (cursor_.left() / size < count) {
+        return wrong_byte(content_.size(), "the file ends before " + what + " does");
+      }
+      out.reserve(count);
+      for (std::size_t i = 0; i < count; ++i) {
+        out.push_back(load_number(content_.data() + start + i * size, type, true));
+      }
+      cursor_.skip_to(start + count * size);
+      return out;
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto value = cursor_.number(what + ": number " + std::to_string(i));
+      if (!value) {
+        return tl::unexpected(value.error());
+      }
+      out.push_back(*value);
+    }
+    return out;
+  }
+
+  Parsed<NumberType> type() {
+    const std::string_view name = cursor_.word();
+    const auto known = legacy_type(name);
+    if (!known) {
+      return wrong_line(cursor_.line(), "type " + quoted(name) + " is not one of numbers");
+    }
+    static_cast<void>(cursor_.rest_of_line());
+    return *known;
+  }
+
+  Parsed<void> read_points() {
+    const auto count = cursor_.count("number of points", 1);
+    const auto kind = count ? type() : tl::unexpected(count.error());
+    const auto values = kind ? numbers(3 * *count, *kind, "POINTS") : tl::unexpected(kind.error());
+    if (!values) {
+      return tl::unexpected(values.error());
+    }
+    const std::string problem = append_vertices(surface_.mesh, *values);
+    return problem.empty() ? Parsed<void>() : wrong_line(cursor_.line(), problem);
+  }
+
+  // FIELD name n, then n times: name components tuples type, numbers.
+  Parsed<void> read_field() {
+    static_cast<void>(cursor_.word());
+    const auto arrays = cursor_.count("number of arrays", 1);
+    if (!arrays) {
+      return tl::unexpected(arrays.error());
+    }
+    for (std::size_t i = 0; i < *arrays; ++i) {
+      static_cast<void>(cursor_.word());
+      const auto components = cursor_.count("number of components", 1);
+      const auto tuples = components ? cursor_.count("number of tuples", 1) : components;
+      const auto kind = tuples ? type() : tl::unexpected(tuples.error());
+      const auto values = kind ? numbers(*components * *tuples, *kind, "FIELD") : tl::unexpected(kind.error());
+      if (!values) {
+        return tl::unexpected(values.error());
+      }
+    }
+    return {};
+  }
+
+  // "POLYGONS cells numbers", then each cell's count of corners and its corners; since version 5
+  // "POLYGONS offsets corners" with OFFSETS and CONNECTIVITY.
+  Parsed<void> read_cells(bool polygons) {
+    const int line = cursor_.line();
+    const auto cells = cursor_.count("number of cells", 1);
+    const auto size = cells ? cursor_.count("number of corners", 1) : cells;
+    if (!size) {
+      return tl::unexpected(size.error());
+    }
+    static_cast<void>(cursor_.rest_of_line());
+    const std::size_t start = cursor_.position();
+    if (content_.substr(start).starts_with("OFFSETS")) {
+      static_cast<void>(cursor_.word());
+      const auto offset_type = type();
+      const auto offsets = offset_type ? numbers(*cells, *offset_type, "OFFSETS") : tl::unexpected(offset_type.error());
+      if (!offsets) {
+        return tl::unexpected(offsets.error());
+      }
+      if (const auto word = cursor_.word(); word != "CONNECTIVITY") {
+        return wrong_line(cursor_.line(), quoted(word) + " stands where CONNECTIVITY must");
+      }
+      const auto corner_type = type();
+      const auto corners =
+          corner_type ? numbers(*size, *corner_type, "CONNECTIVITY") : tl::unexpected(corner_type.error());
+      if (!corners) {
+        return tl::unexpected(corners.error());
+      }
+      for (std::size_t i = 0; polygons && i + 1 < offsets->size(); ++i) {
+        if ((*offsets)[i] != 3.0 * static_cast<double>(i) || (*offsets)[i + 1] != 3.0 * static_cast<double>(i + 1)) {
+          return wrong_line(line, "polygon " + std::to_string(i) + " has " +
+                                      std::to_string(std::llround((*offsets)[i + 1] - (*offsets)[i])) +
+                                      " corners, only triangles are read");
+        }
+      }
+      return polygons ? keep_triangles(*corners, 0, line) : Parsed<void>();
+    }
+    const auto values = numbers(*size, NumberType::kInt32, "POLYGONS");
+    if (!values) {
+      return tl::unexpected(values.error());
+    }
+    for (std::size_t i = 0; polygons && i < *cells; ++i) {
+      const double corners = 4 * i < values->size() ? (*values)[4 * i] : 0.0;
+      if (corners != 3.0 || 4 * i + 3 >= values->size()) {
+        return wrong_line(line, "polygon " + std::to_string(i) + " has " + std::to_string(static_cast<long>(corners)) +
+                                    " corners, only triangles are read");
+      }
+    }
+    return polygons ? keep_triangles(*values, 1, line) : Parsed<void>();
+  }
+
+  Parsed<void> keep_triangles(const std::vector<double> &values, std::size_t before, int line) {
+    const std::string problem = append_triangles(surface_.mesh, values, before);
+    return problem.empty() ? Parsed<void>() : wrong_line(line, problem);
+  }
+
+  std::string_view content_;
+  TextCursor cursor_;
+  RawSurface surface_;
+  bool binary_ = false;
+  bool done_ = false;
+};
+
+} // namespace
+
+Parsed<RawSurface> parse_vtk_legacy(std::string_view content) { return LegacyReader(content).read(); }
+
+} // namespace bregma::casefile::detail

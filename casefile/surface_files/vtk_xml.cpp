@@ -1,0 +1,294 @@
+// VTK's XML polydata (.vtp), serial, with its arrays as text, in base64 or appended, plain or compressed by zlib.
+#include <array>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "casefile/surface_files/data_array.hpp"
+#include "casefile/surface_files/mesh_arrays.hpp"
+#include "casefile/surface_files/raw_surface.hpp"
+#include "casefile/surface_files/text_cursor.hpp"
+#include "casefile/surface_files/xml_document.hpp"
+#include "casefile/text.hpp"
+
+namespace bregma::casefile::detail {
+
+namespace {
+
+constexpr std::string_view kAppended = "<AppendedData";
+
+std::optional<NumberType> xml_type(std::string_view name) {
+  constexpr std::array<std::pair<std::string_view, NumberType>, 10> kNames{{{"Int8", NumberType::kInt8},
+                                                                            {"UInt8", NumberType::kUint8},
+                                                                            {"Int16", NumberType::kInt16},
+                                                                            {"UInt16", NumberType::kUint16},
+                                                                            {"Int32", NumberType::kInt32},
+                                                                            {"UInt32", NumberType::kUint32},
+                                                                            {"Int64", NumberType::kInt64},
+                                                                            {"UInt64", NumberType::kUint64},
+                                                                            {"Float32", NumberType::kFloat},
+                                                                            {"Float64", NumberType::kDouble}}};
+  for (const auto &[known, type] : kNames) {
+    if (known == name) {
+      return type;
+    }
+  }
+  return std::nullopt;
+}
+
+// The file in two: XML, whole again without what is appended, and that.
+struct Parts {
+  std::string xml;
+  std::string_view appended; // behind the underscore
+  bool appended_in_base64 = false;
+};
+
+Parsed<Parts> parts_of(std::string_view content) {
+  const std::size_t tag = content.find(kAppended);
+  if (tag == std::string_view::npos) {
+    return Parts{std::string(content), {}, false};
+  }
+  const std::size_t tag_end = content.find('>', tag);
+  const std::size_t underscore = content.find('_', tag_end == std::string_view::npos ? content.size() : tag_end);
+  if (underscore == std::string_view::npos) {
+    return wrong_byte(tag, "AppendedData holds no data");
+  }
+  Parts out;
+  out.xml = std::string(content.substr(0, tag)) + "</VTKFile>";
+  out.appended = content.substr(underscore + 1);
+  out.appended_in_base64 = content.substr(tag, tag_end - tag).find("base64") != std::string_view::npos;
+  return out;
+}
+
+class XmlReader {
+public:
+  explicit XmlReader(const Parts &parts) : parts_(parts) {}
+
+  Parsed<RawSurface> read(const XmlElement &file) {
+    if (file.name != "VTKFile" || file.attribute("type") != "PolyData") {
+      return wrong_line(file.line,
+                        file.name + " of type " + quoted(file.attribute("type")) + ": only PolyData is read");
+    }
+    big_endian_ = file.attribute("byte_order") == "BigEndian";
+    header_type_ = file.attribute("header_type") == "UInt64" ? NumberType::kUint64 : NumberType::kUint32;
+    const std::string_view compressor = file.attribute("compressor");
+    compressed_ = !compressor.empty();
+    if (compressed_ && compressor != "vtkZLibDataCompressor") {
+      return wrong_line(file.line, "compressor = " + quoted(compressor) + ": only vtkZLibDataCompressor is read");
+    }
+    const XmlElement *data = file.child("PolyData");
+    const XmlElement *piece = data == nullptr ? nullptr : data->child("Piece");
+    if (piece == nullptr) {
+      return wrong_line(file.line, "has no Piece of PolyData");
+    }
+    surface_.format = "VTK XML";
+    if (auto space = read_space(*data); !space) {
+      return tl::unexpected(space.error());
+    }
+    for (const XmlElement &child : data->children) {
+      if (child.name == "Piece" && &child != piece) {
+        return wrong_line(child.line, "the surface is in several pieces, only one is read");
+      }
+    }
+    if (auto done = read_piece(*piece); !done) {
+      return tl::unexpected(done.error());
+    }
+    return std::move(surface_);
+  }
+
+private:
+  // Slicer's: an array SPACE of one string in FieldData, whose letters are numbers in an ASCII file.
+  Parsed<void> read_space(const XmlElement &data) {
+    const XmlElement *field = data.child("FieldData");
+    for (const XmlElement &array : field == nullptr ? std::vector<XmlElement>() : field->children) {
+      if (array.attribute("Name") != "SPACE") {
+        continue;
+      }
+      const auto letters = numbers(array, NumberType::kInt8, 4, "SPACE"); // three letters and a zero
+      if (!letters) {
+        return tl::unexpected(letters.error());
+      }
+      std::string name;
+      for (const double letter : *letters) {
+        name += letter > 0.0 && letter < 128.0 ? std::string(1, static_cast<char>(letter)) : std::string();
+      }
+      surface_.space = space_named(name);
+      if (!surface_.space) {
+        return wrong_line(array.line, "SPACE = " + quoted(name) + ": must be RAS or LPS");
+      }
+    }
+    return {};
+  }
+
+  Parsed<void> read_piece(const XmlElement &piece) {
+    const auto count = [&piece](std::string_view name) {
+      return parsed_number<std::uint32_t>(piece.attribute(name)).value_or(0);
+    };
+    if (count("NumberOfStrips") > 0) {
+      return wrong_line(piece.line, "the surface has triangle strips, only triangles are read");
+    }
+    const std::size_t points = count("NumberOfPoints");
+    const std::size_t polygons = count("NumberOfPolys");
+    const XmlElement *point_list = piece.child("Points");
+    const XmlElement *point_array = point_list == nullptr ? nullptr : point_list->child("DataArray");
+    const XmlElement *polygon_list = piece.child("Polys");
+    if (points == 0 || polygons == 0 || point_array == nullptr || polygon_list == nullptr) {
+      return wrong_line(piece.line,
+                        "the surface is empty: NumberOfPoints = " + quoted(piece.attribute("NumberOfPoints")) +
+                            ", NumberOfPolys = " + quoted(piece.attribute("NumberOfPolys")));
+    }
+    const auto coordinates = typed_numbers(*point_array, 3 * points, "the points");
+    if (!coordinates) {
+      return tl::unexpected(coordinates.error());
+    }
+    if (const auto problem = append_vertices(surface_.mesh, *coordinates); !problem.empty()) {
+      return wrong_line(point_array->line, problem);
+    }
+    return read_polygons(*polygon_list, polygons);
+  }
+
+  Parsed<void> read_polygons(const XmlElement &list, std::size_t polygons) {
+    const XmlElement *corners = nullptr;
+    const XmlElement *offsets = nullptr;
+    for (const XmlElement &array : list.children) {
+      corners = array.attribute("Name") == "connectivity" ? &array : corners;
+      offsets = array.attribute("Name") == "offsets" ? &array : offsets;
+    }
+    if (corners == nullptr || offsets == nullptr) {
+      return wrong_line(list.line, "Polys has no connectivity or no offsets");
+    }
+    const auto ends = typed_numbers(*offsets, polygons, "offsets");
+    if (!ends) {
+      return tl::unexpected(ends.error());
+    }
+    for (std::size_t i = 0; i < polygons; ++i) {
+      const double size = (*ends)[i] - (i == 0 ? 0.0 : (*ends)[i - 1]);
+      if (size != 3.0) {
+        return wrong_line(offsets->line, "polygon " + std::to_string(i) + " has " + std::to_string(std::llround(size)) +
+                                             " corners, only triangles are read");
+      }
+    }
+    const auto connectivity = typed_numbers(*corners, 3 * polygons, "connectivity");
+    if (!connectivity) {
+      return tl::unexpected(connectivity.error());
+    }
+    const auto problem = append_triangles(surface_.mesh, *connectivity);
+    return problem.empty() ? Parsed<void>() : wrong_line(corners->line, problem);
+  }
+
+  Parsed<std::vector<double>> typed_numbers(const XmlElement &array, std::size_t count, const std::string &what) const {
+    const auto type = xml_type(array.attribute("type"));
+    if (!type) {
+      return wrong_line(array.line, what + ": type = " + quoted(array.attribute("type")) + ": is not one of numbers");
+    }
+    return numbers(array, *type, count, what);
+  }
+
+  Parsed<std::vector<double>> numbers(const XmlElement &array, NumberType type, std::size_t count,
+                                      const std::string &what) const {
+    const std::string_view format = array.attribute("format");
+    if (format == "ascii") {
+      return numbers_in_words(array.text, count, array.line, what);
+    }
+    std::string_view source = array.text;
+    bool base64 = true;
+    if (format == "appended") {
+      const auto offset = parsed_number<std::uint64_t>(array.attribute("offset"));
+      if (!offset || *offset > parts_.appended.size()) {
+        return wrong_line(array.line, what + ": offset = " + quoted(array.attribute("offset")) + ": " +
+                                          std::to_string(parts_.appended.size()) + " bytes are appended");
+      }
+      source = parts_.appended.substr(*offset);
+      base64 = parts_.appended_in_base64;
+    } else if (format != "binary") {
+      return wrong_line(array.line, what + ": format = " + quoted(format) + ": must be ascii, binary or appended");
+    }
+    auto bytes = block(source, base64, count * size_of(type));
+    if (!bytes) {
+      return wrong_line(array.line, what + ": " + bytes.error().what);
+    }
+    return numbers_of(*bytes, type, big_endian_);
+  }
+
+  // The bytes of an array: behind one header word with their number, or, compressed, behind the numbers of blocks, of
+  // bytes in a block, of bytes in a last, shorter one, and the packed size of each.
+  Parsed<std::string> block(std::string_view source, bool base64, std::size_t size) const {
+    const std::size_t word = size_of(header_type_);
+    const auto bytes_to = [&](std::size_t wanted) {
+      return base64 ? decode_base64(source, wanted) : std::string(source.substr(0, wanted));
+    };
+    const auto header = [&](const std::string &bytes, std::size_t index) {
+      return static_cast<std::size_t>(
+          std::clamp(load_number(bytes.data() + index * word, header_type_, big_endian_), 0.0, 1e12));
+    };
+    const std::size_t first = compressed_ ? 3 * word : word;
+    const std::string start = bytes_to(first);
+    if (start.size() < first) {
+      return wrong("the data end before their header does");
+    }
+    if (!compressed_) {
+      if (header(start, 0) != size) {
+        return wrong("the file says " + std::to_string(header(start, 0)) + " bytes where " + std::to_string(size) +
+                     " are needed");
+      }
+      const std::string all = bytes_to(first + size);
+      return all.size() < first + size
+                 ? Parsed<std::string>(wrong("the data end after " + std::to_string(all.size() - first) + " of " +
+                                             std::to_string(size) + " bytes"))
+                 : Parsed<std::string>(all.substr(first, size));
+    }
+    const std::size_t blocks = header(start, 0);
+    const std::size_t block_size = header(start, 1);
+    const std::size_t last_size = header(start, 2) == 0 ? block_size : header(start, 2);
+    if (blocks == 0 || blocks > source.size() || last_size > block_size ||
+        (blocks - 1) * block_size + last_size != size) {
+      return wrong("the file says " + std::to_string(blocks) + " blocks of " + std::to_string(block_size) +
+                   " bytes where " + std::to_string(size) + " bytes are needed");
+    }
+    const std::size_t data_start = (3 + blocks) * word;
+    const std::string sizes = bytes_to(data_start);
+    if (sizes.size() < data_start) {
+      return wrong("the data end before their header does");
+    }
+    std::size_t packed = 0;
+    for (std::size_t i = 0; i < blocks; ++i) {
+      packed += header(sizes, 3 + i);
+    }
+    const std::string all = bytes_to(data_start + packed);
+    std::string out;
+    std::size_t at = data_start;
+    for (std::size_t i = 0; i < blocks; ++i) {
+      const std::size_t packed_size = header(sizes, 3 + i);
+      if (all.size() - at < packed_size) {
+        return wrong("the data end in block " + std::to_string(i) + " of " + std::to_string(blocks));
+      }
+      const auto unpacked =
+          inflated(std::string_view(all).substr(at, packed_size), i + 1 == blocks ? last_size : block_size);
+      if (!unpacked) {
+        return unpacked;
+      }
+      out += *unpacked;
+      at += packed_size;
+    }
+    return out;
+  }
+
+  const Parts &parts_;
+  RawSurface surface_;
+  bool big_endian_ = false;
+  bool compressed_ = false;
+  NumberType header_type_ = NumberType::kUint32;
+};
+
+} // namespace
+
+Parsed<RawSurface> parse_vtk_xml(std::string_view content) {
+  const auto parts = parts_of(content);
+  if (!parts) {
+    return tl::unexpected(parts.error());
+  }
+  const auto document = parse_xml(parts->xml);
+  return document ? XmlReader(*parts).read(*document) : tl::unexpected(document.error());
+}
+
+} // namespace bregma::casefile::detail

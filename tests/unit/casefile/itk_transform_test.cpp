@@ -1,0 +1,98 @@
+#include "casefile/itk_transform.hpp"
+
+#include <numbers>
+#include <random>
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+#include <gtest/gtest.h>
+
+#include "tests/unit/casefile/files.hpp"
+
+namespace {
+
+using namespace bregma::casefile;
+using bregma::tests::TempFolder;
+using Eigen::Matrix4d;
+
+std::string transform_error(const std::string &content, bool rigid = false) {
+  const TempFolder folder;
+  const auto file = folder.write("a.tfm", content);
+  std::string message = "no error";
+  if (rigid) {
+    const auto read = read_itk_rigid(file);
+    message = read ? message : read.error().message;
+  } else {
+    const auto read = read_itk_transform(file);
+    message = read ? message : read.error().message;
+  }
+  return message.substr(std::min(message.size(), message.find("a.tfm")));
+}
+
+const std::string kHead = "#Insight Transform File V1.0\n#Transform 0\n";
+
+// The source lies 10 mm to the left, 20 mm behind and 30 mm below its place in the target: in LPS an image is resampled
+// by the way back.
+TEST(ItkTransform, TheFileIsLpsAndLeadsFromFixedToMoving) {
+  const TempFolder folder;
+  const auto file = folder.path() / "a.tfm";
+  Matrix4d T = Matrix4d::Identity();
+  T.topRightCorner<3, 1>() = Eigen::Vector3d(10, 20, 30);
+  ASSERT_TRUE(write_itk_transform(file, T));
+  EXPECT_EQ(bregma::tests::read_file(file), kHead +
+                                                "Transform: AffineTransform_double_3_3\n"
+                                                "Parameters: 1 0 0 0 1 0 0 0 1 10 20 -30\nFixedParameters: 0 0 0\n");
+}
+
+TEST(ItkTransform, RoundTripsToTheLastDigits) {
+  const TempFolder folder;
+  std::mt19937 random(5); // printed with a failure by its use below
+  std::uniform_real_distribution<double> uniform(-1.0, 1.0);
+  for (int trial = 0; trial < 50; ++trial) {
+    const Eigen::Vector3d axis(uniform(random), uniform(random), uniform(random));
+    const TargetFromSource T(bregma::geometry::rotation_exp(std::numbers::pi * axis / 2.0), 200.0 * axis.reverse());
+    const auto file = folder.path() / "a.tfm";
+    ASSERT_TRUE(write_itk_transform(file, T.matrix()));
+    const auto read = read_itk_rigid(file);
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_LT((read->matrix() - T.matrix()).norm(), 1e-11) << "seed 5, trial " << trial;
+  }
+  Matrix4d affine = Matrix4d::Identity();
+  affine.topRows<3>() << 1.1, 0.1, 0.0, 5.0, -0.05, 0.9, 0.02, -7.0, 0.0, 0.03, 1.05, 1.0 / 3.0;
+  ASSERT_TRUE(write_itk_transform(folder.path() / "b.tfm", affine));
+  const auto read = read_itk_transform(folder.path() / "b.tfm");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_LT((*read - affine).norm(), 1e-12);
+}
+
+TEST(ItkTransform, WhatCannotBeReadIsRefusedWithLineAndValue) {
+  const std::string affine = "Transform: AffineTransform_double_3_3\n";
+  const std::string parameters = "Parameters: 1 0 0 0 1 0 0 0 1 0 0 0\n";
+  EXPECT_EQ(transform_error("hello\n"),
+            "a.tfm:1: is not an ITK transform file: it must begin with \"#Insight Transform File V1.0\"");
+  EXPECT_EQ(transform_error(kHead), "a.tfm: holds no transform");
+  EXPECT_EQ(
+      transform_error(kHead + "Transform: BSplineTransform_double_3_3\n"),
+      "a.tfm:3: Transform: BSplineTransform_double_3_3: only affine and rigid transforms of three dimensions are read");
+  EXPECT_EQ(
+      transform_error(kHead + "Transform: AffineTransform_double_2_2\n"),
+      "a.tfm:3: Transform: AffineTransform_double_2_2: only affine and rigid transforms of three dimensions are read");
+  EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 0 1 0 0 0 1 0 0\nFixedParameters: 0 0 0\n"),
+            "a.tfm:4: Parameters: 11 numbers that are no AffineTransform");
+  EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 0 nan 0 0 0 1 0 0 0\n"),
+            "a.tfm:4: Parameters: \"nan\" is not a finite number");
+  EXPECT_EQ(transform_error(kHead + affine + parameters), "a.tfm: FixedParameters: 0 numbers, the centre has 3");
+  EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 1 0 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n"),
+            "a.tfm:4: Parameters: the matrix has no inverse");
+  EXPECT_EQ(transform_error(kHead + affine + parameters + "FixedParameters: 0 0 0\n" + affine),
+            "a.tfm:6: is a second transform (AffineTransform_double_3_3), only one is read");
+  EXPECT_EQ(transform_error(kHead + affine + "Parameters: 2 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n", true),
+            "a.tfm: the transform is not rigid: it scales, shears or mirrors (determinant 0.5)");
+  EXPECT_EQ(transform_error(kHead + "Transform: VersorRigid3DTransform_double_3_3\nParameters: 1 1 0 0 0 0\n"
+                                    "FixedParameters: 0 0 0\n"),
+            "a.tfm:4: Parameters: 6 numbers that are no VersorRigid3DTransform");
+  const TempFolder folder;
+  EXPECT_FALSE(write_itk_transform(folder.path() / "b.tfm", Matrix4d::Zero()));
+}
+
+} // namespace
