@@ -5,6 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "casefile/space.hpp"
 #include "casefile/text.hpp"
 
 namespace bregma::casefile {
@@ -17,18 +18,20 @@ using Json = nlohmann::json;
 constexpr const char *kSchema = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
                                 "Resources/Schema/markups-schema-v1.0.3.json#";
 
-enum class Space { kRas, kLps };
-
-// LPS and RAS differ by half a turn about the z axis: the way there is the way back.
-Eigen::Vector3d flipped(const Eigen::Vector3d &p) { return {-p.x(), -p.y(), p.z()}; }
-
 // As names since Slicer 4.11; as MRML's numbers before: RAS = 0, LPS = 1.
 std::optional<Space> space_of(const std::string &text) {
-  if (text == "LPS" || text == "1") {
-    return Space::kLps;
-  }
-  if (text == "RAS" || text == "0") {
-    return Space::kRas;
+  return text == "1" ? Space::kLps : text == "0" ? Space::kRas : space_named(text);
+}
+
+std::optional<Markup::Kind> kind_of(const std::string &type) {
+  using Kind = Markup::Kind;
+  for (const auto &[name, kind] : {std::pair("Fiducial", Kind::kPoints),
+                                   {"Line", Kind::kLine},
+                                   {"Curve", Kind::kCurve},
+                                   {"ClosedCurve", Kind::kClosedCurve}}) {
+    if (type == name) {
+      return kind;
+    }
   }
   return std::nullopt;
 }
@@ -63,11 +66,12 @@ private:
     }
     Markup markup;
     const std::string type = item.contains("type") ? shown(item["type"]) : "";
-    if (type == "Line") {
-      markup.kind = Markup::Kind::kLine;
-    } else if (type != "Fiducial") {
-      return failure(file_ + ": " + which + ": type = \"" + type + "\": only Fiducial and Line are read");
+    const auto kind = kind_of(type);
+    if (!kind) {
+      return failure(file_ + ": " + which + ": type = \"" + type +
+                     "\": only Fiducial, Line, Curve and ClosedCurve are read");
     }
+    markup.kind = *kind;
     if (item.contains("name") && item["name"].is_string()) {
       markup.name = item["name"].get<std::string>();
     }
@@ -249,7 +253,8 @@ Result<std::vector<NamedPoint>> read_points(const fs::path &file) {
   std::vector<NamedPoint> out;
   for (const Markup &markup : *markups) {
     if (markup.kind != Markup::Kind::kPoints) {
-      return failure(file.string() + ": \"" + markup.name + "\" is a line where points are expected");
+      return failure(file.string() + ": \"" + markup.name + "\" is a " +
+                     (markup.kind == Markup::Kind::kLine ? "line" : "curve") + " where points are expected");
     }
     out.insert(out.end(), markup.points.begin(), markup.points.end());
   }
@@ -264,7 +269,8 @@ Result<std::vector<Trajectory>> read_trajectories(const fs::path &file) {
   std::vector<Trajectory> out;
   for (const Markup &markup : *markups) {
     if (markup.kind != Markup::Kind::kLine) {
-      return failure(file.string() + ": \"" + markup.name + "\" is a list of points where lines are expected");
+      return failure(file.string() + ": \"" + markup.name + "\" is a " +
+                     (markup.kind == Markup::Kind::kPoints ? "list of points" : "curve") + " where lines are expected");
     }
     const std::string name = markup.name.empty() ? file.stem().stem().string() : markup.name;
     out.push_back({name, markup.points[0].position_mm, markup.points[1].position_mm});

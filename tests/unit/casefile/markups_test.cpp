@@ -84,7 +84,7 @@ TEST(Markups, ErrorsNameTheControlPointAndTheValue) {
   EXPECT_EQ(markups_error(points_file("", "\"coordinateSystem\": \"XYZ\",")),
             ": markup 1: coordinateSystem = \"XYZ\": must be LPS or RAS");
   EXPECT_EQ(markups_error(points_file("", "", "Plane")),
-            ": markup 1: type = \"Plane\": only Fiducial and Line are read");
+            ": markup 1: type = \"Plane\": only Fiducial, Line, Curve and ClosedCurve are read");
   EXPECT_EQ(markups_error(points_file("", "\"coordinateUnits\": \"m\",")),
             ": markup 1: coordinateUnits = \"m\": must be mm");
   EXPECT_EQ(markups_error("{}"), ": is not a Slicer markups file: it has no list \"markups\"");

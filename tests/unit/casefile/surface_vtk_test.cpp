@@ -143,19 +143,19 @@ TEST(SurfaceOfVtk, DamagedXmlIsRefusedWithItsLine) {
     const std::string message = read ? "no error" : read.error().message;
     return message.substr(std::min(message.size(), message.find("b.vtp")));
   };
-  // The line of a word that stands last in the file, counted from 1.
-  const auto line_of = [&whole](const std::string &word) {
-    const auto end = whole.begin() + static_cast<std::ptrdiff_t>(whole.rfind(word));
+  // Counted from 1.
+  const auto line_of = [&whole](std::size_t position) {
+    const auto end = whole.begin() + static_cast<std::ptrdiff_t>(position);
     return std::to_string(1 + std::count(whole.begin(), end, '\n'));
   };
   EXPECT_EQ(error_of("</PolyData>", "</PolyDat>"),
-            "b.vtp:" + line_of("</PolyData>") + ": is not whole XML: mismatched tag");
+            "b.vtp:" + line_of(whole.find("</PolyData>")) + ": is not whole XML: mismatched tag");
   EXPECT_EQ(error_of("NumberOfPolys=\"8\"", "NumberOfPolys=\"0\""),
             "b.vtp:4: the surface is empty: NumberOfPoints = \"6\", NumberOfPolys = \"0\"");
   EXPECT_EQ(error_of("85 0 0", "85 nan 0"),
-            "b.vtp:" + line_of("85 0 0") + ": the points: number 1 = \"nan\": must be a finite number");
+            "b.vtp:" + line_of(whole.find("85 0 0")) + ": the points: number 1 = \"nan\": must be a finite number");
   EXPECT_EQ(error_of("0 2 4", "0 2 9"),
-            "b.vtp:" + line_of("Name=\"connectivity\"") + ": triangle 0: corner = 9: must be a vertex, 0 to 5");
+            "b.vtp:" + line_of(whole.rfind("connectivity")) + ": triangle 0: corner = 9: must be a vertex, 0 to 5");
   EXPECT_NE(error_of("NumberOfPolys=\"8\"", "NumberOfPolys=\"9\"").find(": the file ends before offsets: number 8"),
             std::string::npos);
   EXPECT_NE(error_of("NumberOfPoints=\"6\"", "NumberOfPoints=\"5\"").find(": the points has more than 15 numbers"),

@@ -1,0 +1,134 @@
+// The curves of files; their points are read by markups.cpp, or here from a table.
+#include <cmath>
+#include <fstream>
+#include <map>
+
+#include "casefile/markups.hpp"
+#include "casefile/text.hpp"
+
+namespace bregma::casefile {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+// Nearer to each other two marks are the same one, set twice.
+constexpr double kSameMark_mm = 1e-6;
+
+// What the points of one curve are, or why they are none.
+Result<MarkedCurve> curve_of(const fs::path &file, std::string name, std::vector<Eigen::Vector3d> points, bool closed) {
+  const std::string place = file.string() + ": curve \"" + name + "\": ";
+  const auto same = [&points](std::size_t a, std::size_t b) { return (points[a] - points[b]).norm() < kSameMark_mm; };
+  if (points.size() > 3 && same(0, points.size() - 1)) {
+    closed = true;
+    points.pop_back();
+  }
+  if (const std::size_t needed = closed ? 3 : 2; points.size() < needed) {
+    return failure(place + "has " + std::to_string(points.size()) + " points, a " + (closed ? "closed " : "") +
+                   "curve has at least " + std::to_string(needed));
+  }
+  for (std::size_t i = 1; i < points.size(); ++i) {
+    if (same(i - 1, i)) {
+      return failure(place + "points " + std::to_string(i) + " and " + std::to_string(i + 1) + " are the same");
+    }
+  }
+  return MarkedCurve{std::move(name), std::move(points), closed};
+}
+
+struct TableCurve {
+  std::string name;
+  std::vector<Eigen::Vector3d> points;
+};
+
+Result<std::vector<TableCurve>> read_table(const fs::path &file) {
+  std::error_code error;
+  std::ifstream in(file);
+  if (!in || fs::is_directory(file, error)) {
+    return failure(file.string() + ": no such file, or it cannot be read");
+  }
+  std::vector<TableCurve> out;
+  std::map<std::string, std::size_t, std::less<>> index;
+  bool header_allowed = true;
+  std::string line;
+  for (int number = 1; std::getline(in, line); ++number) {
+    const std::string place = file.string() + ":" + std::to_string(number) + ": ";
+    const auto row = cells(line, ',');
+    if (trimmed(line).empty() || line.starts_with('#')) {
+      continue;
+    }
+    if (row.size() != 4) {
+      return failure(place + "must be \"curve,x,y,z\", this line has " + std::to_string(row.size()) + " cells");
+    }
+    const bool header =
+        !parsed_number<double>(row[1]) && !parsed_number<double>(row[2]) && !parsed_number<double>(row[3]);
+    if (std::exchange(header_allowed, false) && header) {
+      continue;
+    }
+    Eigen::Vector3d position;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const auto value = parsed_number<double>(row[axis + 1]);
+      if (!value || !std::isfinite(*value)) {
+        return failure(place + "curve " + std::string(row[0]) + ": " + static_cast<char>('x' + axis) + " = \"" +
+                       std::string(row[axis + 1]) + "\": must be a finite number");
+      }
+      position[static_cast<Eigen::Index>(axis)] = *value;
+    }
+    const auto [entry, fresh] = index.try_emplace(std::string(row[0]), out.size());
+    if (fresh) {
+      out.push_back({std::string(row[0]), {}});
+    }
+    out[entry->second].points.push_back(position);
+  }
+  return out;
+}
+
+} // namespace
+
+Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
+  std::vector<MarkedCurve> out;
+  std::map<std::string, int, std::less<>> names;
+  const auto keep = [&](std::string name, std::vector<Eigen::Vector3d> points, bool closed) -> Result<void> {
+    if (++names[name] > 1) {
+      return failure(file.string() + ": two curves are called \"" + name + "\"");
+    }
+    auto curve = curve_of(file, std::move(name), std::move(points), closed);
+    if (!curve) {
+      return tl::unexpected(curve.error());
+    }
+    out.push_back(std::move(*curve));
+    return {};
+  };
+  if (file.extension() == ".csv") {
+    auto table = read_table(file);
+    if (!table) {
+      return tl::unexpected(table.error());
+    }
+    for (TableCurve &curve : *table) {
+      if (auto kept = keep(std::move(curve.name), std::move(curve.points), false); !kept) {
+        return tl::unexpected(kept.error());
+      }
+    }
+  } else {
+    const auto markups = read_markups(file);
+    if (!markups) {
+      return tl::unexpected(markups.error());
+    }
+    for (const Markup &markup : *markups) {
+      if (markup.kind == Markup::Kind::kPoints) {
+        return failure(file.string() + ": \"" + markup.name + "\" is a list of points where curves are expected");
+      }
+      std::vector<Eigen::Vector3d> points;
+      for (const NamedPoint &point : markup.points) {
+        points.push_back(point.position_mm);
+      }
+      // A file with one unnamed curve is called by its own name.
+      const std::string name = markup.name.empty() ? file.stem().stem().string() : markup.name;
+      if (auto kept = keep(name, std::move(points), markup.kind == Markup::Kind::kClosedCurve); !kept) {
+        return tl::unexpected(kept.error());
+      }
+    }
+  }
+  return out.empty() ? Result<std::vector<MarkedCurve>>(failure(file.string() + ": holds no curve")) : out;
+}
+
+} // namespace bregma::casefile
