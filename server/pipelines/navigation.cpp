@@ -9,6 +9,7 @@ namespace bregma::server {
 namespace {
 
 constexpr std::int64_t kStaleAfterPeriods = 3;
+constexpr double kVelocityFilter_hz = 3.0; // where the shown position is not filtered
 
 // Everything that is only known with a live pose.
 void clear_pose(wire::NavigationState &state) noexcept {
@@ -264,18 +265,20 @@ void NavigationPipeline::publish(Tool &tool, wire::NavigationState &state, std::
   }
 }
 
-// The frame's pose with the filter's position: rotation and its error are the frame's own, the position's error is that
-// of the filter, and what the two have in common shrinks by the filter's gain.
+// The frame's pose with the filter's position, or as it is where that is wished; the velocity is the filter's either
+// way. Rotation and its error are the frame's own, the position's error is that of the filter, and what the two have in
+// common shrinks by the filter's gain.
 NavigationPipeline::TipPose NavigationPipeline::filtered(Tool &tool, const TipPose &T_reference_tip) const noexcept {
-  if (settings_.filter_hz <= 0.0) {
-    return T_reference_tip;
-  }
   // From a perturbation about Reference's origin to one about the tip, and back.
   Matrix6d about_tip = Matrix6d::Identity();
   about_tip.bottomLeftCorner<3, 3>() = -geometry::skew(T_reference_tip.pose.translation());
   Matrix6d covariance = about_tip * T_reference_tip.covariance * about_tip.transpose();
+  const bool shown = settings_.filter_hz > 0.0;
   tool.filter.add(T_reference_tip.pose.translation(), covariance.bottomRightCorner<3, 3>(), acquired_ns_,
-                  settings_.filter_hz);
+                  shown ? settings_.filter_hz : kVelocityFilter_hz);
+  if (!shown) {
+    return T_reference_tip;
+  }
   covariance.bottomRightCorner<3, 3>() = tool.filter.covariance();
   covariance.topRightCorner<3, 3>() = (covariance.topRightCorner<3, 3>() * tool.filter.gain().transpose()).eval();
   covariance.bottomLeftCorner<3, 3>() = covariance.topRightCorner<3, 3>().transpose();

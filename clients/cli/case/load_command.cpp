@@ -1,0 +1,45 @@
+#include "clients/cli/case/load_command.hpp"
+
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "clients/cli/command_reply.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+constexpr std::chrono::seconds kLoading{60}; // surfaces are read and their trees built before the daemon answers
+
+} // namespace
+
+void add_load_commands(CLI::App &group, Context &context) {
+  auto folder = std::make_shared<std::string>();
+  auto *load = group.add_subcommand("load", "Asks the daemon to load a case");
+  load->add_option("folder", *folder, "Case folder, as the daemon's machine sees it")->required();
+  add_json_flag(*load, context);
+  add_domain_option(*load, context);
+  load->footer("Example:\n  bregma case load colin27");
+  load->callback([folder, &context] {
+    context.run = [folder, &context] {
+      const auto absolute = std::filesystem::absolute(*folder).lexically_normal();
+      return send_and_show(load_case_command(absolute.string()), context, kLoading);
+    };
+  });
+
+  auto *close = group.add_subcommand("close", "Asks the daemon to close its case, and the session with it");
+  add_json_flag(*close, context);
+  add_domain_option(*close, context);
+  close->footer("Example:\n  bregma case close");
+  close->callback([&context] {
+    context.run = [&context] { return send_and_show(plain_command(bregma_wire_COMMAND_CLOSE_CASE), context); };
+  });
+}
+
+} // namespace bregma::cli

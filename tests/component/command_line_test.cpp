@@ -1,0 +1,81 @@
+// bregma, the program, against the real daemon with the simulated room's devices: what an operator types.
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "idl/names.hpp"
+#include "tests/component/operation_fixture.hpp"
+#include "tests/unit/cli/run_bregma.hpp"
+
+namespace bregma::test {
+namespace {
+
+constexpr int kRefused = 1;
+
+class CommandLine : public ::testing::Test {
+protected:
+  void SetUp() override {
+    operation.start_daemon();
+    ASSERT_TRUE(operation.observe_until([this] { return operation.health.time_ns != 0; })) << operation.logs();
+  }
+  tests::Outcome bregma(const std::string &words) {
+    return tests::run_bregma(folder, words + " --domain " + std::to_string(operation.domain()));
+  }
+  std::string session() {
+    const auto status = bregma("status --json");
+    EXPECT_EQ(status.exit_code, 0) << status.err;
+    return status.json().value("session", "");
+  }
+
+  Operation operation;
+  tests::TempFolder folder;
+};
+
+TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
+  const auto missing = bregma("case load nowhere");
+  EXPECT_EQ(missing.exit_code, kRefused);
+  EXPECT_NE(missing.err.find("nowhere"), std::string::npos) << missing.err;
+  EXPECT_EQ(session(), "idle");
+
+  const auto loaded = bregma("case load " + operation.case_folder().loaded().folder.string() + " --json");
+  EXPECT_EQ(loaded.exit_code, 0) << loaded.err;
+  EXPECT_EQ(loaded.json()["session"], "case loaded");
+  EXPECT_EQ(session(), "case loaded");
+  const auto targets = bregma("target list --json");
+  EXPECT_EQ(targets.json()["targets"][0]["target"], "Deep") << targets.out;
+
+  EXPECT_EQ(bregma("case close").exit_code, 0);
+  EXPECT_EQ(session(), "idle");
+}
+
+TEST_F(CommandLine, WhatCannotBeDoneYetIsRefusedInWords) {
+  operation.start_room("[[steps]]\ndo = \"wait\"\nduration_s = 120.0\n");
+  ASSERT_EQ(bregma("case load " + operation.case_folder().loaded().folder.string()).exit_code, 0) << operation.logs();
+  ASSERT_TRUE(operation.observe_until([this] {
+    return operation.device("Tracker") != nullptr && operation.device("Tracker")->status == bregma_wire_DEVICE_LIVE;
+  })) << operation.logs();
+  ASSERT_EQ(bregma("register start").exit_code, 0);
+
+  const auto touch = bregma("register capture F1 --tool Stylus");
+  EXPECT_EQ(touch.exit_code, kRefused);
+  EXPECT_NE(touch.err.find("Stylus"), std::string::npos) << touch.err;
+  EXPECT_NE(touch.err.find("calibrat"), std::string::npos) << touch.err;
+  const auto stranger = bregma("register capture F99 --tool Stylus");
+  EXPECT_EQ(stranger.exit_code, kRefused);
+  EXPECT_NE(stranger.err.find("F99"), std::string::npos) << stranger.err;
+  const auto accept = bregma("register accept --json");
+  EXPECT_EQ(accept.exit_code, kRefused);
+  EXPECT_EQ(accept.json()["result"], "refused");
+  const auto navigate = bregma("target navigate Probe Biopsy");
+  EXPECT_EQ(navigate.exit_code, kRefused);
+
+  // The tool lies still: the daemon collects its poses, and refuses the calibration for that.
+  ASSERT_EQ(bregma("calibrate pivot --live Stylus start").exit_code, 0);
+  operation.observe_for(2.0);
+  const auto pivot = bregma("calibrate pivot --live Stylus finish");
+  EXPECT_EQ(pivot.exit_code, kRefused);
+  EXPECT_NE(pivot.err.find("rotat"), std::string::npos) << pivot.err;
+}
+
+} // namespace
+} // namespace bregma::test
