@@ -12,7 +12,7 @@
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
-#include "clients/cli/register_points.hpp"
+#include "clients/cli/registration/register_commands.hpp"
 #include "clients/cli/wire_labels.hpp"
 
 namespace bregma::cli {
@@ -105,24 +105,6 @@ void add_tool_option(CLI::App &command, LiveArguments &arguments) {
   command.add_option("--tool", arguments.tool, "The calibrated tool that touches")->capture_default_str();
 }
 
-void add_points_command(CLI::App &parent, Context &context) {
-  auto *command = parent.add_subcommand("points", "Registers two lists of points that are in files");
-  auto arguments = std::make_shared<RegisterPointsArguments>();
-  command->add_option("source", arguments->source, "Points to map: .csv (name,x,y,z), .mrk.json or .fcsv")->required();
-  command->add_option("target", arguments->target, "Where they lie; paired by name, or else by order")->required();
-  command->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma a coordinate, both lists together")
-      ->check(CLI::Range(1e-4, 100.0));
-  command->add_option("--at", arguments->at_mm, "A point in source coordinates to predict the TRE at")
-      ->expected(3)
-      ->type_name("X Y Z");
-  add_json_flag(*command, context);
-  command->footer("Slicer's files are taken in RAS, .csv as it is.\n\nExamples:\n"
-                  "  bregma register points touched.csv fiducials.mrk.json\n"
-                  "  bregma register points a.csv b.csv --sigma-mm 0.3 --at 10 -20 35 --json");
-  command->callback(
-      [arguments, &context] { context.run = [arguments, &context] { return register_points(*arguments, context); }; });
-}
-
 void add_touch_commands(CLI::App &parent, Context &context) {
   const auto arguments = std::make_shared<LiveArguments>();
   auto *capture = add_live(parent, "capture", "Takes the touch of a fiducial: hold the tip still on it", context);
@@ -171,7 +153,7 @@ void add_register_command(CLI::App &app, Context &context) {
   auto *confirm =
       add_live(*command, "confirm", "Confirms that the checks were good: the patient may be navigated", context);
   on_run(confirm, context, [] { return plain_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
-  add_points_command(*command, context);
+  add_register_points(*command, context);
 }
 
 } // namespace bregma::cli

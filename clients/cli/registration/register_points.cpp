@@ -1,12 +1,21 @@
-#include "clients/cli/register_points.hpp"
-
+// `bregma register points`: rigid registration of two lists of points in files.
 #include <algorithm>
+#include <chrono>
 #include <cmath>
+#include <memory>
+#include <optional>
+#include <set>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
 
 #include "algorithms/registration/paired_points.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "clients/cli/output.hpp"
-#include "clients/cli/point_file.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/registration/register_commands.hpp"
+#include "clients/cli/registration/registration_output.hpp"
 
 namespace bregma::cli {
 
@@ -24,9 +33,20 @@ constexpr double kMinSpread_mm = 3.0;
 // The chance that good points look as bad as these; below it the stated error or a point is wrong.
 constexpr double kContradiction = 0.001;
 
+struct PointsArguments {
+  RegistrationFiles files;
+  // 1-sigma error of a coordinate, both lists together. Where neither it nor a file states one, it is estimated from
+  // the residuals.
+  std::optional<double> sigma_mm;
+  std::vector<double> at_mm; // a point in source coordinates to predict the TRE at; empty or three numbers
+  std::string targets;       // a file of points in target coordinates
+};
+
 struct Pair {
   std::string name;
   Vector3d source, target;
+  Matrix3d source_covariance = Matrix3d::Zero();
+  Matrix3d target_covariance = Matrix3d::Zero();
 };
 
 bool all_named(const std::vector<NamedPoint> &points) {
@@ -34,38 +54,105 @@ bool all_named(const std::vector<NamedPoint> &points) {
                      [](const NamedPoint &p) { return p.name.find_first_not_of("0123456789 ") != std::string::npos; });
 }
 
-// By name where both lists have names, else by order.
-Result<std::vector<Pair>> make_pairs(const std::vector<NamedPoint> &source, const std::vector<NamedPoint> &target,
-                                     const RegisterPointsArguments &arguments) {
-  if (source.size() != target.size()) {
-    return casefile::failure(arguments.source + " has " + std::to_string(source.size()) + " points, " +
-                             arguments.target + " has " + std::to_string(target.size()) + ": they must be pairs");
-  }
-  const bool by_name = all_named(source) && all_named(target);
-  std::vector<Pair> pairs;
-  for (std::size_t i = 0; i < source.size(); ++i) {
-    const auto other = by_name ? std::find_if(target.begin(), target.end(),
-                                              [&](const NamedPoint &p) { return p.name == source[i].name; })
-                               : target.begin() + static_cast<std::ptrdiff_t>(i);
-    if (other == target.end()) {
-      return casefile::failure(arguments.target + ": has no point \"" + source[i].name + "\"");
+Result<void> check_names(const std::string &file, const std::vector<NamedPoint> &points) {
+  std::set<std::string> seen;
+  for (const NamedPoint &point : points) {
+    if (!seen.insert(point.name).second) {
+      return casefile::failure(file + ": two points are called \"" + point.name + "\"");
     }
-    pairs.push_back({by_name ? source[i].name : std::to_string(i + 1), source[i].position_mm, other->position_mm});
+  }
+  return {};
+}
+
+// Numbers count as names where both lists have the same ones: Slicer's lists of anatomical points are numbered, and
+// each person saves them in an order of his own.
+bool same_names(const std::vector<NamedPoint> &a, const std::vector<NamedPoint> &b) {
+  std::multiset<std::string> names_a;
+  std::multiset<std::string> names_b;
+  for (const NamedPoint &point : a) {
+    names_a.insert(point.name);
+  }
+  for (const NamedPoint &point : b) {
+    names_b.insert(point.name);
+  }
+  return names_a == names_b && std::set<std::string>(names_a.begin(), names_a.end()).size() == a.size();
+}
+
+// By name where both lists have names, else by order.
+Result<std::vector<Pair>> make_pairs(const PointFile &source, const PointFile &target, const RegistrationFiles &files) {
+  if (source.points.size() != target.points.size()) {
+    return casefile::failure(files.source.path + " has " + std::to_string(source.points.size()) + " points, " +
+                             files.target.path + " has " + std::to_string(target.points.size()) +
+                             ": they must be pairs");
+  }
+  const bool by_name =
+      same_names(source.points, target.points) || (all_named(source.points) && all_named(target.points));
+  if (by_name) {
+    for (const auto &[file, points] : {std::pair(&files.source, &source), {&files.target, &target}}) {
+      if (auto unique = check_names(file->path, points->points); !unique) {
+        return tl::unexpected(unique.error());
+      }
+    }
+  }
+  std::vector<Pair> pairs;
+  for (std::size_t i = 0; i < source.points.size(); ++i) {
+    const NamedPoint &point = source.points[i];
+    const auto other = by_name ? std::find_if(target.points.begin(), target.points.end(),
+                                              [&](const NamedPoint &p) { return p.name == point.name; })
+                               : target.points.begin() + static_cast<std::ptrdiff_t>(i);
+    if (other == target.points.end()) {
+      return casefile::failure(files.target.path + ": has no point \"" + point.name + "\"");
+    }
+    Pair pair{by_name ? point.name : std::to_string(i + 1), point.position_mm, other->position_mm};
+    if (!source.covariances.empty()) {
+      pair.source_covariance = source.covariances[i];
+    }
+    if (!target.covariances.empty()) {
+      pair.target_covariance = target.covariances[static_cast<std::size_t>(other - target.points.begin())];
+    }
+    pairs.push_back(std::move(pair));
   }
   return pairs;
 }
 
 struct Registration {
   PairedFit fit;
-  double sigma_mm = 0.0;
-  bool sigma_stated = false;
+  double sigma_mm = 0.0;     // of a coordinate; root mean square where the points differ
+  bool sigma_stated = false; // by the person or by the files
+  double time_ms = 0.0;      // of the estimate
+
   [[nodiscard]] bool contradicts() const { return sigma_stated && fit.p_value < kContradiction; }
 };
 
-// A sentence when the points allow no answer.
-tl::expected<Registration, std::string> solve(const std::vector<Pair> &pairs, std::optional<double> stated_sigma) {
+// The error of each pair into its covariances; returns what a coordinate errs by.
+Registration weigh(std::vector<Pair> &pairs, const registration::PairedPose &start,
+                   std::optional<double> stated_sigma) {
+  Registration out;
+  double squares = 0.0;
+  double variances = 0.0;
+  for (const Pair &pair : pairs) {
+    squares += (start * pair.source - pair.target).squaredNorm();
+    variances += pair.source_covariance.trace() + pair.target_covariance.trace();
+  }
+  const auto coordinates = static_cast<double>(3 * pairs.size());
+  if (variances > 0.0) {
+    out.sigma_stated = true;
+    out.sigma_mm = std::sqrt(variances / coordinates);
+    return out;
+  }
+  out.sigma_stated = stated_sigma.has_value();
+  // Unbiased: six of the 3n coordinates are spent on the pose. Not zero, so that exact copies have an answer.
+  out.sigma_mm = stated_sigma.value_or(std::max(std::sqrt(squares / (coordinates - 6.0)), 1e-6));
+  for (Pair &pair : pairs) {
+    pair.target_covariance = out.sigma_mm * out.sigma_mm * Matrix3d::Identity();
+  }
+  return out;
+}
+
+tl::expected<Registration, std::string> solve(std::vector<Pair> pairs, std::optional<double> stated_sigma,
+                                              const std::string &file) {
   if (pairs.size() < 3 || pairs.size() > static_cast<std::size_t>(registration::kMaxFiducials)) {
-    return tl::unexpected("refused: " + std::to_string(pairs.size()) + " points; 3 are needed, and at most " +
+    return tl::unexpected(file + " has " + std::to_string(pairs.size()) + " points; 3 are needed, and at most " +
                           std::to_string(registration::kMaxFiducials) + " are taken");
   }
   std::vector<Vector3d> sources;
@@ -77,27 +164,37 @@ tl::expected<Registration, std::string> solve(const std::vector<Pair> &pairs, st
   const double spread = std::min(registration::spread_mm(sources)[1], registration::spread_mm(targets)[1]);
   const auto start = registration::fit_rigid(sources, targets);
   if (!start || spread < kMinSpread_mm) {
-    return tl::unexpected("refused: the points lie on a line (within " + fixed(spread, 1, "mm") +
+    return tl::unexpected("the points lie on a line (within " + fixed(spread, 1, "mm") +
                           "): the turn about it is not fixed");
   }
-  double squares = 0.0;
-  for (const Pair &pair : pairs) {
-    squares += (*start * pair.source - pair.target).squaredNorm();
-  }
-  Registration out;
-  out.sigma_stated = stated_sigma.has_value();
-  // Unbiased: six of the 3n coordinates are spent on the pose. Not zero, so that exact copies have an answer.
-  out.sigma_mm = stated_sigma.value_or(std::max(std::sqrt(squares / static_cast<double>(3 * pairs.size() - 6)), 1e-6));
+  Registration out = weigh(pairs, *start, stated_sigma);
   std::vector<registration::PointPair> weighted;
-  const Matrix3d covariance = out.sigma_mm * out.sigma_mm * Matrix3d::Identity();
   for (const Pair &pair : pairs) {
-    weighted.push_back({pair.source, pair.target, Matrix3d::Zero(), covariance});
+    weighted.push_back({pair.source, pair.target, pair.source_covariance, pair.target_covariance});
   }
+  const auto before = std::chrono::steady_clock::now();
   out.fit = registration::fit_paired(weighted);
+  out.time_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - before).count();
   if (!out.fit.converged) {
-    return tl::unexpected(std::string("refused: the estimate did not converge"));
+    return tl::unexpected(std::string("the estimate did not converge"));
   }
   return out;
+}
+
+// The pair that fits worst to the error that is stated for it.
+std::size_t worst(const Registration &r, const std::vector<Pair> &pairs) {
+  const auto begin = r.fit.fiducials.begin();
+  const auto end = begin + static_cast<std::ptrdiff_t>(pairs.size());
+  return static_cast<std::size_t>(
+      std::min_element(begin, end, [](const auto &a, const auto &b) { return a.p_value < b.p_value; }) - begin);
+}
+
+std::string contradiction(const Registration &r, const std::vector<Pair> &pairs) {
+  const std::size_t suspect = worst(r, pairs);
+  const registration::FiducialFit &fit = r.fit.fiducials[suspect];
+  return "the residuals are too large for the stated error (chance " + fixed(r.fit.p_value, 6) +
+         "): a point is wrong, or the error is larger. Look first at \"" + printable(pairs[suspect].name) +
+         "\": " + fixed(fit.leave_one_out_mm, 2, "mm") + " from where the others put it";
 }
 
 double tre_at(const Registration &r, const Vector3d &source_point) {
@@ -113,23 +210,15 @@ Vector3d centroid(const std::vector<Pair> &pairs) {
   return sum / static_cast<double>(pairs.size());
 }
 
-std::string matrix_text(const char *name, const Eigen::Matrix4d &m) {
-  std::string out = std::string(name) + "\n";
-  Table table({"", "", "", ""});
-  for (Eigen::Index i = 0; i < 4; ++i) {
-    table.row({fixed(m(i, 0), 6), fixed(m(i, 1), 6), fixed(m(i, 2), 6), fixed(m(i, 3), 4)});
-  }
-  return out + table.text().substr(1);
-}
-
-std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const RegisterPointsArguments &arguments) {
-  std::string out = matrix_text("T_target_source", r.fit.T_target_source.matrix()) + "\n" +
-                    matrix_text("T_source_target", r.fit.T_target_source.inverse().matrix()) + "\n";
+std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const PointsArguments &arguments,
+                    const std::vector<PointError> &errors) {
+  std::string out = transforms_text(r.fit.T_target_source.matrix()) + "\n";
   Table table({"Point", "dx mm", "dy mm", "dz mm", "Residual mm", "Left out mm", "p"});
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const registration::FiducialFit &f = r.fit.fiducials[i];
-    table.row({pairs[i].name, fixed(f.residual_mm.x(), 3), fixed(f.residual_mm.y(), 3), fixed(f.residual_mm.z(), 3),
-               fixed(f.norm_mm, 3), fixed(f.leave_one_out_mm, 3), r.sigma_stated ? fixed(f.p_value, 4) : "-"});
+    table.row({printable(pairs[i].name), fixed(f.residual_mm.x(), 3), fixed(f.residual_mm.y(), 3),
+               fixed(f.residual_mm.z(), 3), fixed(f.norm_mm, 3), fixed(f.leave_one_out_mm, 3),
+               r.sigma_stated ? fixed(f.p_value, 4) : "-"});
   }
   out += table.text();
   out += "\nFRE " + fixed(r.fit.fre_mm, 3, "mm") + " over " + std::to_string(pairs.size()) +
@@ -141,10 +230,11 @@ std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const
     const Vector3d at(arguments.at_mm.data());
     out += "Predicted TRE (RMS) at " + vector_text(at, 1) + " " + fixed(tre_at(r, at), 3, "mm") + "\n";
   }
-  return out;
+  return out + errors_text(errors);
 }
 
-json to_json(const Registration &r, const std::vector<Pair> &pairs, const RegisterPointsArguments &arguments) {
+json to_json(const Registration &r, const std::vector<Pair> &pairs, const PointsArguments &arguments,
+             const std::vector<PointError> &errors) {
   json points = json::array();
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const registration::FiducialFit &f = r.fit.fiducials[i];
@@ -154,60 +244,87 @@ json to_json(const Registration &r, const std::vector<Pair> &pairs, const Regist
                       {"leave_one_out_mm", json_number(f.leave_one_out_mm)},
                       {"p_value", r.sigma_stated ? json_number(f.p_value) : json(nullptr)}});
   }
-  json out = {{"accepted", !r.contradicts()},
-              {"T_target_source", json_matrix(r.fit.T_target_source.matrix())},
-              {"T_source_target", json_matrix(r.fit.T_target_source.inverse().matrix())},
-              {"covariance", json_matrix(r.fit.covariance)},
-              {"covariance_order", "rotation (rad), translation (mm); left perturbation in the target frame"},
+  json out = transforms_json(r.fit.T_target_source.matrix(), arguments.files);
+  add_covariance(out, r.fit.covariance);
+  out.update({{"accepted", !r.contradicts()},
+              {"verdict", r.contradicts() ? "refused" : "found"},
+              {"reason", r.contradicts() ? contradiction(r, pairs) : ""},
               {"fre_mm", r.fit.fre_mm},
               {"sigma_mm", r.sigma_mm},
               {"sigma_estimated", !r.sigma_stated},
               {"p_value", r.sigma_stated ? json_number(r.fit.p_value) : json(nullptr)},
               {"tre_centroid_mm", tre_at(r, centroid(pairs))},
-              {"points", std::move(points)}};
+              {"time_ms", r.time_ms},
+              {"points", std::move(points)},
+              {"targets", errors_json(errors)}});
   if (!arguments.at_mm.empty()) {
     out["tre_at_mm"] = tre_at(r, Vector3d(arguments.at_mm.data()));
   }
   return out;
 }
 
-} // namespace
-
-int register_points(const RegisterPointsArguments &arguments, const Context &context) {
-  const auto source = read_point_file(arguments.source);
+int register_points(const PointsArguments &arguments, const Context &context) {
+  const auto source = read_point_file(arguments.files.source.path, arguments.files.source.point_options());
   if (!source) {
     return fail(source.error());
   }
-  const auto target = read_point_file(arguments.target);
+  const auto target = read_point_file(arguments.files.target.path, arguments.files.target.point_options());
   if (!target) {
     return fail(target.error());
   }
-  const auto pairs = make_pairs(*source, *target, arguments);
+  const auto targets = read_targets(arguments.targets, arguments.files.target);
+  if (!targets) {
+    return fail(targets.error());
+  }
+  if (arguments.sigma_mm && !(source->covariances.empty() && target->covariances.empty())) {
+    return fail("the files state the error of their points: --sigma-mm is for files that do not");
+  }
+  const auto pairs = make_pairs(*source, *target, arguments.files);
   if (!pairs) {
     return fail(pairs.error());
   }
-  const auto solved = solve(*pairs, arguments.sigma_mm);
+  const auto solved = solve(*pairs, arguments.sigma_mm, arguments.files.source.path);
   if (!solved) {
-    if (context.json) {
-      print_json({{"accepted", false}, {"text", solved.error()}});
-    } else {
-      static_cast<void>(fail(solved.error()));
-    }
-    return kRefused;
+    return refuse("refused", solved.error(), context);
   }
+  const auto errors = errors_at(*targets, solved->fit.covariance);
   if (context.json) {
-    print_json(to_json(*solved, *pairs, arguments));
+    print_json(to_json(*solved, *pairs, arguments, errors));
   } else {
-    print(to_text(*solved, *pairs, arguments));
+    print(to_text(*solved, *pairs, arguments, errors));
   }
   if (!solved->contradicts()) {
-    return kOk;
+    return write_tfm(arguments.files, solved->fit.T_target_source.matrix());
   }
   if (!context.json) {
-    static_cast<void>(fail("refused: the residuals are too large for the stated error (chance " +
-                           fixed(solved->fit.p_value, 6) + "): a point is wrong, or the error is larger"));
+    static_cast<void>(fail("refused: " + contradiction(*solved, *pairs)));
   }
   return kRefused;
+}
+
+} // namespace
+
+void add_register_points(CLI::App &parent, Context &context) {
+  auto *command = parent.add_subcommand("points", "Registers two lists of points that are in files");
+  auto arguments = std::make_shared<PointsArguments>();
+  add_registration_files(*command, arguments->files, "source",
+                         "Points to map: .csv (name,x,y,z and perhaps their errors), .mrk.json or .fcsv", "target",
+                         "Where they lie; paired by name, or else by order");
+  command->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma a coordinate, both lists together")
+      ->check(CLI::Range(1e-4, 100.0));
+  command->add_option("--at", arguments->at_mm, "A point in source coordinates to predict the TRE at")
+      ->expected(3)
+      ->type_name("X Y Z");
+  command->add_option("--targets", arguments->targets, "Points in target coordinates to predict the TRE at");
+  add_json_flag(*command, context);
+  command->footer(
+      "Slicer's files are taken in RAS, .csv as it is. Errors in a .csv file: name,x,y,z,sx,sy,sz (1 sigma) or\n"
+      "name,x,y,z,cxx,cxy,cxz,cyy,cyz,czz (covariance), mm.\n\nExamples:\n"
+      "  bregma register points touched.csv fiducials.mrk.json --targets lesion.mrk.json\n"
+      "  bregma register points touched.csv fiducials.mrk.json --sigma-mm 0.3 --tfm patient_to_image.tfm\n"
+      "  bregma register points a.csv b.csv --sigma-mm 0.3 --at 10 -20 35 --json");
+  command->callback(
+      [arguments, &context] { context.run = [arguments, &context] { return register_points(*arguments, context); }; });
 }
 
 } // namespace bregma::cli

@@ -39,6 +39,12 @@ TEST(RegisterPoints, WithoutNamesTheOrderCounts) {
   EXPECT_NEAR(run.json()["fre_mm"].get<double>(), 0.0, 1e-6);
 }
 
+TEST(RegisterPoints, NumbersThatBothListsHaveAreNames) {
+  const Outcome run = register_points("1,0,0,0\n2,100,0,0\n3,0,80,0\n", "3,0,80,0\n1,0,0,0\n2,100,0,0\n", "--json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_NEAR(run.json()["fre_mm"].get<double>(), 0.0, 1e-6);
+}
+
 TEST(RegisterPoints, TheTableShowsResidualsAndSaysWhatFreIsNot) {
   const Outcome run =
       register_points(kSource, "A,10,20.3,30\nB,10,120,30\nC,-70,20,30.4\nD,10,20,90\n", "--at 0 0 100");
@@ -58,9 +64,9 @@ TEST(RegisterPoints, AStatedErrorThatTheResidualsContradictIsRefused) {
 }
 
 TEST(RegisterPoints, PointsThatFixNoPoseAreRefused) {
-  Outcome run = register_points("0,0,0\n1,0,0\n", "0,0,0\n1,0,0\n");
+  Outcome run = register_points("0,0,0\n50,0,0\n", "0,0,0\n50,0,0\n");
   EXPECT_EQ(run.exit_code, 1);
-  EXPECT_EQ(run.err, "bregma: refused: 2 points; 3 are needed, and at most 64 are taken\n");
+  EXPECT_EQ(run.err, "bregma: refused: source.csv has 2 points; 3 are needed, and at most 64 are taken\n");
   const std::string line = "0,0,0\n50,0,0\n100,1,0\n";
   run = register_points(line, line);
   EXPECT_EQ(run.exit_code, 1);
@@ -80,9 +86,17 @@ TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
             "bregma: source.csv:2: point A: y = \"zero\": must be a finite number\n");
   EXPECT_EQ(error_of("A,0,nan,0\n", kTarget), "bregma: source.csv:1: point A: y = \"nan\": must be a finite number\n");
   EXPECT_EQ(error_of("1,2\n", kTarget),
-            "bregma: source.csv:1: must be \"name,x,y,z\" or \"x,y,z\", this line has 2 cells\n");
+            "bregma: source.csv:1: must be \"x,y,z\" or \"name,x,y,z\", and may go on with \"sx,sy,sz\" or "
+            "\"cxx,cxy,cxz,cyy,cyz,czz\"; this line has 2 cells\n");
+  EXPECT_EQ(error_of("A,0,0,0\nB,50,0\n", kTarget), "bregma: source.csv:2: has 3 cells, the lines before have 4\n");
+  EXPECT_EQ(error_of("A,0,0,0,1,1,1\nB,50,0,0,1,0,1\n", kTarget),
+            "bregma: source.csv:2: point B: its error must be positive in every direction\n");
+  EXPECT_EQ(error_of("A,0,0,0,1,0,0,1,2,1\n", kTarget),
+            "bregma: source.csv:1: point A: its error must be positive in every direction\n");
+  EXPECT_EQ(error_of("A,0,0,0\nA,50,0,0\nC,0,50,0\nD,0,0,50\n", kTarget),
+            "bregma: source.csv: two points are called \"A\"\n");
   EXPECT_EQ(error_of(kSource, "A,0,0,0\n"), "bregma: source.csv has 4 points, target.csv has 1: they must be pairs\n");
-  EXPECT_EQ(error_of(kSource, "A,0,0,0\nB,1,0,0\nC,0,1,0\nX,0,0,1\n"), "bregma: target.csv: has no point \"D\"\n");
+  EXPECT_EQ(error_of(kSource, "A,0,0,0\nB,50,0,0\nC,0,50,0\nX,0,0,50\n"), "bregma: target.csv: has no point \"D\"\n");
   const TempFolder folder;
   EXPECT_EQ(run_bregma(folder, "register points a.txt b.csv").err,
             "bregma: a.txt: is neither .csv nor .mrk.json nor .fcsv\n");
@@ -105,6 +119,103 @@ TEST(RegisterPoints, SlicersFilesAreRead) {
   ASSERT_EQ(run.exit_code, 0) << run.err;
   for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_NEAR(run.json()["T_target_source"][i][i].get<double>(), 1.0, 1e-9) << "both mean the same points";
+  }
+}
+
+TEST(RegisterPoints, WrongUnitsAreRefusedWithTheWidthAndAdvice) {
+  const std::string metres = "A,0,0,0\nB,0.1,0,0\nC,0,0.08,0\nD,0,0,0.06\n";
+  Outcome run = register_points(metres, kTarget);
+  EXPECT_EQ(run.exit_code, 2);
+  EXPECT_EQ(run.err, "bregma: source.csv: the set of points is 0.1 mm wide, at least 5 mm is taken: if the file is in "
+                     "metres, say --source-units m\n");
+  run = register_points(metres, kTarget, "--source-units m --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_NEAR(run.json()["fre_mm"].get<double>(), 0.0, 1e-6);
+  run = register_points(kSource,
+                        "C,-70000,20000,30000\nA,10000,20000,30000\nD,10000,20000,90000\nB,10000,120000,30000\n");
+  EXPECT_EQ(run.err,
+            "bregma: target.csv: the set of points is 100000 mm wide, at most 1000 mm is taken: if the file is in "
+            "micrometres, say --target-units um\n");
+}
+
+TEST(RegisterPoints, ATableInLpsIsTurnedIntoRas) {
+  const std::string lps = "A,0,0,0\nB,-100,0,0\nC,0,-80,0\nD,0,0,60\n";
+  const Outcome run = register_points(lps, kSource, "--source-space lps --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_NEAR(run.json()["T_target_source"][0][0].get<double>(), 1.0, 1e-9);
+  EXPECT_EQ(run.json()["frames"]["source"], "source.csv");
+  EXPECT_EQ(run.json()["frames"]["axes"], "RAS");
+}
+
+TEST(RegisterPoints, ErrorsInTheFileWeighThePoints) {
+  // D is known to err by 5 mm along z, and does.
+  const std::string source = "A,0,0,0,0.1,0.1,0.1\nB,100,0,0,0.1,0.1,0.1\nC,0,80,0,0.1,0.1,0.1\nD,0,0,65,0.1,0.1,5\n";
+  const std::string target = "A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\n";
+  const Outcome run = register_points(source, target, "--json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_FALSE(run.json()["sigma_estimated"].get<bool>());
+  EXPECT_NEAR(run.json()["T_target_source"][2][3].get<double>(), 0.0, 0.01);
+  EXPECT_NEAR(run.json()["points"][3]["norm_mm"].get<double>(), 5.0, 0.05);
+  const Outcome both = register_points(source, target, "--sigma-mm 0.3");
+  EXPECT_EQ(both.exit_code, 2);
+  EXPECT_EQ(both.err, "bregma: the files state the error of their points: --sigma-mm is for files that do not\n");
+}
+
+TEST(RegisterPoints, TheWorstPointIsNamed) {
+  const Outcome run =
+      register_points("A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\nE,90,70,0\nF,90,0,50\n",
+                      "A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\nE,90,70,9\nF,90,0,50\n", "--sigma-mm 0.5");
+  EXPECT_EQ(run.exit_code, 1);
+  EXPECT_NE(run.err.find("Look first at \"E\""), std::string::npos) << run.err;
+}
+
+TEST(RegisterPoints, TargetsHaveTheirPredictedErrorInTheTargetsFrame) {
+  const TempFolder folder;
+  folder.write("source.csv", kSource);
+  folder.write("target.csv", kTarget);
+  folder.write("lesions.csv", "Near,10,50,40\nFar,10,50,540\n");
+  const auto run =
+      run_bregma(folder, "register points source.csv target.csv --sigma-mm 0.3 --targets lesions.csv --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto json = run.json();
+  const auto &targets = json["targets"];
+  ASSERT_EQ(targets.size(), 2U);
+  EXPECT_EQ(targets[0]["target"], "Near");
+  EXPECT_GT(targets[0]["tre_rms_mm"].get<double>(), 0.15); // sigma over the root of four points, in three dimensions
+  EXPECT_LT(targets[0]["tre_rms_mm"].get<double>(), 0.5);
+  EXPECT_GT(targets[1]["tre_rms_mm"].get<double>(), 3.0 * targets[0]["tre_rms_mm"].get<double>());
+  EXPECT_GT(targets[1]["within_95_mm"].get<double>(), targets[1]["tre_rms_mm"].get<double>());
+  const auto text = run_bregma(folder, "register points source.csv target.csv --targets lesions.csv");
+  EXPECT_NE(text.out.find("Predicted TRE mm (RMS)"), std::string::npos) << text.out;
+  EXPECT_EQ(run_bregma(folder, "register points source.csv target.csv --targets none.csv").err,
+            "bregma: none.csv: no such file, or it cannot be read\n");
+}
+
+TEST(RegisterPoints, TheTransformIsWrittenForItkUnlessItIsRefused) {
+  const TempFolder folder;
+  folder.write("source.csv", kSource);
+  folder.write("target.csv", kTarget);
+  ASSERT_EQ(run_bregma(folder, "register points source.csv target.csv --tfm out.tfm").exit_code, 0);
+  const std::string tfm = bregma::tests::read_file(folder.path() / "out.tfm");
+  EXPECT_EQ(tfm.rfind("#Insight Transform File V1.0\n#Transform 0\nTransform: AffineTransform_double_3_3\n", 0), 0U)
+      << tfm;
+  folder.write("bent.csv", "A,10,23,30\nB,10,120,30\nC,-70,20,30\nD,10,20,90\n");
+  EXPECT_EQ(run_bregma(folder, "register points source.csv bent.csv --sigma-mm 0.2 --tfm no.tfm").exit_code, 1);
+  EXPECT_FALSE(std::filesystem::exists(folder.path() / "no.tfm"));
+}
+
+// One person's 32 landmarks as two raters placed them: the same image, so that the true pose is the identity.
+TEST(RegisterPoints, TwoRatersOfTheSameHeadAgree) {
+  BREGMA_SHARED_DATA(anat, "fiducials/afids_hcp/derivatives/afids_rater/sub-239944/anat");
+  const TempFolder folder;
+  const std::string start = "'" + (anat / "sub-239944_space-T1w_desc-rater").string();
+  const auto run = run_bregma(folder, "register points " + start + "GG_afids.fcsv' " + start + "CZ_afids.fcsv' --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto json = run.json();
+  EXPECT_EQ(json["points"].size(), 32U);
+  EXPECT_LT(json["fre_mm"].get<double>(), 3.0) << "they are numbered, and stand in another order";
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_NEAR(json["T_target_source"][i][i].get<double>(), 1.0, 0.01);
   }
 }
 

@@ -1,0 +1,10 @@
+// `bregma register points | surface | cloud | curves`: what works on files, a source file a command.
+#pragma once
+
+#include "clients/cli/commands.hpp"
+
+namespace bregma::cli {
+
+void add_register_points(CLI::App &parent, Context &context);
+
+} // namespace bregma::cli

@@ -1,0 +1,49 @@
+#include "clients/cli/registration/registration_files.hpp"
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+namespace bregma::cli {
+
+namespace {
+
+std::optional<casefile::Space> space_of(const std::string &option) {
+  return option == "ras"   ? std::optional(casefile::Space::kRas)
+         : option == "lps" ? std::optional(casefile::Space::kLps)
+                           : std::nullopt;
+}
+
+// CLI11 has refused other names.
+casefile::LengthUnit unit_of(const std::string &option) {
+  return casefile::unit_named(option).value_or(casefile::LengthUnit::kMillimetre);
+}
+
+void add_input(CLI::App &command, InputFile &input, const std::string &name, const std::string &help) {
+  command.add_option(name, input.path, help)->required();
+  command.add_option("--" + input.side + "-space", input.space, "Of a file that does not say: ras or lps")
+      ->check(CLI::IsMember({"ras", "lps"}));
+  command.add_option("--" + input.side + "-units", input.units, "Of its numbers")
+      ->check(CLI::IsMember({"mm", "cm", "m", "um"}))
+      ->capture_default_str();
+}
+
+} // namespace
+
+PointFileOptions InputFile::point_options(const casefile::SizeLimits &size) const {
+  return {space_of(space), unit_of(units), size, "--" + side + "-units"};
+}
+
+casefile::SurfaceReadOptions InputFile::surface_options(const casefile::SizeLimits &size) const {
+  return {space_of(space), unit_of(units), size, "--" + side + "-units"};
+}
+
+void add_registration_files(CLI::App &command, RegistrationFiles &files, const std::string &source_name,
+                            const std::string &source_help, const std::string &target_name,
+                            const std::string &target_help) {
+  add_input(command, files.source, source_name, source_help);
+  add_input(command, files.target, target_name, target_help);
+  command.add_option("--tfm", files.tfm, "Writes the transform for ITK and Slicer: LPS, resampling direction");
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,107 @@
+#include "clients/cli/registration/registration_output.hpp"
+
+#include <Eigen/LU>
+
+#include "algorithms/uncertainty/tre.hpp"
+#include "casefile/itk_transform.hpp"
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+using nlohmann::json;
+
+std::string matrix_text(const char *name, const Eigen::Matrix4d &m) {
+  Table table({"", "", "", ""});
+  for (Eigen::Index i = 0; i < 4; ++i) {
+    table.row({fixed(m(i, 0), 6), fixed(m(i, 1), 6), fixed(m(i, 2), 6), fixed(m(i, 3), 4)});
+  }
+  return std::string(name) + "\n" + table.text().substr(1); // without the empty header
+}
+
+} // namespace
+
+std::string transforms_text(const Eigen::Matrix4d &T_target_source) {
+  return matrix_text("T_target_source", T_target_source) + "\n" +
+         matrix_text("T_source_target", T_target_source.inverse());
+}
+
+json transforms_json(const Eigen::Matrix4d &T_target_source, const RegistrationFiles &files) {
+  return {{"T_target_source", json_matrix(T_target_source)},
+          {"T_source_target", json_matrix(T_target_source.inverse())},
+          {"frames", {{"source", files.source.path}, {"target", files.target.path}, {"axes", "RAS"}, {"unit", "mm"}}}};
+}
+
+void add_covariance(json &out, const geometry::Matrix6d &covariance) {
+  out["covariance"] = json_matrix(covariance);
+  out["covariance_order"] = "rotation (rad), translation (mm); left perturbation in the target frame";
+}
+
+std::vector<PointError> errors_at(const std::vector<casefile::NamedPoint> &targets,
+                                  const geometry::Matrix6d &covariance) {
+  std::vector<PointError> out;
+  for (const casefile::NamedPoint &target : targets) {
+    const geometry::Matrix3d of_target = uncertainty::tre_covariance(covariance, target.position_mm);
+    out.push_back({target.name, target.position_mm, uncertainty::rms_mm(of_target),
+                   uncertainty::ellipsoid_95(of_target).semi_axes_mm.x()});
+  }
+  return out;
+}
+
+std::string errors_text(const std::vector<PointError> &errors) {
+  Table table({"Target", "Position mm", "Predicted TRE mm (RMS)", "95 % within mm"});
+  for (const PointError &error : errors) {
+    table.row({printable(error.name), vector_text(error.position_mm, 1), fixed(error.tre_rms_mm, 3),
+               fixed(error.within_95_mm, 3)});
+  }
+  return errors.empty() ? "" : "\n" + table.text();
+}
+
+json errors_json(const std::vector<PointError> &errors) {
+  json out = json::array();
+  for (const PointError &error : errors) {
+    out.push_back({{"target", error.name},
+                   {"position_mm", json_vector(error.position_mm)},
+                   {"tre_rms_mm", json_number(error.tre_rms_mm)},
+                   {"within_95_mm", json_number(error.within_95_mm)}});
+  }
+  return out;
+}
+
+casefile::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file, const InputFile &target) {
+  if (file.empty()) {
+    return std::vector<casefile::NamedPoint>();
+  }
+  // Lesions may lie close together.
+  auto read = read_point_file(file, target.point_options({0.0, casefile::kPointsSize.largest_mm}));
+  if (!read) {
+    return tl::unexpected(read.error());
+  }
+  return read->points.empty()
+             ? casefile::Result<std::vector<casefile::NamedPoint>>(casefile::failure(file + ": holds no points"))
+             : std::move(read->points);
+}
+
+int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_source) {
+  if (files.tfm.empty()) {
+    return kOk;
+  }
+  const auto written = casefile::write_itk_transform(files.tfm, T_target_source);
+  return written ? static_cast<int>(kOk) : fail(written.error());
+}
+
+int refuse(const std::string &verdict, const std::string &reason, const Context &context, json extra) {
+  if (context.json) {
+    extra["accepted"] = false;
+    extra["verdict"] = verdict;
+    extra["reason"] = reason;
+    print_json(extra);
+  } else {
+    static_cast<void>(fail(verdict + ": " + reason));
+  }
+  return kRefused;
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,50 @@
+// How the registrations of files are shown: the transform in both directions, residuals, predicted errors, verdicts.
+// The same for all of them, as text and as JSON.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <nlohmann/json.hpp>
+
+#include "algorithms/geometry/pose_covariance.hpp"
+#include "casefile/case.hpp"
+#include "clients/cli/commands.hpp"
+#include "clients/cli/registration/registration_files.hpp"
+
+namespace bregma::cli {
+
+// "T_target_source" and four rows; then the other direction.
+[[nodiscard]] std::string transforms_text(const Eigen::Matrix4d &T_target_source);
+// Both directions, and what the frames are: the files, in RAS and mm.
+[[nodiscard]] nlohmann::json transforms_json(const Eigen::Matrix4d &T_target_source, const RegistrationFiles &files);
+
+// Of a rigid transform: the 6x6 matrix and what its rows are.
+void add_covariance(nlohmann::json &out, const geometry::Matrix6d &covariance);
+
+struct PointError {
+  std::string name;
+  Eigen::Vector3d position_mm = Eigen::Vector3d::Zero(); // in the target's frame
+  double tre_rms_mm = 0.0;
+  double within_95_mm = 0.0; // longest semi-axis of the region that holds 95 %
+};
+// Predicted errors at points of the target's frame.
+[[nodiscard]] std::vector<PointError> errors_at(const std::vector<casefile::NamedPoint> &targets,
+                                                const geometry::Matrix6d &covariance);
+[[nodiscard]] std::string errors_text(const std::vector<PointError> &errors);
+[[nodiscard]] nlohmann::json errors_json(const std::vector<PointError> &errors);
+
+// The points of a --targets file, in the frame, space and unit of the target; empty where there is none.
+[[nodiscard]] casefile::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file,
+                                                                               const InputFile &target);
+
+// Writes files.tfm where it is asked for; kOk, or what fail() returns.
+int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_source);
+
+// The sentence to standard error (in JSON: verdict and reason, with what is in `extra`), and kRefused. No transform is
+// printed by this and none is written.
+int refuse(const std::string &verdict, const std::string &reason, const Context &context,
+           nlohmann::json extra = nlohmann::json::object());
+
+} // namespace bregma::cli
