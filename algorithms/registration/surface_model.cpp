@@ -18,8 +18,6 @@ using Eigen::Vector3d;
 namespace {
 
 constexpr std::uint32_t kLeafSize = 4;
-// Median splits of up to 2^32 triangles: no path is longer.
-constexpr int kMaxDepth = 64;
 
 void check(const geometry::TriangleMesh &mesh) {
   if (mesh.triangles.empty()) {
@@ -46,10 +44,6 @@ void check(const geometry::TriangleMesh &mesh) {
   if (!(area > 0.0)) {
     throw std::invalid_argument("the triangles of the surface have no area");
   }
-}
-
-double squared_distance_to_box(const Vector3d &low, const Vector3d &high, const Vector3d &p) noexcept {
-  return (low - p).cwiseMax(p - high).cwiseMax(0.0).squaredNorm();
 }
 
 // Slab test. inverse: of the segment's components, infinite where it is parallel to a slab.
@@ -260,8 +254,8 @@ SurfacePoint SurfaceModel::closest(const Vector3d &point_mm, int start_triangle)
     while (nodes_[index].count == 0) {
       std::uint32_t near = index + 1;
       std::uint32_t far = nodes_[index].first;
-      double near_squared = squared_distance_to_box(nodes_[near].low, nodes_[near].high, point_mm);
-      double far_squared = squared_distance_to_box(nodes_[far].low, nodes_[far].high, point_mm);
+      double near_squared = squared_distance_to_box(nodes_[near], point_mm);
+      double far_squared = squared_distance_to_box(nodes_[far], point_mm);
       if (far_squared < near_squared) {
         std::swap(near, far);
         std::swap(near_squared, far_squared);
@@ -280,13 +274,45 @@ SurfacePoint SurfaceModel::closest(const Vector3d &point_mm, int start_triangle)
     }
   }
 
+  return describe(best_slot, found, point_mm);
+}
+
+SurfacePoint SurfaceModel::describe(std::uint32_t slot, const Closest &found, const Vector3d &p) const noexcept {
   SurfacePoint out;
   out.point_mm = found.point;
-  out.normal = normals_[std::size_t{kFeatures} * best_slot + found.feature];
-  out.distance_mm = std::sqrt(best);
-  out.signed_mm = out.normal.dot(point_mm - found.point) < 0.0 ? -out.distance_mm : out.distance_mm;
-  out.triangle = mesh_index_[best_slot];
+  out.normal = normals_[std::size_t{kFeatures} * slot + found.feature];
+  out.distance_mm = (p - found.point).norm();
+  out.signed_mm = out.normal.dot(p - found.point) < 0.0 ? -out.distance_mm : out.distance_mm;
+  out.triangle = mesh_index_[slot];
   return out;
+}
+
+SurfacePoint SurfaceModel::closest_on(int triangle, const Vector3d &point_mm) const noexcept {
+  const std::uint32_t slot = slot_[static_cast<std::size_t>(triangle)];
+  return describe(slot, closest_on_triangle(corners_[slot], point_mm), point_mm);
+}
+
+SurfacePoint SurfaceModel::closest_among(std::span<const Candidate> candidates, double offset_mm,
+                                         const Vector3d &point_mm) const noexcept {
+  double best = std::numeric_limits<double>::infinity();
+  double reach = std::numeric_limits<double>::infinity();
+  std::uint32_t best_slot = 0;
+  Closest found{Vector3d::Zero(), kFace};
+  for (const Candidate &one : candidates) {
+    if (static_cast<double>(one.from_place_mm) >= reach) {
+      break;
+    }
+    const std::uint32_t slot = slot_[static_cast<std::size_t>(one.triangle)];
+    const Closest candidate = closest_on_triangle(corners_[slot], point_mm);
+    const double d2 = (candidate.point - point_mm).squaredNorm();
+    if (d2 < best) {
+      best = d2;
+      reach = std::sqrt(d2) + offset_mm;
+      best_slot = slot;
+      found = candidate;
+    }
+  }
+  return describe(best_slot, found, point_mm);
 }
 
 bool SurfaceModel::segment_hits(const Vector3d &from_mm, const Vector3d &to_mm) const noexcept {

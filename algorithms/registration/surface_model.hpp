@@ -7,6 +7,7 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "algorithms/geometry/triangle_mesh.hpp"
@@ -34,6 +35,26 @@ public:
   // correctness.
   [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &point_mm, int start_triangle) const noexcept;
 
+  // The closest point of one triangle of the mesh, in the same terms: signed_mm tells the side of this triangle alone.
+  [[nodiscard]] SurfacePoint closest_on(int triangle, const Eigen::Vector3d &point_mm) const noexcept;
+  // The closest point among some triangles, which stand in the order of their distance from a place offset_mm away:
+  // the search ends where the rest cannot be nearer. At least one candidate.
+  struct Candidate {
+    float from_place_mm;
+    int triangle;
+  };
+  [[nodiscard]] SurfacePoint closest_among(std::span<const Candidate> candidates, double offset_mm,
+                                           const Eigen::Vector3d &point_mm) const noexcept;
+  struct Box {
+    Eigen::Vector3d low_mm, high_mm;
+  };
+  [[nodiscard]] Box box(int triangle) const noexcept {
+    const Corners &c = corners_[slot_[static_cast<std::size_t>(triangle)]];
+    return {c.a.cwiseMin(c.b).cwiseMin(c.c), c.a.cwiseMax(c.b).cwiseMax(c.c)};
+  }
+  // Calls visit(triangle, squared distance) for every triangle within radius_mm of the point, in no order.
+  template <class Visit> void each_within(const Eigen::Vector3d &point_mm, double radius_mm, Visit &&visit) const;
+
   // True when the segment touches the surface.
   [[nodiscard]] bool segment_hits(const Eigen::Vector3d &from_mm, const Eigen::Vector3d &to_mm) const noexcept;
 
@@ -59,6 +80,14 @@ private:
     Feature feature;
   };
 
+  // Median splits of up to 2^32 triangles: no path is longer.
+  static constexpr int kMaxDepth = 64;
+
+  [[nodiscard]] SurfacePoint describe(std::uint32_t slot, const Closest &found,
+                                      const Eigen::Vector3d &p) const noexcept;
+  [[nodiscard]] static double squared_distance_to_box(const Node &node, const Eigen::Vector3d &p) noexcept {
+    return (node.low - p).cwiseMax(p - node.high).cwiseMax(0.0).squaredNorm();
+  }
   [[nodiscard]] static Closest closest_on_triangle(const Corners &t, const Eigen::Vector3d &p) noexcept;
   void build(std::vector<std::uint32_t> &order, const geometry::TriangleMesh &mesh);
   void build_normals(const geometry::TriangleMesh &mesh);
@@ -72,5 +101,31 @@ private:
   Eigen::Vector3d low_, high_;
   bool closed_ = false;
 };
+
+template <class Visit>
+void SurfaceModel::each_within(const Eigen::Vector3d &point_mm, double radius_mm, Visit &&visit) const {
+  const double limit = radius_mm * radius_mm;
+  std::array<std::uint32_t, kMaxDepth> stack;
+  int top = 0;
+  stack[0] = 0;
+  while (top >= 0) {
+    const std::uint32_t index = stack[static_cast<std::size_t>(top--)];
+    const Node &node = nodes_[index];
+    if (squared_distance_to_box(node, point_mm) > limit) {
+      continue;
+    }
+    if (node.count == 0) {
+      stack[static_cast<std::size_t>(++top)] = node.first;
+      stack[static_cast<std::size_t>(++top)] = index + 1;
+      continue;
+    }
+    for (std::uint32_t i = node.first; i < node.first + node.count; ++i) {
+      const double squared = (closest_on_triangle(corners_[i], point_mm).point - point_mm).squaredNorm();
+      if (squared <= limit) {
+        visit(mesh_index_[i], squared);
+      }
+    }
+  }
+}
 
 } // namespace bregma::registration

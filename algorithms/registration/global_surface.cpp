@@ -1,0 +1,280 @@
+#include "algorithms/registration/global_surface.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <stdexcept>
+#include <vector>
+
+#include <Eigen/Eigenvalues>
+
+#include "algorithms/registration/neighbours.hpp"
+#include "algorithms/registration/pose_search.hpp"
+#include "algorithms/uncertainty/tre.hpp"
+
+namespace bregma::registration {
+
+namespace {
+
+constexpr double kOutlierRange_mm = 100.0; // over which an outlier may lie anywhere
+constexpr double kInlierLimit = 3.0;       // standard deviations
+constexpr double kScaleSlack = 1.15;       // residuals may exceed the stated error by this, and by chance
+constexpr double kChance = 4.0;            // standard deviations of the scale's own scatter
+constexpr int kShapeIterations = 10;
+constexpr int kTouchCandidates = 400;
+
+} // namespace
+
+struct GlobalRegistration::Workspace {
+  Workspace(const SurfaceField &field_in, const GlobalOptions &options_in, std::size_t capacity)
+      : field(&field_in), options(options_in), sigma(std::hypot(options.sigma_mm, options.model_sigma_mm)),
+        search(field_in, options_in.rotations, options_in.threads),
+        local(field_in, local_options(options_in), capacity), neighbours(options_in.correlation_length_mm, capacity),
+        weight(capacity), residuals(capacity) {
+    samples.reserve(capacity);
+    hypotheses.reserve(64);
+  }
+
+  // Independent errors in the estimate itself; what is alike among neighbours enters with the likelihood's weights and
+  // the covariance.
+  static LocalOptions local_options(const GlobalOptions &options) {
+    LocalOptions out;
+    out.sigma_mm = std::hypot(options.sigma_mm, options.model_sigma_mm);
+    out.correlation_length_mm = options.correlation_length_mm;
+    out.correlated_share = options.model_sigma_mm * options.model_sigma_mm / (out.sigma_mm * out.sigma_mm);
+    return out;
+  }
+
+  void take(std::span<const Vector3d> source_mm);
+  [[nodiscard]] double log_likelihood(std::span<const double> residual_mm) const;
+  void find_hypotheses();
+  void test_shape();
+  void judge();
+  void advise();
+
+  const SurfaceField *field;
+  GlobalOptions options;
+  double sigma;
+  PoseSearch search;
+  LocalRegistration local;
+  Neighbours neighbours;
+  std::vector<Vector3d> samples;
+  std::vector<double> weight; // of a sample's likelihood: how many independent samples it is worth
+  std::vector<double> residuals;
+  struct Found {
+    PoseHypothesis hypothesis;
+    Matrix6d covariance;
+    double scale;
+  };
+  std::vector<Found> hypotheses;
+  double radius_mm = 0.0;
+  Vector3d middle = Vector3d::Zero();
+  GlobalResult result;
+};
+
+void GlobalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
+  result = GlobalResult{};
+  hypotheses.clear();
+  samples.clear();
+  const std::size_t room = weight.size();
+  const std::size_t wanted = std::min(source_mm.size(), room);
+  for (std::size_t i = 0; i < wanted; ++i) {
+    const Vector3d &p = source_mm[i * source_mm.size() / wanted];
+    if (p.allFinite()) {
+      samples.push_back(p);
+    }
+  }
+  result.count = static_cast<int>(samples.size());
+  neighbours.set(samples);
+  std::fill(weight.begin(), weight.end(), 1.0);
+  const double alike = std::pow(options.model_sigma_mm / sigma, 2);
+  neighbours.each([&](std::size_t i, std::size_t j, double rho) {
+    weight[i] += alike * rho;
+    weight[j] += alike * rho;
+  });
+  middle.setZero();
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    weight[i] = 1.0 / weight[i];
+    middle += samples[i] / static_cast<double>(samples.size());
+  }
+  double squares = 0.0;
+  for (const Vector3d &p : samples) {
+    squares += (p - middle).squaredNorm() / static_cast<double>(samples.size());
+  }
+  radius_mm = std::sqrt(squares);
+}
+
+double GlobalRegistration::Workspace::log_likelihood(std::span<const double> residual_mm) const {
+  const double normal = (1.0 - options.outliers) / (sigma * std::sqrt(2.0 * std::numbers::pi));
+  const double outlier = std::max(options.outliers, 1e-3) / kOutlierRange_mm;
+  double sum = 0.0;
+  for (std::size_t i = 0; i < residual_mm.size(); ++i) {
+    const double z = residual_mm[i] / sigma;
+    sum += weight[i] * std::log(normal * std::exp(-0.5 * z * z) + outlier);
+  }
+  return sum;
+}
+
+void GlobalRegistration::Workspace::find_hypotheses() {
+  for (const PoseCandidate &candidate : search.run(samples, sigma, 0.5 * options.distinct_mm)) {
+    const LocalFit &fit = local.fit(samples, candidate.T_target_source);
+    Found found;
+    found.hypothesis.T_target_source = fit.T_target_source;
+    found.hypothesis.log_likelihood = log_likelihood(local.residuals_mm());
+    found.hypothesis.rms_mm = fit.rms_mm;
+    found.hypothesis.inliers = fit.inliers;
+    found.covariance = fit.covariance;
+    found.scale = fit.scale;
+    hypotheses.push_back(found);
+  }
+  std::stable_sort(hypotheses.begin(), hypotheses.end(), [](const Found &a, const Found &b) {
+    return a.hypothesis.log_likelihood > b.hypothesis.log_likelihood;
+  });
+  double total = 0.0;
+  for (const Found &found : hypotheses) {
+    const auto begin = result.hypotheses.begin();
+    const auto end = begin + static_cast<std::ptrdiff_t>(result.hypothesis_count);
+    const bool distinct = std::none_of(begin, end, [&](const PoseHypothesis &other) {
+      return pose_distance_mm(found.hypothesis.T_target_source, other.T_target_source, middle, radius_mm) <
+             options.distinct_mm;
+    });
+    if (distinct && result.hypothesis_count < kMaxHypotheses) {
+      PoseHypothesis &kept = result.hypotheses[result.hypothesis_count++];
+      kept = found.hypothesis;
+      kept.probability = std::exp(kept.log_likelihood - result.hypotheses[0].log_likelihood);
+      total += kept.probability;
+    }
+  }
+  for (std::size_t i = 0; i < result.hypothesis_count; ++i) {
+    result.hypotheses[i].probability /= total;
+  }
+  result.T_target_source = hypotheses.front().hypothesis.T_target_source;
+  result.covariance = hypotheses.front().covariance;
+  result.log_odds = result.hypothesis_count > 1
+                        ? result.hypotheses[0].log_likelihood - result.hypotheses[1].log_likelihood
+                        : std::numeric_limits<double>::infinity();
+}
+
+// The samples' own sphere, robustly, and their own plane: if one of them explains the samples about as well as the head
+// does, the fit to the head is no evidence that they come from this place of it.
+void GlobalRegistration::Workspace::test_shape() {
+  const std::span<double> residual(residuals.data(), samples.size());
+  FittedSphere sphere = fit_sphere(samples);
+  for (int iteration = 0; iteration < kShapeIterations; ++iteration) {
+    Eigen::Matrix4d A = 1e-9 * Eigen::Matrix4d::Identity();
+    Eigen::Vector4d b = Eigen::Vector4d::Zero();
+    for (const Vector3d &p : samples) {
+      const Vector3d from = p - sphere.centre_mm;
+      const double r = from.norm() - sphere.radius_mm;
+      const double w = std::pow(9.0 * sigma * sigma / (9.0 * sigma * sigma + r * r), 2);
+      Eigen::Vector4d J;
+      J << -from.normalized(), -1.0;
+      A += w * J * J.transpose();
+      b += w * r * J;
+    }
+    const Eigen::Vector4d step = -A.ldlt().solve(b);
+    sphere.centre_mm += step.head<3>();
+    sphere.radius_mm += step[3];
+  }
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    residual[i] = (samples[i] - sphere.centre_mm).norm() - sphere.radius_mm;
+  }
+  const double of_sphere = log_likelihood(residual);
+  Matrix3d scatter = Matrix3d::Zero();
+  for (const Vector3d &p : samples) {
+    scatter += (p - middle) * (p - middle).transpose();
+  }
+  const Vector3d normal = Eigen::SelfAdjointEigenSolver<Matrix3d>(scatter).eigenvectors().col(0);
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    residual[i] = normal.dot(samples[i] - middle);
+  }
+  const double best = std::max(std::isfinite(of_sphere) ? of_sphere : -1e300, log_likelihood(residual));
+  result.shape_log_odds = result.hypotheses[0].log_likelihood - best;
+}
+
+void GlobalRegistration::Workspace::judge() {
+  const PoseHypothesis &best = result.hypotheses[0];
+  double squares = 0.0;
+  for (const Vector3d &p : samples) {
+    squares += uncertainty::tre_covariance(result.covariance, result.T_target_source * p).trace();
+  }
+  const auto n = static_cast<double>(samples.size());
+  result.uncertainty_mm = std::sqrt(squares / n);
+  result.scale = hypotheses.front().scale;
+  const double allowed = kScaleSlack + kChance / std::sqrt(2.0 * n);
+  const double lost = 1.0 - best.inliers / n;
+  const double may_be_lost = options.outliers + 0.01 + kChance * std::sqrt((options.outliers + 0.01) / n);
+  if (result.scale > allowed || lost > may_be_lost) {
+    result.verdict = Verdict::kRefused;
+    result.reason = VerdictReason::kFitsBadly;
+  } else if (result.log_odds < options.min_log_odds) {
+    result.verdict = Verdict::kAmbiguous;
+    result.reason = VerdictReason::kAnotherPose;
+  } else if (result.shape_log_odds < options.min_log_odds) {
+    result.verdict = Verdict::kAmbiguous;
+    result.reason = VerdictReason::kShapeWithoutFeature;
+  } else if (!(result.uncertainty_mm <= options.max_uncertainty_mm)) {
+    result.verdict = Verdict::kAmbiguous;
+    result.reason = VerdictReason::kDirectionNotFixed;
+  } else {
+    result.verdict = Verdict::kFound;
+    result.reason = VerdictReason::kNone;
+  }
+}
+
+// A touch is worth what it would tell: how far the runner-up expects the skin from there, or, where one pose stands
+// alone, how uncertain the surface is there along its normal.
+void GlobalRegistration::Workspace::advise() {
+  const SurfaceModel &surface = field->surface();
+  const auto triangles = static_cast<int>(surface.triangle_count());
+  const int stride = std::max(1, triangles / kTouchCandidates);
+  const bool rival = result.hypothesis_count > 1 && result.reason == VerdictReason::kAnotherPose;
+  const auto T_rival_best = result.hypotheses[rival ? 1 : 0].T_target_source * result.T_target_source.inverse();
+  double most = -1.0;
+  for (int t = 0; t < triangles; t += stride) {
+    const SurfaceModel::Box box = surface.box(t);
+    const SurfacePoint at = surface.closest_on(t, 0.5 * (box.low_mm + box.high_mm));
+    if (at.normal.z() < -0.5) {
+      continue; // from below nobody reaches it
+    }
+    double told = 0.0;
+    if (rival) {
+      const Eigen::Vector3f there = (T_rival_best * at.point_mm).cast<float>();
+      const SurfaceField::Plane &plane = field->plane(there);
+      told = std::abs(static_cast<double>(plane.normal.dot(there) + plane.offset));
+    } else if (result.covariance.allFinite()) {
+      told = at.normal.dot(uncertainty::tre_covariance(result.covariance, at.point_mm) * at.normal);
+    }
+    if (told > most) {
+      most = told;
+      result.touch_mm = at.point_mm;
+    }
+  }
+}
+
+GlobalRegistration::GlobalRegistration(const SurfaceField &field, const GlobalOptions &options, std::size_t capacity) {
+  if (!(options.sigma_mm > 0.0) || !(options.model_sigma_mm >= 0.0) || !(options.outliers >= 0.0) ||
+      !(options.outliers < 0.5) || !(options.distinct_mm > 0.0) || options.rotations < 1 || options.threads < 1) {
+    throw std::invalid_argument("global registration: sigma, outliers, rotations or threads out of range");
+  }
+  workspace_ = std::make_unique<Workspace>(field, options, capacity);
+}
+GlobalRegistration::~GlobalRegistration() = default;
+GlobalRegistration::GlobalRegistration(GlobalRegistration &&) noexcept = default;
+GlobalRegistration &GlobalRegistration::operator=(GlobalRegistration &&) noexcept = default;
+
+const GlobalResult &GlobalRegistration::locate(std::span<const Vector3d> source_mm) {
+  Workspace &w = *workspace_;
+  w.take(source_mm);
+  if (w.result.count < kFewestGlobalSamples) {
+    return w.result;
+  }
+  w.find_hypotheses();
+  w.test_shape();
+  w.judge();
+  w.advise();
+  return w.result;
+}
+
+} // namespace bregma::registration

@@ -1,0 +1,334 @@
+#include "algorithms/registration/local_surface.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+
+#include "algorithms/registration/neighbours.hpp"
+#include "algorithms/registration/plane_step.hpp"
+#include "algorithms/registration/twist.hpp"
+
+namespace bregma::registration {
+
+using Eigen::Vector3f;
+using geometry::Matrix36d;
+using geometry::Vector6d;
+
+namespace {
+
+constexpr std::size_t kFewest = 6;
+constexpr std::size_t kCoarseSamples = 256; // that the first steps look at
+constexpr double kCoarseSettled_mm = 0.05;
+constexpr double kSettled_mm = 5e-3;
+constexpr double kStepLimit_mm = 30.0;
+constexpr double kMadToNormal = 1.4826;
+constexpr double kWideReach = 3.0;    // of the first steps' loss, in their scale
+constexpr double kTukeyReach = 4.685; // 95 % efficient for normal errors, each
+constexpr double kHuberReach = 1.345;
+constexpr double kGemanReach = 3.648;
+constexpr double kInlier = 3.0; // standard deviations
+constexpr int kScaledSteps = 6; // exact steps that may change the scale
+constexpr double kBlind = 1e-9; // relative eigenvalue below which a direction is free
+constexpr double kSurfaceTouch_mm = 1e-6;
+
+// Weight of a residual of z standard deviations.
+double weight_of(RobustLoss loss, double z) {
+  switch (loss) {
+  case RobustLoss::kHuber:
+    return std::abs(z) <= kHuberReach ? 1.0 : kHuberReach / std::abs(z);
+  case RobustLoss::kTukey: {
+    const double inside = std::max(0.0, 1.0 - z * z / (kTukeyReach * kTukeyReach));
+    return inside * inside;
+  }
+  case RobustLoss::kGemanMcClure: {
+    const double share = kGemanReach * kGemanReach / (kGemanReach * kGemanReach + z * z);
+    return share * share;
+  }
+  case RobustLoss::kSquare:
+    break;
+  }
+  return 1.0;
+}
+
+} // namespace
+
+struct LocalRegistration::Workspace {
+  Workspace(const SurfaceField *field_in, const CloudModel *cloud_in, const LocalOptions &options_in,
+            std::size_t capacity)
+      : field(field_in), cloud(cloud_in), options(options_in), neighbours(options_in.correlation_length_mm, capacity),
+        samples(capacity), coarse(std::min(capacity, kCoarseSamples)), terms(capacity), residuals(capacity),
+        scratch(capacity), alike(capacity), sums(capacity) {
+    if (!(options.sigma_mm > 0.0) || !(options.trim >= 0.0 && options.trim < 0.9) ||
+        !(options.correlation_length_mm >= 0.0) || options.max_iterations < 1) {
+      throw std::invalid_argument("local registration: sigma, trim, correlation length or iterations out of range");
+    }
+    if (cloud != nullptr && !cloud->has_normals() && options.metric == SurfaceMetric::kPointToPlane) {
+      throw std::invalid_argument("local registration: point to plane needs a cloud with normals");
+    }
+  }
+
+  bool take(std::span<const Vector3d> source_mm);
+  void approach(PairedPose &T);
+  void settle(PairedPose &T);
+  void linearise(const PairedPose &T, bool rescale);
+  void normal_equations(Matrix6d &normal, Vector6d &gradient) const;
+  [[nodiscard]] Matrix6d covariance_about_centre();
+  void report(const PairedPose &T);
+
+  struct Term {
+    Vector3d at = Vector3d::Zero();     // mapped sample, about the centre
+    Vector3d offset = Vector3d::Zero(); // from the surface; point to plane: unit normal
+    double weight = 0.0;
+  };
+
+  const SurfaceField *field;
+  const CloudModel *cloud;
+  LocalOptions options;
+  Neighbours neighbours;
+  std::size_t count = 0;
+  std::size_t coarse_count = 0;
+  std::vector<Vector3d> samples;
+  std::vector<Vector3f> coarse;
+  std::vector<Term> terms;
+  std::vector<double> residuals; // signed distance, or distance from the point
+  std::vector<double> scratch;
+  std::vector<double> alike; // sum of correlations of a sample with all
+  std::vector<Vector6d> sums;
+  Vector3d centre_source = Vector3d::Zero();
+  Vector3d centre = Vector3d::Zero(); // in the target frame: what steps turn about
+  double sigma = 1.0;                 // scaled
+  LocalFit result;
+};
+
+bool LocalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
+  count = 0;
+  centre_source.setZero();
+  for (const Vector3d &p : source_mm) {
+    if (count < samples.size() && p.allFinite()) {
+      samples[count++] = p;
+      centre_source += p;
+    }
+  }
+  result = LocalFit{};
+  result.count = static_cast<int>(count);
+  if (count < kFewest) {
+    return false;
+  }
+  centre_source /= static_cast<double>(count);
+  coarse_count = std::min(count, coarse.size());
+  for (std::size_t i = 0; i < coarse_count; ++i) {
+    coarse[i] = samples[i * count / coarse_count].cast<float>();
+  }
+  neighbours.set({samples.data(), count});
+  std::fill_n(alike.begin(), count, 1.0);
+  neighbours.each([this](std::size_t i, std::size_t j, double rho) {
+    alike[i] += options.correlated_share * rho;
+    alike[j] += options.correlated_share * rho;
+  });
+  return true;
+}
+
+// Over the field's planes, the loss narrowing with the residuals.
+void LocalRegistration::Workspace::approach(PairedPose &T) {
+  const std::span<const Vector3f> few(coarse.data(), coarse_count);
+  while (result.iterations < options.max_iterations / 2) {
+    ++result.iterations;
+    for (std::size_t i = 0; i < coarse_count; ++i) {
+      const Vector3f p = (T * few[i].cast<double>()).cast<float>();
+      const SurfaceField::Plane &plane = field->plane(p);
+      scratch[i] = static_cast<double>(std::abs(plane.normal.dot(p) + plane.offset));
+    }
+    const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(coarse_count / 2);
+    std::nth_element(scratch.begin(), middle, scratch.begin() + static_cast<std::ptrdiff_t>(coarse_count));
+    const double scale = std::max(options.sigma_mm, kMadToNormal * *middle);
+    const Vector3d about = T * centre_source;
+    const PlaneStep step = plane_step(*field, few, T, about, kWideReach * scale);
+    const Vector6d twist = solve_damped(step.normal, step.gradient, 1e-4, kStepLimit_mm);
+    T = moved_about(about, twist, T);
+    if (motion_at_lever_mm(twist) < kCoarseSettled_mm) {
+      break;
+    }
+  }
+}
+
+void LocalRegistration::Workspace::linearise(const PairedPose &T, bool rescale) {
+  const Matrix3d R = T.rotation_matrix();
+  const bool plane = options.metric == SurfaceMetric::kPointToPlane;
+  for (std::size_t i = 0; i < count; ++i) {
+    const Vector3d p = R * samples[i] + T.translation();
+    const SurfacePoint on = cloud != nullptr ? cloud->closest(p) : field->closest(p);
+    Term &term = terms[i];
+    term.at = p - centre;
+    if (!plane) {
+      term.offset = p - on.point_mm;
+      residuals[i] = on.distance_mm;
+    } else if (cloud != nullptr || on.distance_mm < kSurfaceTouch_mm) {
+      term.offset = on.normal;
+      residuals[i] = on.signed_mm;
+    } else { // the gradient of the distance itself, also over an edge
+      term.offset = (p - on.point_mm) / on.signed_mm;
+      residuals[i] = on.signed_mm;
+    }
+    scratch[i] = std::abs(residuals[i]);
+  }
+  const auto end = scratch.begin() + static_cast<std::ptrdiff_t>(count);
+  if (rescale && options.loss != RobustLoss::kSquare) {
+    const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(count / 2);
+    std::nth_element(scratch.begin(), middle, end);
+    // The median distance of a normal error in space is 1.538 sigma; along the normal alone, 1 / 1.4826.
+    sigma = std::max(options.sigma_mm, *middle * (plane ? kMadToNormal : 1.0 / 1.538));
+  }
+  double trimmed_at = std::numeric_limits<double>::infinity();
+  if (options.trim > 0.0) {
+    const auto kept = static_cast<std::size_t>((1.0 - options.trim) * static_cast<double>(count));
+    const auto last = scratch.begin() + static_cast<std::ptrdiff_t>(std::max(kept, kFewest) - 1);
+    std::nth_element(scratch.begin(), last, end);
+    trimmed_at = *last;
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    terms[i].weight =
+        std::abs(residuals[i]) <= trimmed_at ? weight_of(options.loss, residuals[i] / sigma) / alike[i] : 0.0;
+  }
+}
+
+void LocalRegistration::Workspace::normal_equations(Matrix6d &normal, Vector6d &gradient) const {
+  normal.setZero();
+  gradient.setZero();
+  for (std::size_t i = 0; i < count; ++i) {
+    const Term &term = terms[i];
+    if (options.metric == SurfaceMetric::kPointToPlane) {
+      Vector6d J;
+      J << term.at.cross(term.offset), term.offset;
+      normal.noalias() += (term.weight * J) * J.transpose();
+      gradient += term.weight * residuals[i] * J;
+    } else {
+      const Matrix36d J = geometry::point_jacobian(term.at);
+      normal.noalias() += term.weight * (J.transpose() * J);
+      gradient.noalias() += term.weight * (J.transpose() * term.offset);
+    }
+  }
+}
+
+// With exact closest points.
+void LocalRegistration::Workspace::settle(PairedPose &T) {
+  double last = std::numeric_limits<double>::infinity();
+  for (int step = 0; result.iterations < options.max_iterations; ++step) {
+    ++result.iterations;
+    centre = T * centre_source;
+    // Without the approach the first steps are far off, and the scale must follow them all the way.
+    const bool rescale = step < kScaledSteps || (last > 1.0 && step < options.max_iterations / 2);
+    linearise(T, rescale);
+    Matrix6d normal;
+    Vector6d gradient;
+    normal_equations(normal, gradient);
+    Vector6d twist = solve_damped(normal, gradient, 1e-8, kStepLimit_mm);
+    const double motion = motion_at_lever_mm(twist);
+    if (options.metric == SurfaceMetric::kPointToPlane && motion > 0.5 * last && step > 2) {
+      twist *= 0.5; // the surface bends within the step: two closest points take turns
+    }
+    T = moved_about(centre, twist, T);
+    if (motion < kSettled_mm) {
+      result.converged = true;
+      return;
+    }
+    last = motion;
+  }
+  result.converged = last < kCoarseSettled_mm;
+}
+
+// A^-1 B A^-1; B = J'W K W J with K = sigma^2 (rho_ij).
+Matrix6d LocalRegistration::Workspace::covariance_about_centre() {
+  Matrix6d A;
+  Vector6d unused;
+  normal_equations(A, unused);
+  Vector6d lever;
+  lever << Vector3d::Constant(1.0 / kHeadLever_mm), Vector3d::Ones();
+  const Matrix6d scaled = lever.asDiagonal() * A * lever.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled);
+  if (!(eigen.eigenvalues()[0] > kBlind * eigen.eigenvalues()[5])) {
+    return Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN());
+  }
+  const Matrix6d inverse = lever.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
+                           eigen.eigenvectors().transpose() * lever.asDiagonal();
+  Matrix6d B = Matrix6d::Zero();
+  const bool plane = options.metric == SurfaceMetric::kPointToPlane;
+  const auto jacobian = [&](std::size_t i) {
+    Vector6d J;
+    J << terms[i].at.cross(terms[i].offset), terms[i].offset;
+    return J;
+  };
+  for (std::size_t i = 0; i < count; ++i) {
+    const double w2 = terms[i].weight * terms[i].weight;
+    if (plane) {
+      const Vector6d J = jacobian(i);
+      B.noalias() += (w2 * J) * J.transpose();
+      sums[i].setZero();
+    } else { // neighbours as if all their rows were alike: an upper bound
+      const Matrix36d J = geometry::point_jacobian(terms[i].at);
+      B.noalias() += (w2 * alike[i]) * (J.transpose() * J);
+    }
+  }
+  if (plane && options.correlation_length_mm > 0.0) {
+    neighbours.each([&](std::size_t i, std::size_t j, double rho) {
+      sums[i] += options.correlated_share * rho * terms[j].weight * jacobian(j);
+    });
+    Matrix6d between = Matrix6d::Zero();
+    for (std::size_t i = 0; i < count; ++i) {
+      between.noalias() += (terms[i].weight * jacobian(i)) * sums[i].transpose();
+    }
+    B += between + between.transpose();
+  }
+  return sigma * sigma * (inverse * B * inverse);
+}
+
+void LocalRegistration::Workspace::report(const PairedPose &T) {
+  result.T_target_source = T;
+  result.scale = sigma / options.sigma_mm;
+  result.covariance = covariance_at_origin(covariance_about_centre(), centre);
+  double squares = 0.0;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (std::abs(residuals[i]) <= kInlier * sigma) {
+      ++result.inliers;
+      squares += residuals[i] * residuals[i];
+      result.effective += 1.0 / alike[i];
+    }
+  }
+  result.rms_mm = result.inliers > 0 ? std::sqrt(squares / result.inliers) : 0.0;
+}
+
+LocalRegistration::LocalRegistration(const SurfaceField &field, const LocalOptions &options, std::size_t capacity)
+    : workspace_(std::make_unique<Workspace>(&field, nullptr, options, capacity)) {}
+LocalRegistration::LocalRegistration(const CloudModel &cloud, const LocalOptions &options, std::size_t capacity)
+    : workspace_(std::make_unique<Workspace>(nullptr, &cloud, options, capacity)) {}
+LocalRegistration::~LocalRegistration() = default;
+LocalRegistration::LocalRegistration(LocalRegistration &&) noexcept = default;
+LocalRegistration &LocalRegistration::operator=(LocalRegistration &&) noexcept = default;
+
+std::span<const double> LocalRegistration::residuals_mm() const noexcept {
+  return {workspace_->residuals.data(), workspace_->count};
+}
+
+const LocalFit &LocalRegistration::fit(std::span<const Vector3d> source_mm, const PairedPose &start) noexcept {
+  Workspace &w = *workspace_;
+  const bool enough = w.take(source_mm);
+  w.result.T_target_source = start;
+  if (!enough || !start.translation().allFinite() || !start.rotation().coeffs().allFinite()) {
+    w.count = enough ? 0 : w.count;
+    return w.result;
+  }
+  PairedPose T = start;
+  w.sigma = w.options.sigma_mm;
+  if (w.field != nullptr && w.options.metric == SurfaceMetric::kPointToPlane) {
+    w.approach(T);
+  }
+  w.settle(T);
+  w.report(T);
+  return w.result;
+}
+
+} // namespace bregma::registration

@@ -1,0 +1,20 @@
+// The parts of bench_registration, one source each.
+#pragma once
+
+#include <string>
+
+#include "bench/record.hpp"
+
+namespace bregma::bench {
+
+struct SurfaceOptions : Options {
+  std::string case_folder = "out/cases/colin27"; // its scalp is the head
+  std::string basin_file;                        // SVG of the convergence basin; none when empty
+};
+
+// registration_surface.cpp: local and global surface registration.
+void surface_figures(Report &report, const SurfaceOptions &options);
+// registration_clouds.cpp: paired points, clouds, splines and curves.
+void cloud_figures(Report &report, const Options &options);
+
+} // namespace bregma::bench
