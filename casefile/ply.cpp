@@ -18,12 +18,12 @@ namespace {
 
 using geometry::TriangleMesh;
 
-enum class Type { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
+enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
 
 struct Property {
   std::string name;
-  Type type = Type::kFloat;
-  std::optional<Type> count_type; // of a list
+  PlyType type = PlyType::kFloat;
+  std::optional<PlyType> count_type; // of a list
 };
 
 struct Element {
@@ -41,23 +41,23 @@ template <class T> using Parsed = tl::expected<T, std::string>;
 
 tl::unexpected<std::string> wrong(std::string what) { return tl::unexpected<std::string>(std::move(what)); }
 
-std::optional<Type> type_of(const std::string &name) {
-  static constexpr std::array<std::pair<const char *, Type>, 16> kNames{{{"char", Type::kInt8},
-                                                                         {"int8", Type::kInt8},
-                                                                         {"uchar", Type::kUint8},
-                                                                         {"uint8", Type::kUint8},
-                                                                         {"short", Type::kInt16},
-                                                                         {"int16", Type::kInt16},
-                                                                         {"ushort", Type::kUint16},
-                                                                         {"uint16", Type::kUint16},
-                                                                         {"int", Type::kInt32},
-                                                                         {"int32", Type::kInt32},
-                                                                         {"uint", Type::kUint32},
-                                                                         {"uint32", Type::kUint32},
-                                                                         {"float", Type::kFloat},
-                                                                         {"float32", Type::kFloat},
-                                                                         {"double", Type::kDouble},
-                                                                         {"float64", Type::kDouble}}};
+std::optional<PlyType> type_of(const std::string &name) {
+  static constexpr std::array<std::pair<const char *, PlyType>, 16> kNames{{{"char", PlyType::kInt8},
+                                                                            {"int8", PlyType::kInt8},
+                                                                            {"uchar", PlyType::kUint8},
+                                                                            {"uint8", PlyType::kUint8},
+                                                                            {"short", PlyType::kInt16},
+                                                                            {"int16", PlyType::kInt16},
+                                                                            {"ushort", PlyType::kUint16},
+                                                                            {"uint16", PlyType::kUint16},
+                                                                            {"int", PlyType::kInt32},
+                                                                            {"int32", PlyType::kInt32},
+                                                                            {"uint", PlyType::kUint32},
+                                                                            {"uint32", PlyType::kUint32},
+                                                                            {"float", PlyType::kFloat},
+                                                                            {"float32", PlyType::kFloat},
+                                                                            {"double", PlyType::kDouble},
+                                                                            {"float64", PlyType::kDouble}}};
   for (const auto &[known, type] : kNames) {
     if (name == known) {
       return type;
@@ -127,7 +127,7 @@ class Body {
 public:
   Body(std::string_view content, bool ascii) : content_(content), ascii_(ascii) {}
 
-  std::optional<double> next(Type type) { return ascii_ ? next_word() : next_bytes(type); }
+  std::optional<double> next(PlyType type) { return ascii_ ? next_word() : next_bytes(type); }
   [[nodiscard]] std::size_t left() const { return content_.size(); }
 
 private:
@@ -156,23 +156,23 @@ private:
     return static_cast<double>(value);
   }
 
-  std::optional<double> next_bytes(Type type) {
+  std::optional<double> next_bytes(PlyType type) {
     switch (type) {
-    case Type::kInt8:
+    case PlyType::kInt8:
       return take<std::int8_t>();
-    case Type::kUint8:
+    case PlyType::kUint8:
       return take<std::uint8_t>();
-    case Type::kInt16:
+    case PlyType::kInt16:
       return take<std::int16_t>();
-    case Type::kUint16:
+    case PlyType::kUint16:
       return take<std::uint16_t>();
-    case Type::kInt32:
+    case PlyType::kInt32:
       return take<std::int32_t>();
-    case Type::kUint32:
+    case PlyType::kUint32:
       return take<std::uint32_t>();
-    case Type::kFloat:
+    case PlyType::kFloat:
       return take<float>();
-    case Type::kDouble:
+    case PlyType::kDouble:
       break;
     }
     return take<double>();
