@@ -50,6 +50,7 @@ struct GlobalRegistration::Workspace {
   [[nodiscard]] double log_likelihood(std::span<const double> residual_mm) const;
   void find_hypotheses();
   void test_shape();
+  void measure_dilution();
   void judge();
   void advise();
 
@@ -68,8 +69,7 @@ struct GlobalRegistration::Workspace {
     double scale;
   };
   std::vector<Found> hypotheses;
-  double radius_mm = 0.0;
-  Vector3d middle = Vector3d::Zero();
+  Spread spread;
   GlobalResult result;
 };
 
@@ -93,16 +93,10 @@ void GlobalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
     weight[i] += alike * rho;
     weight[j] += alike * rho;
   });
-  middle.setZero();
   for (std::size_t i = 0; i < samples.size(); ++i) {
     weight[i] = 1.0 / weight[i];
-    middle += samples[i] / static_cast<double>(samples.size());
   }
-  double squares = 0.0;
-  for (const Vector3d &p : samples) {
-    squares += (p - middle).squaredNorm() / static_cast<double>(samples.size());
-  }
-  radius_mm = std::sqrt(squares);
+  spread = spread_of(samples);
 }
 
 double GlobalRegistration::Workspace::log_likelihood(std::span<const double> residual_mm) const {
@@ -132,20 +126,26 @@ void GlobalRegistration::Workspace::find_hypotheses() {
     return a.hypothesis.log_likelihood > b.hypothesis.log_likelihood;
   });
   double total = 0.0;
+  double near_mm2 = 0.0;
   for (const Found &found : hypotheses) {
     const auto begin = result.hypotheses.begin();
     const auto end = begin + static_cast<std::ptrdiff_t>(result.hypothesis_count);
+    const double likelihood = std::exp(found.hypothesis.log_likelihood - hypotheses.front().hypothesis.log_likelihood);
     const bool distinct = std::none_of(begin, end, [&](const PoseHypothesis &other) {
-      return pose_distance_mm(found.hypothesis.T_target_source, other.T_target_source, middle, radius_mm) <
-             options.distinct_mm;
+      const double apart = pose_distance_mm(found.hypothesis.T_target_source, other.T_target_source, spread);
+      if (&other == &result.hypotheses[0] && apart < options.distinct_mm) {
+        near_mm2 = std::max(near_mm2, likelihood * apart * apart);
+      }
+      return apart < options.distinct_mm;
     });
     if (distinct && result.hypothesis_count < kMaxHypotheses) {
       PoseHypothesis &kept = result.hypotheses[result.hypothesis_count++];
       kept = found.hypothesis;
-      kept.probability = std::exp(kept.log_likelihood - result.hypotheses[0].log_likelihood);
-      total += kept.probability;
+      kept.probability = likelihood;
+      total += likelihood;
     }
   }
+  result.uncertainty_mm = std::sqrt(near_mm2);
   for (std::size_t i = 0; i < result.hypothesis_count; ++i) {
     result.hypotheses[i].probability /= total;
   }
@@ -181,26 +181,45 @@ void GlobalRegistration::Workspace::test_shape() {
     residual[i] = (samples[i] - sphere.centre_mm).norm() - sphere.radius_mm;
   }
   const double of_sphere = log_likelihood(residual);
-  Matrix3d scatter = Matrix3d::Zero();
-  for (const Vector3d &p : samples) {
-    scatter += (p - middle) * (p - middle).transpose();
-  }
-  const Vector3d normal = Eigen::SelfAdjointEigenSolver<Matrix3d>(scatter).eigenvectors().col(0);
+  const Vector3d normal = Eigen::SelfAdjointEigenSolver<Matrix3d>(spread.covariance).eigenvectors().col(0);
   for (std::size_t i = 0; i < samples.size(); ++i) {
-    residual[i] = normal.dot(samples[i] - middle);
+    residual[i] = normal.dot(samples[i] - spread.middle_mm);
   }
   const double best = std::max(std::isfinite(of_sphere) ? of_sphere : -1e300, log_likelihood(residual));
   result.shape_log_odds = result.hypotheses[0].log_likelihood - best;
 }
 
+void GlobalRegistration::Workspace::measure_dilution() {
+  const Vector3d centre = result.T_target_source * spread.middle_mm;
+  Matrix6d information = Matrix6d::Zero();
+  Matrix6d motion = Matrix6d::Zero(); // of all samples, by a twist: sum of J'J
+  double used = 0.0;
+  for (const Vector3d &p : samples) {
+    const Vector3d mapped = result.T_target_source * p;
+    const SurfacePoint on = field->closest(mapped);
+    const geometry::Matrix36d J = geometry::point_jacobian(mapped - centre);
+    motion += J.transpose() * J;
+    if (on.distance_mm < kInlierLimit * sigma) {
+      const geometry::Vector6d row = J.transpose() * on.normal;
+      information += row * row.transpose();
+      used += 1.0;
+    }
+  }
+  const Eigen::LDLT<Matrix6d> factor(information);
+  const double trace = factor.solve(motion).trace() * used / static_cast<double>(samples.size());
+  const bool fixed = factor.info() == Eigen::Success && factor.isPositive() && trace > 0.0;
+  result.dilution = fixed ? std::sqrt(trace) : std::numeric_limits<double>::infinity();
+}
+
 void GlobalRegistration::Workspace::judge() {
   const PoseHypothesis &best = result.hypotheses[0];
+  const auto n = static_cast<double>(samples.size());
+  measure_dilution();
   double squares = 0.0;
   for (const Vector3d &p : samples) {
     squares += uncertainty::tre_covariance(result.covariance, result.T_target_source * p).trace();
   }
-  const auto n = static_cast<double>(samples.size());
-  result.uncertainty_mm = std::sqrt(squares / n);
+  result.uncertainty_mm = std::hypot(result.uncertainty_mm, std::sqrt(squares / n));
   result.scale = hypotheses.front().scale;
   const double allowed = kScaleSlack + kChance / std::sqrt(2.0 * n);
   const double lost = 1.0 - best.inliers / n;
@@ -214,7 +233,7 @@ void GlobalRegistration::Workspace::judge() {
   } else if (result.shape_log_odds < options.min_log_odds) {
     result.verdict = Verdict::kAmbiguous;
     result.reason = VerdictReason::kShapeWithoutFeature;
-  } else if (!(result.uncertainty_mm <= options.max_uncertainty_mm)) {
+  } else if (!(result.uncertainty_mm <= options.max_uncertainty_mm) || !(result.dilution <= options.max_dilution)) {
     result.verdict = Verdict::kAmbiguous;
     result.reason = VerdictReason::kDirectionNotFixed;
   } else {

@@ -31,9 +31,10 @@ struct GlobalOptions {
   double model_sigma_mm = 0.5; // skin give and segmentation: alike over correlation_length_mm
   double correlation_length_mm = 12.0;
   double outliers = 0.05;          // share of the samples that may be off the surface
-  double max_uncertainty_mm = 5.0; // predicted RMS error on the samples beyond which a direction counts as free
-  double min_log_odds = 7.0;       // of the best pose against the rest: 1,000 to 1
-  double distinct_mm = 10.0;       // poses that move the surface less are the same
+  double max_uncertainty_mm = 4.0; // predicted RMS error on the samples beyond which a direction counts as free
+  double max_dilution = 13.0;      // of the samples' arrangement, see GlobalResult
+  double min_log_odds = 5.0;       // of the best pose against the rest: 150 to 1
+  double distinct_mm = 10.0;       // poses under which the samples differ less, RMS, are the same
   int rotations = 4000;
   int threads = 1;
 };
@@ -67,11 +68,16 @@ struct GlobalResult {
   Matrix6d covariance = Matrix6d::Zero();
   std::array<PoseHypothesis, kMaxHypotheses> hypotheses{}; // distinct, the most likely first
   std::size_t hypothesis_count = 0;
-  int count = 0;                        // samples used
-  double log_odds = 0.0;                // best against runner-up
-  double shape_log_odds = 0.0;          // best against sphere or plane
-  double scale = 0.0;                   // residuals over the stated error
-  double uncertainty_mm = 0.0;          // predicted RMS error on the samples
+  int count = 0;               // samples used
+  double log_odds = 0.0;       // best against runner-up
+  double shape_log_odds = 0.0; // best against sphere or plane
+  double scale = 0.0;          // residuals over the stated error
+  // Predicted RMS error on the samples, with what rivals too near to be distinct add.
+  double uncertainty_mm = 0.0;
+  // That error for independent samples of 1 mm, times the square root of their number: what the arrangement alone does,
+  // as the dilution of precision does in satellite navigation. Errors of skin and segmentation that do not average out
+  // are multiplied by it however many samples there are. About 8 for a face, 20 for a vault.
+  double dilution = 0.0;
   Vector3d touch_mm = Vector3d::Zero(); // on the surface: where the next touch would tell most
 };
 

@@ -19,7 +19,7 @@ std::string place(const Vector3d &p) {
 } // namespace
 
 std::string describe(const GlobalResult &result) {
-  const std::string touch = "touch the surface near its spot " + place(result.touch_mm) + " next";
+  const std::string touch = "touch the surface " + place(result.touch_mm) + " next";
   switch (result.reason) {
   case VerdictReason::kNone:
     return "found, " + number(result.uncertainty_mm, 1) + " mm predicted on the samples";
@@ -35,7 +35,7 @@ std::string describe(const GlobalResult &result) {
     return "ambiguous: another pose is nearly as likely (log odds " + number(result.log_odds, 1) + "); " + touch;
   case VerdictReason::kDirectionNotFixed:
     return "ambiguous: the samples can slide along the surface, " + number(result.uncertainty_mm, 1) +
-           " mm predicted on them; " + touch;
+           " mm predicted on them, dilution " + number(result.dilution, 0) + "; " + touch;
   case VerdictReason::kShapeWithoutFeature:
     return "ambiguous: a sphere or a plane explains the samples as well as the head does; " + touch +
            ", or trace the nose and the brows";

@@ -32,6 +32,7 @@ constexpr double kTukeyReach = 4.685; // 95 % efficient for normal errors, each
 constexpr double kHuberReach = 1.345;
 constexpr double kGemanReach = 3.648;
 constexpr double kInlier = 3.0; // standard deviations
+constexpr double kScaleSettled = 0.05;
 constexpr int kScaledSteps = 6; // exact steps that may change the scale
 constexpr double kBlind = 1e-9; // relative eigenvalue below which a direction is free
 constexpr double kSurfaceTouch_mm = 1e-6;
@@ -220,8 +221,8 @@ void LocalRegistration::Workspace::settle(PairedPose &T) {
   for (int step = 0; result.iterations < options.max_iterations; ++step) {
     ++result.iterations;
     centre = T * centre_source;
-    // Without the approach the first steps are far off, and the scale must follow them all the way.
-    const bool rescale = step < kScaledSteps || (last > 1.0 && step < options.max_iterations / 2);
+    // The scale follows the residuals until the pose rests; then it stays, so that the last steps can settle.
+    const bool rescale = step < kScaledSteps || (last > kCoarseSettled_mm && step < options.max_iterations / 2);
     linearise(T, rescale);
     Matrix6d normal;
     Vector6d gradient;
@@ -232,11 +233,17 @@ void LocalRegistration::Workspace::settle(PairedPose &T) {
       twist *= 0.5; // the surface bends within the step: two closest points take turns
     }
     T = moved_about(centre, twist, T);
-    if (motion < kSettled_mm) {
-      result.converged = true;
-      return;
-    }
     last = motion;
+    if (motion < kSettled_mm) {
+      // A pose that rested for a while on its way has kept the scale of that place.
+      const double kept = sigma;
+      linearise(T, true);
+      if (std::abs(sigma - kept) < kScaleSettled * kept) {
+        result.converged = true;
+        return;
+      }
+      step = -1;
+    }
   }
   result.converged = last < kCoarseSettled_mm;
 }

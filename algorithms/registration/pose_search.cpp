@@ -6,6 +6,7 @@
 #include <numbers>
 #include <thread>
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 
 #include "algorithms/registration/twist.hpp"
@@ -33,7 +34,7 @@ struct Stage {
 // Wide first, so that a start 15 degrees off is drawn in; the last reach also ranks.
 constexpr std::array<Stage, 3> kStages{{{32, {40, 25, 15, 10, 0}, 400, 4.0},
                                         {64, {20, 12, 8, 8, 6, 6, 6, 6}, 60, 6.0},
-                                        {200, {8, 6, 5, 4, 4, 4, 4, 4}, 16, 0.0}}};
+                                        {200, {8, 6, 5, 4, 4, 4, 4, 4}, 12, 0.0}}};
 
 // Where a ray from outside meets the surface, by steps of the distance itself (sphere tracing, Hart 1996).
 double ray_radius(const SurfaceField &field, const Vector3d &centre, const Vector3d &direction) {
@@ -52,24 +53,28 @@ double ray_radius(const SurfaceField &field, const Vector3d &centre, const Vecto
 
 } // namespace
 
+Spread spread_of(std::span<const Vector3d> points_mm) noexcept {
+  Spread out;
+  const auto n = static_cast<double>(points_mm.size());
+  for (const Vector3d &p : points_mm) {
+    out.middle_mm += p / n;
+  }
+  for (const Vector3d &p : points_mm) {
+    out.covariance += (p - out.middle_mm) * (p - out.middle_mm).transpose() / n;
+  }
+  return out;
+}
+
 FittedSphere fit_sphere(std::span<const Vector3d> points_mm) noexcept {
-  Vector3d middle = Vector3d::Zero();
-  for (const Vector3d &p : points_mm) {
-    middle += p / static_cast<double>(points_mm.size());
-  }
   // |q|^2 = 2 q.c + k about the middle.
-  Matrix3d M = Matrix3d::Zero();
+  const auto [middle, covariance] = spread_of(points_mm);
+  const double mean_squared = covariance.trace();
   Vector3d b = Vector3d::Zero();
-  double mean_squared = 0.0;
-  for (const Vector3d &p : points_mm) {
-    mean_squared += (p - middle).squaredNorm() / static_cast<double>(points_mm.size());
-  }
   for (const Vector3d &p : points_mm) {
     const Vector3d q = p - middle;
-    M += q * q.transpose();
-    b += 0.5 * (q.squaredNorm() - mean_squared) * q;
+    b += 0.5 * (q.squaredNorm() - mean_squared) * q / static_cast<double>(points_mm.size());
   }
-  Eigen::JacobiSVD<Matrix3d> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::JacobiSVD<Matrix3d> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
   svd.setThreshold(kFlatShare);
   const Vector3d c = svd.solve(b);
   return {middle + c, std::sqrt(mean_squared + c.squaredNorm())};
@@ -89,9 +94,11 @@ std::vector<Quaterniond> spread_rotations(int n) {
   return out;
 }
 
-double pose_distance_mm(const PairedPose &a, const PairedPose &b, const Vector3d &middle_mm,
-                        double radius_mm) noexcept {
-  return (a * middle_mm - b * middle_mm).norm() + radius_mm * geometry::angle_between(a.rotation(), b.rotation());
+// |Ta p - Tb p|^2 = |D q + d|^2 with q = p - middle, D = Ra - Rb, d the distance of the middles; q has mean zero.
+double pose_distance_mm(const PairedPose &a, const PairedPose &b, const Spread &points) noexcept {
+  const Matrix3d D = a.rotation_matrix() - b.rotation_matrix();
+  return std::sqrt((a * points.middle_mm - b * points.middle_mm).squaredNorm() +
+                   (D * points.covariance * D.transpose()).trace());
 }
 
 PoseSearch::PoseSearch(const SurfaceField &field, int rotations, int threads)
@@ -102,7 +109,7 @@ PoseSearch::PoseSearch(const SurfaceField &field, int rotations, int threads)
 
 void PoseSearch::start_poses(std::span<const Vector3d> samples_mm) {
   const FittedSphere sphere = fit_sphere(samples_mm);
-  Vector3d outward = middle_ - sphere.centre_mm;
+  Vector3d outward = spread_.middle_mm - sphere.centre_mm;
   const double sagitta = std::clamp(sphere.radius_mm - outward.norm(), 0.0, 120.0);
   outward = outward.norm() > 1e-6 ? Vector3d(outward.normalized()) : Vector3d(Vector3d::UnitZ());
   const bool flat = sphere.radius_mm > kFlatRadius_mm;
@@ -112,8 +119,8 @@ void PoseSearch::start_poses(std::span<const Vector3d> samples_mm) {
     for (const double side : {1.0, -1.0}) {
       const Vector3d direction = side * (R * outward);
       const double radius = ray_radius(*field_, head, direction) - sagitta;
-      const Vector3d translation = head + radius * direction - R * middle_;
-      candidates_.push_back({PairedPose(R, translation), 0.0});
+      const Vector3d translation = head + radius * direction - R * spread_.middle_mm;
+      candidates_.push_back({PairedPose(R, translation), 0.0, Vector3d::Zero()});
       if (!flat) {
         break;
       }
@@ -132,7 +139,7 @@ void PoseSearch::descend(std::span<PoseCandidate> candidates, std::size_t sample
         if (reach == 0.0) {
           break;
         }
-        const Vector3d centre = T * middle_;
+        const Vector3d centre = T * spread_.middle_mm;
         const PlaneStep at = plane_step(*field_, few, T, centre, reach);
         T = moved_about(centre, solve_damped(at.normal, at.gradient, kDamping, kStepLimit_mm), T);
         last_reach = reach;
@@ -155,12 +162,20 @@ void PoseSearch::thin(std::size_t most, double distinct_mm) {
   std::stable_sort(candidates_.begin(), candidates_.end(),
                    [](const PoseCandidate &a, const PoseCandidate &b) { return a.cost < b.cost; });
   kept_.clear();
+  // A turn moves the points at least by what it moves their two smaller spreads: most pairs are told apart by that.
+  const double least_mm2 = 4.0 * (spread_.covariance.trace() - spread_.covariance.operatorNorm());
+  const double limit = distinct_mm * distinct_mm;
   for (const PoseCandidate &candidate : candidates_) {
+    const PairedPose &T = candidate.T_target_source;
+    const Vector3d middle = T * spread_.middle_mm;
     const bool distinct = std::none_of(kept_.begin(), kept_.end(), [&](const PoseCandidate &other) {
-      return pose_distance_mm(candidate.T_target_source, other.T_target_source, middle_, radius_mm_) < distinct_mm;
+      const double cosine = T.rotation().dot(other.T_target_source.rotation());
+      return (middle - other.middle_mm).squaredNorm() + (1.0 - cosine * cosine) * least_mm2 < limit &&
+             pose_distance_mm(T, other.T_target_source, spread_) < distinct_mm;
     });
     if (distinct) {
       kept_.push_back(candidate);
+      kept_.back().middle_mm = middle;
       if (kept_.size() == most) {
         break;
       }
@@ -172,15 +187,7 @@ void PoseSearch::thin(std::size_t most, double distinct_mm) {
 std::span<const PoseCandidate> PoseSearch::run(std::span<const Vector3d> samples_mm, double sigma_mm,
                                                double distinct_mm) {
   const std::size_t n = samples_mm.size();
-  middle_.setZero();
-  for (const Vector3d &p : samples_mm) {
-    middle_ += p / static_cast<double>(n);
-  }
-  double squares = 0.0;
-  for (const Vector3d &p : samples_mm) {
-    squares += (p - middle_).squaredNorm() / static_cast<double>(n);
-  }
-  radius_mm_ = std::sqrt(squares);
+  spread_ = spread_of(samples_mm);
   // In the order of a golden-ratio walk, whose every beginning is spread over the whole trace.
   samples_.resize(n);
   std::vector<std::pair<double, std::size_t>> order(n);

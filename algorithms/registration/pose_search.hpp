@@ -15,12 +15,20 @@ struct FittedSphere {
 };
 [[nodiscard]] FittedSphere fit_sphere(std::span<const Vector3d> points_mm) noexcept;
 
+// The middle and the covariance of points.
+struct Spread {
+  Vector3d middle_mm = Vector3d::Zero();
+  Matrix3d covariance = Matrix3d::Zero();
+};
+[[nodiscard]] Spread spread_of(std::span<const Vector3d> points_mm) noexcept;
+
 // n rotations spread evenly over SO(3): super-Fibonacci spirals (Alexa 2022, algorithm 1).
 [[nodiscard]] std::vector<Eigen::Quaterniond> spread_rotations(int n);
 
 struct PoseCandidate {
   PairedPose T_target_source;
   double cost = 0.0;
+  Vector3d middle_mm = Vector3d::Zero(); // of the samples, mapped; once the list is thinned
 };
 
 class PoseSearch {
@@ -42,14 +50,12 @@ private:
   int threads_;
   std::vector<Eigen::Quaterniond> rotations_;
   std::vector<Eigen::Vector3f> samples_; // any first ones of them are spread over all
-  Vector3d middle_ = Vector3d::Zero();
-  double radius_mm_ = 0.0; // of the samples about their middle, RMS
+  Spread spread_;
   std::vector<PoseCandidate> candidates_;
   std::vector<PoseCandidate> kept_;
 };
 
-// How far two poses differ on the samples, roughly: motion of their middle and of a point at their radius.
-[[nodiscard]] double pose_distance_mm(const PairedPose &a, const PairedPose &b, const Vector3d &middle_mm,
-                                      double radius_mm) noexcept;
+// RMS distance between the places of points under two poses: what sets two poses apart. Exact.
+[[nodiscard]] double pose_distance_mm(const PairedPose &a, const PairedPose &b, const Spread &points) noexcept;
 
 } // namespace bregma::registration

@@ -1,0 +1,15 @@
+// The convergence basin of local surface registration: how often it ends at the true pose from how far off.
+#pragma once
+
+#include <string>
+
+#include "algorithms/registration/surface_field.hpp"
+#include "bench/accuracy/registration_head.hpp"
+
+namespace bregma::bench {
+
+// 0-180 degrees by 0-100 mm, runs starts a cell; writes an SVG. Throws std::runtime_error when it cannot be written.
+void draw_basin(Report &report, const Head &head, const registration::SurfaceField &field, const std::string &file,
+                int runs);
+
+} // namespace bregma::bench

@@ -1,0 +1,51 @@
+// The head of the surface benchmarks: a case's scalp, its regions, and the samples that a pointer takes from it.
+#pragma once
+
+#include <random>
+#include <string>
+#include <vector>
+
+#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/registration/paired_points.hpp"
+#include "bench/record.hpp"
+
+namespace bregma::bench {
+
+using registration::PairedPose;
+using registration::Vector3d;
+
+struct Head {
+  geometry::TriangleMesh mesh;
+  std::vector<Vector3d> face; // the 3,000 vertices with the largest y - 0.3 z (RAS mm): brows to chin, ear to ear
+};
+// Throws std::runtime_error when the case has no scalp.
+[[nodiscard]] Head load_head(const std::string &case_folder);
+
+// What one run registers: true places on the head, and the samples of them in a frame of their own.
+struct Trace {
+  std::vector<Vector3d> true_mm;
+  std::vector<Vector3d> source_mm;
+  PairedPose T_target_source;
+
+  [[nodiscard]] double rmse_mm(const PairedPose &estimate) const { return rmse_mm(estimate, true_mm); }
+  [[nodiscard]] double rmse_mm(const PairedPose &estimate, const std::vector<Vector3d> &at_mm) const;
+  // Seed 002, equation (1): how far the end of a 100 mm line along x diverges under the rotation's error.
+  [[nodiscard]] double e10cm_mm(const PairedPose &estimate) const;
+};
+
+enum class Noise { kAll, kDepth }; // in all axes, or in z alone
+// From places on the head to samples under a pose anywhere in SO(3), 200 mm away.
+[[nodiscard]] Trace take_trace(std::vector<Vector3d> places_mm, double sigma_mm, Noise noise, std::mt19937 &rng);
+
+// count places on one side of the head, left and right in turn, uniform by area.
+[[nodiscard]] std::vector<Vector3d> side_of(const Head &head, std::size_t count, bool left, std::mt19937 &rng);
+
+// A start off by this rotation about a random axis through the head's middle, and this translation in a random
+// direction.
+[[nodiscard]] PairedPose start_off(const PairedPose &truth, const Vector3d &middle_mm, double angle_rad,
+                                   double distance_mm, std::mt19937 &rng);
+
+// CPU time of the calling thread, ms: what a busy machine does not stretch.
+[[nodiscard]] double thread_ms();
+
+} // namespace bregma::bench

@@ -1,0 +1,263 @@
+// Local registration onto meshes and clouds: right on analytic shapes, the same under a rigid move, honest where a
+// direction is free.
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <stdexcept>
+
+#include <gtest/gtest.h>
+
+#include "algorithms/geometry/angles.hpp"
+#include "algorithms/registration/local_surface.hpp"
+#include "tests/support/allocation_counter.hpp"
+#include "tests/unit/algorithms/head.hpp"
+
+namespace {
+
+using namespace bregma;
+using namespace bregma::registration;
+using geometry::frame::Source;
+using geometry::frame::Target;
+
+constexpr unsigned kLocalSeed = 20260310;
+
+struct PreparedHead {
+  geometry::TriangleMesh mesh = test::make_head(4);
+  SurfaceModel surface{mesh};
+  SurfaceField field{surface};
+};
+const PreparedHead &prepared_head() {
+  static const PreparedHead head;
+  return head;
+}
+
+struct Sampled {
+  std::vector<Vector3d> true_mm, source_mm;
+  PairedPose T_true;
+  [[nodiscard]] double rmse_mm(const PairedPose &T) const {
+    double squares = 0.0;
+    for (const Vector3d &p : true_mm) {
+      squares += (T * (T_true.inverse() * p) - p).squaredNorm();
+    }
+    return std::sqrt(squares / static_cast<double>(true_mm.size()));
+  }
+};
+
+Sampled sample_front(std::size_t count, double sigma_mm, std::mt19937 &rng) {
+  Sampled out;
+  out.T_true = test::random_pose<Target, Source>(rng);
+  for (const auto &spot :
+       test::spots(prepared_head().mesh, count, rng, [](const Vector3d &p) { return p.y() > 0.0; })) {
+    out.true_mm.push_back(spot.point_mm);
+    out.source_mm.push_back(out.T_true.inverse() * (spot.point_mm + test::normal_vector(rng, sigma_mm)));
+  }
+  return out;
+}
+
+PairedPose off(const PairedPose &T, double degrees, double mm, std::mt19937 &rng) {
+  const Vector3d axis = test::normal_vector(rng, 1.0).normalized();
+  const Vector3d way = test::normal_vector(rng, 1.0).normalized();
+  const Eigen::Quaterniond turn = geometry::rotation_exp(degrees * geometry::kRadiansPerDegree * axis);
+  const Vector3d middle = test::kHeadCentre;
+  return {turn * T.rotation(), turn * (T.translation() - middle) + middle + mm * way};
+}
+
+LocalOptions without_correlation() {
+  LocalOptions options;
+  options.correlation_length_mm = 0.0;
+  return options;
+}
+
+TEST(SurfaceField, ClosestPointsAreThoseOfTheTree) {
+  std::mt19937 rng(kLocalSeed);
+  for (int i = 0; i < 3000; ++i) {
+    const Vector3d p = test::on_head(test::normal_vector(rng, 1.0)) + test::normal_vector(rng, i % 2 == 0 ? 2.0 : 30.0);
+    const SurfacePoint exact = prepared_head().surface.closest(p);
+    const SurfacePoint quick = prepared_head().field.closest(p);
+    ASSERT_NEAR(quick.signed_mm, exact.signed_mm, 1e-9) << "point " << i << ", seed " << kLocalSeed;
+  }
+}
+
+TEST(SurfaceField, PlanesAreNearTheSurfacesDistance) {
+  std::mt19937 rng(kLocalSeed);
+  for (int i = 0; i < 2000; ++i) {
+    const Vector3d p = test::on_head(test::normal_vector(rng, 1.0)) + test::normal_vector(rng, 10.0);
+    const SurfaceField::Plane &plane = prepared_head().field.plane(p.cast<float>());
+    const double distance = static_cast<double>(plane.normal.dot(p.cast<float>()) + plane.offset);
+    // A plane over a voxel of 4 mm is off by its curvature, and at most by the way to the voxel's centre and back.
+    ASSERT_NEAR(distance, prepared_head().surface.closest(p).signed_mm, 7.0) << "point " << i;
+  }
+}
+
+TEST(SurfaceField, AMeshInTheWrongUnitIsRefused) {
+  const SurfaceModel huge(test::make_sphere(1, 20000.0, Vector3d::Zero()));
+  EXPECT_THROW(SurfaceField{huge}, std::invalid_argument);
+}
+
+TEST(LocalSurface, NoiselessSamplesGiveThePoseItself) {
+  std::mt19937 rng(kLocalSeed);
+  const Sampled samples = sample_front(200, 0.0, rng);
+  LocalRegistration local(prepared_head().field, without_correlation());
+  const LocalFit &fit = local.fit(samples.source_mm, off(samples.T_true, 10.0, 10.0, rng));
+  EXPECT_TRUE(fit.converged);
+  EXPECT_LT(samples.rmse_mm(fit.T_target_source), 0.05);
+  EXPECT_EQ(fit.inliers, 200);
+}
+
+TEST(LocalSurface, OutliersAreLeftOutByEveryRobustLossAndByTrimming) {
+  std::mt19937 rng(kLocalSeed);
+  Sampled samples = sample_front(300, 0.5, rng);
+  for (std::size_t i = 0; i < 30; ++i) {
+    samples.source_mm[10 * i] += test::normal_vector(rng, 30.0);
+  }
+  LocalOptions trimmed = without_correlation();
+  trimmed.loss = RobustLoss::kSquare;
+  trimmed.trim = 0.15;
+  std::vector<LocalOptions> all{trimmed};
+  for (const RobustLoss loss : {RobustLoss::kHuber, RobustLoss::kTukey, RobustLoss::kGemanMcClure}) {
+    all.push_back(without_correlation());
+    all.back().loss = loss;
+  }
+  const PairedPose start = off(samples.T_true, 8.0, 8.0, rng);
+  for (const LocalOptions &options : all) {
+    LocalRegistration local(prepared_head().field, options);
+    EXPECT_LT(samples.rmse_mm(local.fit(samples.source_mm, start).T_target_source), 1.5)
+        << "loss " << static_cast<int>(options.loss) << ", seed " << kLocalSeed;
+  }
+}
+
+TEST(LocalSurface, CloudsByPlanesAndByPoints) {
+  std::mt19937 rng(kLocalSeed);
+  const Sampled samples = sample_front(200, 0.0, rng);
+  std::vector<Vector3d> points, normals;
+  for (const auto &spot : test::spots(prepared_head().mesh, 6000, rng, [](const Vector3d &) { return true; })) {
+    points.push_back(spot.point_mm);
+    normals.push_back(spot.normal);
+  }
+  const PairedPose start = off(samples.T_true, 4.0, 4.0, rng);
+  const CloudModel with_normals(points, normals);
+  LocalRegistration by_planes(with_normals, without_correlation());
+  EXPECT_LT(samples.rmse_mm(by_planes.fit(samples.source_mm, start).T_target_source), 0.5);
+
+  // The very points: point to point on other points of the surface stays where neighbours hold it.
+  const CloudModel bare(samples.true_mm);
+  LocalOptions options = without_correlation();
+  options.metric = SurfaceMetric::kPointToPoint;
+  LocalRegistration by_points(bare, options);
+  EXPECT_LT(samples.rmse_mm(by_points.fit(samples.source_mm, off(samples.T_true, 2.0, 2.0, rng)).T_target_source),
+            1e-2);
+  EXPECT_THROW(LocalRegistration(bare, without_correlation()), std::invalid_argument);
+}
+
+TEST(LocalSurface, TheNearestPointOfACloudIsTheNearest) {
+  std::mt19937 rng(kLocalSeed);
+  std::vector<Vector3d> points;
+  for (int i = 0; i < 500; ++i) {
+    points.push_back(test::normal_vector(rng, 50.0));
+  }
+  const CloudModel cloud(points);
+  for (int i = 0; i < 500; ++i) {
+    const Vector3d p = test::normal_vector(rng, 60.0);
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const Vector3d &q : points) {
+      nearest = std::min(nearest, (p - q).norm());
+    }
+    const SurfacePoint found = cloud.closest(p);
+    ASSERT_NEAR(found.distance_mm, nearest, 1e-12);
+    ASSERT_EQ(points[static_cast<std::size_t>(found.triangle)], found.point_mm);
+  }
+}
+
+// Moving the samples by M moves the answer by M^-1; moving the surface moves it as well, but for the field's voxels.
+TEST(LocalSurface, TheAnswerMovesWithItsInputs) {
+  std::mt19937 rng(kLocalSeed);
+  const Sampled samples = sample_front(200, 0.5, rng);
+  const PairedPose start = off(samples.T_true, 5.0, 5.0, rng);
+  LocalRegistration local(prepared_head().field, without_correlation());
+  const PairedPose plain = local.fit(samples.source_mm, start).T_target_source;
+
+  const auto M = test::random_pose<Source, Source>(rng);
+  std::vector<Vector3d> moved;
+  for (const Vector3d &p : samples.source_mm) {
+    moved.push_back(M * p);
+  }
+  const PairedPose of_moved = local.fit(moved, start * M.inverse()).T_target_source;
+  EXPECT_LT(samples.rmse_mm(of_moved * M), samples.rmse_mm(plain) + 0.05);
+  for (const Vector3d &p : samples.source_mm) {
+    EXPECT_LT((of_moved * (M * p) - plain * p).norm(), 0.05);
+  }
+
+  const auto N = test::random_pose<Target, Target>(rng);
+  geometry::TriangleMesh mesh = prepared_head().mesh;
+  for (Vector3d &v : mesh.vertices_mm) {
+    v = N * v;
+  }
+  const SurfaceModel surface(mesh);
+  const SurfaceField field(surface);
+  LocalRegistration elsewhere(field, without_correlation());
+  const PairedPose on_moved = elsewhere.fit(samples.source_mm, N * start).T_target_source;
+  for (const Vector3d &p : samples.source_mm) {
+    EXPECT_LT((N.inverse() * (on_moved * p) - plain * p).norm(), 0.05);
+  }
+}
+
+TEST(LocalSurface, ASphereLeavesRotationsFreeAndTheCovarianceSaysSo) {
+  std::mt19937 rng(kLocalSeed);
+  const auto mesh = test::make_sphere(4, 80.0, Vector3d::Zero());
+  const SurfaceModel surface(mesh);
+  const SurfaceField field(surface);
+  LocalRegistration local(field, without_correlation());
+  std::vector<Vector3d> source;
+  for (int i = 0; i < 200; ++i) {
+    source.push_back(80.0 * test::normal_vector(rng, 1.0).normalized());
+  }
+  const LocalFit &fit = local.fit(source, PairedPose());
+  const double turn = fit.covariance.topLeftCorner<3, 3>().trace();
+  EXPECT_TRUE(!std::isfinite(turn) || 80.0 * std::sqrt(turn) > 5.0) << "rotation variance " << turn;
+}
+
+TEST(LocalSurface, CorrelatedErrorsAreWorthFewerSamples) {
+  std::mt19937 rng(kLocalSeed);
+  const Sampled samples = sample_front(300, 0.5, rng);
+  LocalRegistration independent(prepared_head().field, without_correlation());
+  LocalRegistration alike(prepared_head().field, LocalOptions{});
+  const LocalFit one = independent.fit(samples.source_mm, samples.T_true);
+  const LocalFit other = alike.fit(samples.source_mm, samples.T_true);
+  EXPECT_GT(other.covariance.trace(), 1.5 * one.covariance.trace());
+  EXPECT_LT(other.effective, 0.5 * one.effective);
+}
+
+TEST(LocalSurface, BadInputIsNotConvergedAndBadOptionsAreRefused) {
+  LocalRegistration local(prepared_head().field, LocalOptions{});
+  const std::vector<Vector3d> few(5, Vector3d::Zero());
+  EXPECT_FALSE(local.fit(few, PairedPose()).converged);
+  const std::vector<Vector3d> nothing(50, Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()));
+  EXPECT_FALSE(local.fit(nothing, PairedPose()).converged);
+  EXPECT_EQ(local.fit(nothing, PairedPose()).count, 0);
+  LocalOptions bad;
+  bad.sigma_mm = 0.0;
+  EXPECT_THROW(LocalRegistration(prepared_head().field, bad), std::invalid_argument);
+  bad = LocalOptions{};
+  bad.trim = 1.0;
+  EXPECT_THROW(LocalRegistration(prepared_head().field, bad), std::invalid_argument);
+  const std::vector<Vector3d> flat(2, Vector3d::Zero());
+  const std::vector<Vector3d> no_normal(2, Vector3d::Zero());
+  EXPECT_THROW(CloudModel(flat, no_normal), std::invalid_argument);
+  EXPECT_THROW(CloudModel(std::span<const Vector3d>{}), std::invalid_argument);
+}
+
+TEST(LocalSurface, AFitDoesNotAllocate) {
+  if (!test::AllocationScope::available()) {
+    GTEST_SKIP() << "a sanitizer counts instead";
+  }
+  std::mt19937 rng(kLocalSeed);
+  const Sampled samples = sample_front(300, 0.5, rng);
+  const PairedPose start = off(samples.T_true, 8.0, 8.0, rng);
+  LocalRegistration local(prepared_head().field, LocalOptions{});
+  const test::AllocationScope scope;
+  const LocalFit &fit = local.fit(samples.source_mm, start);
+  EXPECT_EQ(scope.count(), 0U);
+  EXPECT_TRUE(fit.converged);
+}
+
+} // namespace
