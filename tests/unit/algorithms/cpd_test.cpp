@@ -8,6 +8,7 @@
 #include "algorithms/registration/cloud_pose.hpp"
 #include "algorithms/registration/gauss_kernel.hpp"
 #include "algorithms/registration/gauss_sums.hpp"
+#include "algorithms/registration/pose_search.hpp"
 #include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/algorithms/tables.hpp"
 #include "tests/unit/casefile/files.hpp"
@@ -320,8 +321,8 @@ TEST(CloudPose, RotationsAreSpreadEvenly) {
   for (int run = 0; run < 500; ++run) {
     const Eigen::Matrix3d R = test::random_rotation(rng).toRotationMatrix();
     double nearest = 10.0;
-    for (const Eigen::Matrix3d &other : rotations) {
-      nearest = std::min(nearest, angle(R, other));
+    for (const Eigen::Quaterniond &other : rotations) {
+      nearest = std::min(nearest, angle(R, other.toRotationMatrix()));
     }
     worst = std::max(worst, nearest);
   }

@@ -1,0 +1,101 @@
+// Resampling of an image through a map, in the plane and in space.
+//
+// The map leads from the reference image's frame to the floating image's (resampling direction): each pixel of the
+// result asks the floating image for the intensity where it came from, by (bi-, tri-)linear interpolation. What lies
+// outside the floating image is NaN, so that similarity.hpp leaves it out. Pure; `map` must be safe to call from
+// `threads` threads at a time.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <span>
+#include <thread>
+#include <vector>
+
+#include <Eigen/Core>
+#include <Eigen/LU>
+
+namespace bregma::intensity {
+
+template <int D> struct Grid {
+  using Vector = Eigen::Matrix<double, D, 1>;
+  std::array<int, D> size{}; // pixels along each axis; the first runs fastest in memory
+  // Pixel centres: mm = axes * index + origin_mm. axes must be invertible.
+  Eigen::Matrix<double, D, D> axes = Eigen::Matrix<double, D, D>::Identity();
+  Vector origin_mm = Vector::Zero();
+
+  [[nodiscard]] std::size_t pixels() const {
+    std::size_t n = 1;
+    for (const int s : size) {
+      n *= static_cast<std::size_t>(s);
+    }
+    return n;
+  }
+  [[nodiscard]] Vector point_mm(std::size_t pixel) const {
+    Vector index;
+    for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
+      index[static_cast<Eigen::Index>(d)] = static_cast<double>(pixel % static_cast<std::size_t>(size[d]));
+      pixel /= static_cast<std::size_t>(size[d]);
+    }
+    return axes * index + origin_mm;
+  }
+};
+
+// Linear interpolation at a pixel index that need not be whole; NaN outside the pixel centres.
+template <int D>
+[[nodiscard]] float sample(const Grid<D> &grid, std::span<const float> image,
+                           const Eigen::Matrix<double, D, 1> &index) noexcept {
+  std::array<std::size_t, D> base{};
+  std::array<double, D> share{};
+  for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
+    const double at = index[static_cast<Eigen::Index>(d)];
+    const int last = grid.size[d] - 1;
+    if (!(at >= -1e-9 && at <= last + 1e-9)) {
+      return std::numeric_limits<float>::quiet_NaN();
+    }
+    const int low = std::clamp(static_cast<int>(at), 0, std::max(last - 1, 0));
+    base[d] = static_cast<std::size_t>(low);
+    share[d] = std::clamp(at - low, 0.0, 1.0);
+  }
+  double sum = 0.0;
+  for (unsigned corner = 0; corner < (1U << D); ++corner) {
+    double weight = 1.0;
+    std::size_t offset = 0;
+    std::size_t stride = 1;
+    for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
+      const bool upper = ((corner >> d) & 1U) != 0;
+      weight *= upper ? share[d] : 1.0 - share[d];
+      offset += stride * (base[d] + (upper ? 1 : 0));
+      stride *= static_cast<std::size_t>(grid.size[d]);
+    }
+    if (weight > 0.0) {
+      sum += weight * static_cast<double>(image[offset]);
+    }
+  }
+  return static_cast<float>(sum);
+}
+
+// map: a point of the reference (mm) to a point of the floating image (mm). image: floating.pixels() intensities.
+template <int D, class Map>
+[[nodiscard]] std::vector<float> warp(const Grid<D> &reference, const Grid<D> &floating, std::span<const float> image,
+                                      const Map &map, int threads = 1) {
+  std::vector<float> out(reference.pixels());
+  const Eigen::Matrix<double, D, D> to_index = floating.axes.inverse();
+  const auto run = [&](std::size_t first, std::size_t last) {
+    for (std::size_t i = first; i < last; ++i) {
+      const Eigen::Matrix<double, D, 1> there = map(reference.point_mm(i));
+      out[i] = sample<D>(floating, image, to_index * (there - floating.origin_mm));
+    }
+  };
+  const auto parts = static_cast<std::size_t>(std::max(threads, 1));
+  std::vector<std::jthread> others;
+  for (std::size_t part = 1; part < parts; ++part) {
+    others.emplace_back(run, out.size() * part / parts, out.size() * (part + 1) / parts);
+  }
+  run(0, out.size() / parts);
+  others.clear(); // joins
+  return out;
+}
+
+} // namespace bregma::intensity
