@@ -2,12 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <random>
 #include <thread>
 
 #include <Eigen/Geometry>
+
+#include "algorithms/registration/pose_search.hpp"
 
 namespace bregma::registration {
 
@@ -60,22 +61,6 @@ std::vector<CpdResult<3>> distinct(std::vector<CpdResult<3>> all, double distinc
 
 } // namespace
 
-std::vector<Eigen::Matrix3d> spread_rotations(int n) {
-  constexpr double kPsi = 1.533751168755204288118041;
-  std::vector<Eigen::Matrix3d> out;
-  for (int i = 0; i < n; ++i) {
-    const double s = i + 0.5;
-    const double r = std::sqrt(s / n);
-    const double big = std::sqrt(1.0 - s / n);
-    const double alpha = 2.0 * std::numbers::pi * s / std::numbers::sqrt2;
-    const double beta = 2.0 * std::numbers::pi * s / kPsi;
-    out.push_back(
-        Eigen::Quaterniond(big * std::cos(beta), r * std::sin(alpha), r * std::cos(alpha), big * std::sin(beta))
-            .toRotationMatrix());
-  }
-  return out;
-}
-
 CloudPose find_cloud_pose(const Points3 &source_mm, const Points3 &target_mm, const CloudPoseOptions &options) {
   CloudPose out;
   if (source_mm.cols() < 4 || target_mm.cols() < 4) {
@@ -96,14 +81,14 @@ CloudPose find_cloud_pose(const Points3 &source_mm, const Points3 &target_mm, co
   coarse.start_sigma_mm = kCoarseSigma * size;
   coarse.tolerance = 1e-3;
   coarse.max_iterations = 40;
-  const std::vector<Eigen::Matrix3d> rotations = spread_rotations(options.starts);
+  const std::vector<Eigen::Quaterniond> rotations = spread_rotations(options.starts);
   std::vector<CpdResult<3>> candidates(rotations.size());
   const Points3 coarse_source = first(source, options.coarse_points);
   const Points3 coarse_target = first(target, options.coarse_points);
   const auto threads = static_cast<std::size_t>(std::max(options.threads, 1));
   const auto run = [&](std::size_t index) {
     for (std::size_t i = index; i < rotations.size(); i += threads) {
-      const CpdTransform<3> start{rotations[i], target_centre - rotations[i] * source_centre};
+      const CpdTransform<3> start{rotations[i].toRotationMatrix(), target_centre - rotations[i] * source_centre};
       candidates[i] = register_cpd<3>(coarse_source, coarse_target, coarse, &start);
     }
   };

@@ -32,8 +32,4 @@ struct CloudPose {
 [[nodiscard]] CloudPose find_cloud_pose(const geometry::Points3 &source_mm, const geometry::Points3 &target_mm,
                                         const CloudPoseOptions &options);
 
-// n rotations spread evenly over SO(3): Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)",
-// CVPR 2022, algorithm 1.
-[[nodiscard]] std::vector<Eigen::Matrix3d> spread_rotations(int n);
-
 } // namespace bregma::registration
