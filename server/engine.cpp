@@ -9,7 +9,7 @@
 namespace bregma::server {
 namespace {
 
-enum Loop : std::size_t { kNavigation, kRegistration, kMonitoring, kDeformation };
+enum Loop : std::size_t { kNavigation, kRegistration, kMonitoring, kDeformation, kPoseSearch };
 
 constexpr std::int64_t ns_of_ms(double milliseconds) { return static_cast<std::int64_t>(milliseconds * 1e6); }
 
@@ -103,6 +103,7 @@ casefile::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> lo
   to_registration_.send(change);
   to_monitoring_.send(change);
   to_deformation_.send(change);
+  to_pose_search_.send(change);
   outlet_.case_changed(loaded.get());
   return {};
 }
@@ -131,6 +132,7 @@ void Engine::poll(std::int64_t now_ns) {
   to_registration_.flush();
   to_monitoring_.flush();
   to_deformation_.flush();
+  to_pose_search_.flush();
   free_unused_cases();
 }
 
@@ -215,7 +217,13 @@ const RegistrationPipeline &Engine::step_registration(std::int64_t now_ns) noexc
   while (to_registration_.ring.try_pop(input)) {
     registration_.handle(input);
   }
+  if (search_answer_.load_newer(answer_, seen_answer_)) {
+    registration_.on(answer_);
+  }
   registration_.step(now_ns);
+  if (const PoseSearchRequest *wanted = registration_.wanted_search()) {
+    search_request_.store(*wanted);
+  }
   registration_state_.store(registration_.state());
   taken_generation_[kRegistration].store(registration_.case_generation(), std::memory_order_release);
   return registration_;
@@ -246,6 +254,21 @@ std::span<const wire::DeformationState> Engine::step_deformation(std::int64_t no
   taken_generation_[kDeformation].store(deformation_.case_generation(), std::memory_order_release);
   deformation_.step(now_ns);
   return deformation_.states();
+}
+
+void Engine::step_pose_search() {
+  CaseChanged change{};
+  while (to_pose_search_.ring.try_pop(change)) {
+    pose_search_.handle(change);
+  }
+  taken_generation_[kPoseSearch].store(pose_search_.case_generation(), std::memory_order_release);
+  request_waits_ = search_request_.load_newer(request_, seen_request_) || request_waits_;
+  if (request_waits_ && request_.generation <= pose_search_.case_generation()) {
+    request_waits_ = false;
+    if (const auto answer = pose_search_.answer(request_)) {
+      search_answer_.store(*answer);
+    }
+  }
 }
 
 void Engine::add_devices(wire::SystemHealth &health) const {

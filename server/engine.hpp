@@ -22,6 +22,7 @@
 #include "server/pipelines/deformation.hpp"
 #include "server/pipelines/monitoring.hpp"
 #include "server/pipelines/navigation.hpp"
+#include "server/pipelines/pose_search.hpp"
 #include "server/pipelines/registration.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/session/session.hpp"
@@ -83,6 +84,9 @@ public:
   // ---- deformation thread ----
   std::span<const wire::DeformationState> step_deformation(std::int64_t now_ns) noexcept;
 
+  // ---- pose search thread, which is no loop: it works as long as a search takes ----
+  void step_pose_search();
+
   // ---- any thread ----
   void add_devices(wire::SystemHealth &health) const;
 
@@ -118,13 +122,16 @@ private:
   Outbox<RegistrationInput, 1024> to_registration_;
   Outbox<MonitoringInput, 1024> to_monitoring_;
   Outbox<CaseChanged, 16> to_deformation_;
+  Outbox<CaseChanged, 16> to_pose_search_;
   NavigationEvents navigation_events_;
   AlarmEvents alarm_events_;
   runtime::LatestValue<wire::RegistrationState> registration_state_;
   runtime::LatestValue<TrackingView> tracking_;
   runtime::LatestValue<inputs::StreamHealth> tracker_health_;
   runtime::LatestValue<inputs::StreamHealth> sensor_health_;
-  std::atomic<std::uint64_t> taken_generation_[4] = {}; // by navigation, registration, monitoring, deformation
+  runtime::LatestValue<PoseSearchRequest> search_request_;
+  runtime::LatestValue<PoseSearchAnswer> search_answer_;
+  std::atomic<std::uint64_t> taken_generation_[5] = {}; // by navigation, registration, monitoring, deformation, search
 
   // Each its thread's alone.
   inputs::Border<wire::TrackerFrame> tracker_border_;
@@ -133,6 +140,12 @@ private:
   inputs::Border<wire::RangeSample> range_border_;
   inputs::Border<wire::ForceSample> force_border_;
   RegistrationPipeline registration_;
+  PoseSearchAnswer answer_{};
+  std::uint64_t seen_answer_ = 0;
+  PoseSearch pose_search_;
+  PoseSearchRequest request_{};
+  std::uint64_t seen_request_ = 0;
+  bool request_waits_ = false; // for the case that it is about, or for its turn
   MonitoringPipeline monitoring_;
   MonitoringView monitoring_view_;
   std::uint64_t seen_by_monitoring_[4] = {};

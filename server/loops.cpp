@@ -1,13 +1,15 @@
 #include "server/loops.hpp"
 
 #include <algorithm>
+#include <chrono>
 
 #include <spdlog/spdlog.h>
 
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kShareInterval_ns = 100'000'000; // of device health towards monitoring and SystemHealth
+constexpr std::chrono::milliseconds kSearchInterval{50}; // at which a search that is wanted is noticed
+constexpr std::int64_t kShareInterval_ns = 100'000'000;  // of device health towards monitoring and SystemHealth
 
 std::int64_t period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz); }
 
@@ -56,6 +58,7 @@ Loops::Loops(const Config &config, Engine &engine, const dds::Participant &parti
 void Loops::start() {
   navigation_thread_ = std::thread([this] { navigate(); });
   sensor_thread_ = std::thread([this] { watch_sensors(); });
+  search_thread_ = std::thread([this] { search_poses(); });
   log_limits("registration", registration_loop_.start());
   log_limits("monitoring", monitoring_loop_.start());
   log_limits("deformation", deformation_loop_.start());
@@ -64,7 +67,7 @@ void Loops::start() {
 void Loops::stop() {
   stopping_.store(true, std::memory_order_relaxed);
   stop_guard_.raise();
-  for (std::thread *thread : {&navigation_thread_, &sensor_thread_}) {
+  for (std::thread *thread : {&navigation_thread_, &sensor_thread_, &search_thread_}) {
     if (thread->joinable()) {
       thread->join();
     }
@@ -161,6 +164,16 @@ void Loops::watch_sensors() noexcept {
       shared_ns = now_ns;
       engine_.share_sensor_health(now_ns);
     }
+  }
+}
+
+// ---- pose search ----
+
+void Loops::search_poses() {
+  log_limits("pose search", runtime::set_up_thread({.name = "pose search"}));
+  while (!stopping_.load(std::memory_order_relaxed)) {
+    engine_.step_pose_search();
+    std::this_thread::sleep_for(kSearchInterval);
   }
 }
 

@@ -52,6 +52,7 @@ private:
   void step_registration() noexcept;
   void step_monitoring() noexcept;
   void step_deformation() noexcept;
+  void search_poses();
   [[nodiscard]] std::uint64_t overruns() const noexcept;
 
   const Config config_;
@@ -85,6 +86,7 @@ private:
   runtime::PeriodicLoop deformation_loop_;
   std::thread navigation_thread_;
   std::thread sensor_thread_;
+  std::thread search_thread_;
 };
 
 } // namespace bregma::server

@@ -11,6 +11,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr const char *kSessions = "sessions"; // folder of the case that session files go to
+
 std::string utc_text(std::int64_t now_ns, const char *format) {
   const std::time_t seconds = now_ns / 1'000'000'000;
   std::tm utc{};
@@ -27,7 +29,7 @@ bool belongs_in_a_report(const fs::path &file) {
 } // namespace
 
 fs::path new_session_file(const casefile::Case &a_case, std::int64_t now_ns) {
-  const fs::path folder = a_case.folder / "sessions";
+  const fs::path folder = a_case.folder / kSessions;
   std::error_code ignored; // the recorder says why when the folder is not there
   fs::create_directories(folder, ignored);
   const std::string name = utc_text(now_ns, "%Y%m%dT%H%M%SZ");
@@ -40,14 +42,18 @@ fs::path new_session_file(const casefile::Case &a_case, std::int64_t now_ns) {
 
 std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case, const std::string &config_toml) {
   std::vector<casefile::Attachment> out{{"bregmad.toml", config_toml}};
-  for (const fs::directory_entry &entry : fs::directory_iterator(a_case.folder)) {
-    if (!entry.is_regular_file() || !belongs_in_a_report(entry.path())) {
+  std::error_code ignored; // the case was read a moment ago; a file that is gone since is not attached
+  for (fs::recursive_directory_iterator entry(a_case.folder, ignored), end; entry != end; entry.increment(ignored)) {
+    if (entry->is_directory(ignored) && entry->path().filename() == kSessions) {
+      entry.disable_recursion_pending();
+    }
+    if (!entry->is_regular_file(ignored) || !belongs_in_a_report(entry->path())) {
       continue;
     }
-    std::ifstream in(entry.path(), std::ios::binary);
+    std::ifstream in(entry->path(), std::ios::binary);
     std::ostringstream body;
     body << in.rdbuf();
-    out.push_back({entry.path().filename().string(), body.str()});
+    out.push_back({entry->path().lexically_relative(a_case.folder).string(), body.str()});
   }
   return out;
 }

@@ -48,6 +48,8 @@ struct RegistrationEstimator::Workspace {
   [[nodiscard]] bool fit_jointly(const ImageFromReference &start);
   void report_residuals();
   void find_weakest(std::span<const Vector3d> targets_image_mm);
+  // Residuals, accuracy and whether it suffices, once fit_jointly has succeeded.
+  void finish(std::span<const Vector3d> targets_image_mm);
 
   RegistrationOptions options;
   const SurfaceModel *surface;
@@ -67,6 +69,9 @@ void RegistrationEstimator::Workspace::take(std::span<const FiducialObservation>
     const FiducialObservation &f = fiducials[static_cast<std::size_t>(i)];
     pairs[static_cast<std::size_t>(i)] = {f.reference_mm, f.image_mm, f.reference_covariance, f.image_covariance};
     centre += f.image_mm / result.fiducial_count;
+  }
+  if (result.fiducial_count == 0 && surface != nullptr) {
+    centre = surface->centre_mm();
   }
 }
 
@@ -228,6 +233,14 @@ void RegistrationEstimator::Workspace::find_weakest(std::span<const Vector3d> ta
   }
 }
 
+void RegistrationEstimator::Workspace::finish(std::span<const Vector3d> targets_image_mm) {
+  result.has_estimate = true;
+  report_residuals();
+  find_weakest(targets_image_mm);
+  const bool sufficient = result.worst_target_tre_mm <= options.max_target_tre_mm;
+  result.refusal = sufficient ? Refusal::kNone : Refusal::kDirectionNotFixed;
+}
+
 RegistrationEstimator::RegistrationEstimator(const SurfaceModel *surface, const RegistrationOptions &options,
                                              int max_surface_samples)
     : workspace_(std::make_unique<Workspace>(surface, options, max_surface_samples)) {}
@@ -257,12 +270,33 @@ const RegistrationResult &RegistrationEstimator::estimate(std::span<const Fiduci
     result.refusal = Refusal::kNotConverged;
     return result;
   }
-  result.has_estimate = true;
-  w.report_residuals();
-  w.find_weakest(targets_image_mm);
-  result.refusal = w.test_consistency(fit);
-  if (result.refusal == Refusal::kNone && !(result.worst_target_tre_mm <= w.options.max_target_tre_mm)) {
-    result.refusal = Refusal::kDirectionNotFixed;
+  w.finish(targets_image_mm);
+  if (const Refusal inconsistent = w.test_consistency(fit); inconsistent != Refusal::kNone) {
+    result.refusal = inconsistent;
+  }
+  return result;
+}
+
+const RegistrationResult &RegistrationEstimator::estimate_located(std::span<const FiducialObservation> fiducials,
+                                                                  std::span<const SurfaceSample> samples,
+                                                                  std::span<const Vector3d> targets_image_mm,
+                                                                  const ImageFromReference &located) noexcept {
+  Workspace &w = *workspace_;
+  RegistrationResult &result = w.result;
+  w.take(fiducials);
+  result.chi_square = result.p_value = std::numeric_limits<double>::quiet_NaN();
+  w.terms.set_samples(samples);
+  if (!w.fit_jointly(located)) {
+    result.refusal = Refusal::kNotConverged;
+    return result;
+  }
+  w.finish(targets_image_mm);
+  // The few fiducials that there are cannot be held against each other, but against the surface's pose.
+  for (int i = 0; i < result.fiducial_count; ++i) {
+    if (result.fiducials[static_cast<std::size_t>(i)].p_value < w.options.false_refusal / result.fiducial_count) {
+      result.suspect = i;
+      result.refusal = Refusal::kContradictingFiducial;
+    }
   }
   return result;
 }

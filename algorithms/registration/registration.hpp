@@ -110,6 +110,13 @@ public:
                                      std::span<const SurfaceSample> samples, std::span<const Vector3d> targets_image_mm,
                                      const ImageFromReference *start = nullptr) noexcept;
 
+  // From a pose at which a search over all poses has found the samples (global_surface.hpp): the surface then stands
+  // for the fiducials, of which there may be fewer than three, or none. FRE and its chance are NaN without any.
+  const RegistrationResult &estimate_located(std::span<const FiducialObservation> fiducials,
+                                             std::span<const SurfaceSample> samples,
+                                             std::span<const Vector3d> targets_image_mm,
+                                             const ImageFromReference &located) noexcept;
+
   [[nodiscard]] const RegistrationOptions &options() const noexcept;
 
 private:

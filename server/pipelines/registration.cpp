@@ -40,6 +40,9 @@ void RegistrationPipeline::clear() noexcept {
   sample_count_ = 0;
   surface_.clear();
   previous_.reset();
+  located_.reset();
+  search_text_ = {};
+  searched_count_ = 0;
   const wire::RegistrationState old = state_;
   state_ = {};
   copy_name(state_.reference, old.reference);
@@ -59,6 +62,7 @@ void RegistrationPipeline::handle(const RegistrationInput &input) noexcept {
 void RegistrationPipeline::on(const CaseChanged &change) noexcept {
   case_ = change.loaded;
   generation_ = change.generation;
+  searching_ = false; // what is under way will be about another case
   revision_ = 0;
   target_count_ = 0;
   const casefile::ToolModel *reference = case_ != nullptr ? case_->data->reference() : nullptr;
@@ -142,6 +146,39 @@ void RegistrationPipeline::step(std::int64_t now_ns) noexcept {
   }
 }
 
+const PoseSearchRequest *RegistrationPipeline::wanted_search() noexcept {
+  const bool needed = case_ != nullptr && sample_count_ < 3 && !located_ && surface_.size() >= kFewestSearchSamples;
+  // After a search that found nothing, a tenth more skin has to be there for another.
+  if (!needed || searching_ || 10 * surface_.size() < 11 * searched_count_) {
+    return nullptr;
+  }
+  search_.generation = generation_;
+  search_.revision = revision_;
+  search_.count = std::min(surface_.size(), kMaxSearchSamples);
+  for (std::size_t i = 0; i < search_.count; ++i) {
+    const auto &sample = surface_[i * surface_.size() / search_.count];
+    Vector3d::Map(search_.reference_mm[i].data()) = sample.reference_mm;
+  }
+  searched_count_ = surface_.size();
+  searching_ = true;
+  return &search_;
+}
+
+void RegistrationPipeline::on(const PoseSearchAnswer &answer) noexcept {
+  searching_ = false;
+  // Of another case, or of a registration that was begun anew since.
+  if (answer.generation != generation_ || surface_.size() < searched_count_ || searched_count_ == 0) {
+    return;
+  }
+  if (answer.found) {
+    located_ = {Eigen::Quaterniond(answer.rotation_wxyz[0], answer.rotation_wxyz[1], answer.rotation_wxyz[2],
+                                   answer.rotation_wxyz[3]),
+                Vector3d::Map(answer.translation_mm.data())};
+  }
+  search_text_ = answer.text;
+  changed_ = true;
+}
+
 void RegistrationPipeline::estimate() noexcept {
   const casefile::Limits &limits = case_->data->limits;
   const Matrix3d placement = Matrix3d::Identity() * limits.fle_touch_mm * limits.fle_touch_mm;
@@ -152,8 +189,13 @@ void RegistrationPipeline::estimate() noexcept {
     observations_[i] = {vector_of(samples_[i].position_mm), matrix_of(samples_[i].covariance_mm2) + placement,
                         planned != nullptr ? planned->position_mm : Vector3d::Constant(wire::kUnknown), planning};
   }
-  const auto &result = case_->estimator.estimate({observations_.data(), sample_count_}, surface_,
-                                                 {targets_.data(), target_count_}, previous_ ? &*previous_ : nullptr);
+  const std::span<const registration::FiducialObservation> fiducials(observations_.data(), sample_count_);
+  const std::span<const Vector3d> targets(targets_.data(), target_count_);
+  const auto *start = previous_ ? &*previous_ : nullptr;
+  const bool by_skin_alone = sample_count_ < 3 && located_.has_value();
+  const auto &result = by_skin_alone ? case_->estimator.estimate_located(fiducials, surface_, targets,
+                                                                         start != nullptr ? *start : *located_)
+                                     : case_->estimator.estimate(fiducials, surface_, targets, start);
   // A refused estimate is no start for the next one: it may be what is wrong.
   if (result.refusal == Refusal::kNone) {
     previous_ = result.T_image_reference;
@@ -186,6 +228,9 @@ void RegistrationPipeline::show(const registration::RegistrationResult &result) 
           : std::string_view("the head's centre");
   (void)wire::set_name(state_.subject, suspect);
   registration::describe(result, case_->estimator.options(), suspect, target, state_.text);
+  if (result.refusal == Refusal::kTooFewFiducials && search_text_[0] != '\0') {
+    wire::set_text(state_.text, search_text_.data());
+  }
   if (refused) {
     state_.T_image_reference = wire::unknown_pose();
     put_unknown(state_.covariance);

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "server/pipelines/loaded_case.hpp"
+#include "server/pipelines/pose_search.hpp"
 #include "server/session/messages.hpp"
 
 namespace bregma::server {
@@ -23,7 +24,12 @@ public:
   explicit RegistrationPipeline(std::size_t max_surface_samples);
 
   void handle(const RegistrationInput &input) noexcept;
+  void on(const PoseSearchAnswer &answer) noexcept;
   void step(std::int64_t now_ns) noexcept;
+
+  // After a step: what has to be searched for, because there are too few fiducials and no pose to start from; null
+  // when nothing has, or a search is under way.
+  [[nodiscard]] const PoseSearchRequest *wanted_search() noexcept;
 
   // As of the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
   [[nodiscard]] const wire::RegistrationState &state() const noexcept { return state_; }
@@ -55,6 +61,13 @@ private:
   std::array<Eigen::Vector3d, bregma_wire_MAX_TARGETS> targets_;
   std::size_t target_count_ = 0;
   std::optional<registration::ImageFromReference> previous_;
+
+  // The pose at which the skin alone was found; what the last search said when it was not; how many samples it had.
+  std::optional<registration::ImageFromReference> located_;
+  std::array<char, 256> search_text_{};
+  std::size_t searched_count_ = 0;
+  bool searching_ = false;
+  PoseSearchRequest search_;
 
   wire::RegistrationState state_{};
   wire::FiducialReport report_{};

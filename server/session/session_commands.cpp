@@ -136,7 +136,9 @@ Answer Session::Impl::take_pivot(const calibration::PivotResult &result) {
   pivot_.reset();
   pivot_ticket_.reset();
   if (!pivot.accepted()) {
-    return refused(tool + " is not calibrated: " + pivot.text);
+    constexpr std::string_view kVerdict = "refused: "; // said once is enough
+    return refused(tool + " is not calibrated: " +
+                   (pivot.text.starts_with(kVerdict) ? pivot.text.substr(kVerdict.size()) : pivot.text));
   }
   CalibratedTip tip;
   Eigen::Map<geometry::Vector3d>(tip.tip_mm.data()) = pivot.tip_mm;

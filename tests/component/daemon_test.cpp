@@ -8,6 +8,7 @@
 #include <csignal>
 #include <gtest/gtest.h>
 
+#include "casefile/session_file/session_file.hpp"
 #include "idl/names.hpp"
 #include "server/session/messages.hpp"
 #include "tests/component/operation_fixture.hpp"
@@ -142,6 +143,24 @@ TEST(Daemon, KilledDuringNavigationComesBackAsRegisteredWithTheSameRegistration)
   ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_UNVERIFIED); }))
       << operation.logs();
   EXPECT_EQ(count(operation.probe, bregma_wire_POSE_LIVE), 0U);
+}
+
+TEST(Daemon, ASessionFileHoldsTheCaseThatItIsAbout) {
+  Operation operation;
+  register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
+  operation.start_daemon();
+  ASSERT_TRUE(operation.observe_until([&] { return operation.health.session == bregma_wire_SESSION_REGISTERED; }))
+      << operation.logs();
+  operation.daemon().signal(SIGTERM);
+  ASSERT_EQ(operation.daemon().wait(30.0), 0) << operation.logs();
+  const std::filesystem::directory_iterator sessions(operation.case_folder().loaded().folder / "sessions");
+  const auto reader = casefile::SessionReader::open(sessions->path());
+  ASSERT_TRUE(reader) << reader.error().message;
+  for (const char *name : {"case.toml", "fiducials.mrk.json", "surfaces/scalp.ply"}) {
+    const auto attached = reader->attachment(name);
+    ASSERT_TRUE(attached) << attached.error().message;
+    EXPECT_FALSE(attached->empty()) << name;
+  }
 }
 
 TEST(Daemon, EndsCleanlyOnSigterm) {
