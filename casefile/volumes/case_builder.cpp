@@ -170,10 +170,8 @@ private:
       return tl::unexpected(stored.error());
     }
     created_.value.image = std::move(*stored);
-    SurfaceOptions options;
+    SurfaceOptions options = scalp_options();
     options.threshold = sources_.scalp_threshold;
-    options.closing_mm = 8.0; // wider than nostrils and ear canals
-    options.fill_slices = true;
     options.vertices = sources_.vertices;
     return keep(extract_surface(*image, options, within(progress_, 0.0, kScalpShare, "scalp")), "scalp", sources_.image,
                 created_.value.scalp);

@@ -227,6 +227,13 @@ Result<ExtractedSurface> extract(const SurfaceOptions &options, const Progress &
 
 } // namespace
 
+SurfaceOptions scalp_options() {
+  SurfaceOptions options;
+  options.closing_mm = 8.0; // wider than nostrils and ear canals
+  options.fill_slices = true;
+  return options;
+}
+
 Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
                                          const Progress &progress) {
   return extract(options, progress, [&](const Step &step) { return object_field(volume, options, step); });

@@ -37,6 +37,9 @@ struct SurfaceOptions {
   int vertices = 10'000;         // at most; the mesh is decimated to it
 };
 
+// The skin of a head in an image: closed over nostrils, ear canals and the neck's cut.
+[[nodiscard]] SurfaceOptions scalp_options();
+
 struct SurfaceReport {
   double threshold = 0.0;        // that was used
   int full_vertices = 0;         // before decimation

@@ -136,12 +136,13 @@ void add_touch_commands(CLI::App &parent, Context &context) {
 } // namespace
 
 void add_register_command(CLI::App &app, Context &context) {
-  auto *command = app.add_subcommand("register", "Registers the patient, or two lists of points");
+  auto *command = app.add_subcommand("register", "Registers the patient, or what lies in files");
   command->require_subcommand(1);
   command->footer("Examples:\n  bregma register start\n  bregma register capture Nasion\n"
                   "  bregma register trace start    (move over the skin, then)\n  bregma register trace stop\n"
                   "  bregma register status\n  bregma register accept\n  bregma register check Bregma\n"
-                  "  bregma register confirm\n  bregma register points touched.csv fiducials.mrk.json");
+                  "  bregma register confirm\n  bregma register points touched.csv fiducials.mrk.json\n"
+                  "  bregma register surface trace.csv scalp.ply");
   auto *status = add_live(*command, "status", "The estimate so far, and how each fiducial fits", context);
   status->callback([&context] { context.run = [&context] { return show_status(context); }; });
 
@@ -154,6 +155,9 @@ void add_register_command(CLI::App &app, Context &context) {
       add_live(*command, "confirm", "Confirms that the checks were good: the patient may be navigated", context);
   on_run(confirm, context, [] { return plain_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
   add_register_points(*command, context);
+  add_register_surface(*command, context);
+  add_register_cloud(*command, context);
+  add_register_curves(*command, context);
 }
 
 } // namespace bregma::cli

@@ -6,5 +6,8 @@
 namespace bregma::cli {
 
 void add_register_points(CLI::App &parent, Context &context);
+void add_register_surface(CLI::App &parent, Context &context);
+void add_register_cloud(CLI::App &parent, Context &context);
+void add_register_curves(CLI::App &parent, Context &context);
 
 } // namespace bregma::cli

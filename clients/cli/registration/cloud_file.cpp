@@ -1,0 +1,98 @@
+#include "clients/cli/registration/cloud_file.hpp"
+
+#include <filesystem>
+#include <utility>
+
+#include "casefile/volumes/surface.hpp"
+#include "casefile/volumes/volume.hpp"
+#include "clients/cli/case/progress_line.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+bool is_point_list(const std::string &name) {
+  return name.ends_with(".csv") || name.ends_with(".json") || name.ends_with(".fcsv");
+}
+
+bool is_image(const std::string &name) {
+  std::error_code ignored;
+  return name.ends_with(".nii") || name.ends_with(".nii.gz") || name.ends_with(".nrrd") || name.ends_with(".nhdr") ||
+         name.ends_with(".mha") || name.ends_with(".mhd") || std::filesystem::is_directory(name, ignored);
+}
+
+std::string remark_of(const InputFile &file, const casefile::SurfaceFile &surface) {
+  std::string out;
+  if (!surface.space_stated) {
+    out = file.path + " (" + surface.format + ") does not say its space: taken as " +
+          std::string(casefile::name_of(surface.space)) + " (--" + file.side + "-space)\n";
+  }
+  if (surface.triangles_left_out > 0) {
+    out += file.path + ": " + std::to_string(surface.triangles_left_out) + " triangles without area are left out\n";
+  }
+  return out;
+}
+
+// Of a closed mesh from a program that turns its triangles inwards.
+void turn_outward(geometry::TriangleMesh &mesh) {
+  const casefile::MeshCheck check = casefile::check_mesh(mesh);
+  if (check.closed && check.volume_ml < 0.0) {
+    for (Eigen::Vector3i &triangle : mesh.triangles) {
+      std::swap(triangle[1], triangle[2]);
+    }
+  }
+}
+
+} // namespace
+
+casefile::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits &size) {
+  Cloud out;
+  if (is_point_list(file.path)) {
+    auto read = read_point_file(file.path, file.point_options(size));
+    if (!read) {
+      return tl::unexpected(read.error());
+    }
+    for (const casefile::NamedPoint &point : read->points) {
+      out.points_mm.push_back(point.position_mm);
+    }
+  } else {
+    auto read = casefile::read_surface(file.path, file.surface_options(size));
+    if (!read) {
+      return tl::unexpected(read.error());
+    }
+    out.remark = remark_of(file, *read);
+    out.points_mm = std::move(read->mesh.vertices_mm);
+  }
+  return out;
+}
+
+casefile::Result<Surface> read_surface_or_image(const InputFile &file) {
+  if (!is_image(file.path)) {
+    auto read = casefile::read_surface(file.path, file.surface_options());
+    if (!read) {
+      return tl::unexpected(read.error());
+    }
+    turn_outward(read->mesh);
+    return Surface{std::move(read->mesh), remark_of(file, *read)};
+  }
+  const auto image = casefile::read_volume(file.path);
+  if (!image) {
+    return tl::unexpected(image.error());
+  }
+  ProgressLine progress;
+  auto scalp = casefile::extract_surface(*image, casefile::scalp_options(), [&](double done, std::string_view stage) {
+    return progress.show(done, "scalp: " + std::string(stage));
+  });
+  if (!scalp) {
+    return casefile::failure(file.path + ": " + scalp.error().message);
+  }
+  const auto problem = casefile::size_problem(scalp->mesh.vertices_mm, casefile::kHeadSize,
+                                              casefile::LengthUnit::kMillimetre, "the scalp", "another unit");
+  if (!problem.empty()) {
+    return casefile::failure(file.path + ": " + problem);
+  }
+  std::string remark = file.path + ": its scalp has " + std::to_string(scalp->mesh.vertices_mm.size()) + " vertices\n";
+  return Surface{std::move(scalp->mesh), std::move(remark)};
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,81 @@
+#include "clients/cli/registration/image_warp.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <thread>
+
+#include <Eigen/Geometry>
+
+#include "algorithms/intensity/similarity.hpp"
+#include "algorithms/intensity/warp.hpp"
+#include "algorithms/registration/spline_grid.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+using casefile::Volume;
+using Eigen::Vector3d;
+
+// Of the nodes that stand for the spline.
+constexpr double kGridSpacing_mm = 4.0;
+
+intensity::Grid<3> grid_of(const Volume &volume) {
+  intensity::Grid<3> out;
+  out.size = volume.size;
+  out.axes = volume.T_image_index.topLeftCorner<3, 3>();
+  out.origin_mm = volume.T_image_index.topRightCorner<3, 1>();
+  return out;
+}
+
+Eigen::AlignedBox3d box_of(const Volume &volume) {
+  Eigen::AlignedBox3d out;
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    Vector3d index;
+    for (unsigned axis = 0; axis < 3; ++axis) {
+      index[axis] = ((corner >> axis) & 1U) != 0 ? volume.size[axis] - 1 : 0;
+    }
+    out.extend(volume.point_mm(index));
+  }
+  return out;
+}
+
+} // namespace
+
+casefile::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
+                                         const registration::ThinPlateSpline<3> &to_source) {
+  const auto source = casefile::read_volume(source_file);
+  if (!source) {
+    return tl::unexpected(source.error());
+  }
+  const auto target = casefile::read_volume(target_file);
+  if (!target) {
+    return tl::unexpected(target.error());
+  }
+  const auto threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 2U));
+  const Eigen::AlignedBox3d box = box_of(*target);
+  const registration::SplineGrid<3> map(to_source, box.min(), box.max(), kGridSpacing_mm, threads);
+  const auto reference = grid_of(*target);
+  const auto floating = grid_of(*source);
+  const auto unmoved = [](const Vector3d &p) { return p; };
+  std::vector<float> before = intensity::warp<3>(reference, floating, source->voxels, unmoved, threads);
+  std::vector<float> after = intensity::warp<3>(reference, floating, source->voxels, map, threads);
+  // Only voxels that both have: else an image that was pushed out of view would look alike.
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (std::isnan(after[i])) {
+      before[i] = after[i];
+    }
+  }
+  WarpedImage out;
+  out.grid_error_mm = map.largest_error_mm();
+  out.after = {intensity::rmse(target->voxels, after), intensity::mutual_information(target->voxels, after)};
+  out.before = {intensity::rmse(target->voxels, before), intensity::mutual_information(target->voxels, before)};
+  std::replace_if(
+      after.begin(), after.end(), [](float v) { return !std::isfinite(v); }, 0.0F);
+  out.image.size = target->size;
+  out.image.T_image_index = target->T_image_index;
+  out.image.voxels = std::move(after);
+  return out;
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,27 @@
+// An image taken through a spline onto the grid of another, and how alike the two are before and after.
+#pragma once
+
+#include <string>
+
+#include "algorithms/registration/thin_plate_spline.hpp"
+#include "casefile/result.hpp"
+#include "casefile/volumes/volume.hpp"
+
+namespace bregma::cli {
+
+struct Likeness {
+  double rmse = 0.0;               // in units of the intensities
+  double mutual_information = 0.0; // nats
+};
+
+struct WarpedImage {
+  casefile::Volume image;     // on the target's grid; 0 where the source image has nothing
+  Likeness before, after;     // over the voxels where both images have something
+  double grid_error_mm = 0.0; // largest difference between the spline and the grid that stands for it
+};
+
+// to_source: from the target's frame into the source's (the way an image is resampled). Blocks for seconds.
+[[nodiscard]] casefile::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
+                                                       const registration::ThinPlateSpline<3> &to_source);
+
+} // namespace bregma::cli

@@ -1,0 +1,285 @@
+// `bregma register curves`: landmarks and curves on two images, or on two people, by a thin-plate spline.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "algorithms/registration/curves.hpp"
+#include "algorithms/registration/thin_plate_spline.hpp"
+#include "casefile/markups.hpp"
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/registration/image_warp.hpp"
+#include "clients/cli/registration/register_commands.hpp"
+#include "clients/cli/registration/registration_output.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+using casefile::MarkedCurve;
+using casefile::Result;
+using geometry::Points3;
+using nlohmann::json;
+using CurvePair = registration::CurvePair<3>;
+using PointSets = registration::PointSets<3>;
+using Spline = registration::ThinPlateSpline<3>;
+
+struct CurvesArguments {
+  std::string source, target;               // curves
+  std::string source_points, target_points; // landmarks
+  std::string source_image, target_image;
+  std::string warped; // an image to write
+  std::string kernel = "r";
+  double regularisation = 0.0;
+  int count = 20;
+};
+
+// The target is the reference and the source floats, so that the spline leads the way an image is resampled.
+struct Pairs {
+  PointSets landmarks;
+  std::vector<std::string> landmark_names;
+  std::vector<CurvePair> curves;
+  std::vector<std::string> curve_names;
+};
+
+Points3 columns_of(const std::vector<Eigen::Vector3d> &points) {
+  Points3 out(3, static_cast<Eigen::Index>(points.size()));
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    out.col(static_cast<Eigen::Index>(i)) = points[i];
+  }
+  return out;
+}
+
+Result<void> pair_curves(const CurvesArguments &arguments, Pairs &out) {
+  const auto source = casefile::read_curves(arguments.source);
+  if (!source) {
+    return tl::unexpected(source.error());
+  }
+  const auto target = casefile::read_curves(arguments.target);
+  if (!target) {
+    return tl::unexpected(target.error());
+  }
+  if (source->size() != target->size()) {
+    return casefile::failure(arguments.source + " has " + std::to_string(source->size()) + " curves, " +
+                             arguments.target + " has " + std::to_string(target->size()) + ": they must be pairs");
+  }
+  for (const MarkedCurve &curve : *source) {
+    const auto other =
+        std::find_if(target->begin(), target->end(), [&curve](const MarkedCurve &c) { return c.name == curve.name; });
+    if (other == target->end()) {
+      return casefile::failure(arguments.target + ": has no curve \"" + curve.name + "\"");
+    }
+    if (other->closed != curve.closed) {
+      return casefile::failure("curve \"" + curve.name + "\" is closed in one file and open in the other");
+    }
+    out.curves.push_back({columns_of(other->points_mm), columns_of(curve.points_mm), arguments.count, curve.closed});
+    out.curve_names.push_back(curve.name);
+  }
+  return {};
+}
+
+Result<void> pair_landmarks(const CurvesArguments &arguments, Pairs &out) {
+  out.landmarks = {Points3(3, 0), Points3(3, 0)};
+  if (arguments.source_points.empty()) {
+    return {};
+  }
+  const auto source = read_point_file(arguments.source_points);
+  if (!source) {
+    return tl::unexpected(source.error());
+  }
+  const auto target = read_point_file(arguments.target_points);
+  if (!target) {
+    return tl::unexpected(target.error());
+  }
+  std::vector<Eigen::Vector3d> reference;
+  std::vector<Eigen::Vector3d> floating;
+  for (const casefile::NamedPoint &point : source->points) {
+    const auto other = std::find_if(target->points.begin(), target->points.end(),
+                                    [&point](const casefile::NamedPoint &p) { return p.name == point.name; });
+    if (other == target->points.end()) {
+      return casefile::failure(arguments.target_points + ": has no point \"" + point.name + "\"");
+    }
+    floating.push_back(point.position_mm);
+    reference.push_back(other->position_mm);
+    out.landmark_names.push_back(point.name);
+  }
+  out.landmarks = {columns_of(reference), columns_of(floating)};
+  return {};
+}
+
+registration::SplineOptions spline_options(const CurvesArguments &arguments, bool leave_one_out) {
+  return {arguments.kernel == "r" ? registration::SplineKernel::kR : registration::SplineKernel::kR2LogR,
+          arguments.regularisation, leave_one_out};
+}
+
+double rms(const Eigen::VectorXd &distances) {
+  return distances.size() == 0 ? std::numeric_limits<double>::quiet_NaN()
+                               : std::sqrt(distances.squaredNorm() / static_cast<double>(distances.size()));
+}
+
+// What a curve's points err by when it takes no part; not a number where the others fix no spline.
+double held_out_rms(const Pairs &pairs, std::size_t left_out, const CurvesArguments &arguments) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  std::vector<CurvePair> others = pairs.curves;
+  others.erase(others.begin() + static_cast<std::ptrdiff_t>(left_out));
+  const auto sets = registration::join<3>(pairs.landmarks, others);
+  const auto alone = registration::join<3>({Points3(3, 0), Points3(3, 0)}, std::span(&pairs.curves[left_out], 1));
+  if (!sets || !alone) {
+    return kUnknown;
+  }
+  const auto spline = Spline::fit(sets->reference_mm, sets->floating_mm, spline_options(arguments, false));
+  return spline ? rms((spline->map(alone->reference_mm) - alone->floating_mm).colwise().norm()) : kUnknown;
+}
+
+struct HeldOut {
+  double landmarks_rms_mm = 0.0, landmarks_worst_mm = 0.0;
+  std::vector<double> curves_rms_mm;
+};
+
+json to_json(const CurvesArguments &arguments, const Pairs &pairs, const Spline &spline, const HeldOut &held_out,
+             const std::optional<WarpedImage> &warped, double time_ms) {
+  json curves = json::array();
+  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
+    curves.push_back({{"curve", pairs.curve_names[i]},
+                      {"source_length_mm", registration::arc_length_mm(pairs.curves[i].floating_mm)},
+                      {"target_length_mm", registration::arc_length_mm(pairs.curves[i].reference_mm)},
+                      {"held_out_rms_mm", json_number(held_out.curves_rms_mm[i])}});
+  }
+  json out = {{"accepted", true},
+              {"verdict", "found"},
+              {"frames", {{"source", arguments.source}, {"target", arguments.target}, {"axes", "RAS"}, {"unit", "mm"}}},
+              {"spline_from", "target"},
+              {"spline_to", "source"},
+              {"kernel", arguments.kernel},
+              {"centres", spline.size()},
+              {"landmarks", pairs.landmark_names.size()},
+              {"landmarks_held_out_rms_mm", json_number(held_out.landmarks_rms_mm)},
+              {"landmarks_held_out_worst_mm", json_number(held_out.landmarks_worst_mm)},
+              {"curves", std::move(curves)},
+              {"time_ms", time_ms}};
+  if (warped) {
+    out["image"] = {{"rmse_before", json_number(warped->before.rmse)},
+                    {"rmse_after", json_number(warped->after.rmse)},
+                    {"mutual_information_before", json_number(warped->before.mutual_information)},
+                    {"mutual_information_after", json_number(warped->after.mutual_information)},
+                    {"grid_error_mm", warped->grid_error_mm}};
+  }
+  return out;
+}
+
+std::string to_text(const Pairs &pairs, const Spline &spline, const HeldOut &held_out,
+                    const std::optional<WarpedImage> &warped, double time_ms) {
+  Table table({"Held out", "Source length mm", "Target length mm", "RMS mm"});
+  if (!pairs.landmark_names.empty()) {
+    table.row({"each landmark", "-", "-", fixed(held_out.landmarks_rms_mm, 3)});
+  }
+  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
+    table.row({printable(pairs.curve_names[i]), fixed(registration::arc_length_mm(pairs.curves[i].floating_mm), 1),
+               fixed(registration::arc_length_mm(pairs.curves[i].reference_mm), 1),
+               fixed(held_out.curves_rms_mm[i], 3)});
+  }
+  std::string out = "Thin-plate spline through " + std::to_string(spline.size()) +
+                    " points: " + std::to_string(pairs.landmark_names.size()) + " landmarks and " +
+                    std::to_string(pairs.curves.size()) + " curves, in " + fixed(time_ms, 0, "ms") + "\n\n" +
+                    table.text();
+  if (warped) {
+    Table images({"", "RMSE", "Mutual information"});
+    images.row({"before", fixed(warped->before.rmse, 3), fixed(warped->before.mutual_information, 4)});
+    images.row({"after", fixed(warped->after.rmse, 3), fixed(warped->after.mutual_information, 4)});
+    out += "\n" + images.text();
+  }
+  return out;
+}
+
+int register_curves(const CurvesArguments &arguments, const Context &context) {
+  if (arguments.source_points.empty() != arguments.target_points.empty()) {
+    return fail("--source-points and --target-points go together");
+  }
+  if (arguments.source_image.empty() != arguments.target_image.empty() ||
+      (!arguments.warped.empty() && arguments.source_image.empty())) {
+    return fail("--source-image and --target-image go together, and --warped needs them");
+  }
+  Pairs pairs;
+  for (const auto read : {pair_curves, pair_landmarks}) {
+    if (const auto done = read(arguments, pairs); !done) {
+      return fail(done.error());
+    }
+  }
+  const auto sets = registration::join<3>(pairs.landmarks, pairs.curves);
+  if (!sets) {
+    return fail(sets.error());
+  }
+  const auto before = std::chrono::steady_clock::now();
+  const auto spline = Spline::fit(sets->reference_mm, sets->floating_mm, spline_options(arguments, true));
+  const double time_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - before).count();
+  if (!spline) {
+    return refuse("refused", spline.error(), context);
+  }
+  HeldOut held_out;
+  const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // they come first
+  const Eigen::VectorXd of_landmarks = spline->leave_one_out_mm().head(std::min(landmarks, spline->size()));
+  held_out.landmarks_rms_mm = rms(of_landmarks);
+  held_out.landmarks_worst_mm =
+      of_landmarks.size() == 0 ? std::numeric_limits<double>::quiet_NaN() : of_landmarks.maxCoeff();
+  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
+    held_out.curves_rms_mm.push_back(held_out_rms(pairs, i, arguments));
+  }
+  std::optional<WarpedImage> warped;
+  if (!arguments.source_image.empty()) {
+    auto image = warp_image(arguments.source_image, arguments.target_image, *spline);
+    if (!image) {
+      return fail(image.error());
+    }
+    warped = std::move(*image);
+  }
+  if (context.json) {
+    print_json(to_json(arguments, pairs, *spline, held_out, warped, time_ms));
+  } else {
+    print(to_text(pairs, *spline, held_out, warped, time_ms));
+  }
+  if (!arguments.warped.empty()) {
+    const auto written = casefile::write_volume(arguments.warped, warped->image);
+    return written ? static_cast<int>(kOk) : fail(written.error());
+  }
+  return kOk;
+}
+
+} // namespace
+
+void add_register_curves(CLI::App &parent, Context &context) {
+  auto *command = parent.add_subcommand("curves", "Registers landmarks and curves, by a thin-plate spline");
+  auto a = std::make_shared<CurvesArguments>();
+  command->add_option("source", a->source, "Curves to map: .mrk.json (Curve, ClosedCurve, Line) or .csv (curve,x,y,z)")
+      ->required();
+  command->add_option("target", a->target, "Where they lie; paired by name, marked in the same direction")->required();
+  command->add_option("--source-points", a->source_points, "Landmarks beside the curves: .csv, .mrk.json or .fcsv");
+  command->add_option("--target-points", a->target_points, "Where they lie; paired by name");
+  command->add_option("--source-image", a->source_image, "The image of the source, to be warped");
+  command->add_option("--target-image", a->target_image, "The image that it is to become alike");
+  command->add_option("--warped", a->warped, "Writes the warped image (.nii.gz, .nii, .nrrd, .mha)");
+  command->add_option("--count", a->count, "Points on each curve, at equal arc length")
+      ->check(CLI::Range(2, 500))
+      ->capture_default_str();
+  command->add_option("--kernel", a->kernel, "r, or r2logr as in the plane")
+      ->check(CLI::IsMember({"r", "r2logr"}))
+      ->capture_default_str();
+  command->add_option("--regularisation", a->regularisation, "0 interpolates; more is smoother")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  add_json_flag(*command, context);
+  command->footer(
+      "The held-out error is what a landmark, or a whole curve, errs by when it takes no part.\n\nExamples:\n"
+      "  bregma register curves sulci_mr.mrk.json sulci_ct.mrk.json\n"
+      "  bregma register curves a.csv b.csv --source-points pa.csv --target-points pb.csv \\\n"
+      "      --source-image mr.nii.gz --target-image ct.nii.gz --warped mr_on_ct.nii.gz");
+  command->callback([a, &context] { context.run = [a, &context] { return register_curves(*a, context); }; });
+}
+
+} // namespace bregma::cli
