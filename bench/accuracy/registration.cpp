@@ -7,7 +7,7 @@
 
 int main(int argc, char **argv) {
   using namespace bregma;
-  bench::SurfaceOptions options;
+  bench::RegistrationBenchOptions options;
   std::string only;
   CLI::App app("Accuracy, robustness and time of the registrations");
   bench::add_options(app, options);

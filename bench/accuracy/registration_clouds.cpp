@@ -1,9 +1,11 @@
 // Figures of paired points, clouds, splines, and points with curves.
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <iomanip>
+#include <iterator>
 #include <random>
 #include <sstream>
 
@@ -18,6 +20,7 @@
 #include "algorithms/registration/gauss_sums.hpp"
 #include "algorithms/registration/robust_points.hpp"
 #include "algorithms/registration/spline_grid.hpp"
+#include "bench/accuracy/registration_head.hpp"
 #include "bench/accuracy/registration_parts.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/volumes/volume.hpp"
@@ -117,9 +120,10 @@ double naive_e_step_ms(const Points3 &x, const Points3 &y, double sigma, double 
   });
 }
 
-void cpd_figures(Report &report, bool quick) {
+void cpd_figures(Report &report, const std::string &case_folder, bool quick) {
+  const Head head = load_head(case_folder);
   std::mt19937 rng(kCloudSeed);
-  report.note("CPD: points of a head, 20 % replaced by outliers, 30 degrees, noise 0.5 mm, two threads, sums by " +
+  report.note("CPD: vertices of the scalp, 20 % replaced by outliers, 30 degrees, noise 0.5 mm, two threads, sums by " +
               std::string(gauss_kernels().front().name) + "; seed " + std::to_string(kCloudSeed));
   for (const auto &[count, limit_ms] : {std::pair(1000, 150.0), std::pair(3000, 1000.0)}) {
     std::vector<double> times;
@@ -127,16 +131,19 @@ void cpd_figures(Report &report, bool quick) {
     std::vector<double> naive;
     for (int run = 0; run < (quick ? 3 : 20); ++run) {
       Points3 source(3, count);
+      std::vector<Eigen::Vector3d> points;
+      std::sample(head.mesh.vertices_mm.begin(), head.mesh.vertices_mm.end(), std::back_inserter(points), count, rng);
       for (Eigen::Index i = 0; i < count; ++i) {
-        source.col(i) = test::on_head(test::normal_vector(rng, 1.0).normalized());
+        source.col(i) = points[static_cast<std::size_t>(i)];
       }
       const Eigen::Matrix3d R =
           Eigen::AngleAxisd(30.0 * geometry::kRadiansPerDegree, test::normal_vector(rng, 1.0).normalized())
               .toRotationMatrix();
       Points3 target = R * source;
+      const Eigen::Vector3d middle = target.rowwise().mean();
       std::uniform_real_distribution<double> box(-120.0, 120.0);
       for (Eigen::Index i = 0; i < count; ++i) {
-        target.col(i) = i % 5 == 0 ? Eigen::Vector3d(box(rng), box(rng), box(rng))
+        target.col(i) = i % 5 == 0 ? Eigen::Vector3d(middle + Eigen::Vector3d(box(rng), box(rng), box(rng)))
                                    : Eigen::Vector3d(target.col(i) + test::normal_vector(rng, 0.5));
       }
       CpdOptions options;
@@ -431,9 +438,9 @@ void curve_figures(Report &report) {
 
 } // namespace
 
-void cloud_figures(Report &report, const Options &options) {
+void cloud_figures(Report &report, const RegistrationBenchOptions &options) {
   paired_figures(report, options.quick);
-  cpd_figures(report, options.quick);
+  cpd_figures(report, options.case_folder, options.quick);
   fixture_figures(report);
   bunny_figures(report);
   spline_figures(report, options.quick);

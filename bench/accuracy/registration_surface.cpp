@@ -306,7 +306,7 @@ void coverage(Report &report, const Head &head, const SurfaceField &field, int r
 
 } // namespace
 
-void surface_figures(Report &report, const SurfaceOptions &options) {
+void surface_figures(Report &report, const RegistrationBenchOptions &options) {
   const Head head = load_head(options.case_folder);
   const double begin = wall_ms();
   const SurfaceModel surface(head.mesh);
