@@ -25,7 +25,6 @@ constexpr std::size_t kFewest = 6;
 constexpr std::size_t kCoarseSamples = 256; // that the first steps look at
 constexpr double kCoarseSettled_mm = 0.05;
 constexpr double kSettled_mm = 5e-3;
-constexpr double kStepLimit_mm = 30.0;
 constexpr double kMadToNormal = 1.4826;
 constexpr double kWideReach = 3.0;    // of the first steps' loss, in their scale
 constexpr double kTukeyReach = 4.685; // 95 % efficient for normal errors, each

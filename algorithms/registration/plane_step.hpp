@@ -30,6 +30,7 @@ struct PlaneStep {
 [[nodiscard]] geometry::Vector6d solve_damped(const Matrix6d &normal, const geometry::Vector6d &gradient,
                                               double damping, double limit_mm) noexcept;
 
+inline constexpr double kStepLimit_mm = 30.0; // of the searches, at the lever
 inline constexpr double kHeadLever_mm = 80.0; // at which rotations are compared with translations
 
 // The longest way that a twist moves a point at the lever.

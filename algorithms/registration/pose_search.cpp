@@ -22,7 +22,6 @@ constexpr double kFlatRadius_mm = 160.0; // a flatter bulge does not say which s
 constexpr double kFlatShare = 1e-3;      // singular value below which a direction of the sphere's centre is open
 constexpr double kRayStart_mm = 250.0;
 constexpr int kRaySteps = 24;
-constexpr double kStepLimit_mm = 30.0;
 constexpr double kDamping = 1e-3;
 
 struct Stage {

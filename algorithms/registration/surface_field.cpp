@@ -44,7 +44,8 @@ SurfaceField::SurfaceField(const SurfaceModel &surface, const FieldOptions &opti
 
 void SurfaceField::build_planes() {
   const auto index = [this](int i, int j, int k) {
-    return static_cast<std::size_t>(i + size_.x() * (j + size_.y() * k));
+    const int number = i + size_.x() * (j + size_.y() * k);
+    return static_cast<std::size_t>(number);
   };
   const double h = options_.spacing_mm;
   const auto centre = [&](int i, int j, int k) {
@@ -162,7 +163,8 @@ SurfacePoint SurfaceField::closest(const Vector3d &p) const noexcept {
   const Eigen::Array3d at = (p - near_low_).array() / options_.near_mm;
   if ((at >= 0.0).all() && (at < near_size_.array().cast<double>()).all()) {
     const Vector3i voxel = at.cast<int>();
-    const auto index = static_cast<std::size_t>(voxel.x() + near_size_.x() * (voxel.y() + near_size_.y() * voxel.z()));
+    const int number = voxel.x() + near_size_.x() * (voxel.y() + near_size_.y() * voxel.z());
+    const auto index = static_cast<std::size_t>(number);
     const std::uint32_t first = begin_[index];
     const std::uint32_t last = begin_[index + 1];
     if (first != last) {

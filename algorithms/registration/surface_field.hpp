@@ -56,8 +56,9 @@ private:
       return static_cast<int>(std::min(std::max(v, 0.0F), static_cast<float>(n - 1)));
     };
     const Eigen::Vector3f at = (p - low_) * per_mm_;
-    return static_cast<std::size_t>(clamped(at.x(), size_.x()) +
-                                    size_.x() * (clamped(at.y(), size_.y()) + size_.y() * clamped(at.z(), size_.z())));
+    const int row = clamped(at.y(), size_.y()) + size_.y() * clamped(at.z(), size_.z());
+    const int number = clamped(at.x(), size_.x()) + size_.x() * row; // no more than 50 million
+    return static_cast<std::size_t>(number);
   }
   // By the tree, from the triangle of the voxel.
   [[nodiscard]] SurfacePoint closest_from_planes(const Eigen::Vector3d &p) const noexcept;

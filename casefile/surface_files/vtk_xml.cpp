@@ -262,8 +262,7 @@ private:
       if (all.size() - at < packed_size) {
         return wrong("the data end in block " + std::to_string(i) + " of " + std::to_string(blocks));
       }
-      const auto unpacked =
-          inflated(std::string_view(all).substr(at, packed_size), i + 1 == blocks ? last_size : block_size);
+      auto unpacked = inflated(std::string_view(all).substr(at, packed_size), i + 1 == blocks ? last_size : block_size);
       if (!unpacked) {
         return unpacked;
       }
