@@ -194,10 +194,10 @@ std::string ball_image(const Vector3d &centre_lps) {
   out << "ObjectType = Image\nNDims = 3\nDimSize = 24 24 24\nElementSpacing = 4 4 4\nOffset = 0 0 0\n"
          "ElementType = MET_FLOAT\nElementDataFile = LOCAL\n";
   for (int i = 0; i < kSize * kSize * kSize; ++i) {
-    const Vector3d at(4.0 * (i % kSize), 4.0 * (i / kSize % kSize), 4.0 * (i / kSize / kSize));
+    const Eigen::Vector3i voxel(i % kSize, i / kSize % kSize, i / kSize / kSize);
+    const Vector3d at = 4.0 * voxel.cast<double>();
     const auto value = static_cast<float>(100.0 * std::exp(-(at - centre_lps).squaredNorm() / 800.0));
-    out.write(reinterpret_cast<const char *>(&value),
-              sizeof value); // NOLINT(cppcoreguidelines-pro-type-reinterpret-cast)
+    out.write(reinterpret_cast<const char *>(&value), sizeof value);
   }
   return out.str();
 }
