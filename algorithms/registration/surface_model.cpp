@@ -281,7 +281,8 @@ SurfacePoint SurfaceModel::describe(std::uint32_t slot, const Closest &found, co
   SurfacePoint out;
   out.point_mm = found.point;
   out.normal = normals_[std::size_t{kFeatures} * slot + found.feature];
-  out.distance_mm = (p - found.point).norm();
+  const double distance_mm = (p - found.point).norm();
+  out.distance_mm = std::isnan(distance_mm) ? std::numeric_limits<double>::infinity() : distance_mm;
   out.signed_mm = out.normal.dot(p - found.point) < 0.0 ? -out.distance_mm : out.distance_mm;
   out.triangle = mesh_index_[slot];
   return out;

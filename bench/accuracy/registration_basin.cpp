@@ -1,5 +1,6 @@
 #include "bench/accuracy/registration_basin.hpp"
 
+#include <cmath>
 #include <fstream>
 #include <sstream>
 #include <stdexcept>
@@ -58,7 +59,7 @@ void draw_basin(Report &report, const Head &head, const registration::SurfaceFie
       cells << "<rect x='" << x << "' y='" << y << "' width='" << kCell << "' height='" << kCell << "' fill='"
             << colour(share) << "'/><text x='" << x + kCell / 2 << "' y='" << y + kCell / 2 + 4
             << "' text-anchor='middle' fill='" << (share > 0.5 ? "white" : "black") << "'>"
-            << static_cast<int>(100.0 * share + 0.5) << "</text>\n";
+            << std::lround(100.0 * share) << "</text>\n";
     }
   }
   std::ofstream out(file);

@@ -21,10 +21,9 @@ protected:
   tests::Outcome bregma(const std::string &words) {
     return tests::run_bregma(folder, words + " --domain " + std::to_string(operation.domain()));
   }
-  std::string session() {
-    const auto status = bregma("status --json");
-    EXPECT_EQ(status.exit_code, 0) << status.err;
-    return status.json().value("session", "");
+  // SystemHealth says it a moment later.
+  bool comes_to(wire::SessionState state) {
+    return operation.observe_until([this, state] { return operation.health.session == state; });
   }
 
   Operation operation;
@@ -35,17 +34,18 @@ TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
   const auto missing = bregma("case load nowhere");
   EXPECT_EQ(missing.exit_code, kRefused);
   EXPECT_NE(missing.err.find("nowhere"), std::string::npos) << missing.err;
-  EXPECT_EQ(session(), "idle");
+  EXPECT_TRUE(comes_to(bregma_wire_SESSION_IDLE));
 
   const auto loaded = bregma("case load " + operation.case_folder().loaded().folder.string() + " --json");
   EXPECT_EQ(loaded.exit_code, 0) << loaded.err;
   EXPECT_EQ(loaded.json()["session"], "case loaded");
-  EXPECT_EQ(session(), "case loaded");
+  EXPECT_TRUE(comes_to(bregma_wire_SESSION_CASE_LOADED));
+  EXPECT_EQ(bregma("status --json").json()["session"], "case loaded");
   const auto targets = bregma("target list --json");
   EXPECT_EQ(targets.json()["targets"][0]["target"], "Deep") << targets.out;
 
   EXPECT_EQ(bregma("case close").exit_code, 0);
-  EXPECT_EQ(session(), "idle");
+  EXPECT_TRUE(comes_to(bregma_wire_SESSION_IDLE));
 }
 
 TEST_F(CommandLine, WhatCannotBeDoneYetIsRefusedInWords) {

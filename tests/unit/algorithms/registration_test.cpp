@@ -67,6 +67,28 @@ std::string words(const RegistrationResult &result, const RegistrationOptions &o
   return text.data();
 }
 
+TEST(Registration, SkinAloneIsEnoughFromALocatedPoseAndAFiducialIsHeldAgainstIt) {
+  Patient patient(kRegistrationSeed);
+  patient.trace(600, [](const Vector3d &p) { return p.z() > -40.0; }); // all around, with the nose
+  RegistrationEstimator estimator(&patient.surface, {});
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(0.02, Vector3d(1, -1, 1).normalized()));
+  const ImageFromReference located(turn * patient.T_true.rotation(),
+                                   turn * patient.T_true.translation() + Vector3d(2, -1, 2));
+  const auto alone = estimator.estimate_located({}, patient.samples, kTargets, located);
+  ASSERT_TRUE(alone.has_estimate) << words(alone) << " seed " << kRegistrationSeed;
+  EXPECT_EQ(alone.fiducial_count, 0);
+  EXPECT_TRUE(std::isnan(alone.fre_mm)) << "no fiducials, no FRE";
+  EXPECT_LT(patient.true_tre(alone.T_image_reference), 3.0 * alone.worst_target_tre_mm);
+
+  patient.touch({0.2, 1, 0.3});
+  EXPECT_NE(estimator.estimate_located(patient.fiducials, patient.samples, kTargets, located).refusal,
+            Refusal::kContradictingFiducial);
+  patient.fiducials.front().reference_mm += Vector3d(10, 10, 10);
+  const auto &wrong = estimator.estimate_located(patient.fiducials, patient.samples, kTargets, located);
+  EXPECT_EQ(wrong.refusal, Refusal::kContradictingFiducial);
+  EXPECT_EQ(wrong.suspect, 0);
+}
+
 TEST(Registration, FindsThePatientAndTheSurfaceHelps) {
   double with = 0.0;
   double without = 0.0;
