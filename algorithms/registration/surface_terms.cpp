@@ -10,48 +10,19 @@ using geometry::Vector6d;
 namespace {
 constexpr double kTukey = 4.685;       // 95 % efficient for normal errors
 constexpr double kMadToSigma = 1.4826; // median of |x| to standard deviation, normal errors
-constexpr float kCutoff = 3.0F;        // correlation lengths; rho is below 0.012 beyond
-constexpr std::size_t kTableSteps = 1024;
 constexpr double kOnSurface_mm = 1e-6; // nearer than this, only the surface knows its normal
 } // namespace
 
 SurfaceTerms::SurfaceTerms(const SurfaceModel *surface, double sigma_mm, double correlation_length_mm, int capacity)
-    : surface_(surface), variance_(sigma_mm * sigma_mm), length_(correlation_length_mm) {
+    : surface_(surface), variance_(sigma_mm * sigma_mm),
+      neighbours_(correlation_length_mm, static_cast<std::size_t>(std::max(capacity, 0))) {
   const auto n = static_cast<std::size_t>(std::max(capacity, 0));
   samples_.resize(n);
-  x_.resize(n);
-  y_.resize(n);
-  z_.resize(n);
+  places_.resize(n);
   alike_.resize(n);
   triangle_.resize(n, -1);
   terms_.resize(n);
   scratch_.resize(n);
-  order_.resize(n);
-  // By squared distance, in steps that change it by less than half a per cent; the last entry is never in reach.
-  correlation_.resize(kTableSteps + 1);
-  for (std::size_t i = 0; i < correlation_.size(); ++i) {
-    const double middle = (static_cast<double>(i) + 0.5) / static_cast<double>(kTableSteps);
-    correlation_[i] = std::exp(-0.5 * kCutoff * kCutoff * middle);
-  }
-}
-
-template <class Visit> void SurfaceTerms::each_neighbour(Visit &&visit) const noexcept {
-  const auto n = static_cast<std::size_t>(count_);
-  const auto reach = static_cast<float>(length_) * kCutoff;
-  const float limit = reach * reach;
-  const float to_step = static_cast<float>(kTableSteps) / limit;
-  for (std::size_t i = 0; i < n; ++i) {
-    // In the order of x: beyond the reach there is nobody left.
-    for (std::size_t j = i + 1; j < n && x_[j] - x_[i] < reach; ++j) {
-      const float dx = x_[j] - x_[i];
-      const float dy = y_[j] - y_[i];
-      const float dz = z_[j] - z_[i];
-      const float d2 = dx * dx + dy * dy + dz * dz;
-      if (d2 < limit) {
-        visit(i, j, correlation_[static_cast<std::size_t>(d2 * to_step)]);
-      }
-    }
-  }
 }
 
 void SurfaceTerms::set_samples(std::span<const SurfaceSample> samples) noexcept {
@@ -59,19 +30,14 @@ void SurfaceTerms::set_samples(std::span<const SurfaceSample> samples) noexcept 
   std::size_t n = 0;
   for (std::size_t i = 0; i < offered; ++i) {
     if (samples[i].reference_mm.allFinite()) {
-      order_[n++] = {static_cast<float>(samples[i].reference_mm.x()), i};
+      samples_[n] = samples[i];
+      places_[n] = samples[i].reference_mm;
+      alike_[n++] = 1.0;
     }
   }
   count_ = static_cast<int>(n);
-  std::sort(order_.begin(), order_.begin() + count_);
-  for (std::size_t i = 0; i < n; ++i) {
-    samples_[i] = samples[order_[i].second];
-    x_[i] = order_[i].first;
-    y_[i] = static_cast<float>(samples_[i].reference_mm.y());
-    z_[i] = static_cast<float>(samples_[i].reference_mm.z());
-    alike_[i] = 1.0;
-  }
-  each_neighbour([this](std::size_t i, std::size_t j, double rho) {
+  neighbours_.set({places_.data(), n});
+  neighbours_.each([this](std::size_t i, std::size_t j, double rho) {
     alike_[i] += rho;
     alike_[j] += rho;
   });
@@ -127,7 +93,7 @@ Matrix6d SurfaceTerms::gradient_covariance() const noexcept {
   // The pairs of one i come in a row: their sum over j is taken first, so that each i costs one outer product.
   std::size_t row = 0;
   Vector6d sum = Vector6d::Zero();
-  each_neighbour([&](std::size_t i, std::size_t j, double rho) {
+  neighbours_.each([&](std::size_t i, std::size_t j, double rho) {
     if (i != row) {
       between += terms_[row].weight * terms_[row].jacobian * sum.transpose();
       sum.setZero();

@@ -6,9 +6,9 @@
 // where honesty needs it: in the covariance of the estimate.
 #pragma once
 
-#include <utility>
 #include <vector>
 
+#include "algorithms/registration/neighbours.hpp"
 #include "algorithms/registration/registration.hpp"
 
 namespace bregma::registration {
@@ -33,9 +33,6 @@ public:
   [[nodiscard]] double effective() const noexcept; // independent samples
 
 private:
-  // Calls visit(i, j, rho) for every pair i < j near enough to be correlated.
-  template <class Visit> void each_neighbour(Visit &&visit) const noexcept;
-
   struct Term {
     geometry::Vector6d jacobian;
     double residual = 0.0;
@@ -46,16 +43,14 @@ private:
 
   const SurfaceModel *surface_;
   double variance_;
-  double length_;
   int count_ = 0;
   double scale_ = 1.0;
-  double reach_ = 0.0;                 // standardised residual beyond which a sample has no weight
-  std::vector<SurfaceSample> samples_; // by x in Reference, so that neighbours are found in a window
-  std::vector<std::pair<float, std::size_t>> order_;
-  std::vector<float> x_, y_, z_;
-  std::vector<double> correlation_; // by squared distance
-  std::vector<double> alike_;       // sum of correlations with all samples, at least 1
-  std::vector<int> triangle_;       // warm start of the next closest-point query
+  double reach_ = 0.0; // standardised residual beyond which a sample has no weight
+  std::vector<SurfaceSample> samples_;
+  std::vector<Vector3d> places_; // of the samples, in Reference
+  Neighbours neighbours_;
+  std::vector<double> alike_; // sum of correlations with all samples, at least 1
+  std::vector<int> triangle_; // warm start of the next closest-point query
   std::vector<Term> terms_;
   std::vector<double> scratch_;
 };

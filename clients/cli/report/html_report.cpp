@@ -247,7 +247,12 @@ casefile::Result<std::string> html_report(const SessionAnalysis &session, const 
   out += section("Error of the shown tip", error_figure(session));
   out += columns(section("Predicted against true error", honesty_figure(session)),
                  section("Latency", latency_figure(session)));
-  out += section("Scalp residuals on the head", *heads + residual_figure(session));
+  const bool traced = session.registration && session.registration->surface_points > 0;
+  const std::string missing =
+      heads->empty() && traced
+          ? "<p class='note'>The session file holds no scalp, or no traced points: nothing is drawn.</p>"
+          : std::string();
+  out += section("Scalp residuals on the head", *heads + residual_figure(session) + missing);
   out += columns(section("Registration", registration_tables(session)),
                  section("Checks and clearances",
                          (session.checks.empty() ? std::string() : "<h3>Check touches</h3>" + checks_table(session)) +

@@ -116,6 +116,15 @@ TEST(Page, IsOneFileThatLoadsNothing) {
   EXPECT_NE(page->find("width=device-width"), std::string::npos);
 }
 
+TEST(Page, AHeadThatCannotBeDrawnIsSaidToBeMissing) {
+  auto session = some_session();
+  session.registration->surface_points = 300;
+  EXPECT_EQ(html_report(session, {})->find("holds no scalp"), std::string::npos);
+  session.scalp = {};
+  session.trace.clear();
+  EXPECT_NE(html_report(session, {})->find("holds no scalp"), std::string::npos);
+}
+
 TEST(Page, NamesFromTheFileCannotBecomeMarkup) {
   const auto page = html_report(some_session(), {});
   ASSERT_TRUE(page.has_value());
