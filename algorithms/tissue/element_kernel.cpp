@@ -1,0 +1,403 @@
+#include "algorithms/tissue/element_kernel.hpp"
+
+#include <vector>
+
+#include "algorithms/tissue/lanes.hpp"
+
+namespace bregma::tissue {
+namespace {
+
+// ---- kinematics ----
+
+template <class V> struct Element {
+  typename V::Float h[3][3];  // displacement gradient: h[r][c] = d u_r / d X_c
+  typename V::Float b[3][3];  // of nodes 1 to 3
+  typename V::Float pressure; // mean of the nodes'
+};
+
+template <class V>
+BREGMA_INLINE void read(const ElementPack &pack, int lane, const NodeVector *displacement, Element<V> &element) {
+  using Float = typename V::Float;
+  Float base[3];
+  gather(displacement, pack.node[0] + lane, base[0], base[1], base[2], element.pressure);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      element.h[r][c] = Float{};
+      load(element.b[r][c], pack.gradient[r][c] + lane);
+    }
+  }
+  for (int i = 0; i < 3; ++i) {
+    Float u[3];
+    Float pressure;
+    gather(displacement, pack.node[i + 1] + lane, u[0], u[1], u[2], pressure);
+    element.pressure += pressure;
+    for (int r = 0; r < 3; ++r) {
+      u[r] -= base[r];
+      for (int c = 0; c < 3; ++c) {
+        element.h[r][c] += u[r] * element.b[i][c];
+      }
+    }
+  }
+  element.pressure *= 0.25F;
+}
+
+// cofactors of m; the determinant is m's first row times theirs.
+template <class Float> BREGMA_INLINE void cofactors(const Float (&m)[3][3], Float (&cof)[3][3]) {
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      const int r1 = (r + 1) % 3;
+      const int r2 = (r + 2) % 3;
+      const int c1 = (c + 1) % 3;
+      const int c2 = (c + 2) % 3;
+      cof[r][c] = m[r1][c1] * m[r2][c2] - m[r1][c2] * m[r2][c1];
+    }
+  }
+}
+
+// ---- laws: the shear part ----
+
+// A symmetric matrix by its six numbers.
+template <class Float> struct Symmetric { Float xx, yy, zz, yz, xz, xy; };
+
+template <class V> struct Deformation {
+  typename V::Float f[3][3];
+  typename V::Float cof[3][3];
+  typename V::Float volume; // J, no smaller than kInvertedVolume
+};
+
+// 2 E = C - 1 = H + H^T + H^T H: no difference of numbers near one.
+template <class Float> BREGMA_INLINE void twice_strain(const Float (&h)[3][3], Symmetric<Float> &e) {
+  e.xx = 2.0F * h[0][0] + (h[0][0] * h[0][0] + h[1][0] * h[1][0] + h[2][0] * h[2][0]);
+  e.yy = 2.0F * h[1][1] + (h[0][1] * h[0][1] + h[1][1] * h[1][1] + h[2][1] * h[2][1]);
+  e.zz = 2.0F * h[2][2] + (h[0][2] * h[0][2] + h[1][2] * h[1][2] + h[2][2] * h[2][2]);
+  e.yz = h[1][2] + h[2][1] + (h[0][1] * h[0][2] + h[1][1] * h[1][2] + h[2][1] * h[2][2]);
+  e.xz = h[0][2] + h[2][0] + (h[0][0] * h[0][2] + h[1][0] * h[1][2] + h[2][0] * h[2][2]);
+  e.xy = h[0][1] + h[1][0] + (h[0][0] * h[0][1] + h[1][0] * h[1][1] + h[2][0] * h[2][1]);
+}
+
+// Both laws give Mandel's stress M = C S, symmetric for an isotropic law: the first Piola-Kirchhoff stress is then
+// cof(F) M / J, without an inverse.
+
+// M = mu J^(-2/3) dev(2 E).
+template <class V>
+BREGMA_INLINE void neo_hookean(const Element<V> &element, const Deformation<V> &d, float shear,
+                               Symmetric<typename V::Float> &m, typename V::Float &energy) {
+  using Float = typename V::Float;
+  twice_strain(element.h, m);
+  Float isochoric;
+  inverse_cube_root<V>(d.volume, isochoric);
+  const Float r2 = isochoric * isochoric;
+  const Float trace = m.xx + m.yy + m.zz;
+  const Float a = r2 * shear;
+  energy = (r2 * (trace + 3.0F) - 3.0F) * (0.5F * shear);
+  m.xx = a * (m.xx - trace * (1.0F / 3.0F));
+  m.yy = a * (m.yy - trace * (1.0F / 3.0F));
+  m.zz = a * (m.zz - trace * (1.0F / 3.0F));
+  m.yz *= a;
+  m.xz *= a;
+  m.xy *= a;
+}
+
+// One rotation of Jacobi's: makes the element (p, q) zero and turns the columns of v. r is the third axis.
+template <class V, class Float = typename V::Float>
+BREGMA_INLINE void jacobi_rotation(Float &mpp, Float &mqq, Float &mpq, Float &mrp, Float &mrq, Float (&v)[3][3], int p,
+                                   int q) {
+  // tan(2 angle) = 2 mpq / (mqq - mpp); the smaller root, safe where mpq is 0.
+  const Float zero{};
+  const Float difference = mqq - mpp;
+  const Float size = difference < zero ? -difference : difference;
+  Float root;
+  square_root<V>(difference * difference + 4.0F * mpq * mpq + 1e-30F, root);
+  const Float signed_mpq = difference < zero ? -mpq : mpq;
+  const Float t = 2.0F * signed_mpq / (size + root);
+  Float c;
+  square_root<V>(1.0F / (1.0F + t * t), c);
+  const Float s = t * c;
+  mpp -= t * mpq;
+  mqq += t * mpq;
+  mpq = zero;
+  const Float rp = mrp;
+  mrp = c * rp - s * mrq;
+  mrq = s * rp + c * mrq;
+  for (auto &row : v) {
+    const Float vp = row[p];
+    row[p] = c * vp - s * row[q];
+    row[q] = s * vp + c * row[q];
+  }
+}
+
+// M = sum_i beta_i N_i N_i with beta_i = 2 mu / alpha (lbar_i^alpha - mean of lbar^alpha), all of it by 2 E and
+// logarithms, so that small strains keep their digits.
+template <class V>
+BREGMA_INLINE void ogden(const Element<V> &element, float shear, float alpha, Symmetric<typename V::Float> &m,
+                         typename V::Float &energy) {
+  using Float = typename V::Float;
+  const Float zero{};
+  twice_strain(element.h, m);
+  Float v[3][3] = {{zero + 1.0F, zero, zero}, {zero, zero + 1.0F, zero}, {zero, zero, zero + 1.0F}};
+  for (int sweep = 0; sweep < 4; ++sweep) {
+    jacobi_rotation<V>(m.xx, m.yy, m.xy, m.xz, m.yz, v, 0, 1);
+    jacobi_rotation<V>(m.xx, m.zz, m.xz, m.xy, m.yz, v, 0, 2);
+    jacobi_rotation<V>(m.yy, m.zz, m.yz, m.xy, m.xz, v, 1, 2);
+  }
+  Float stretch[3] = {m.xx, m.yy, m.zz}; // squared, less one; then log2 of the stretch; then lbar^alpha - 1
+  Float mean = zero;
+  for (auto &l : stretch) {
+    log2_of_one_plus<V>(l, l);
+    mean += l * (1.0F / 6.0F);
+  }
+  Float power_mean = zero;
+  for (auto &l : stretch) {
+    l = (0.5F * l - mean) * alpha;
+    l = l > 100.0F ? zero + 100.0F : l;
+    l = l < -100.0F ? zero - 100.0F : l;
+    exp2_less_one<V>(l, l);
+    power_mean += l * (1.0F / 3.0F);
+  }
+  energy = power_mean * (6.0F * shear / (alpha * alpha));
+  m = {zero, zero, zero, zero, zero, zero};
+  for (int i = 0; i < 3; ++i) {
+    const Float beta = (stretch[i] - power_mean) * (2.0F * shear / alpha);
+    m.xx += beta * v[0][i] * v[0][i];
+    m.yy += beta * v[1][i] * v[1][i];
+    m.zz += beta * v[2][i] * v[2][i];
+    m.yz += beta * v[1][i] * v[2][i];
+    m.xz += beta * v[0][i] * v[2][i];
+    m.xy += beta * v[0][i] * v[1][i];
+  }
+}
+
+// Hooke's: 2 mu dev(small strain).
+template <class V>
+BREGMA_INLINE void linear(const Element<V> &element, float shear, Symmetric<typename V::Float> &s,
+                          typename V::Float &energy) {
+  using Float = typename V::Float;
+  const auto &h = element.h;
+  const Float third = (h[0][0] + h[1][1] + h[2][2]) * (1.0F / 3.0F);
+  const float two = 2.0F * shear;
+  s.xx = (h[0][0] - third) * two;
+  s.yy = (h[1][1] - third) * two;
+  s.zz = (h[2][2] - third) * two;
+  s.yz = (h[1][2] + h[2][1]) * shear;
+  s.xz = (h[0][2] + h[2][0]) * shear;
+  s.xy = (h[0][1] + h[1][0]) * shear;
+  energy =
+      (s.xx * s.xx + s.yy * s.yy + s.zz * s.zz + 2.0F * (s.yz * s.yz + s.xz * s.xz + s.xy * s.xy)) * (0.25F / shear);
+}
+
+// p = left * right.
+template <class Float>
+BREGMA_INLINE void multiply(const Float (&left)[3][3], const Symmetric<Float> &right, Float (&p)[3][3]) {
+  for (int r = 0; r < 3; ++r) {
+    p[r][0] = left[r][0] * right.xx + left[r][1] * right.xy + left[r][2] * right.xz;
+    p[r][1] = left[r][0] * right.xy + left[r][1] * right.yy + left[r][2] * right.yz;
+    p[r][2] = left[r][0] * right.xz + left[r][1] * right.yz + left[r][2] * right.zz;
+  }
+}
+
+// S = C^-1 M: the two have the same principal axes, so the product is symmetric. C^-1 = cof^T cof / J^2.
+template <class V> BREGMA_INLINE void pull_back(const Deformation<V> &d, Symmetric<typename V::Float> &m) {
+  using Float = typename V::Float;
+  const auto &q = d.cof;
+  const Float k = 1.0F / (d.volume * d.volume);
+  const Float xx = k * (q[0][0] * q[0][0] + q[1][0] * q[1][0] + q[2][0] * q[2][0]);
+  const Float yy = k * (q[0][1] * q[0][1] + q[1][1] * q[1][1] + q[2][1] * q[2][1]);
+  const Float zz = k * (q[0][2] * q[0][2] + q[1][2] * q[1][2] + q[2][2] * q[2][2]);
+  const Float yz = k * (q[0][1] * q[0][2] + q[1][1] * q[1][2] + q[2][1] * q[2][2]);
+  const Float xz = k * (q[0][0] * q[0][2] + q[1][0] * q[1][2] + q[2][0] * q[2][2]);
+  const Float xy = k * (q[0][0] * q[0][1] + q[1][0] * q[1][1] + q[2][0] * q[2][1]);
+  m = {xx * m.xx + xy * m.xy + xz * m.xz, xy * m.xy + yy * m.yy + yz * m.yz, xz * m.xz + yz * m.yz + zz * m.zz,
+       xy * m.xz + yy * m.yz + yz * m.zz, xx * m.xz + xy * m.yz + xz * m.zz, xx * m.xy + xy * m.yy + xz * m.yz};
+}
+
+// ---- the two passes ----
+
+template <class V, Law kLaw> BREGMA_INLINE void add_volumes(const ElementWork &work) {
+  using Float = typename V::Float;
+  for (const ElementPack &pack : work.packs) {
+    for (int lane = 0; lane < kPack; lane += V::kLanes) {
+      Element<V> e;
+      read<V>(pack, lane, work.nodes, e);
+      const auto &h = e.h;
+      Float change = h[0][0] + h[1][1] + h[2][2];
+      if constexpr (kLaw != Law::kLinear) {
+        // J - 1 = the sums of H's principal minors: no difference of numbers near one.
+        Float cof[3][3];
+        cofactors(h, cof);
+        change += cof[0][0] + cof[1][1] + cof[2][2];
+        change += h[0][0] * cof[0][0] + h[0][1] * cof[0][1] + h[0][2] * cof[0][2];
+      }
+      Float quarter;
+      load(quarter, pack.volume_m3 + lane);
+      quarter *= change * 0.25F;
+      for (int l = 0; l < V::kLanes; ++l) {
+        for (const auto &corner : pack.node) {
+          work.volume_change_m3[corner[lane + l]] += quarter[l];
+        }
+      }
+    }
+  }
+}
+
+template <class V>
+BREGMA_INLINE void relax(const ElementWork &work, RelaxedPack *relaxed, int lane, Symmetric<typename V::Float> &s) {
+  using Float = typename V::Float;
+  Float *const components[6] = {&s.xx, &s.yy, &s.zz, &s.yz, &s.xz, &s.xy};
+  for (int i = 0; i < 6; ++i) {
+    Float &stress = *components[i];
+    const Float instantaneous = stress;
+    for (std::size_t k = 0; k < work.prony.size(); ++k) {
+      Float taken;
+      load(taken, relaxed[k].stress_Pa[i] + lane);
+      taken = taken * work.prony[k].decay + instantaneous * work.prony[k].gain;
+      store(relaxed[k].stress_Pa[i] + lane, taken);
+      stress -= taken;
+    }
+  }
+}
+
+template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementWork &work) {
+  using Float = typename V::Float;
+  const Float zero{};
+  double elastic = 0.0;
+  int inverted = 0;
+  RelaxedPack *relaxed = work.relaxed;
+  for (const ElementPack &pack : work.packs) {
+    Float energy_sum = zero;
+    Float inverted_sum = zero;
+    for (int lane = 0; lane < kPack; lane += V::kLanes) {
+      Element<V> e;
+      read<V>(pack, lane, work.nodes, e);
+      Float volume;
+      load(volume, pack.volume_m3 + lane);
+
+      Float p[3][3]; // first Piola-Kirchhoff stress
+      Symmetric<Float> s;
+      Float energy;
+      if constexpr (kLaw == Law::kLinear) {
+        linear<V>(e, work.shear_Pa, s, energy);
+        if (relaxed != nullptr) {
+          relax<V>(work, relaxed, lane, s);
+        }
+        p[0][0] = s.xx + e.pressure;
+        p[1][1] = s.yy + e.pressure;
+        p[2][2] = s.zz + e.pressure;
+        p[0][1] = p[1][0] = s.xy;
+        p[0][2] = p[2][0] = s.xz;
+        p[1][2] = p[2][1] = s.yz;
+      } else {
+        Deformation<V> d;
+        for (int r = 0; r < 3; ++r) {
+          for (int c = 0; c < 3; ++c) {
+            d.f[r][c] = e.h[r][c] + (r == c ? 1.0F : 0.0F);
+          }
+        }
+        cofactors(d.f, d.cof);
+        const Float j = d.f[0][0] * d.cof[0][0] + d.f[0][1] * d.cof[0][1] + d.f[0][2] * d.cof[0][2];
+        const Float least = zero + kInvertedVolume;
+        d.volume = j < least ? least : j;
+        inverted_sum += j < least ? zero + 1.0F : zero;
+        if constexpr (kLaw == Law::kNeoHookean) {
+          neo_hookean<V>(e, d, work.shear_Pa, s, energy);
+        } else {
+          ogden<V>(e, work.shear_Pa, work.ogden_alpha, s, energy);
+        }
+        if (relaxed != nullptr) {
+          pull_back<V>(d, s);
+          relax<V>(work, relaxed, lane, s);
+          multiply(d.f, s, p);
+          for (int r = 0; r < 3; ++r) {
+            for (int c = 0; c < 3; ++c) {
+              p[r][c] += e.pressure * d.cof[r][c];
+            }
+          }
+        } else {
+          const Float per_volume = 1.0F / d.volume;
+          s = {s.xx * per_volume + e.pressure,
+               s.yy * per_volume + e.pressure,
+               s.zz * per_volume + e.pressure,
+               s.yz * per_volume,
+               s.xz * per_volume,
+               s.xy * per_volume};
+          multiply(d.cof, s, p);
+        }
+      }
+      energy_sum += energy * volume;
+
+      Float base[3] = {zero, zero, zero};
+      for (int i = 0; i < 3; ++i) {
+        Float force[3];
+        for (int r = 0; r < 3; ++r) {
+          force[r] = -volume * (p[r][0] * e.b[i][0] + p[r][1] * e.b[i][1] + p[r][2] * e.b[i][2]);
+          base[r] -= force[r];
+        }
+        scatter(work.force_N, pack.node[i + 1] + lane, force[0], force[1], force[2]);
+      }
+      scatter(work.force_N, pack.node[0] + lane, base[0], base[1], base[2]);
+    }
+    float pack_energy = 0.0F;
+    float pack_inverted = 0.0F;
+    for (int l = 0; l < V::kLanes; ++l) {
+      pack_energy += energy_sum[l];
+      pack_inverted += inverted_sum[l];
+    }
+    elastic += static_cast<double>(pack_energy);
+    inverted += static_cast<int>(pack_inverted);
+    if (relaxed != nullptr) {
+      relaxed += work.prony.size();
+    }
+  }
+  return {elastic, inverted};
+}
+
+template <class V> BREGMA_INLINE void add_volumes_of(const ElementWork &work, Law law) {
+  if (law == Law::kLinear) {
+    add_volumes<V, Law::kLinear>(work);
+  } else {
+    add_volumes<V, Law::kNeoHookean>(work); // the same for all but Hooke's
+  }
+}
+
+template <class V> BREGMA_INLINE ElementSums add_forces_of(const ElementWork &work, Law law) {
+  switch (law) {
+  case Law::kLinear:
+    return add_forces<V, Law::kLinear>(work);
+  case Law::kOgden:
+    return add_forces<V, Law::kOgden>(work);
+  case Law::kNeoHookean:
+    break;
+  }
+  return add_forces<V, Law::kNeoHookean>(work);
+}
+
+void add_volumes_4(const ElementWork &work, Law law) { add_volumes_of<Vector4>(work, law); }
+ElementSums add_forces_4(const ElementWork &work, Law law) { return add_forces_of<Vector4>(work, law); }
+
+#if defined(__x86_64__)
+__attribute__((target("avx2,fma"))) void add_volumes_8(const ElementWork &work, Law law) {
+  add_volumes_of<Vector8>(work, law);
+}
+__attribute__((target("avx2,fma"))) ElementSums add_forces_8(const ElementWork &work, Law law) {
+  return add_forces_of<Vector8>(work, law);
+}
+#endif
+
+std::vector<ElementKernel> find_kernels() {
+  std::vector<ElementKernel> out;
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0) {
+    out.push_back({"AVX2", add_volumes_8, add_forces_8});
+  }
+#endif
+  out.push_back({"four floats", add_volumes_4, add_forces_4});
+  return out;
+}
+
+} // namespace
+
+std::span<const ElementKernel> element_kernels() noexcept {
+  static const std::vector<ElementKernel> kernels = find_kernels();
+  return kernels;
+}
+
+} // namespace bregma::tissue

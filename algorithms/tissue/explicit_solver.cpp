@@ -1,0 +1,537 @@
+#include "algorithms/tissue/explicit_solver.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include <Eigen/LU>
+
+#include "algorithms/tissue/constitutive.hpp"
+#include "algorithms/tissue/team.hpp"
+
+namespace bregma::tissue {
+namespace {
+
+constexpr double kMetre = 1000.0;           // mm
+constexpr int kFirstLook = 40;              // power iterations on the tissue at rest
+constexpr std::uint64_t kLookInterval = 50; // steps between two looks at the critical step
+constexpr float kProbeStrain = 1e-3F;       // amplitude of the power iteration, in edge lengths
+constexpr float kLongestWay = 0.1F;         // of a node in one step, in edge lengths
+constexpr int kRelaxInterval = 10;          // steps of relax() between two looks at the slowest mode and the residual
+
+float *axes(NodeVector &v) { return &v.x; }
+
+float dot(const NodeVector &a, const NodeVector &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+NodeVector difference(const NodeVector &a, const NodeVector &b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+
+// To a length, or to nothing where the forces were not finite.
+void limit(NodeVector &v, float length) {
+  const float scale = length / std::sqrt(dot(v, v));
+  v = std::isfinite(scale) && scale > 0.0F ? NodeVector{v.x * scale, v.y * scale, v.z * scale} : NodeVector{};
+}
+
+NodeVector to_metres(const Eigen::Vector3d &mm) {
+  const Eigen::Vector3f m = (mm / kMetre).cast<float>();
+  return {m.x(), m.y(), m.z()};
+}
+
+// Rows: gradients (1/mm) of the shape functions of nodes 1 to 3 of a tetrahedron at rest.
+Eigen::Matrix3d gradients_per_mm(const TetMesh &mesh, const Eigen::Vector4i &t, double &volume_mm3) {
+  const auto node = [&](int i) -> const Eigen::Vector3d & { return mesh.nodes_mm[static_cast<std::size_t>(t[i])]; };
+  Eigen::Matrix3d edges; // columns: nodes 1 to 3 from node 0
+  for (int i = 0; i < 3; ++i) {
+    edges.col(i) = node(i + 1) - node(0);
+  }
+  volume_mm3 = edges.determinant() / 6.0;
+  return edges.inverse();
+}
+
+} // namespace
+
+struct ExplicitSolver::Share {
+  Range packs, nodes;
+  std::vector<float> volume_change;
+  std::vector<NodeVector> force;
+  ElementSums sums;
+  double volume_energy = 0.0, kinetic_energy = 0.0;
+  int limited = 0;
+};
+
+ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, const SolverOptions &options)
+    : mesh_(mesh), material_(material), options_(options),
+      kernel_(options.kernel != nullptr ? options.kernel : &element_kernels().front()) {
+  check(mesh);
+  check(material);
+  if (material.prony.size() > kMaxPronyTerms) {
+    throw std::invalid_argument("material '" + material.name + "': " + std::to_string(material.prony.size()) +
+                                " Prony terms, at most " + std::to_string(kMaxPronyTerms));
+  }
+  if (options.threads < 1 || !(options.step_fraction > 0.0 && options.step_fraction <= 1.0) ||
+      !(options.minimum_step_s >= 0.0) || !(options.damping_per_s >= 0.0)) {
+    throw std::invalid_argument("solver options: threads at least 1, step_fraction in (0, 1], minimum_step_s and "
+                                "damping_per_s not negative");
+  }
+  const std::size_t nodes = mesh_.nodes_mm.size();
+  team_ = std::make_unique<Team>(options.threads);
+  rest_.reserve(nodes);
+  for (const Eigen::Vector3d &node : mesh_.nodes_mm) {
+    rest_.emplace_back((node / kMetre).cast<float>());
+  }
+  fixed_.assign(nodes, 0);
+  for (std::vector<NodeVector> *field :
+       {&displacement_, &velocity_, &external_, &elastic_, &mode_, &probe_, &force_before_, &velocity_before_}) {
+    field->assign(nodes, {});
+  }
+  build_packs();
+  edge_m_ = std::cbrt(static_cast<float>(volume_mm3(mesh_) / static_cast<double>(nodes)) / 1e9F);
+  longest_way_m_ = kLongestWay * edge_m_;
+
+  shares_.resize(static_cast<std::size_t>(team_->size()));
+  for (std::size_t t = 0; t < shares_.size(); ++t) {
+    const auto part = [&](std::size_t count) {
+      return Range{count * t / shares_.size(), count * (t + 1) / shares_.size()};
+    };
+    shares_[t].packs = part(packs_.size());
+    shares_[t].nodes = part(nodes);
+    shares_[t].volume_change.assign(nodes, 0.0F);
+    shares_[t].force.assign(nodes, {});
+  }
+
+  build_masses(options.minimum_step_s);
+  // A pattern in which neighbours move against each other, as they do in the fastest mode.
+  for (std::size_t i = 0; i < nodes; ++i) {
+    const auto sign = [i](std::size_t bit) { return ((i * 2654435761U) >> bit & 1U) != 0 ? 1.0F : -1.0F; };
+    mode_[i] = {sign(7), sign(13), sign(19)};
+  }
+  const float omega = power_iteration(kFirstLook);
+  step_s_ = static_cast<float>(options.step_fraction) * 2.0F / omega;
+  prony_.resize(material_.prony.size());
+  relaxed_.assign(packs_.size() * prony_.size(), {});
+}
+
+ExplicitSolver::~ExplicitSolver() = default;
+
+void ExplicitSolver::build_packs() {
+  const std::size_t elements = mesh_.tetrahedra.size();
+  packs_.assign((elements + kPack - 1) / kPack, {});
+  volume_m3_.assign(rest_.size(), 0.0F);
+  stiffness_bound_N_m_.assign(rest_.size(), 0.0F);
+  for (std::size_t e = 0; e < packs_.size() * kPack; ++e) {
+    ElementPack &pack = packs_[e / kPack];
+    const std::size_t lane = e % kPack;
+    const Eigen::Vector4i &t = mesh_.tetrahedra[std::min(e, elements - 1)];
+    for (int i = 0; i < 4; ++i) {
+      pack.node[i][lane] = t[i];
+    }
+    if (e >= elements) {
+      continue; // fills the last pack up
+    }
+    double volume_mm3 = 0.0;
+    const Eigen::Matrix3d gradients = gradients_per_mm(mesh_, t, volume_mm3) * kMetre;
+    const double volume = volume_mm3 / (kMetre * kMetre * kMetre);
+    pack.volume_m3[lane] = static_cast<float>(volume);
+    Eigen::Vector4d sizes;
+    sizes[0] = gradients.colwise().sum().norm();
+    for (int i = 0; i < 3; ++i) {
+      sizes[i + 1] = gradients.row(i).norm();
+      for (int d = 0; d < 3; ++d) {
+        pack.gradient[i][d][lane] = static_cast<float>(gradients(i, d));
+      }
+    }
+    for (int i = 0; i < 4; ++i) {
+      const auto node = static_cast<std::size_t>(t[i]);
+      volume_m3_[node] += static_cast<float>(0.25 * volume);
+      stiffness_bound_N_m_[node] += static_cast<float>(volume * material_.wave_modulus_Pa() * sizes[i] * sizes.sum());
+    }
+  }
+}
+
+// Gershgorin: the rows of the stiffness matrix are no larger than stiffness_bound_, so a node of mass
+// bound (dt / 2)^2 allows the step dt. That makes the masses of relax(), where all nodes allow the step 1, and those of
+// mass scaling.
+void ExplicitSolver::build_masses(double minimum_step_s) {
+  const auto density = static_cast<float>(material_.density_kg_m3);
+  mass_kg_.resize(rest_.size());
+  inverse_mass_.resize(rest_.size());
+  inverse_fictitious_.resize(rest_.size());
+  double before = 0.0;
+  double after = 0.0;
+  const double half_step = 0.5 * minimum_step_s / options_.step_fraction;
+  for (std::size_t i = 0; i < mass_kg_.size(); ++i) {
+    const float mass = density * volume_m3_[i];
+    mass_kg_[i] = std::max(mass, static_cast<float>(stiffness_bound_N_m_[i] * half_step * half_step));
+    before += static_cast<double>(mass);
+    after += static_cast<double>(mass_kg_[i]);
+    release(static_cast<int>(i));
+  }
+  added_mass_share_ = after / before - 1.0;
+}
+
+double ExplicitSolver::mass_kg(int node) const noexcept {
+  return static_cast<double>(mass_kg_[static_cast<std::size_t>(node)]);
+}
+
+// ---- what acts ----
+
+void ExplicitSolver::fix(int node, unsigned fixed_axes) noexcept {
+  const auto i = static_cast<std::size_t>(node);
+  fixed_[i] |= fixed_axes;
+  for (int axis = 0; axis < 3; ++axis) {
+    if ((fixed_[i] & (1U << static_cast<unsigned>(axis))) != 0) {
+      axes(inverse_mass_[i])[axis] = 0.0F;
+      axes(inverse_fictitious_[i])[axis] = 0.0F;
+      axes(velocity_[i])[axis] = 0.0F;
+    }
+  }
+}
+
+void ExplicitSolver::release(int node) noexcept {
+  const auto i = static_cast<std::size_t>(node);
+  fixed_[i] = 0;
+  const float real = 1.0F / mass_kg_[i];
+  const float fictitious = 4.0F / stiffness_bound_N_m_[i];
+  inverse_mass_[i] = {real, real, real};
+  inverse_fictitious_[i] = {fictitious, fictitious, fictitious};
+}
+
+void ExplicitSolver::set_displacement_mm(int node, const Eigen::Vector3d &displacement_mm) noexcept {
+  const NodeVector to = to_metres(displacement_mm);
+  NodeVector &u = displacement_[static_cast<std::size_t>(node)];
+  u = {to.x, to.y, to.z, u.w};
+}
+
+void ExplicitSolver::set_force_N(int node, const Eigen::Vector3d &force_N) noexcept {
+  const Eigen::Vector3f f = force_N.cast<float>();
+  external_[static_cast<std::size_t>(node)] = {f.x(), f.y(), f.z()};
+}
+
+void ExplicitSolver::clear_forces() noexcept { std::fill(external_.begin(), external_.end(), NodeVector{}); }
+
+void ExplicitSolver::set_contacts(std::vector<Contact *> contacts) { contacts_ = std::move(contacts); }
+
+// ---- one step ----
+
+// Leaves every thread's part of the elastic forces in its share, and the pressure in the nodes. On all threads.
+void ExplicitSolver::evaluate(int thread, std::vector<NodeVector> &nodes, bool viscous, float shear_Pa) noexcept {
+  Share &share = shares_[static_cast<std::size_t>(thread)];
+  ElementWork work;
+  work.packs = std::span(packs_).subspan(share.packs.begin, share.packs.end - share.packs.begin);
+  work.nodes = nodes.data();
+  work.shear_Pa = shear_Pa;
+  work.ogden_alpha = static_cast<float>(material_.ogden_alpha);
+  work.volume_change_m3 = share.volume_change.data();
+  work.force_N = share.force.data();
+  if (viscous && !prony_.empty()) {
+    work.prony = prony_;
+    work.relaxed = relaxed_.data() + share.packs.begin * prony_.size();
+  }
+
+  std::fill(share.volume_change.begin(), share.volume_change.end(), 0.0F);
+  kernel_->add_volumes(work, material_.law);
+  team_->barrier();
+
+  const auto bulk = static_cast<float>(material_.bulk_Pa());
+  double energy = 0.0;
+  for (std::size_t i = share.nodes.begin; i < share.nodes.end; ++i) {
+    float change = 0.0F;
+    for (const Share &other : shares_) {
+      change += other.volume_change[i];
+    }
+    nodes[i].w = bulk * change / volume_m3_[i];
+    energy += static_cast<double>(0.5F * nodes[i].w * change);
+  }
+  share.volume_energy = energy;
+  std::fill(share.force.begin(), share.force.end(), NodeVector{});
+  team_->barrier();
+
+  share.sums = kernel_->add_forces(work, material_.law);
+  team_->barrier();
+}
+
+NodeVector ExplicitSolver::total_force(std::size_t node) const noexcept {
+  NodeVector sum = shares_.front().force[node];
+  for (std::size_t t = 1; t < shares_.size(); ++t) {
+    const NodeVector &part = shares_[t].force[node];
+    sum = {sum.x + part.x, sum.y + part.y, sum.z + part.z};
+  }
+  return sum;
+}
+
+// Central differences for the share's nodes: v <- keep v + pull f / m, u <- u + dt v.
+void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how) noexcept {
+  Share &share = shares_[static_cast<std::size_t>(thread)];
+  double kinetic = 0.0;
+  share.limited = 0;
+  for (std::size_t i = share.nodes.begin; i < share.nodes.end; ++i) {
+    const NodeVector force = total_force(i);
+    const NodeVector &push = external_[i];
+    const NodeVector &inverse = inverse_mass[i];
+    NodeVector &u = displacement_[i];
+    NodeVector &v = velocity_[i];
+    elastic_[i] = force;
+    v.x = how.keep * v.x + how.pull * inverse.x * (force.x + push.x);
+    v.y = how.keep * v.y + how.pull * inverse.y * (force.y + push.y);
+    v.z = how.keep * v.z + how.pull * inverse.z * (force.z + push.z);
+    const float way_squared = how.step * how.step * dot(v, v);
+    if (!(way_squared <= longest_way_m_ * longest_way_m_)) {
+      limit(v, longest_way_m_ / how.step);
+      ++share.limited;
+    }
+    u.x += how.step * v.x;
+    u.y += how.step * v.y;
+    u.z += how.step * v.z;
+    kinetic += static_cast<double>(mass_kg_[i] * dot(v, v));
+  }
+  share.kinetic_energy = 0.5 * kinetic;
+}
+
+// One step on all threads; the caller's barrier is the last line.
+void ExplicitSolver::step(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how, bool viscous,
+                          float shear_Pa) noexcept {
+  evaluate(thread, displacement_, viscous, shear_Pa);
+  predict(thread, inverse_mass, how);
+  if (!contacts_.empty()) {
+    team_->barrier();
+    if (thread == 0) {
+      for (Contact *contact : contacts_) {
+        contact->apply({displacement_, velocity_, inverse_mass, rest_, how.step});
+      }
+    }
+  }
+  team_->barrier();
+}
+
+void ExplicitSolver::advance(int steps) noexcept {
+  const auto shear = static_cast<float>(material_.shear_Pa());
+  while (steps > 0) {
+    if (steps_ % kLookInterval == 0 && steps_ > 0) {
+      look_at_step();
+    }
+    const auto to_look = static_cast<int>(kLookInterval - steps_ % kLookInterval);
+    const int now = std::min(steps, to_look);
+    for (std::size_t k = 0; k < prony_.size(); ++k) {
+      const double decay = std::exp(-static_cast<double>(step_s_) / material_.prony[k].time_s);
+      prony_[k] = {static_cast<float>(decay), static_cast<float>(material_.prony[k].share * (1.0 - decay))};
+    }
+    const float drag = 0.5F * static_cast<float>(options_.damping_per_s) * step_s_;
+    const Integration how{step_s_, (1.0F - drag) / (1.0F + drag), step_s_ / (1.0F + drag)};
+    team_->run([&](int thread) {
+      for (int i = 0; i < now; ++i) {
+        step(thread, inverse_mass_, how, true, shear);
+      }
+    });
+    steps_ += static_cast<std::uint64_t>(now);
+    steps -= now;
+  }
+}
+
+// ---- the critical step ----
+
+// omega_max of the tissue as it is deformed now, from the mode that was found last time.
+float ExplicitSolver::power_iteration(int iterations) noexcept {
+  const auto shear = static_cast<float>(material_.shear_Pa());
+  team_->run([&](int thread) { evaluate(thread, displacement_, false, shear); });
+  for (std::size_t i = 0; i < elastic_.size(); ++i) {
+    elastic_[i] = total_force(i);
+  }
+  float omega_squared = 0.0F;
+  for (int iteration = 0; iteration < iterations; ++iteration) {
+    float largest = 0.0F;
+    double norm = 0.0;
+    for (std::size_t i = 0; i < mode_.size(); ++i) {
+      largest = std::max(largest, dot(mode_[i], mode_[i]));
+    }
+    const float scale = kProbeStrain * edge_m_ / std::sqrt(std::max(largest, 1e-30F));
+    for (std::size_t i = 0; i < mode_.size(); ++i) {
+      NodeVector &w = mode_[i];
+      w = {w.x * scale, w.y * scale, w.z * scale};
+      norm += static_cast<double>(mass_kg_[i] * dot(w, w));
+      const NodeVector &u = displacement_[i];
+      probe_[i] = {u.x + w.x, u.y + w.y, u.z + w.z};
+    }
+    team_->run([&](int thread) { evaluate(thread, probe_, false, shear); });
+    double next_norm = 0.0;
+    for (std::size_t i = 0; i < mode_.size(); ++i) {
+      const NodeVector pull = difference(elastic_[i], total_force(i));
+      const float inverse = 1.0F / mass_kg_[i];
+      mode_[i] = {pull.x * inverse, pull.y * inverse, pull.z * inverse};
+      next_norm += static_cast<double>(mass_kg_[i] * dot(mode_[i], mode_[i]));
+    }
+    omega_squared = static_cast<float>(std::sqrt(next_norm / norm));
+  }
+  return std::sqrt(omega_squared);
+}
+
+void ExplicitSolver::look_at_step() noexcept {
+  const float now = static_cast<float>(options_.step_fraction) * 2.0F / power_iteration(1);
+  if (std::isfinite(now) && now > 0.0F) {
+    step_s_ = std::min(now, 1.02F * step_s_); // shorter at once, longer by and by
+  }
+}
+
+// ---- dynamic relaxation ----
+
+// Heavy-ball iteration with masses for which all frequencies lie in 0 to 2 (build_masses): with the smallest eigenvalue
+// a, v <- keep v + dt f / m, u <- u + dt v with dt = 2 / (2 + sqrt a), keep = ((2 - sqrt a) / (2 + sqrt a))^2 converges
+// fastest (Polyak 1964; as dynamic relaxation Underwood 1983). a is Rayleigh's quotient of the latest motion (Joldes,
+// Wittek & Miller, Comput Methods Appl Mech Eng 198 (2009) 2645).
+Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
+  const auto shear = static_cast<float>(material_.shear_Pa() * (options.relaxed ? material_.relaxed_share() : 1.0));
+  stop_motion();
+  Relaxation out;
+  float slowest = 1e-3F;
+  while (out.steps < options.max_steps && !out.converged) {
+    const float root = std::sqrt(slowest);
+    const float ratio = (2.0F - root) / (2.0F + root);
+    const float step_s = 2.0F / (2.0F + root);
+    const Integration how{step_s, ratio * ratio, step_s};
+    const auto run = [&](int steps) {
+      team_->run([&](int thread) {
+        for (int i = 0; i < steps; ++i) {
+          step(thread, inverse_fictitious_, how, false, shear);
+        }
+      });
+    };
+    run(kRelaxInterval - 1);
+    std::copy(elastic_.begin(), elastic_.end(), force_before_.begin());
+    std::copy(velocity_.begin(), velocity_.end(), velocity_before_.begin());
+    run(1);
+    out.steps += kRelaxInterval;
+    out.residual = unbalanced(how);
+    out.converged = out.residual < options.tolerance && limited_nodes() == 0;
+    if (const float seen = slowest_mode(how.step); seen > 0.0F) {
+      slowest = std::clamp(seen, 1e-6F, 1.0F);
+    }
+  }
+  stop_motion();
+  return out;
+}
+
+// Rayleigh's quotient du K du / du M du of the motion du = step v before the last step.
+float ExplicitSolver::slowest_mode(float step) const noexcept {
+  double work = 0.0;
+  double inertia = 0.0;
+  for (std::size_t i = 0; i < velocity_before_.size(); ++i) {
+    const NodeVector &du = velocity_before_[i];
+    work += static_cast<double>(dot(du, difference(force_before_[i], elastic_[i])));
+    inertia += static_cast<double>(0.25F * stiffness_bound_N_m_[i] * dot(du, du));
+  }
+  return inertia > 0.0 ? static_cast<float>(work / inertia) / step : 0.0F;
+}
+
+// What the last step still changed, as a force, against the forces that hold the tissue: contacts and supports
+// included, since what they balance does not move.
+double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
+  double rest = 0.0;
+  double acting = 0.0;
+  for (std::size_t i = 0; i < velocity_.size(); ++i) {
+    const NodeVector &now = velocity_[i];
+    const NodeVector &before = velocity_before_[i];
+    const float mass = 0.25F * stiffness_bound_N_m_[i] / how.pull;
+    const NodeVector push = difference(now, {how.keep * before.x, how.keep * before.y, how.keep * before.z});
+    rest += static_cast<double>(mass * mass * dot(push, push));
+    acting += static_cast<double>(dot(elastic_[i], elastic_[i]));
+  }
+  return rest > 0.0 ? std::sqrt(rest / acting) : 0.0;
+}
+
+// ---- state ----
+
+void ExplicitSolver::stop_motion() noexcept { std::fill(velocity_.begin(), velocity_.end(), NodeVector{}); }
+
+void ExplicitSolver::reset() noexcept {
+  for (std::vector<NodeVector> *field : {&displacement_, &velocity_, &elastic_}) {
+    std::fill(field->begin(), field->end(), NodeVector{});
+  }
+  std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
+}
+
+namespace {
+Eigen::Vector3d to_double(const NodeVector &v) {
+  return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)};
+}
+} // namespace
+
+Eigen::Vector3d ExplicitSolver::displacement_mm(int node) const noexcept {
+  return kMetre * to_double(displacement_[static_cast<std::size_t>(node)]);
+}
+
+Eigen::Vector3d ExplicitSolver::velocity_mm_s(int node) const noexcept {
+  return kMetre * to_double(velocity_[static_cast<std::size_t>(node)]);
+}
+
+Eigen::Vector3d ExplicitSolver::elastic_force_N(int node) const noexcept {
+  return to_double(elastic_[static_cast<std::size_t>(node)]);
+}
+
+Energies ExplicitSolver::energies() const noexcept {
+  Energies sum;
+  for (const Share &share : shares_) {
+    sum.kinetic_J += share.kinetic_energy;
+    sum.elastic_J += share.volume_energy + share.sums.elastic_J;
+  }
+  return sum;
+}
+
+int ExplicitSolver::limited_nodes() const noexcept {
+  int sum = 0;
+  for (const Share &share : shares_) {
+    sum += share.limited;
+  }
+  return sum;
+}
+
+int ExplicitSolver::inverted_elements() const noexcept {
+  int sum = 0;
+  for (const Share &share : shares_) {
+    sum += share.sums.inverted;
+  }
+  return sum;
+}
+
+bool ExplicitSolver::finite() const noexcept {
+  // A sum is not finite if one of its terms is not.
+  float sum = 0.0F;
+  for (std::size_t i = 0; i < displacement_.size(); ++i) {
+    const NodeVector &u = displacement_[i];
+    const NodeVector &v = velocity_[i];
+    sum += 0.0F * (u.x + u.y + u.z + v.x + v.y + v.z);
+  }
+  return std::isfinite(sum);
+}
+
+Eigen::Matrix3d ExplicitSolver::deformation_gradient(int element) const noexcept {
+  const auto e = static_cast<std::size_t>(element);
+  const ElementPack &pack = packs_[e / kPack];
+  const std::size_t lane = e % kPack;
+  const auto u = [&](int i) { return to_double(displacement_[static_cast<std::size_t>(pack.node[i][lane])]); };
+  Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
+  for (int i = 0; i < 3; ++i) {
+    for (int d = 0; d < 3; ++d) {
+      f.col(d) += (u(i + 1) - u(0)) * static_cast<double>(pack.gradient[i][d][lane]);
+    }
+  }
+  return f;
+}
+
+Eigen::Matrix3d ExplicitSolver::cauchy_Pa(int element) const noexcept {
+  const auto e = static_cast<std::size_t>(element);
+  const std::size_t pack = e / kPack;
+  const std::size_t lane = e % kPack;
+  const Eigen::Matrix3d f = deformation_gradient(element);
+  Eigen::Matrix3d shear = shear_stress_Pa(material_, f);
+  for (std::size_t k = 0; k < prony_.size(); ++k) {
+    const auto s = [&](int i) { return static_cast<double>(relaxed_[pack * prony_.size() + k].stress_Pa[i][lane]); };
+    Eigen::Matrix3d taken;
+    taken << s(0), s(5), s(4), s(5), s(1), s(3), s(4), s(3), s(2);
+    shear -= taken;
+  }
+  double pressure = 0.0;
+  for (const auto &corner : packs_[pack].node) {
+    pressure += 0.25 * static_cast<double>(displacement_[static_cast<std::size_t>(corner[lane])].w);
+  }
+  return bregma::tissue::cauchy_Pa(material_, f, shear, pressure);
+}
+
+} // namespace bregma::tissue

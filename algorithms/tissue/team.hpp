@@ -1,0 +1,51 @@
+// A few threads that do one short job together, again and again: a step of the solver takes a fraction of a
+// millisecond, so they meet in a barrier that spins before it sleeps.
+//
+// run() may be called from one thread at a time, does not allocate and does not throw; the job must not either. With
+// one thread no other is started and run() is a plain call.
+#pragma once
+
+#include <atomic>
+#include <thread>
+#include <type_traits>
+#include <vector>
+
+namespace bregma::tissue {
+
+class Team {
+public:
+  // threads: with the caller's; at least one.
+  explicit Team(int threads);
+  ~Team();
+  Team(const Team &) = delete;
+  Team &operator=(const Team &) = delete;
+
+  [[nodiscard]] int size() const noexcept { return size_; }
+
+  // Calls job(thread) on every thread, 0 being the caller's, and returns when all are done.
+  template <class Job> void run(Job &&job) noexcept {
+    call_ = [](void *context, int thread) { (*static_cast<std::remove_reference_t<Job> *>(context))(thread); };
+    context_ = &job;
+    start();
+    job(0);
+    barrier();
+  }
+
+  // In a job: returns when all threads have called it.
+  void barrier() noexcept;
+
+private:
+  void start() noexcept;
+  void work(int thread) noexcept;
+
+  int size_;
+  void (*call_)(void *, int) = nullptr;
+  void *context_ = nullptr;
+  std::atomic<unsigned> job_{0};    // up by one a job
+  std::atomic<int> arrived_{0};     // at the barrier
+  std::atomic<unsigned> passed_{0}; // barriers so far
+  std::atomic<bool> stopping_{false};
+  std::vector<std::thread> threads_;
+};
+
+} // namespace bregma::tissue
