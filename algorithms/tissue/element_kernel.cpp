@@ -297,6 +297,7 @@ template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementW
         const Float least = zero + kInvertedVolume;
         d.volume = j < least ? least : j;
         inverted_sum += j < least ? zero + 1.0F : zero;
+        e.pressure += work.bulk_Pa * (j - d.volume);
         if constexpr (kLaw == Law::kNeoHookean) {
           neo_hookean<V>(e, d, work.shear_Pa, s, energy);
         } else {

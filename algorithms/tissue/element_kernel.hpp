@@ -48,6 +48,7 @@ struct ElementWork {
   std::span<const ElementPack> packs;
   const NodeVector *nodes = nullptr; // displacement (m), and the pressure that add_forces reads
   float shear_Pa = 0.0F;
+  float bulk_Pa = 0.0F;
   float ogden_alpha = 2.0F;
 
   float *volume_change_m3 = nullptr; // by node; add_volumes adds a quarter of each tetrahedron's
@@ -62,7 +63,8 @@ struct ElementSums {
   int inverted = 0;       // tetrahedra of less than kInvertedVolume of their volume at rest
 };
 
-// Below it a tetrahedron keeps the shear stiffness that it had there, and its pressure turns it right again.
+// Below it a tetrahedron keeps the shear stiffness that it had there and gets a pressure of its own beside its nodes',
+// which turns it right again.
 inline constexpr float kInvertedVolume = 0.3F;
 
 struct ElementKernel {

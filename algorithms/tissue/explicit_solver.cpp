@@ -16,8 +16,11 @@ constexpr double kMetre = 1000.0;           // mm
 constexpr int kFirstLook = 40;              // power iterations on the tissue at rest
 constexpr std::uint64_t kLookInterval = 50; // steps between two looks at the critical step
 constexpr float kProbeStrain = 1e-3F;       // amplitude of the power iteration, in edge lengths
-constexpr float kLongestWay = 0.1F;         // of a node in one step, in edge lengths
-constexpr int kRelaxInterval = 10;          // steps of relax() between two looks at the slowest mode and the residual
+// Of a node in one step, in edge lengths: what is pushed by a contact may want to spring back far, for the contact to
+// stop it; in relax() nothing springs.
+constexpr float kLongestWay = 0.5F;
+constexpr float kLongestRelaxWay = 0.1F;
+constexpr int kRelaxInterval = 10; // steps of relax() between two looks at the slowest mode and the residual
 
 float *axes(NodeVector &v) { return &v.x; }
 
@@ -54,7 +57,7 @@ struct ExplicitSolver::Share {
   std::vector<float> volume_change;
   std::vector<NodeVector> force;
   ElementSums sums;
-  double volume_energy = 0.0, kinetic_energy = 0.0;
+  double volume_energy = 0.0;
   int limited = 0;
 };
 
@@ -85,7 +88,6 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
   }
   build_packs();
   edge_m_ = std::cbrt(static_cast<float>(volume_mm3(mesh_) / static_cast<double>(nodes)) / 1e9F);
-  longest_way_m_ = kLongestWay * edge_m_;
 
   shares_.resize(static_cast<std::size_t>(team_->size()));
   for (std::size_t t = 0; t < shares_.size(); ++t) {
@@ -108,6 +110,7 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
   step_s_ = static_cast<float>(options.step_fraction) * 2.0F / omega;
   prony_.resize(material_.prony.size());
   relaxed_.assign(packs_.size() * prony_.size(), {});
+  save();
 }
 
 ExplicitSolver::~ExplicitSolver() = default;
@@ -219,6 +222,7 @@ void ExplicitSolver::evaluate(int thread, std::vector<NodeVector> &nodes, bool v
   work.packs = std::span(packs_).subspan(share.packs.begin, share.packs.end - share.packs.begin);
   work.nodes = nodes.data();
   work.shear_Pa = shear_Pa;
+  work.bulk_Pa = static_cast<float>(material_.bulk_Pa());
   work.ogden_alpha = static_cast<float>(material_.ogden_alpha);
   work.volume_change_m3 = share.volume_change.data();
   work.force_N = share.force.data();
@@ -261,7 +265,6 @@ NodeVector ExplicitSolver::total_force(std::size_t node) const noexcept {
 // Central differences for the share's nodes: v <- keep v + pull f / m, u <- u + dt v.
 void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how) noexcept {
   Share &share = shares_[static_cast<std::size_t>(thread)];
-  double kinetic = 0.0;
   share.limited = 0;
   for (std::size_t i = share.nodes.begin; i < share.nodes.end; ++i) {
     const NodeVector force = total_force(i);
@@ -274,16 +277,14 @@ void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_
     v.y = how.keep * v.y + how.pull * inverse.y * (force.y + push.y);
     v.z = how.keep * v.z + how.pull * inverse.z * (force.z + push.z);
     const float way_squared = how.step * how.step * dot(v, v);
-    if (!(way_squared <= longest_way_m_ * longest_way_m_)) {
-      limit(v, longest_way_m_ / how.step);
+    if (!(way_squared <= how.longest_way * how.longest_way)) {
+      limit(v, how.longest_way / how.step);
       ++share.limited;
     }
     u.x += how.step * v.x;
     u.y += how.step * v.y;
     u.z += how.step * v.z;
-    kinetic += static_cast<double>(mass_kg_[i] * dot(v, v));
   }
-  share.kinetic_energy = 0.5 * kinetic;
 }
 
 // One step on all threads; the caller's barrier is the last line.
@@ -315,7 +316,7 @@ void ExplicitSolver::advance(int steps) noexcept {
       prony_[k] = {static_cast<float>(decay), static_cast<float>(material_.prony[k].share * (1.0 - decay))};
     }
     const float drag = 0.5F * static_cast<float>(options_.damping_per_s) * step_s_;
-    const Integration how{step_s_, (1.0F - drag) / (1.0F + drag), step_s_ / (1.0F + drag)};
+    const Integration how{step_s_, (1.0F - drag) / (1.0F + drag), step_s_ / (1.0F + drag), kLongestWay * edge_m_};
     team_->run([&](int thread) {
       for (int i = 0; i < now; ++i) {
         step(thread, inverse_mass_, how, true, shear);
@@ -385,7 +386,7 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
     const float root = std::sqrt(slowest);
     const float ratio = (2.0F - root) / (2.0F + root);
     const float step_s = 2.0F / (2.0F + root);
-    const Integration how{step_s, ratio * ratio, step_s};
+    const Integration how{step_s, ratio * ratio, step_s, kLongestRelaxWay * edge_m_};
     const auto run = [&](int steps) {
       team_->run([&](int thread) {
         for (int i = 0; i < steps; ++i) {
@@ -440,6 +441,17 @@ double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
 
 void ExplicitSolver::stop_motion() noexcept { std::fill(velocity_.begin(), velocity_.end(), NodeVector{}); }
 
+void ExplicitSolver::save() noexcept {
+  saved_displacement_ = displacement_;
+  saved_relaxed_ = relaxed_;
+}
+
+void ExplicitSolver::restore() noexcept {
+  displacement_ = saved_displacement_;
+  relaxed_ = saved_relaxed_;
+  stop_motion();
+}
+
 void ExplicitSolver::reset() noexcept {
   for (std::vector<NodeVector> *field : {&displacement_, &velocity_, &elastic_}) {
     std::fill(field->begin(), field->end(), NodeVector{});
@@ -468,8 +480,10 @@ Eigen::Vector3d ExplicitSolver::elastic_force_N(int node) const noexcept {
 Energies ExplicitSolver::energies() const noexcept {
   Energies sum;
   for (const Share &share : shares_) {
-    sum.kinetic_J += share.kinetic_energy;
     sum.elastic_J += share.volume_energy + share.sums.elastic_J;
+  }
+  for (std::size_t i = 0; i < velocity_.size(); ++i) {
+    sum.kinetic_J += static_cast<double>(0.5F * mass_kg_[i] * dot(velocity_[i], velocity_[i]));
   }
   return sum;
 }

@@ -45,16 +45,21 @@ struct NodeMotion {
     const NodeVector &u = displacement_m[static_cast<std::size_t>(node)];
     return rest_m[static_cast<std::size_t>(node)] + Eigen::Vector3f(u.x, u.y, u.z);
   }
+  // Fixed axes stay.
   void move(int node, const Eigen::Vector3f &by_m) const noexcept {
-    NodeVector &u = displacement_m[static_cast<std::size_t>(node)];
-    NodeVector &v = velocity_m_s[static_cast<std::size_t>(node)];
-    const float per_s = 1.0F / step_s;
-    u.x += by_m.x();
-    u.y += by_m.y();
-    u.z += by_m.z();
-    v.x += by_m.x() * per_s;
-    v.y += by_m.y() * per_s;
-    v.z += by_m.z() * per_s;
+    const auto i = static_cast<std::size_t>(node);
+    const NodeVector &free = inverse_mass_per_kg[i];
+    NodeVector &u = displacement_m[i];
+    NodeVector &v = velocity_m_s[i];
+    const float x = free.x > 0.0F ? by_m.x() : 0.0F;
+    const float y = free.y > 0.0F ? by_m.y() : 0.0F;
+    const float z = free.z > 0.0F ? by_m.z() : 0.0F;
+    u.x += x;
+    u.y += y;
+    u.z += z;
+    v.x += x / step_s;
+    v.y += y / step_s;
+    v.z += z / step_s;
   }
 };
 
@@ -116,13 +121,17 @@ public:
   void stop_motion() noexcept; // velocities to zero
   void reset() noexcept;       // to rest: displacement, velocity, relaxation
 
+  // Keeps the present state, and goes back to it, without motion. At first: rest.
+  void save() noexcept;
+  void restore() noexcept;
+
   // ---- what came of it ----
   [[nodiscard]] Eigen::Vector3d displacement_mm(int node) const noexcept;
   [[nodiscard]] Eigen::Vector3d velocity_mm_s(int node) const noexcept;
   [[nodiscard]] Eigen::Vector3d elastic_force_N(int node) const noexcept; // of the tissue on the node, last step
   [[nodiscard]] Energies energies() const noexcept;                       // of the last step
   [[nodiscard]] int inverted_elements() const noexcept;                   // in the last step
-  // Nodes that would have moved by more than a tenth of an edge in the last step and were held: a sign of something
+  // Nodes that would have moved by a large part of an edge in the last step and were held: a sign of something
   // impossible that was asked for. The solver comes back from it, but what it says meanwhile is not an answer.
   [[nodiscard]] int limited_nodes() const noexcept;
   [[nodiscard]] bool finite() const noexcept; // all displacements and velocities
@@ -140,6 +149,7 @@ private:
     float step = 0.0F;
     float keep = 1.0F; // of the velocity
     float pull = 0.0F; // by what f / m changes it
+    float longest_way = 0.0F;
   };
 
   void build_packs();
@@ -163,10 +173,10 @@ private:
   std::vector<Contact *> contacts_;
 
   std::vector<ElementPack> packs_;
-  std::vector<RelaxedPack> relaxed_;
+  std::vector<RelaxedPack> relaxed_, saved_relaxed_;
   std::vector<PronyStep> prony_;
   float step_s_ = 0.0F;
-  float edge_m_ = 0.0F, longest_way_m_ = 0.0F;
+  float edge_m_ = 0.0F;
   double added_mass_share_ = 0.0;
   std::uint64_t steps_ = 0;
 
@@ -175,7 +185,7 @@ private:
   std::vector<float> mass_kg_, volume_m3_, stiffness_bound_N_m_;
   std::vector<NodeVector> inverse_mass_, inverse_fictitious_; // by axis; 0 where fixed
   std::vector<unsigned> fixed_;
-  std::vector<NodeVector> displacement_, velocity_, external_, elastic_;
+  std::vector<NodeVector> displacement_, velocity_, external_, elastic_, saved_displacement_;
   std::vector<NodeVector> mode_;                                   // the fastest, as far as it is known
   std::vector<NodeVector> probe_, force_before_, velocity_before_; // of the looks at step and convergence
 };

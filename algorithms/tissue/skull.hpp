@@ -1,0 +1,58 @@
+// What the brain rests against: the inner skull, taken for the brain's own surface at rest plus a gap of fluid, open
+// where the craniotomy is. The brain slides along it without friction, or is fixed to it.
+//
+// One thread at a time; apply() does not allocate or throw.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "algorithms/tissue/explicit_solver.hpp"
+#include "algorithms/tissue/tet_mesh.hpp"
+
+namespace bregma::registration {
+class SurfaceModel;
+}
+
+namespace bregma::tissue {
+
+struct Craniotomy {
+  Eigen::Vector3d centre_mm = Eigen::Vector3d::Zero();
+  double radius_mm = 0.0; // 0: none
+};
+
+struct SkullOptions {
+  bool sliding = true; // else fixed: the thesis' assumption
+  double gap_mm = 0.0; // that the surface can move outwards before it touches
+  Craniotomy craniotomy;
+};
+
+class Skull final : public Contact {
+public:
+  // Throws std::invalid_argument for a gap or a radius that is negative or not finite.
+  Skull(const TetMesh &mesh, const TetBoundary &boundary, const SkullOptions &options);
+  ~Skull() override;
+
+  // Fixes the surface where it is not to slide. Call once, and again after the solver's nodes were released.
+  void hold(ExplicitSolver &solver) const;
+
+  // True where the craniotomy leaves the surface free.
+  [[nodiscard]] bool open_at(const Eigen::Vector3d &rest_mm) const noexcept;
+
+  void apply(const NodeMotion &nodes) noexcept override;
+  // Of the skull on the brain, in the last step.
+  [[nodiscard]] Eigen::Vector3d force_N() const noexcept { return force_N_.cast<double>(); }
+
+private:
+  struct Support {
+    int node;
+    Eigen::Vector3f normal; // outward, at rest
+  };
+  SkullOptions options_;
+  std::unique_ptr<registration::SurfaceModel> surface_;
+  std::vector<Support> supports_;
+  std::vector<int> triangle_; // of each support: where the last closest point was
+  Eigen::Vector3f force_N_ = Eigen::Vector3f::Zero();
+};
+
+} // namespace bregma::tissue
