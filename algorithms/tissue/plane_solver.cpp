@@ -23,6 +23,8 @@ constexpr int kCheckEvery = 5;
 // Held nodes come to their places by this share of the mesh's smallest height a step, so that no triangle is turned
 // over before its other nodes can follow.
 constexpr double kHeldStep = 0.02;
+// And free nodes go no further than this share: what springs back after a cut does not shoot through its neighbours.
+constexpr double kLongestStep = 0.1;
 
 } // namespace
 
@@ -214,8 +216,12 @@ void PlaneSolver::scale_masses() {
 void PlaneSolver::move(double damping, double &unbalanced) {
   const double keep = (2.0 - damping) / (2.0 + damping);
   const double push = 2.0 / (2.0 + damping);
+  const double longest = kLongestStep / kHeldStep * held_step_m_;
   for (std::size_t n = 0; n < x_.size(); ++n) {
-    const Vector2d v = keep * v_[n] + (push / mass_[n]) * (external_[n] - internal_[n]);
+    Vector2d v = keep * v_[n] + (push / mass_[n]) * (external_[n] - internal_[n]);
+    if (const double square = v.squaredNorm(); square > longest * longest) {
+      v *= longest / std::sqrt(square);
+    }
     const Vector2d to_place = (target_[n] - x_[n]).cwiseMax(-held_step_m_).cwiseMin(held_step_m_);
     next_[n] = x_[n] + to_place + free_[n].cwiseProduct(v - to_place);
   }
@@ -243,7 +249,7 @@ double PlaneSolver::holding_force() const {
   return std::max({std::sqrt(reactions), std::sqrt(loads), 1e-9 * law_.shear_Pa});
 }
 
-Relaxation PlaneSolver::relax(const Relaxing &limits) {
+PlaneRelaxation PlaneSolver::relax(const PlaneRelaxing &limits) {
   double way_m = 0.0; // of held nodes
   for (std::size_t n = 0; n < x_.size(); ++n) {
     way_m = std::max(way_m, (Vector2d::Ones() - free_[n]).cwiseProduct(target_[n] - x_[n]).cwiseAbs().maxCoeff());
@@ -251,7 +257,7 @@ Relaxation PlaneSolver::relax(const Relaxing &limits) {
   }
   const double steps_on_way = std::ceil(way_m / held_step_m_);
   compute_forces();
-  Relaxation out;
+  PlaneRelaxation out;
   for (out.steps = 1; out.steps <= limits.max_steps; ++out.steps) {
     if (out.steps % kMassesEvery == 1) {
       scale_masses();
@@ -276,7 +282,7 @@ Relaxation PlaneSolver::relax(const Relaxing &limits) {
       out.inverted = inverted_;
       return out;
     }
-    if (out.steps % kCheckEvery == 0 && out.steps > steps_on_way) {
+    if (out.steps % kCheckEvery == 0 && out.steps > steps_on_way && (contact_ == nullptr || contact_->arrived())) {
       out.residual = unbalanced / holding_force();
       if (out.residual < limits.tolerance) {
         out.converged = true;

@@ -30,15 +30,15 @@ struct PlaneSettings {
   bool follower = true;     // pressure stays normal to the deformed edge and grows with it; else dead: as at rest
 };
 
-struct Relaxing {
+struct PlaneRelaxing {
   double tolerance = 1e-4; // of the unbalanced force against the forces of loads and supports (norms over all nodes)
   int max_steps = 50'000;
 };
 
-struct Relaxation {
+struct PlaneRelaxation {
   bool converged = false;
   int steps = 0;
-  double residual = 0.0; // as Relaxing::tolerance
+  double residual = 0.0; // as PlaneRelaxing::tolerance
   int inverted = 0;      // triangles turned over in the last step: with any, the answer is not one
   [[nodiscard]] bool valid() const { return converged && inverted == 0; }
 };
@@ -47,8 +47,10 @@ struct Relaxation {
 class PlaneContact {
 public:
   virtual ~PlaneContact() = default;
-  // next_m: where nodes would go in this step; those that may not are moved to where they may. Index: node.
+  // next_m: where nodes would go in this step, in m; those that may not are moved to where they may. Index: node.
   virtual void project(std::span<Eigen::Vector2d> next_m) = 0;
+  // While it moves, the body is not taken to be at rest.
+  [[nodiscard]] virtual bool arrived() const { return true; }
 };
 
 class PlaneSolver {
@@ -70,7 +72,7 @@ public:
   int split(int node, std::span<const int> triangles);
 
   // From where the body stands to rest. Never throws; a body that blows up is not converged.
-  Relaxation relax(const Relaxing &limits = {});
+  PlaneRelaxation relax(const PlaneRelaxing &limits = {});
 
   [[nodiscard]] const PlaneMesh &mesh() const { return mesh_; } // at rest; split nodes included
   [[nodiscard]] Eigen::Vector2d position_mm(int node) const { return 1e3 * at(x_, node); }

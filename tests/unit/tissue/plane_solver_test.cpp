@@ -311,7 +311,7 @@ TEST(PlaneSolver, AThickTubeWidensByAThirdAsRivlinSays) {
   }
   PlaneSolver solver(tube.mesh, material); // the pressure follows the wall
   hold_symmetry(solver);
-  Relaxation last;
+  PlaneRelaxation last;
   for (const double share : {0.5, 1.0}) {
     solver.set_pressure(tube.inner, share * pressure_Pa);
     last = solver.relax({.tolerance = 1e-6, .max_steps = 400'000});
@@ -328,7 +328,7 @@ TEST(PlaneSolver, ATriangleTurnedOverComesBack) {
   }
   const int middle = nodes_where(mesh, [](const Vector2d &p) { return p == Vector2d(20.0, 20.0); }).front();
   solver.displace(middle, {17.0, 3.0}); // beyond its neighbours
-  const Relaxation relaxation = solver.relax({.tolerance = 1e-6});
+  const PlaneRelaxation relaxation = solver.relax({.tolerance = 1e-6});
   EXPECT_TRUE(relaxation.valid());
   EXPECT_LT(solver.displacement_mm(middle).norm(), 1e-3);
 }
