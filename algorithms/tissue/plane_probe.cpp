@@ -36,6 +36,9 @@ PlaneProbe::PlaneProbe(PlaneSolver &solver, const PlaneProbeSettings &settings) 
   if (!(settings.friction >= 0.0)) {
     refuse("friction", settings.friction, "at least 0");
   }
+  if (!(settings.cutting_share >= 0.0 && settings.cutting_share <= 1.0)) {
+    refuse("cutting_share", settings.cutting_share, "from 0 to 1");
+  }
   find_path();
   for (const Eigen::Vector2i &edge : boundary_of(solver.mesh())) {
     candidates_.push_back({.node = edge[0]});
@@ -114,6 +117,7 @@ ProbeReading PlaneProbe::move_to(double tip_mm) {
 ProbeReading PlaneProbe::rupture() {
   if (phase_ != ProbePhase::kPenetration && !ruptured()) {
     phase_ = ProbePhase::kRupture;
+    cutting_N_m_ = settings_.cutting_share * reading().tip_N_m;
     blade_ = true;
     cut_next();
     settle(settings_.on_the_way);
@@ -159,7 +163,7 @@ void PlaneProbe::cut_next() {
   candidate(node).side = 1;
   candidate(lower).side = -1;
   ++cut_;
-  solver_.set_force(path_[cut_], {settings_.cutting_N_m, 0.0});
+  solver_.set_force(path_[cut_], {cutting_N_m_, 0.0});
 }
 
 void PlaneProbe::cut_what_is_reached() {
@@ -222,6 +226,11 @@ void PlaneProbe::keep_out(Candidate &c, Vector2d &position_m) {
   if (c.side * p.y() < 0.0) {
     p.y() = 0.0;
   }
+  if (!ruptured() && c.node == path_.front()) {
+    c.touching = p.x() < 0.0 ? Part::kEnd : Part::kNone;
+    position_m = p.x() < 0.0 ? Vector2d(1e-3 * tip) : position_m;
+    return;
+  }
   c.touching = blade_ ? Part::kNone : push_out(p, c);
   if (c.touching == Part::kNone) {
     c.anchored = false;
@@ -267,7 +276,7 @@ ProbeReading PlaneProbe::reading() const {
     }
   }
   if (ruptured()) {
-    out.tip_N_m += settings_.cutting_N_m;
+    out.tip_N_m += cutting_N_m_;
     const auto &nodes = solver_.mesh().nodes_mm;
     out.cut_mm = nodes[static_cast<std::size_t>(path_[cut_])].x() - entry_mm();
   }

@@ -5,7 +5,8 @@
 // (half the width: half a circle; towards 0: a flat end, resolved no finer than the mesh's edge). Contact is kinematic:
 // where a node would go in a step into the probe, it is put onto its surface, and friction holds it to the place where
 // it first touched up to friction times that correction: Coulomb's law when everything is at rest. Nodes are kept out,
-// edges are not: the end's corners may cut an edge of the mesh.
+// edges are not: the end's corners may cut an edge of the mesh. The surface's node on the axis does not slide off the
+// tip: under a deep indentation its neighbours are drawn so far apart that the surface would let the probe through.
 //
 // Phases. Indentation: the end alone bears. Rupture, when the end's force or the stress under it reaches its limit: the
 // mesh is cut open along the axis, node by node, as far as the tip reaches while it pushes the next node ahead with the
@@ -34,7 +35,7 @@ struct PlaneProbeSettings {
   double friction = 0.1;
   double rupture_N_m = std::numeric_limits<double>::infinity(); // force of the end along x
   double rupture_Pa = std::numeric_limits<double>::infinity();  // von Mises (3-D) of the node on the axis under the end
-  double cutting_N_m = 0.0;                                     // of the tip along x once the surface has ruptured
+  double cutting_share = 0.5;                                   // of the end's force at rupture: the cutting force
   double step_mm = 0.5;                                         // the tip goes no further between two states of rest
   PlaneRelaxing on_the_way = {3e-3, 20'000};
   PlaneRelaxing at_the_end = {1e-3, 50'000};
@@ -67,8 +68,8 @@ public:
   // Forward only. Stops where the tissue ruptures: phase kRupture, nothing cut yet. From there it opens the channel
   // first.
   ProbeReading move_to(double tip_mm);
-  // Cuts from the surface inwards while the tip alone bears: the moment of rupture, the load dropped to the cutting
-  // force. Does nothing in kPenetration.
+  // Whether or not a limit is reached: cuts from the surface inwards while the tip alone bears: the moment of rupture,
+  // the load dropped to the cutting force. Does nothing in kPenetration.
   ProbeReading rupture();
   // Presses the lips apart to the probe's sides: kPenetration. Ruptures first where that was not done.
   ProbeReading open();
@@ -103,6 +104,7 @@ private:
   std::vector<int> path_;               // nodes of the axis, from the surface inwards
   std::vector<std::vector<int>> below_; // triangles of each below the axis
   std::vector<Candidate> candidates_;
+  double cutting_N_m_ = 0.0;
   std::size_t cut_ = 0; // so many nodes of the path are cut; path_[cut_] is before the tip
   ProbePhase phase_ = ProbePhase::kApart;
   bool blade_ = false; // during rupture: the tip alone bears

@@ -134,11 +134,9 @@ double overlap_mm(const PlaneSolver &solver, double tip_mm, double half_mm, doub
 TEST(PlaneProbe, IndentsRupturesAndPenetrates) {
   Disc disc;
   constexpr double kRupture_N_m = 8.0;
-  constexpr double kCutting_N_m = 4.0;
-  PlaneProbe probe(disc.solver, {.axis_y_mm = Disc::kAxis_mm,
-                                 .rupture_N_m = kRupture_N_m,
-                                 .cutting_N_m = kCutting_N_m,
-                                 .at_the_end = {1e-4, 50'000}});
+  PlaneProbe probe(
+      disc.solver,
+      {.axis_y_mm = Disc::kAxis_mm, .rupture_N_m = kRupture_N_m, .cutting_share = 0.4, .at_the_end = {1e-4, 50'000}});
   EXPECT_NEAR(probe.entry_mm(), -Disc::kRadius_mm, 1e-3);
   const auto skull_N_m = [&] {
     double sum = 0.0;
@@ -176,9 +174,9 @@ TEST(PlaneProbe, IndentsRupturesAndPenetrates) {
   ASSERT_TRUE(at.rest.valid());
   EXPECT_TRUE(probe.ruptured());
   EXPECT_GT(at.cut_mm, 0.0);
-  EXPECT_NEAR(at.tip_N_m, kCutting_N_m, 1e-9);
+  EXPECT_NEAR(at.tip_N_m, 0.4 * before.tip_N_m, 1e-9);
   EXPECT_NEAR(at.plus_N_m + at.minus_N_m, 0.0, 1e-9);
-  EXPECT_NEAR(skull_N_m(), kCutting_N_m, 0.02 * kCutting_N_m);
+  EXPECT_NEAR(skull_N_m(), at.tip_N_m, 0.02 * at.tip_N_m);
   EXPECT_LT(stress_ahead(), 0.8 * before_Pa);
 
   ProbeReading reading = probe.open();
@@ -223,6 +221,7 @@ TEST(PlaneProbe, WhatIsWrongIsNamed) {
   EXPECT_EQ(message({.width_mm = 0.0}), "plane probe: width_mm = 0.000000, must be positive");
   EXPECT_EQ(message({.nose_mm = -1.0}), "plane probe: nose_mm = -1.000000, must be positive");
   EXPECT_EQ(message({.friction = -0.1}), "plane probe: friction = -0.100000, must be at least 0");
+  EXPECT_EQ(message({.cutting_share = 1.5}), "plane probe: cutting_share = 1.500000, must be from 0 to 1");
   EXPECT_EQ(message({.step_mm = 0.0}), "plane probe: step_mm = 0.000000, must be positive");
 }
 

@@ -1,0 +1,18 @@
+// The thesis' own set-up (seed 000, section 6.3) in the plane: docs/tissue_plane.md.
+#pragma once
+
+#include <string>
+
+#include "bench/record.hpp"
+
+namespace bregma::bench {
+
+struct TissueBenchOptions : Options {
+  std::string case_folder = "out/cases/colin27"; // its brain is cut
+  std::string thesis_picture;                    // SVG of the run; none when empty
+};
+
+// Throws std::runtime_error when the case has no brain.
+void thesis_figures(Report &report, const TissueBenchOptions &options);
+
+} // namespace bregma::bench
