@@ -25,6 +25,10 @@ constexpr std::array<Level, 8> kLevels = {{{10, "#f7f5ee"},
                                            {1000, "#bd0026"},
                                            {INFINITY, "#67000d"}}};
 
+std::size_t pixel(int row, int column) {
+  return static_cast<std::size_t>(row) * ThesisFrame::kColumns + static_cast<std::size_t>(column);
+}
+
 int level_of(double stress_Pa) {
   int level = 0;
   while (stress_Pa > kLevels[static_cast<std::size_t>(level)].up_to_Pa) {
@@ -47,9 +51,7 @@ void draw_levels(std::ostream &out, const ThesisFrame &frame) {
   for (int level = 0; level < static_cast<int>(kLevels.size()); ++level) {
     std::ostringstream path;
     for (int row = 0; row < ThesisFrame::kRows; ++row) {
-      const auto at = [&](int column) {
-        return frame.levels[static_cast<std::size_t>(row * ThesisFrame::kColumns + column)];
-      };
+      const auto at = [&](int column) { return frame.levels[pixel(row, column)]; };
       for (int from = 0; from < ThesisFrame::kColumns;) {
         int to = from;
         while (to < ThesisFrame::kColumns && at(to) == level) {
@@ -175,8 +177,7 @@ std::vector<int> stress_levels(const tissue::PlaneSolver &solver, const Vector2d
         const double b = cross(at - p[0], p[2] - p[0]) / area;
         const double c = cross(p[1] - p[0], at - p[0]) / area;
         if (std::min({b, c, 1.0 - b - c}) >= 0.0) {
-          out[static_cast<std::size_t>(row * ThesisFrame::kColumns + column)] =
-              level_of((1.0 - b - c) * stress[0] + b * stress[1] + c * stress[2]);
+          out[pixel(row, column)] = level_of((1.0 - b - c) * stress[0] + b * stress[1] + c * stress[2]);
         }
       }
     }
@@ -196,9 +197,9 @@ void draw(const ThesisPicture &picture, const std::string &file) {
       << "fill='white'/>";
   for (std::size_t i = 0; i < picture.frames.size(); ++i) {
     const auto column = static_cast<double>(i % kAcross);
-    const auto row = static_cast<double>(i / kAcross);
+    const std::size_t row = i / kAcross;
     draw_frame(out, picture.frames[i], kMargin + column * (kPanelWidth + kGap),
-               kMargin + kTitle + row * (kPanelHeight + kTitle + kGap));
+               kMargin + kTitle + static_cast<double>(row) * (kPanelHeight + kTitle + kGap));
   }
   const double below = kMargin + frames_high;
   draw_key(out, kMargin, below);
