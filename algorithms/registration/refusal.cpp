@@ -1,4 +1,5 @@
 // A refusal in a person's words.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -42,10 +43,21 @@ void describe(const RegistrationResult &result, const RegistrationOptions &optio
                   result.fiducial_count, result.spread_mm, options.min_spread_mm);
     break;
   case Refusal::kContradictingFiducial: {
-    const FiducialFit &fit = result.fiducials[static_cast<std::size_t>(result.suspect)];
-    std::snprintf(out.data(), out.size(),
-                  "fiducial %.*s contradicts the others: %.1f mm from where they place it; touch it again or remove it",
-                  length(subject), subject.data(), fit.leave_one_out_mm);
+    if (result.suspect_count > 1) {
+      double farthest_mm = 0.0;
+      for (std::size_t i = 0; i < result.suspects.size(); ++i) {
+        farthest_mm = result.suspects[i] ? std::max(farthest_mm, result.fiducials[i].leave_one_out_mm) : farthest_mm;
+      }
+      std::snprintf(out.data(), out.size(),
+                    "fiducials %.*s contradict the others: up to %.1f mm from where they place them; touch them again "
+                    "or remove them",
+                    length(subject), subject.data(), farthest_mm);
+    } else {
+      std::snprintf(
+          out.data(), out.size(),
+          "fiducial %.*s contradicts the others: %.1f mm from where they place it; touch it again or remove it",
+          length(subject), subject.data(), result.fiducials[static_cast<std::size_t>(result.suspect)].leave_one_out_mm);
+    }
     break;
   }
   case Refusal::kDirectionNotFixed: {
@@ -59,10 +71,11 @@ void describe(const RegistrationResult &result, const RegistrationOptions &optio
     break;
   }
   case Refusal::kFreTooLarge:
-    std::snprintf(out.data(), out.size(),
-                  "FRE is %.2f mm where the stated errors give %.2f mm, and no single fiducial explains it: touch them "
-                  "again",
-                  result.fre_mm, result.fre_expected_mm);
+    std::snprintf(
+        out.data(), out.size(),
+        "FRE is %.2f mm where the stated errors give %.2f mm, and it cannot be told which fiducials are wrong: "
+        "touch them again",
+        result.fre_mm, result.fre_expected_mm);
     break;
   case Refusal::kNotConverged:
     std::snprintf(out.data(), out.size(), "the estimate did not settle in %d iterations", options.max_iterations);

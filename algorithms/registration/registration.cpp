@@ -7,6 +7,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include "algorithms/registration/robust_points.hpp"
 #include "algorithms/registration/surface_terms.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/uncertainty/chi_square.hpp"
@@ -23,6 +24,7 @@ constexpr double kSettledStep_mm = 1e-4; // an estimate that moves less has sett
 constexpr double kLever_mm = 80.0;       // at which rotations are compared with translations
 constexpr int kRescaled = 6;             // iterations that may change the noise scale
 constexpr double kSlow = 0.5;            // a step that shrank less is shortened: the surface bends within it
+constexpr double kNamingAlarm = 0.05;    // chance of naming a good fiducial beside a wrong one
 constexpr double kWarmLimit_mm = 10.0;   // a start farther from the fiducials' own fit is not used
 
 double motion_mm(const Vector6d &twist) { return kLever_mm * twist.head<3>().norm() + twist.tail<3>().norm(); }
@@ -45,6 +47,7 @@ struct RegistrationEstimator::Workspace {
   void take(std::span<const FiducialObservation> fiducials);
   [[nodiscard]] bool geometry_allows();
   [[nodiscard]] Refusal test_consistency(const PairedFit &fit);
+  void name_suspect(int index);
   [[nodiscard]] bool fit_jointly(const ImageFromReference &start);
   void report_residuals();
   void find_weakest(std::span<const Vector3d> targets_image_mm);
@@ -55,8 +58,7 @@ struct RegistrationEstimator::Workspace {
   const SurfaceModel *surface;
   SurfaceTerms terms;
   std::array<PointPair, kMaxFiducials> pairs; // source: Reference, target: Image
-  std::array<PointPair, kMaxFiducials> others;
-  Vector3d centre = Vector3d::Zero(); // of the fiducials in Image: what the iteration turns about
+  Vector3d centre = Vector3d::Zero();         // of the fiducials in Image: what the iteration turns about
   Matrix6d normal_inverse = Matrix6d::Zero();
   RegistrationResult result;
 };
@@ -106,24 +108,34 @@ Refusal RegistrationEstimator::Workspace::test_consistency(const PairedFit &fit)
   if (n < 4) {
     return Refusal::kFreTooLarge; // three residuals cannot say which of them is wrong
   }
-  // The one without which the rest agrees best; an outlier spreads over all residuals, so each is tried by a fit.
-  double best_p = 0.0;
-  for (int left_out = 0; left_out < n; ++left_out) {
-    const auto used = used_pairs();
-    const auto end = std::copy_if(used.begin(), used.end(), others.begin(), [&](const PointPair &pair) {
-      return &pair != &used[static_cast<std::size_t>(left_out)];
-    });
-    const PairedFit rest = fit_paired({others.begin(), end});
-    if (rest.converged && rest.p_value > best_p) {
-      best_p = rest.p_value;
-      result.suspect = left_out;
+  const auto names = [this](const RobustFit &fit_of_rest) {
+    return fit_of_rest.found && fit_of_rest.outliers > 0 && fit_of_rest.fit.p_value >= options.false_refusal;
+  };
+  RobustFit robust = fit_paired_robust(used_pairs(), {options.false_refusal});
+  if (!names(robust)) { // that something is wrong is known by now: a laxer rate may tell what
+    robust = fit_paired_robust(used_pairs(), {kNamingAlarm});
+  }
+  if (!names(robust)) {
+    return Refusal::kFreTooLarge;
+  }
+  for (int i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    result.fiducials[k].leave_one_out_mm = robust.fit.fiducials[k].leave_one_out_mm;
+    result.fiducials[k].p_value = robust.p_value[k];
+    if (!robust.inlier[k]) {
+      name_suspect(i);
     }
   }
-  if (best_p >= options.false_refusal) {
-    return Refusal::kContradictingFiducial;
+  return Refusal::kContradictingFiducial;
+}
+
+void RegistrationEstimator::Workspace::name_suspect(int index) {
+  const auto chance = [this](int i) { return result.fiducials[static_cast<std::size_t>(i)].p_value; };
+  result.suspects[static_cast<std::size_t>(index)] = true;
+  ++result.suspect_count;
+  if (result.suspect < 0 || chance(index) < chance(result.suspect)) {
+    result.suspect = index;
   }
-  result.suspect = -1;
-  return Refusal::kFreTooLarge;
 }
 
 bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &start) {
@@ -294,7 +306,7 @@ const RegistrationResult &RegistrationEstimator::estimate_located(std::span<cons
   // The few fiducials that there are cannot be held against each other, but against the surface's pose.
   for (int i = 0; i < result.fiducial_count; ++i) {
     if (result.fiducials[static_cast<std::size_t>(i)].p_value < w.options.false_refusal / result.fiducial_count) {
-      result.suspect = i;
+      w.name_suspect(i);
       result.refusal = Refusal::kContradictingFiducial;
     }
   }

@@ -61,8 +61,12 @@ struct RegistrationResult {
   Matrix6d covariance = Matrix6d::Zero();
 
   int fiducial_count = 0;
-  std::array<FiducialFit, kMaxFiducials> fiducials{}; // in the order given; leave-one-out within the joint estimate
-  int suspect = -1;                                   // kContradictingFiducial: its index
+  // In the order given; leave-one-out within the joint estimate. Of kContradictingFiducial: leave-one-out and p-value
+  // are what the fiducials that agree predict (robust_points.hpp).
+  std::array<FiducialFit, kMaxFiducials> fiducials{};
+  std::array<bool, kMaxFiducials> suspects{}; // kContradictingFiducial: which of them do not agree with the rest
+  int suspect_count = 0;
+  int suspect = -1; // the least probable of them
   double fre_mm = 0.0;
   double fre_expected_mm = 0.0;
   double chi_square = 0.0; // of the fiducials alone, 3 N - 6 degrees of freedom
@@ -89,7 +93,7 @@ struct RegistrationResult {
 [[nodiscard]] std::string_view name_direction(const geometry::Vector6d &direction) noexcept;
 
 // Why the result was refused and what to do, for a person; empty when it was not. NUL-terminated, cut at the end of
-// out. subject: the name of the suspect fiducial; target: that of the worst target. Does not allocate.
+// out. subject: the names of the suspect fiducials; target: that of the worst target. Does not allocate.
 void describe(const RegistrationResult &result, const RegistrationOptions &options, std::string_view subject,
               std::string_view target, std::span<char> out) noexcept;
 

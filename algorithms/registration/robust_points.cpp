@@ -13,6 +13,7 @@ namespace bregma::registration {
 namespace {
 
 constexpr int kMaxRounds = 10;
+constexpr double kHopeless = 1e-6; // an agreement less probable than this is none
 
 // Of a residual of pairs[i] under T, whose own covariance may come on top (an outlier's prediction by the others).
 double misfit(const PointPair &pair, const PairedPose &T, const Matrix6d *pose_covariance) {
@@ -71,6 +72,21 @@ Proposal best_proposal(std::span<const PointPair> pairs, double limit) {
   return best;
 }
 
+// Three of four pairs agree by three degrees of freedom, which others may do as well by chance: then nobody can say
+// which pair is wrong.
+bool only_three_agree(std::span<const PointPair> four, const RobustFit &fit, double false_alarm) {
+  for (std::size_t left_out = 0; left_out < four.size(); ++left_out) {
+    std::array<PointPair, 3> rest;
+    std::copy_if(four.begin(), four.end(), rest.begin(), [&](const PointPair &p) { return &p != &four[left_out]; });
+    const PairedFit other = fit_paired(rest);
+    const bool agree = other.converged && other.p_value >= false_alarm;
+    if (agree == fit.inlier[left_out]) {
+      return false;
+    }
+  }
+  return true;
+}
+
 } // namespace
 
 RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOptions &options) noexcept {
@@ -79,6 +95,7 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
     return out;
   }
   out.count = static_cast<int>(pairs.size());
+  const std::size_t fewest = pairs.size() == 4 ? 3 : 4;
   const double each = 1.0 - std::pow(1.0 - options.false_alarm, 1.0 / out.count);
   const double limit = uncertainty::chi_square_upper_quantile(each, 3);
   const Proposal proposal = best_proposal(pairs, limit);
@@ -119,7 +136,7 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
     }
     // The worst goes out alone, since it drags the others' residuals; what then fits comes back.
     bool changed = false;
-    if (worst < pairs.size() && used > 4) {
+    if (worst < pairs.size() && used > fewest) {
       out.inlier[worst] = false;
       changed = true;
     } else {
@@ -150,7 +167,8 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
     }
   }
   out.outliers = out.count - static_cast<int>(used);
-  out.found = used >= 4 && 2 * used > pairs.size() && fit.p_value >= 1e-6;
+  out.found = used >= fewest && 2 * used > pairs.size() && fit.p_value >= kHopeless &&
+              (used > 3 || only_three_agree(pairs, out, options.false_alarm));
   return out;
 }
 

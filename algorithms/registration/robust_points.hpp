@@ -4,7 +4,7 @@
 // covariance allows at a false-alarm rate, is taken (consensus after Fischler & Bolles 1981, over all triples instead
 // of random ones, so that the answer is always the same). fit_paired then refines it over those that agree, pairs are
 // judged again by what the others predict for them, and this goes on until none changes. Up to 64 pairs; beyond
-// kMaxTriples triples an even share of them is tried.
+// kMaxTriples triples an even share of them is tried. Of four pairs three are enough where no other three agree too.
 //
 // Units: mm. Does not allocate or throw; reentrant.
 #pragma once
@@ -20,8 +20,9 @@ struct RobustOptions {
 };
 
 struct RobustFit {
-  // Enough pairs agree (more than half of all, and at least four, so that the agreement says something) and the refined
-  // estimate converged. Otherwise `fit` is of the most that agreed, or of nothing (not converged).
+  // Enough pairs agree (more than half of all, and at least four, so that the agreement says something; or the only
+  // three of four that do) and the refined estimate converged. Otherwise `fit` is of the most that agreed, or of
+  // nothing (not converged).
   bool found = false;
   PairedFit fit; // over the inliers; fit.fiducials are in the order of all pairs, the residuals of outliers included
   std::array<bool, kMaxFiducials> inlier{}; // the first `count`

@@ -1,6 +1,8 @@
 #include "server/pipelines/registration.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <cstdio>
 
 #include "server/pipelines/wire_values.hpp"
 
@@ -227,7 +229,9 @@ void RegistrationPipeline::show(const registration::RegistrationResult &result) 
           ? std::string_view(case_->data->targets[static_cast<std::size_t>(result.worst_target)].name)
           : std::string_view("the head's centre");
   (void)wire::set_name(state_.subject, suspect);
-  registration::describe(result, case_->estimator.options(), suspect, target, state_.text);
+  std::array<char, 160> suspects{};
+  list_suspects(result, suspects);
+  registration::describe(result, case_->estimator.options(), suspects.data(), target, state_.text);
   if (result.refusal == Refusal::kTooFewFiducials && search_text_[0] != '\0') {
     wire::set_text(state_.text, search_text_.data());
   }
@@ -241,6 +245,19 @@ void RegistrationPipeline::show(const registration::RegistrationResult &result) 
   state_.fre_mm = result.has_estimate ? result.fre_mm : wire::kUnknown;
   state_.fre_expected_mm = result.has_estimate ? result.fre_expected_mm : wire::kUnknown;
   state_.surface_rms_mm = result.has_estimate && !surface_.empty() ? result.surface_rms_mm : wire::kUnknown;
+}
+
+void RegistrationPipeline::list_suspects(const registration::RegistrationResult &result,
+                                         std::span<char> out) const noexcept {
+  std::size_t length = 0;
+  for (std::size_t i = 0; i < sample_count_; ++i) {
+    if (result.suspects[i] && length + 1 < out.size()) {
+      const std::string_view name = wire::view(samples_[i].point);
+      const int added = std::snprintf(out.data() + length, out.size() - length, "%s%.*s", length > 0 ? ", " : "",
+                                      static_cast<int>(name.size()), name.data());
+      length += static_cast<std::size_t>(std::max(added, 0));
+    }
+  }
 }
 
 void RegistrationPipeline::show_fiducials(const registration::RegistrationResult &result) noexcept {
@@ -260,7 +277,7 @@ void RegistrationPipeline::show_fiducials(const registration::RegistrationResult
       put_unknown(out.residual_mm);
       out.norm_mm = out.leave_one_out_mm = out.p_value = wire::kUnknown;
     }
-    out.suspect = result.suspect == static_cast<int>(i);
+    out.suspect = result.suspects[i];
   }
 }
 

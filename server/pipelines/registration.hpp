@@ -8,6 +8,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <variant>
 #include <vector>
 
@@ -46,6 +47,8 @@ private:
   void remove(const wire::Name &point) noexcept;
   void estimate() noexcept;
   void show(const registration::RegistrationResult &result) noexcept;
+  // Their names, NUL-terminated and cut at the end of out.
+  void list_suspects(const registration::RegistrationResult &result, std::span<char> out) const noexcept;
   void show_fiducials(const registration::RegistrationResult &result) noexcept;
 
   LoadedCase *case_ = nullptr;

@@ -1,7 +1,9 @@
 // `bregma register points`: rigid registration of two lists of points in files.
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <cstdio>
 #include <memory>
 #include <optional>
 #include <set>
@@ -10,7 +12,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
-#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/registration/robust_points.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
@@ -27,6 +29,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using nlohmann::json;
 using registration::PairedFit;
+using registration::RobustFit;
 
 // Below it the turn about the line of the points is as good as free.
 constexpr double kMinSpread_mm = 3.0;
@@ -40,6 +43,7 @@ struct PointsArguments {
   std::optional<double> sigma_mm;
   std::vector<double> at_mm; // a point in source coordinates to predict the TRE at; empty or three numbers
   std::string targets;       // a file of points in target coordinates
+  bool leave_out_suspects = false;
 };
 
 struct Pair {
@@ -117,11 +121,19 @@ Result<std::vector<Pair>> make_pairs(const PointFile &source, const PointFile &t
 
 struct Registration {
   PairedFit fit;
+  // Which points are wrong, by what those that agree predict for them; suspects only where enough do, and where the
+  // error is stated: residuals that it was estimated from cannot be too large for it.
+  RobustFit robust;
   double sigma_mm = 0.0;     // of a coordinate; root mean square where the points differ
   bool sigma_stated = false; // by the person or by the files
+  bool left_out = false;     // the suspects take no part in fit
   double time_ms = 0.0;      // of the estimate
 
   [[nodiscard]] bool contradicts() const { return sigma_stated && fit.p_value < kContradiction; }
+  [[nodiscard]] bool suspect(std::size_t i) const { return sigma_stated && robust.found && !robust.inlier[i]; }
+  [[nodiscard]] std::size_t suspects() const {
+    return sigma_stated && robust.found ? static_cast<std::size_t>(robust.outliers) : 0;
+  }
 };
 
 // The error of each pair into its covariances; returns what a coordinate errs by.
@@ -149,11 +161,11 @@ Registration weigh(std::vector<Pair> &pairs, const registration::PairedPose &sta
   return out;
 }
 
-tl::expected<Registration, std::string> solve(std::vector<Pair> pairs, std::optional<double> stated_sigma,
-                                              const std::string &file) {
+tl::expected<Registration, std::string> solve(std::vector<Pair> pairs, const PointsArguments &arguments) {
   if (pairs.size() < 3 || pairs.size() > static_cast<std::size_t>(registration::kMaxFiducials)) {
-    return tl::unexpected(file + " has " + std::to_string(pairs.size()) + " points; 3 are needed, and at most " +
-                          std::to_string(registration::kMaxFiducials) + " are taken");
+    return tl::unexpected(arguments.files.source.path + " has " + std::to_string(pairs.size()) +
+                          " points; 3 are needed, and at most " + std::to_string(registration::kMaxFiducials) +
+                          " are taken");
   }
   std::vector<Vector3d> sources;
   std::vector<Vector3d> targets;
@@ -167,7 +179,7 @@ tl::expected<Registration, std::string> solve(std::vector<Pair> pairs, std::opti
     return tl::unexpected("the points lie on a line (within " + fixed(spread, 1, "mm") +
                           "): the turn about it is not fixed");
   }
-  Registration out = weigh(pairs, *start, stated_sigma);
+  Registration out = weigh(pairs, *start, arguments.sigma_mm);
   std::vector<registration::PointPair> weighted;
   for (const Pair &pair : pairs) {
     weighted.push_back({pair.source, pair.target, pair.source_covariance, pair.target_covariance});
@@ -178,23 +190,39 @@ tl::expected<Registration, std::string> solve(std::vector<Pair> pairs, std::opti
   if (!out.fit.converged) {
     return tl::unexpected(std::string("the estimate did not converge"));
   }
+  out.robust = registration::fit_paired_robust(weighted);
+  if (arguments.leave_out_suspects && out.suspects() > 0) {
+    out.fit = out.robust.fit;
+    out.left_out = true;
+  }
   return out;
 }
 
-// The pair that fits worst to the error that is stated for it.
-std::size_t worst(const Registration &r, const std::vector<Pair> &pairs) {
-  const auto begin = r.fit.fiducials.begin();
-  const auto end = begin + static_cast<std::ptrdiff_t>(pairs.size());
-  return static_cast<std::size_t>(
-      std::min_element(begin, end, [](const auto &a, const auto &b) { return a.p_value < b.p_value; }) - begin);
+// Of a chance, which may be very small.
+std::string scientific(double p) {
+  std::array<char, 32> out{};
+  std::snprintf(out.data(), out.size(), "%.1e", p);
+  return p < 1e-300 ? "below 1e-300" : out.data();
+}
+
+std::string suspects_text(const Registration &r, const std::vector<Pair> &pairs) {
+  std::string out;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    if (r.suspect(i)) {
+      out += (out.empty() ? "\"" : ", \"") + printable(pairs[i].name) + "\" (" +
+             fixed(r.robust.fit.fiducials[i].leave_one_out_mm, 2, "mm") + " from where the others put it, chance " +
+             scientific(r.robust.p_value[i]) + ")";
+    }
+  }
+  return out;
 }
 
 std::string contradiction(const Registration &r, const std::vector<Pair> &pairs) {
-  const std::size_t suspect = worst(r, pairs);
-  const registration::FiducialFit &fit = r.fit.fiducials[suspect];
-  return "the residuals are too large for the stated error (chance " + fixed(r.fit.p_value, 6) +
-         "): a point is wrong, or the error is larger. Look first at \"" + printable(pairs[suspect].name) +
-         "\": " + fixed(fit.leave_one_out_mm, 2, "mm") + " from where the others put it";
+  const std::string chance =
+      "the residuals are too large for the stated error (chance " + scientific(r.fit.p_value) + ")";
+  return r.suspects() > 0
+             ? chance + ", and these points do not agree with the others: " + suspects_text(r, pairs)
+             : chance + ": several points are wrong, or the error is larger; which ones, the residuals do not tell";
 }
 
 double tre_at(const Registration &r, const Vector3d &source_point) {
@@ -213,15 +241,21 @@ Vector3d centroid(const std::vector<Pair> &pairs) {
 std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const PointsArguments &arguments,
                     const std::vector<PointError> &errors) {
   std::string out = transforms_text(r.fit.T_target_source.matrix()) + "\n";
-  Table table({"Point", "dx mm", "dy mm", "dz mm", "Residual mm", "Left out mm", "p"});
+  Table table({"Point", "dx mm", "dy mm", "dz mm", "Residual mm", "Left out mm", "p", ""});
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const registration::FiducialFit &f = r.fit.fiducials[i];
     table.row({printable(pairs[i].name), fixed(f.residual_mm.x(), 3), fixed(f.residual_mm.y(), 3),
                fixed(f.residual_mm.z(), 3), fixed(f.norm_mm, 3), fixed(f.leave_one_out_mm, 3),
-               r.sigma_stated ? fixed(f.p_value, 4) : "-"});
+               r.sigma_stated ? fixed(f.p_value, 4) : "-",
+               !r.suspect(i) ? ""
+               : r.left_out  ? "left out"
+                             : "suspect"});
   }
   out += table.text();
-  out += "\nFRE " + fixed(r.fit.fre_mm, 3, "mm") + " over " + std::to_string(pairs.size()) +
+  if (r.suspects() > 0) {
+    out += "\nSuspect: " + suspects_text(r, pairs) + (r.left_out ? "; left out\n" : "\n");
+  }
+  out += "\nFRE " + fixed(r.fit.fre_mm, 3, "mm") + " over " + std::to_string(r.fit.count) +
          " points: a figure of consistency, not of accuracy\n";
   out += "Error of a point " + fixed(r.sigma_mm, 3, "mm") + " (1 sigma a coordinate, " +
          (r.sigma_stated ? "as stated)\n" : "estimated from the residuals)\n");
@@ -236,13 +270,20 @@ std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const
 json to_json(const Registration &r, const std::vector<Pair> &pairs, const PointsArguments &arguments,
              const std::vector<PointError> &errors) {
   json points = json::array();
+  json suspects = json::array();
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const registration::FiducialFit &f = r.fit.fiducials[i];
     points.push_back({{"point", pairs[i].name},
                       {"residual_mm", json_vector(f.residual_mm)},
                       {"norm_mm", json_number(f.norm_mm)},
                       {"leave_one_out_mm", json_number(f.leave_one_out_mm)},
-                      {"p_value", r.sigma_stated ? json_number(f.p_value) : json(nullptr)}});
+                      {"p_value", r.sigma_stated ? json_number(f.p_value) : json(nullptr)},
+                      {"suspect", r.suspect(i)}});
+    if (r.suspect(i)) {
+      suspects.push_back({{"point", pairs[i].name},
+                          {"p_value", json_number(r.robust.p_value[i])},
+                          {"from_the_others_mm", json_number(r.robust.fit.fiducials[i].leave_one_out_mm)}});
+    }
   }
   json out = transforms_json(r.fit.T_target_source.matrix(), arguments.files);
   add_covariance(out, r.fit.covariance);
@@ -256,6 +297,8 @@ json to_json(const Registration &r, const std::vector<Pair> &pairs, const Points
               {"tre_centroid_mm", tre_at(r, centroid(pairs))},
               {"time_ms", r.time_ms},
               {"points", std::move(points)},
+              {"suspects", std::move(suspects)},
+              {"suspects_left_out", r.left_out},
               {"targets", errors_json(errors)}});
   if (!arguments.at_mm.empty()) {
     out["tre_at_mm"] = tre_at(r, Vector3d(arguments.at_mm.data()));
@@ -283,7 +326,7 @@ int register_points(const PointsArguments &arguments, const Context &context) {
   if (!pairs) {
     return fail(pairs.error());
   }
-  const auto solved = solve(*pairs, arguments.sigma_mm, arguments.files.source.path);
+  const auto solved = solve(*pairs, arguments);
   if (!solved) {
     return refuse("refused", solved.error(), context);
   }
@@ -312,6 +355,8 @@ void add_register_points(CLI::App &parent, Context &context) {
                          "Where they lie; paired by name, or else by order");
   command->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma a coordinate, both lists together")
       ->check(CLI::Range(1e-4, 100.0));
+  command->add_flag("--leave-out-suspects", arguments->leave_out_suspects,
+                    "Registers by the points that agree within their stated error; the others are named");
   command->add_option("--at", arguments->at_mm, "A point in source coordinates to predict the TRE at")
       ->expected(3)
       ->type_name("X Y Z");

@@ -111,6 +111,26 @@ TEST(RobustPoints, PromisesNothingWhereMostAreWrong) {
   EXPECT_FALSE(fit_paired_robust(std::vector<PointPair>(8, three[0])).found);
 }
 
+// Three of four say which one is wrong only where no other three agree as well; then they are right.
+TEST(RobustPoints, OfFourThreeMayNameTheOther) {
+  std::mt19937 rng(kRobustSeed);
+  int named = 0;
+  int misnamed = 0;
+  constexpr int kRuns = 200;
+  for (int run = 0; run < kRuns; ++run) {
+    auto pairs = stated_pairs(rng, robust_pose(rng), 4);
+    pairs[1].target_mm += 15.0 * test::normal_vector(rng, 1.0).normalized();
+    const RobustFit fit = fit_paired_robust(pairs);
+    if (fit.found) {
+      const bool right = !fit.inlier[1] && fit.outliers == 1;
+      named += right ? 1 : 0;
+      misnamed += right ? 0 : 1;
+    }
+  }
+  EXPECT_GT(named, kRuns / 2) << "seed " << kRobustSeed;
+  EXPECT_LE(misnamed, kRuns / 50) << "seed " << kRobustSeed;
+}
+
 TEST(RobustPoints, DoesNotAllocate) {
   if (!test::AllocationScope::available()) {
     GTEST_SKIP() << "the sanitizer owns malloc";

@@ -161,12 +161,53 @@ TEST(RegisterPoints, ErrorsInTheFileWeighThePoints) {
   EXPECT_EQ(both.err, "bregma: the files state the error of their points: --sigma-mm is for files that do not\n");
 }
 
-TEST(RegisterPoints, TheWorstPointIsNamed) {
-  const Outcome run =
-      register_points("A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\nE,90,70,0\nF,90,0,50\n",
-                      "A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\nE,90,70,9\nF,90,0,50\n", "--sigma-mm 0.5");
-  EXPECT_EQ(run.exit_code, 1);
-  EXPECT_NE(run.err.find("Look first at \"E\""), std::string::npos) << run.err;
+const std::string kEight = "A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\nE,90,70,0\nF,90,0,50\nG,20,75,45\nH,70,60,55\n";
+// E is 9 mm off.
+const std::string kOneWrong = "A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\nE,90,70,9\nF,90,0,50\nG,20,75,45\nH,70,60,55\n";
+// A and C are swapped.
+const std::string kTwoWrong = "A,0,80,0\nB,100,0,0\nC,0,0,0\nD,0,0,60\nE,90,70,0\nF,90,0,50\nG,20,75,45\nH,70,60,55\n";
+
+TEST(RegisterPoints, TheWrongPointsAreNamedWithTheirChance) {
+  const Outcome one = register_points(kEight, kOneWrong, "--sigma-mm 0.5");
+  EXPECT_EQ(one.exit_code, 1);
+  EXPECT_NE(
+      one.err.find("these points do not agree with the others: \"E\" (9.00 mm from where the others put it, chance "),
+      std::string::npos)
+      << one.err;
+  const Outcome two = register_points(kEight, kTwoWrong, "--sigma-mm 0.5 --json");
+  EXPECT_EQ(two.exit_code, 1);
+  const auto json = two.json();
+  ASSERT_EQ(json["suspects"].size(), 2U) << two.out;
+  EXPECT_EQ(json["suspects"][0]["point"], "A");
+  EXPECT_EQ(json["suspects"][1]["point"], "C");
+  EXPECT_LT(json["suspects"][0]["p_value"].get<double>(), 1e-9);
+  EXPECT_NEAR(json["suspects"][1]["from_the_others_mm"].get<double>(), 80.0, 1e-3);
+  EXPECT_TRUE(json["points"][2]["suspect"].get<bool>());
+  EXPECT_FALSE(json["points"][3]["suspect"].get<bool>());
+}
+
+TEST(RegisterPoints, SuspectsAreLeftOutOnlyWhenAsked) {
+  const Outcome run = register_points(kEight, kTwoWrong, "--sigma-mm 0.5 --leave-out-suspects --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto json = run.json();
+  EXPECT_TRUE(json["suspects_left_out"].get<bool>());
+  EXPECT_EQ(json["suspects"].size(), 2U);
+  EXPECT_NEAR(json["fre_mm"].get<double>(), 0.0, 1e-6);
+  EXPECT_NEAR(json["T_target_source"][0][3].get<double>(), 0.0, 1e-6);
+  const Outcome text = register_points(kEight, kTwoWrong, "--sigma-mm 0.5 --leave-out-suspects");
+  EXPECT_NE(text.out.find("over 6 points"), std::string::npos) << text.out;
+  EXPECT_NE(text.out.find("; left out"), std::string::npos) << text.out;
+  // Where nobody can tell which points are wrong, nothing is left out.
+  const Outcome three = register_points("A,0,0,0\nB,100,0,0\nC,0,80,0\n", "A,0,0,0\nB,100,0,0\nC,0,95,0\n",
+                                        "--sigma-mm 0.5 --leave-out-suspects");
+  EXPECT_EQ(three.exit_code, 1);
+  EXPECT_NE(three.err.find("which ones, the residuals do not tell"), std::string::npos) << three.err;
+}
+
+TEST(RegisterPoints, WithoutAStatedErrorNobodyIsSuspect) {
+  const Outcome run = register_points(kEight, kOneWrong, "--json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_TRUE(run.json()["suspects"].empty());
 }
 
 TEST(RegisterPoints, TargetsHaveTheirPredictedErrorInTheTargetsFrame) {
