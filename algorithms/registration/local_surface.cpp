@@ -10,12 +10,12 @@
 #include <Eigen/Eigenvalues>
 
 #include "algorithms/registration/neighbours.hpp"
+#include "algorithms/registration/normal_kernel.hpp"
 #include "algorithms/registration/plane_step.hpp"
 #include "algorithms/registration/twist.hpp"
 
 namespace bregma::registration {
 
-using Eigen::Vector3f;
 using geometry::Matrix36d;
 using geometry::Vector6d;
 
@@ -61,8 +61,9 @@ struct LocalRegistration::Workspace {
   Workspace(const SurfaceField *field_in, const CloudModel *cloud_in, const LocalOptions &options_in,
             std::size_t capacity)
       : field(field_in), cloud(cloud_in), options(options_in), neighbours(options_in.correlation_length_mm, capacity),
-        samples(capacity), coarse(std::min(capacity, kCoarseSamples)), terms(capacity), residuals(capacity),
-        scratch(capacity), alike(capacity), sums(capacity) {
+        samples(capacity), coarse(std::min(capacity, kCoarseSamples)), known(capacity),
+        rows_each(options_in.metric == SurfaceMetric::kPointToPlane ? 1 : 3), rows(rows_each * capacity),
+        residuals(capacity), magnitudes(whole_lanes(capacity)), alike(capacity), sums(capacity) {
     if (!(options.sigma_mm > 0.0) || !(options.trim >= 0.0 && options.trim < 0.9) ||
         !(options.correlation_length_mm >= 0.0) || options.max_iterations < 1) {
       throw std::invalid_argument("local registration: sigma, trim, correlation length or iterations out of range");
@@ -76,15 +77,8 @@ struct LocalRegistration::Workspace {
   void approach(PairedPose &T);
   void settle(PairedPose &T);
   void linearise(const PairedPose &T, bool rescale);
-  void normal_equations(Matrix6d &normal, Vector6d &gradient) const;
   [[nodiscard]] Matrix6d covariance_about_centre();
   void report(const PairedPose &T);
-
-  struct Term {
-    Vector3d at = Vector3d::Zero();     // mapped sample, about the centre
-    Vector3d offset = Vector3d::Zero(); // from the surface; point to plane: unit normal
-    double weight = 0.0;
-  };
 
   const SurfaceField *field;
   const CloudModel *cloud;
@@ -93,11 +87,13 @@ struct LocalRegistration::Workspace {
   std::size_t count = 0;
   std::size_t coarse_count = 0;
   std::vector<Vector3d> samples;
-  std::vector<Vector3f> coarse;
-  std::vector<Term> terms;
-  std::vector<double> residuals; // signed distance, or distance from the point
-  std::vector<double> scratch;
-  std::vector<double> alike; // sum of correlations of a sample with all
+  SampleLanes coarse;
+  std::vector<SurfaceField::Nearby> known; // of each sample, from step to step
+  std::size_t rows_each;                   // of a sample: one along the normal, or three
+  NormalRows rows;                         // about the centre
+  std::vector<double> residuals;           // signed distance, or distance from the point
+  std::vector<float> magnitudes;           // of the residuals
+  std::vector<double> alike;               // sum of correlations of a sample with all
   std::vector<Vector6d> sums;
   Vector3d centre_source = Vector3d::Zero();
   Vector3d centre = Vector3d::Zero(); // in the target frame: what steps turn about
@@ -120,10 +116,11 @@ bool LocalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
     return false;
   }
   centre_source /= static_cast<double>(count);
-  coarse_count = std::min(count, coarse.size());
+  coarse_count = std::min(count, coarse.capacity());
   for (std::size_t i = 0; i < coarse_count; ++i) {
-    coarse[i] = samples[i * count / coarse_count].cast<float>();
+    coarse.set(i, samples[i * count / coarse_count]);
   }
+  std::fill_n(known.begin(), count, SurfaceField::Nearby{});
   neighbours.set({samples.data(), count});
   std::fill_n(alike.begin(), count, 1.0);
   neighbours.each([this](std::size_t i, std::size_t j, double rho) {
@@ -135,19 +132,12 @@ bool LocalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
 
 // Over the field's planes, the loss narrowing with the residuals.
 void LocalRegistration::Workspace::approach(PairedPose &T) {
-  const std::span<const Vector3f> few(coarse.data(), coarse_count);
   while (result.iterations < options.max_iterations / 2) {
     ++result.iterations;
-    for (std::size_t i = 0; i < coarse_count; ++i) {
-      const Vector3f p = (T * few[i].cast<double>()).cast<float>();
-      const SurfaceField::Plane &plane = field->plane(p);
-      scratch[i] = static_cast<double>(std::abs(plane.normal.dot(p) + plane.offset));
-    }
-    const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(coarse_count / 2);
-    std::nth_element(scratch.begin(), middle, scratch.begin() + static_cast<std::ptrdiff_t>(coarse_count));
-    const double scale = std::max(options.sigma_mm, kMadToNormal * *middle);
+    const double middle_mm = plane_median_mm(*field, coarse, coarse_count, T, magnitudes.data());
+    const double scale = std::max(options.sigma_mm, kMadToNormal * middle_mm);
     const Vector3d about = T * centre_source;
-    const PlaneStep step = plane_step(*field, few, T, about, kWideReach * scale);
+    const PlaneStep step = plane_step(*field, coarse, coarse_count, T, about, kWideReach * scale);
     const Vector6d twist = solve_damped(step.normal, step.gradient, 1e-4, kStepLimit_mm);
     T = moved_about(about, twist, T);
     if (motion_at_lever_mm(twist) < kCoarseSettled_mm) {
@@ -161,57 +151,41 @@ void LocalRegistration::Workspace::linearise(const PairedPose &T, bool rescale) 
   const bool plane = options.metric == SurfaceMetric::kPointToPlane;
   for (std::size_t i = 0; i < count; ++i) {
     const Vector3d p = R * samples[i] + T.translation();
-    const SurfacePoint on = cloud != nullptr ? cloud->closest(p) : field->closest(p);
-    Term &term = terms[i];
-    term.at = p - centre;
-    if (!plane) {
-      term.offset = p - on.point_mm;
+    const SurfacePoint on = cloud != nullptr ? cloud->closest(p) : field->closest(p, known[i]);
+    const Vector3d at = p - centre;
+    if (plane) {
+      // The gradient of the distance itself, also over an edge.
+      const bool known_by_surface = cloud != nullptr || on.distance_mm < kSurfaceTouch_mm;
+      const Vector3d normal = known_by_surface ? on.normal : Vector3d((p - on.point_mm) / on.signed_mm);
+      residuals[i] = on.signed_mm;
+      rows.set(i, at.cross(normal), normal, on.signed_mm);
+    } else {
+      const Vector3d offset = p - on.point_mm;
       residuals[i] = on.distance_mm;
-    } else if (cloud != nullptr || on.distance_mm < kSurfaceTouch_mm) {
-      term.offset = on.normal;
-      residuals[i] = on.signed_mm;
-    } else { // the gradient of the distance itself, also over an edge
-      term.offset = (p - on.point_mm) / on.signed_mm;
-      residuals[i] = on.signed_mm;
+      for (Eigen::Index k = 0; k < 3; ++k) {
+        const Vector3d axis = Vector3d::Unit(k);
+        rows.set(3 * i + static_cast<std::size_t>(k), at.cross(axis), axis, offset[k]);
+      }
     }
-    scratch[i] = std::abs(residuals[i]);
+    magnitudes[i] = static_cast<float>(std::abs(residuals[i]));
   }
-  const auto end = scratch.begin() + static_cast<std::ptrdiff_t>(count);
   if (rescale && options.loss != RobustLoss::kSquare) {
-    const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(count / 2);
-    std::nth_element(scratch.begin(), middle, end);
     // The median distance of a normal error in space is 1.538 sigma; along the normal alone, 1 / 1.4826.
-    sigma = std::max(options.sigma_mm, *middle * (plane ? kMadToNormal : 1.0 / 1.538));
+    const auto middle = static_cast<double>(ranked(magnitudes, count, count / 2));
+    sigma = std::max(options.sigma_mm, middle * (plane ? kMadToNormal : 1.0 / 1.538));
   }
-  double trimmed_at = std::numeric_limits<double>::infinity();
+  float trimmed_at = std::numeric_limits<float>::infinity();
   if (options.trim > 0.0) {
     const auto kept = static_cast<std::size_t>((1.0 - options.trim) * static_cast<double>(count));
-    const auto last = scratch.begin() + static_cast<std::ptrdiff_t>(std::max(kept, kFewest) - 1);
-    std::nth_element(scratch.begin(), last, end);
-    trimmed_at = *last;
+    trimmed_at = ranked(magnitudes, count, std::max(kept, kFewest) - 1);
   }
   for (std::size_t i = 0; i < count; ++i) {
-    terms[i].weight =
-        std::abs(residuals[i]) <= trimmed_at ? weight_of(options.loss, residuals[i] / sigma) / alike[i] : 0.0;
-  }
-}
-
-void LocalRegistration::Workspace::normal_equations(Matrix6d &normal, Vector6d &gradient) const {
-  normal.setZero();
-  gradient.setZero();
-  for (std::size_t i = 0; i < count; ++i) {
-    const Term &term = terms[i];
-    if (options.metric == SurfaceMetric::kPointToPlane) {
-      Vector6d J;
-      J << term.at.cross(term.offset), term.offset;
-      normal.noalias() += (term.weight * J) * J.transpose();
-      gradient += term.weight * residuals[i] * J;
-    } else {
-      const Matrix36d J = geometry::point_jacobian(term.at);
-      normal.noalias() += term.weight * (J.transpose() * J);
-      gradient.noalias() += term.weight * (J.transpose() * term.offset);
+    const double weight = magnitudes[i] <= trimmed_at ? weight_of(options.loss, residuals[i] / sigma) / alike[i] : 0.0;
+    for (std::size_t k = 0; k < rows_each; ++k) {
+      rows.set_weight(rows_each * i + k, weight);
     }
   }
+  rows.pad(rows_each * count);
 }
 
 // With exact closest points.
@@ -223,9 +197,9 @@ void LocalRegistration::Workspace::settle(PairedPose &T) {
     // The scale follows the residuals until the pose rests; then it stays, so that the last steps can settle.
     const bool rescale = step < kScaledSteps || (last > kCoarseSettled_mm && step < options.max_iterations / 2);
     linearise(T, rescale);
-    Matrix6d normal;
-    Vector6d gradient;
-    normal_equations(normal, gradient);
+    Matrix6d normal = Matrix6d::Zero();
+    Vector6d gradient = Vector6d::Zero();
+    add_rows(rows, rows_each * count, normal, gradient);
     Vector6d twist = solve_damped(normal, gradient, 1e-8, kStepLimit_mm);
     const double motion = motion_at_lever_mm(twist);
     if (options.metric == SurfaceMetric::kPointToPlane && motion > 0.5 * last && step > 2) {
@@ -249,9 +223,9 @@ void LocalRegistration::Workspace::settle(PairedPose &T) {
 
 // A^-1 B A^-1; B = J'W K W J with K = sigma^2 (rho_ij).
 Matrix6d LocalRegistration::Workspace::covariance_about_centre() {
-  Matrix6d A;
-  Vector6d unused;
-  normal_equations(A, unused);
+  Matrix6d A = Matrix6d::Zero();
+  Vector6d unused = Vector6d::Zero();
+  add_rows(rows, rows_each * count, A, unused);
   Vector6d lever;
   lever << Vector3d::Constant(1.0 / kHeadLever_mm), Vector3d::Ones();
   const Matrix6d scaled = lever.asDiagonal() * A * lever.asDiagonal();
@@ -262,30 +236,22 @@ Matrix6d LocalRegistration::Workspace::covariance_about_centre() {
   const Matrix6d inverse = lever.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
                            eigen.eigenvectors().transpose() * lever.asDiagonal();
   Matrix6d B = Matrix6d::Zero();
-  const bool plane = options.metric == SurfaceMetric::kPointToPlane;
-  const auto jacobian = [&](std::size_t i) {
-    Vector6d J;
-    J << terms[i].at.cross(terms[i].offset), terms[i].offset;
-    return J;
-  };
-  for (std::size_t i = 0; i < count; ++i) {
-    const double w2 = terms[i].weight * terms[i].weight;
-    if (plane) {
-      const Vector6d J = jacobian(i);
-      B.noalias() += (w2 * J) * J.transpose();
-      sums[i].setZero();
-    } else { // neighbours as if all their rows were alike: an upper bound
-      const Matrix36d J = geometry::point_jacobian(terms[i].at);
-      B.noalias() += (w2 * alike[i]) * (J.transpose() * J);
+  if (options.metric == SurfaceMetric::kPointToPoint) { // neighbours as if all their rows were alike: an upper bound
+    for (std::size_t i = 0; i < 3 * count; ++i) {
+      const Vector6d J = rows.jacobian(i);
+      B.noalias() += (rows.weight(i) * rows.weight(i) * alike[i / 3] * J) * J.transpose();
     }
+    return sigma * sigma * (inverse * B * inverse);
   }
-  if (plane && options.correlation_length_mm > 0.0) {
+  B = squared_weight_sum(rows, count);
+  if (options.correlation_length_mm > 0.0) {
+    std::fill_n(sums.begin(), count, Vector6d::Zero());
     neighbours.each([&](std::size_t i, std::size_t j, double rho) {
-      sums[i] += options.correlated_share * rho * terms[j].weight * jacobian(j);
+      sums[i] += options.correlated_share * rho * rows.weight(j) * rows.jacobian(j);
     });
     Matrix6d between = Matrix6d::Zero();
     for (std::size_t i = 0; i < count; ++i) {
-      between.noalias() += (terms[i].weight * jacobian(i)) * sums[i].transpose();
+      between.noalias() += (rows.weight(i) * rows.jacobian(i)) * sums[i].transpose();
     }
     B += between + between.transpose();
   }

@@ -24,7 +24,7 @@ public:
   }
 
   void set(std::span<const Eigen::Vector3d> points_mm) noexcept {
-    count_ = std::min(points_mm.size(), points_.size());
+    count_ = length_ > 0.0 ? std::min(points_mm.size(), points_.size()) : 0;
     for (std::size_t i = 0; i < count_; ++i) {
       order_[i] = {static_cast<float>(points_mm[i].x()), i};
     }
@@ -38,7 +38,7 @@ public:
   template <class Visit> void each(Visit &&visit) const {
     const auto reach = static_cast<float>(length_) * kCutoff;
     const float limit = reach * reach;
-    for (std::size_t a = 0; a < count_ && length_ > 0.0; ++a) {
+    for (std::size_t a = 0; a < count_; ++a) {
       // In the order of x: beyond the reach there is nobody left.
       for (std::size_t b = a + 1; b < count_ && points_[b].x() - points_[a].x() < reach; ++b) {
         const float d2 = (points_[b] - points_[a]).squaredNorm();

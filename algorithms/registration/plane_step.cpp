@@ -1,64 +1,73 @@
 #include "algorithms/registration/plane_step.hpp"
 
+#include <algorithm>
+#include <limits>
+
 #include <Eigen/Cholesky>
+
+#include "algorithms/registration/plane_kernel.hpp"
 
 namespace bregma::registration {
 
-using Eigen::Matrix4f;
-using Eigen::Vector3f;
-using Eigen::Vector4f;
 using geometry::Vector6d;
 
-PlaneStep plane_step(const SurfaceField &field, std::span<const Vector3f> samples_mm, const PairedPose &T,
-                     const Vector3d &centre_mm, double reach_mm) noexcept {
-  const Eigen::Matrix3f R = T.rotation_matrix().cast<float>();
-  const Vector3f t = T.translation().cast<float>();
-  const Vector3f centre = centre_mm.cast<float>();
-  const auto reach2 = static_cast<float>(reach_mm * reach_mm);
-  // With a = (lever x n, r) and b = (n, 0) the sums of w a a', w b b' and w b a' hold all that is needed, in whole
-  // vector registers.
-  Matrix4f aa = Matrix4f::Zero();
-  Matrix4f bb = Matrix4f::Zero();
-  Matrix4f ba = Matrix4f::Zero();
-  float cost = 0.0F;
-  for (const Vector3f &sample : samples_mm) {
-    const Vector3f p = R * sample + t;
-    const SurfaceField::Plane &plane = field.plane(p);
-    const float r = plane.normal.dot(p) + plane.offset;
-    const float share = reach2 / (reach2 + r * r);
-    const float w = share * share;
-    cost += 1.0F - share;
-    const Vector3f lever = (p - centre).cross(plane.normal);
-    const Vector4f a(lever.x(), lever.y(), lever.z(), r);
-    const Vector4f b(plane.normal.x(), plane.normal.y(), plane.normal.z(), 0.0F);
-    aa.noalias() += (w * a) * a.transpose();
-    bb.noalias() += (w * b) * b.transpose();
-    ba.noalias() += (w * b) * a.transpose();
-  }
-  PlaneStep out;
-  out.normal.topLeftCorner<3, 3>() = aa.topLeftCorner<3, 3>().cast<double>();
-  out.normal.bottomRightCorner<3, 3>() = bb.topLeftCorner<3, 3>().cast<double>();
-  out.normal.bottomLeftCorner<3, 3>() = ba.topLeftCorner<3, 3>().cast<double>();
-  out.normal.topRightCorner<3, 3>() = out.normal.bottomLeftCorner<3, 3>().transpose();
-  out.gradient.head<3>() = aa.col(3).head<3>().cast<double>();
-  out.gradient.tail<3>() = ba.col(3).head<3>().cast<double>();
-  out.cost = static_cast<double>(cost);
+namespace {
+
+const PlaneKernel &kernel() noexcept {
+  static const PlaneKernel &widest = plane_kernels().front();
+  return widest;
+}
+
+PlaneQuery query(const SurfaceField &field, const SampleLanes &samples, std::size_t count, const PairedPose &T) {
+  PlaneQuery out{field.grid(), samples.axis(0), samples.axis(1), samples.axis(2), count, {}, {}};
+  Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(out.rotation.data()) = T.rotation_matrix().cast<float>();
+  Eigen::Vector3f::Map(out.translation.data()) = T.translation().cast<float>();
   return out;
 }
 
-double plane_cost(const SurfaceField &field, std::span<const Vector3f> samples_mm, const PairedPose &T,
-                  double reach_mm) noexcept {
-  const Eigen::Matrix3f R = T.rotation_matrix().cast<float>();
-  const Vector3f t = T.translation().cast<float>();
-  const auto reach2 = static_cast<float>(reach_mm * reach_mm);
-  float cost = 0.0F;
-  for (const Vector3f &sample : samples_mm) {
-    const Vector3f p = R * sample + t;
-    const SurfaceField::Plane &plane = field.plane(p);
-    const float r = plane.normal.dot(p) + plane.offset;
-    cost += 1.0F - reach2 / (reach2 + r * r);
+} // namespace
+
+std::size_t whole_lanes(std::size_t count) noexcept { return (count + kPlaneLanes - 1) / kPlaneLanes * kPlaneLanes; }
+
+float ranked(std::span<float> values, std::size_t count, std::size_t rank) noexcept {
+  std::fill(values.begin() + static_cast<std::ptrdiff_t>(count),
+            values.begin() + static_cast<std::ptrdiff_t>(whole_lanes(count)), std::numeric_limits<float>::infinity());
+  return kernel().ranked(values.data(), count, rank);
+}
+
+void SampleLanes::reserve(std::size_t capacity) {
+  capacity_ = capacity;
+  for (std::vector<float> &axis : axes_) {
+    axis.resize(whole_lanes(capacity));
   }
-  return static_cast<double>(cost);
+}
+
+PlaneStep plane_step(const SurfaceField &field, const SampleLanes &samples, std::size_t count, const PairedPose &T,
+                     const Vector3d &centre_mm, double reach_mm) noexcept {
+  std::array<float, 3> centre{};
+  Eigen::Vector3f::Map(centre.data()) = centre_mm.cast<float>();
+  PlaneSums sums;
+  kernel().sums(query(field, samples, count, T), centre, static_cast<float>(reach_mm * reach_mm), sums);
+  PlaneStep out;
+  for (Eigen::Index a = 0, k = 0; a < 6; ++a) {
+    for (Eigen::Index b = 0; b <= a; ++b, ++k) {
+      out.normal(a, b) = out.normal(b, a) = static_cast<double>(sums.normal[static_cast<std::size_t>(k)]);
+    }
+    out.gradient[a] = static_cast<double>(sums.gradient[static_cast<std::size_t>(a)]);
+  }
+  out.cost = static_cast<double>(sums.cost);
+  return out;
+}
+
+double plane_cost(const SurfaceField &field, const SampleLanes &samples, std::size_t count, const PairedPose &T,
+                  double reach_mm) noexcept {
+  return static_cast<double>(kernel().cost(query(field, samples, count, T), static_cast<float>(reach_mm * reach_mm)));
+}
+
+double plane_median_mm(const SurfaceField &field, const SampleLanes &samples, std::size_t count, const PairedPose &T,
+                       float *scratch) noexcept {
+  kernel().residuals(query(field, samples, count, T), scratch);
+  return static_cast<double>(kernel().ranked(scratch, count, count / 2));
 }
 
 Vector6d solve_damped(const Matrix6d &normal, const Vector6d &gradient, double damping, double limit_mm) noexcept {

@@ -129,7 +129,7 @@ void PoseSearch::start_poses(std::span<const Vector3d> samples_mm) {
 
 void PoseSearch::descend(std::span<PoseCandidate> candidates, std::size_t samples,
                          std::span<const double> reaches_mm) const {
-  const std::span<const Vector3f> few(samples_.data(), std::min(samples, samples_.size()));
+  const std::size_t few = std::min(samples, count_);
   const auto work = [&](std::size_t first, std::size_t step) {
     for (std::size_t i = first; i < candidates.size(); i += step) {
       PairedPose &T = candidates[i].T_target_source;
@@ -139,11 +139,11 @@ void PoseSearch::descend(std::span<PoseCandidate> candidates, std::size_t sample
           break;
         }
         const Vector3d centre = T * spread_.middle_mm;
-        const PlaneStep at = plane_step(*field_, few, T, centre, reach);
+        const PlaneStep at = plane_step(*field_, samples_, few, T, centre, reach);
         T = moved_about(centre, solve_damped(at.normal, at.gradient, kDamping, kStepLimit_mm), T);
         last_reach = reach;
       }
-      candidates[i].cost = plane_cost(*field_, few, T, last_reach);
+      candidates[i].cost = plane_cost(*field_, samples_, few, T, last_reach);
     }
   };
   const auto threads = static_cast<std::size_t>(threads_);
@@ -188,7 +188,10 @@ std::span<const PoseCandidate> PoseSearch::run(std::span<const Vector3d> samples
   const std::size_t n = samples_mm.size();
   spread_ = spread_of(samples_mm);
   // In the order of a golden-ratio walk, whose every beginning is spread over the whole trace.
-  samples_.resize(n);
+  count_ = n;
+  if (samples_.capacity() < n) {
+    samples_.reserve(n);
+  }
   std::vector<std::pair<double, std::size_t>> order(n);
   for (std::size_t i = 0; i < n; ++i) {
     const double walk = std::numbers::phi * static_cast<double>(i);
@@ -196,7 +199,7 @@ std::span<const PoseCandidate> PoseSearch::run(std::span<const Vector3d> samples
   }
   std::sort(order.begin(), order.end());
   for (std::size_t i = 0; i < n; ++i) {
-    samples_[i] = samples_mm[order[i].second].cast<float>();
+    samples_.set(i, samples_mm[order[i].second]);
   }
 
   start_poses(samples_mm);

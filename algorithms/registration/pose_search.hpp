@@ -49,7 +49,8 @@ private:
   const SurfaceField *field_;
   int threads_;
   std::vector<Eigen::Quaterniond> rotations_;
-  std::vector<Eigen::Vector3f> samples_; // any first ones of them are spread over all
+  SampleLanes samples_; // any first ones of them are spread over all
+  std::size_t count_ = 0;
   Spread spread_;
   std::vector<PoseCandidate> candidates_;
   std::vector<PoseCandidate> kept_;

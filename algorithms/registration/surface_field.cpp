@@ -17,6 +17,7 @@ namespace {
 constexpr double kMaxVoxels = 5e7;
 constexpr double kOnPlane_mm = 1e-6; // nearer than this, only the surface knows its normal
 constexpr double kTransportBand = 2.0;
+constexpr double kSecure_mm = 0.25; // by which the next triangle should be known to be farther away
 
 Vector3i voxels(const Vector3d &extent_mm, double spacing_mm) {
   const Eigen::Array3d count = (extent_mm.array() / spacing_mm).ceil().max(1.0);
@@ -159,20 +160,38 @@ SurfacePoint SurfaceField::closest_from_planes(const Vector3d &p) const noexcept
   return surface_->closest(p, nearest_[voxel_of(p.cast<float>())]);
 }
 
-SurfacePoint SurfaceField::closest(const Vector3d &p) const noexcept {
+SurfaceField::Listed SurfaceField::listed(const Vector3d &p) const noexcept {
   const Eigen::Array3d at = (p - near_low_).array() / options_.near_mm;
-  if ((at >= 0.0).all() && (at < near_size_.array().cast<double>()).all()) {
-    const Vector3i voxel = at.cast<int>();
-    const int number = voxel.x() + near_size_.x() * (voxel.y() + near_size_.y() * voxel.z());
-    const auto index = static_cast<std::size_t>(number);
-    const std::uint32_t first = begin_[index];
-    const std::uint32_t last = begin_[index + 1];
-    if (first != last) {
-      const Vector3d centre = near_low_ + options_.near_mm * (voxel.cast<double>() + Vector3d::Constant(0.5));
-      return surface_->closest_among({candidates_.data() + first, last - first}, (p - centre).norm(), p);
+  if (!((at >= 0.0).all() && (at < near_size_.array().cast<double>()).all())) {
+    return {};
+  }
+  const Vector3i voxel = at.cast<int>();
+  const int number = voxel.x() + near_size_.x() * (voxel.y() + near_size_.y() * voxel.z());
+  const auto index = static_cast<std::size_t>(number);
+  const Vector3d centre = near_low_ + options_.near_mm * (voxel.cast<double>() + Vector3d::Constant(0.5));
+  return {{candidates_.data() + begin_[index], begin_[index + 1] - begin_[index]}, (p - centre).norm()};
+}
+
+SurfacePoint SurfaceField::closest(const Vector3d &p) const noexcept {
+  const auto [candidates, offset_mm] = listed(p);
+  return candidates.empty() ? closest_from_planes(p) : surface_->closest_among(candidates, offset_mm, p);
+}
+
+SurfacePoint SurfaceField::closest(const Vector3d &p, Nearby &known) const noexcept {
+  if (known.triangle >= 0) {
+    const SurfacePoint on = surface_->closest_on(known.triangle, p);
+    if (on.distance_mm + (p - known.at_mm).norm() < known.others_mm) {
+      return on;
     }
   }
-  return closest_from_planes(p);
+  const auto [candidates, offset_mm] = listed(p);
+  known.at_mm = p;
+  known.others_mm = 0.0;
+  const SurfacePoint on = candidates.empty()
+                              ? closest_from_planes(p)
+                              : surface_->closest_among(candidates, offset_mm, p, &known.others_mm, kSecure_mm);
+  known.triangle = on.triangle;
+  return on;
 }
 
 } // namespace bregma::registration

@@ -15,10 +15,12 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include <Eigen/Core>
 
+#include "algorithms/registration/plane_kernel.hpp"
 #include "algorithms/registration/surface_model.hpp"
 
 namespace bregma::registration {
@@ -44,8 +46,20 @@ public:
   };
   [[nodiscard]] const Plane &plane(const Eigen::Vector3f &p) const noexcept { return planes_[voxel_of(p)]; }
 
+  [[nodiscard]] PlaneGrid grid() const noexcept {
+    return {{low_.x(), low_.y(), low_.z()}, per_mm_, {size_.x(), size_.y(), size_.z()}, planes_.front().normal.data()};
+  }
+
   // Exact: what SurfaceModel::closest answers.
   [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &p) const noexcept;
+  // Exact as well, and quick for a point that moves little from query to query: as long as it has moved by less than
+  // all other triangles were farther away, only the one that was closest is looked at.
+  struct Nearby {
+    Eigen::Vector3d at_mm = Eigen::Vector3d::Zero();
+    int triangle = -1;      // closest to at_mm; none yet
+    double others_mm = 0.0; // no other triangle is nearer to at_mm
+  };
+  [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &p, Nearby &known) const noexcept;
 
   [[nodiscard]] const SurfaceModel &surface() const noexcept { return *surface_; }
   [[nodiscard]] double spacing_mm() const noexcept { return options_.spacing_mm; }
@@ -60,6 +74,12 @@ private:
     const int number = clamped(at.x(), size_.x()) + size_.x() * row; // no more than 50 million
     return static_cast<std::size_t>(number);
   }
+  // The triangles that can be closest to p, and how far p is from the middle of their voxel; none: too far away.
+  struct Listed {
+    std::span<const SurfaceModel::Candidate> candidates;
+    double offset_mm = 0.0;
+  };
+  [[nodiscard]] Listed listed(const Eigen::Vector3d &p) const noexcept;
   // By the tree, from the triangle of the voxel.
   [[nodiscard]] SurfacePoint closest_from_planes(const Eigen::Vector3d &p) const noexcept;
   void build_planes();

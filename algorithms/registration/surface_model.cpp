@@ -294,24 +294,34 @@ SurfacePoint SurfaceModel::closest_on(int triangle, const Vector3d &point_mm) co
 }
 
 SurfacePoint SurfaceModel::closest_among(std::span<const Candidate> candidates, double offset_mm,
-                                         const Vector3d &point_mm) const noexcept {
+                                         const Vector3d &point_mm, double *others_mm, double secure_mm) const noexcept {
   double best = std::numeric_limits<double>::infinity();
+  double second = std::numeric_limits<double>::infinity();
   double reach = std::numeric_limits<double>::infinity();
+  double rest = static_cast<double>(candidates.back().from_place_mm); // of the place: all beyond are farther
   std::uint32_t best_slot = 0;
   Closest found{Vector3d::Zero(), kFace};
   for (const Candidate &one : candidates) {
-    if (static_cast<double>(one.from_place_mm) >= reach) {
+    const auto from_place = static_cast<double>(one.from_place_mm);
+    if (from_place >= reach) {
+      rest = from_place;
       break;
     }
     const std::uint32_t slot = slot_[static_cast<std::size_t>(one.triangle)];
     const Closest candidate = closest_on_triangle(corners_[slot], point_mm);
     const double d2 = (candidate.point - point_mm).squaredNorm();
     if (d2 < best) {
+      second = best;
       best = d2;
-      reach = std::sqrt(d2) + offset_mm;
+      reach = std::sqrt(d2) + offset_mm + secure_mm;
       best_slot = slot;
       found = candidate;
+    } else {
+      second = std::min(second, d2);
     }
+  }
+  if (others_mm != nullptr) {
+    *others_mm = std::min(std::sqrt(second), rest - offset_mm);
   }
   return describe(best_slot, found, point_mm);
 }

@@ -38,13 +38,15 @@ public:
   // The closest point of one triangle of the mesh, in the same terms: signed_mm tells the side of this triangle alone.
   [[nodiscard]] SurfacePoint closest_on(int triangle, const Eigen::Vector3d &point_mm) const noexcept;
   // The closest point among some triangles, which stand in the order of their distance from a place offset_mm away:
-  // the search ends where the rest cannot be nearer. At least one candidate.
+  // the search ends where the rest cannot be nearer by secure_mm. At least one candidate. others_mm, where it is given:
+  // a lower bound of the distance of all other triangles, if none can be closest that is not a candidate.
   struct Candidate {
     float from_place_mm;
     int triangle;
   };
   [[nodiscard]] SurfacePoint closest_among(std::span<const Candidate> candidates, double offset_mm,
-                                           const Eigen::Vector3d &point_mm) const noexcept;
+                                           const Eigen::Vector3d &point_mm, double *others_mm = nullptr,
+                                           double secure_mm = 0.0) const noexcept;
   struct Box {
     Eigen::Vector3d low_mm, high_mm;
   };

@@ -1,14 +1,18 @@
 // Local registration onto meshes and clouds: right on analytic shapes, the same under a rigid move, honest where a
 // direction is free.
+#include <algorithm>
+#include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
+#include <string>
 
 #include <gtest/gtest.h>
 
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/registration/local_surface.hpp"
+#include "algorithms/registration/normal_kernel.hpp"
+#include "algorithms/registration/plane_step.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
@@ -78,6 +82,27 @@ TEST(SurfaceField, ClosestPointsAreThoseOfTheTree) {
   }
 }
 
+// A point that wanders: what the last query knew is used as long as it is exact, and no longer.
+TEST(SurfaceField, WhatIsKnownFromNearbyStaysExact) {
+  std::mt19937 rng(kLocalSeed);
+  int same = 0;
+  constexpr int kSteps = 400;
+  for (int walk = 0; walk < 20; ++walk) {
+    Vector3d p = test::on_head(test::normal_vector(rng, 1.0)) + test::normal_vector(rng, 1.0);
+    SurfaceField::Nearby known;
+    for (int i = 0; i < kSteps; ++i) {
+      const Vector3d last_query = known.at_mm;
+      const SurfacePoint quick = prepared_head().field.closest(p, known);
+      same += i > 0 && known.at_mm == last_query ? 1 : 0;
+      const SurfacePoint exact = prepared_head().surface.closest(p);
+      ASSERT_NEAR(quick.signed_mm, exact.signed_mm, 1e-9) << "walk " << walk << ", step " << i;
+      ASSERT_NEAR((quick.point_mm - exact.point_mm).norm(), 0.0, 1e-6) << "walk " << walk << ", step " << i;
+      p += test::normal_vector(rng, i % 40 == 39 ? 1.0 : 0.01);
+    }
+  }
+  EXPECT_GT(same, 20 * kSteps / 4) << "the tree or the lists were asked again and again";
+}
+
 TEST(SurfaceField, PlanesAreNearTheSurfacesDistance) {
   std::mt19937 rng(kLocalSeed);
   for (int i = 0; i < 2000; ++i) {
@@ -92,6 +117,107 @@ TEST(SurfaceField, PlanesAreNearTheSurfacesDistance) {
 TEST(SurfaceField, AMeshInTheWrongUnitIsRefused) {
   const SurfaceModel huge(test::make_sphere(1, 20000.0, Vector3d::Zero()));
   EXPECT_THROW(SurfaceField{huge}, std::invalid_argument);
+}
+
+// Against the formulas, one sample after another, in double precision.
+TEST(PlaneKernel, EveryVersionOfThisProcessorGivesTheFormulas) {
+  std::mt19937 rng(kLocalSeed);
+  const SurfaceField &field = prepared_head().field;
+  for (const std::size_t count : {1U, 7U, 8U, 61U, 200U}) {
+    const Sampled trace = sample_front(count, 3.0, rng);
+    const PairedPose T = off(trace.T_true, 10.0, 10.0, rng);
+    SampleLanes lanes(count);
+    std::vector<double> residuals;
+    Matrix6d normal = Matrix6d::Zero();
+    geometry::Vector6d gradient = geometry::Vector6d::Zero();
+    double cost = 0.0;
+    constexpr double kReach_mm = 12.0;
+    for (std::size_t i = 0; i < count; ++i) {
+      lanes.set(i, trace.source_mm[i]);
+      const Vector3d p = T * trace.source_mm[i];
+      const SurfaceField::Plane &plane = field.plane(p.cast<float>());
+      const Vector3d n = plane.normal.cast<double>();
+      const double r = n.dot(p) + static_cast<double>(plane.offset);
+      const double share = kReach_mm * kReach_mm / (kReach_mm * kReach_mm + r * r);
+      geometry::Vector6d J;
+      J << (p - test::kHeadCentre).cross(n), n;
+      normal += share * share * J * J.transpose();
+      gradient += share * share * r * J;
+      cost += 1.0 - share;
+      residuals.push_back(std::abs(r));
+    }
+    PlaneQuery query{field.grid(), lanes.axis(0), lanes.axis(1), lanes.axis(2), count, {}, {}};
+    Eigen::Map<Eigen::Matrix<float, 3, 3, Eigen::RowMajor>>(query.rotation.data()) = T.rotation_matrix().cast<float>();
+    Eigen::Vector3f::Map(query.translation.data()) = T.translation().cast<float>();
+    std::array<float, 3> centre{};
+    Eigen::Vector3f::Map(centre.data()) = test::kHeadCentre.cast<float>();
+    for (const PlaneKernel &kernel : plane_kernels()) {
+      SCOPED_TRACE(std::string(kernel.name) + ", " + std::to_string(count) + " samples");
+      std::vector<float> each(whole_lanes(count), -1.0F);
+      kernel.residuals(query, each.data());
+      for (std::size_t i = 0; i < count; ++i) { // one on the border of two voxels might fall to either
+        ASSERT_NEAR(static_cast<double>(each[i]), residuals[i], 1e-3);
+      }
+      for (std::size_t i = count; i < each.size(); ++i) {
+        EXPECT_EQ(each[i], std::numeric_limits<float>::infinity());
+      }
+      std::vector<float> sorted(each.begin(), each.begin() + static_cast<std::ptrdiff_t>(count));
+      std::sort(sorted.begin(), sorted.end());
+      EXPECT_EQ(kernel.ranked(each.data(), count, count / 2), sorted[count / 2]);
+      EXPECT_EQ(kernel.ranked(each.data(), count, 0), sorted.front());
+      EXPECT_EQ(kernel.ranked(each.data(), count, count - 1), sorted.back());
+      PlaneSums sums;
+      kernel.sums(query, centre, static_cast<float>(kReach_mm * kReach_mm), sums);
+      for (Eigen::Index a = 0, k = 0; a < 6; ++a) {
+        const double size = std::sqrt(normal(a, a));
+        EXPECT_NEAR(static_cast<double>(sums.gradient[static_cast<std::size_t>(a)]), gradient[a],
+                    1e-4 * size * static_cast<double>(count));
+        for (Eigen::Index b = 0; b <= a; ++b, ++k) {
+          EXPECT_NEAR(static_cast<double>(sums.normal[static_cast<std::size_t>(k)]), normal(a, b),
+                      1e-4 * size * std::sqrt(normal(b, b)));
+        }
+      }
+      EXPECT_NEAR(static_cast<double>(sums.cost), cost, 1e-4 * static_cast<double>(count));
+      EXPECT_NEAR(static_cast<double>(kernel.cost(query, static_cast<float>(kReach_mm * kReach_mm))), cost,
+                  1e-4 * static_cast<double>(count));
+    }
+  }
+}
+
+TEST(NormalKernel, EveryVersionOfThisProcessorGivesTheSums) {
+  std::mt19937 rng(kLocalSeed);
+  for (const std::size_t count : {1U, 4U, 7U, 100U}) {
+    NormalRows rows(count);
+    Matrix6d plain = Matrix6d::Zero();
+    Matrix6d squared = Matrix6d::Zero();
+    geometry::Vector6d gradient = geometry::Vector6d::Zero();
+    for (std::size_t i = 0; i < count; ++i) {
+      geometry::Vector6d J;
+      J << test::normal_vector(rng, 80.0), test::normal_vector(rng, 1.0);
+      const Vector3d others = test::normal_vector(rng, 1.0);
+      rows.set(i, J.head<3>(), J.tail<3>(), others.x());
+      rows.set_weight(i, others.y() * others.y());
+      plain += rows.weight(i) * J * J.transpose();
+      squared += rows.weight(i) * rows.weight(i) * J * J.transpose();
+      gradient += rows.weight(i) * others.x() * J;
+      EXPECT_EQ(rows.jacobian(i), J);
+    }
+    rows.pad(count);
+    for (const NormalKernel &kernel : normal_kernels()) {
+      SCOPED_TRACE(std::string(kernel.name) + ", " + std::to_string(count) + " rows");
+      NormalSums sums;
+      NormalSums of_squares;
+      kernel.sums(rows, count, false, sums);
+      kernel.sums(rows, count, true, of_squares);
+      for (Eigen::Index a = 0, k = 0; a < 6; ++a) {
+        EXPECT_NEAR(sums.gradient[static_cast<std::size_t>(a)], gradient[a], 1e-12 * plain.norm());
+        for (Eigen::Index b = 0; b <= a; ++b, ++k) {
+          EXPECT_NEAR(sums.normal[static_cast<std::size_t>(k)], plain(a, b), 1e-12 * plain.norm());
+          EXPECT_NEAR(of_squares.normal[static_cast<std::size_t>(k)], squared(a, b), 1e-12 * squared.norm());
+        }
+      }
+    }
+  }
 }
 
 TEST(LocalSurface, NoiselessSamplesGiveThePoseItself) {
