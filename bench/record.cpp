@@ -83,6 +83,18 @@ void Report::note(std::string_view text) const {
   }
 }
 
+Progress::Progress(std::string study, int runs)
+    : study_(std::move(study)), runs_(runs), said_(std::chrono::steady_clock::now()) {}
+
+void Progress::step() {
+  constexpr auto kInterval = std::chrono::seconds(5);
+  ++done_;
+  if (const auto now = std::chrono::steady_clock::now(); now - said_ >= kInterval) {
+    said_ = now;
+    std::fprintf(stderr, "%s: %d of %d\n", study_.c_str(), done_, runs_);
+  }
+}
+
 void add_options(CLI::App &app, Options &options) {
   app.add_flag("--json", options.json, "one JSON object a line");
   app.add_flag("--quick", options.quick, "a smaller sample, in under a minute");

@@ -2,6 +2,7 @@
 // --json. A limit is the figure that the design asks for; a peer is what was measured beside it in the same run.
 #pragma once
 
+#include <chrono>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -42,6 +43,19 @@ private:
   bool json_;
   bool all_hold_ = true;
   bool header_printed_ = false;
+};
+
+// How far a long study is, on standard error: at most one line in five seconds.
+class Progress {
+public:
+  Progress(std::string study, int runs);
+  void step();
+
+private:
+  std::string study_;
+  int runs_;
+  int done_ = 0;
+  std::chrono::steady_clock::time_point said_;
 };
 
 // The options that every benchmark takes.

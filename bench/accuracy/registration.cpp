@@ -8,20 +8,21 @@
 int main(int argc, char **argv) {
   using namespace bregma;
   bench::RegistrationBenchOptions options;
-  std::string only;
   CLI::App app("Accuracy, robustness and time of the registrations");
   bench::add_options(app, options);
   app.add_option("--case", options.case_folder, "case folder whose scalp is the head")->capture_default_str();
   app.add_option("--basin", options.basin_file, "write the picture of the convergence basin (SVG) to this file");
-  app.add_option("--only", only, "one part: surface or clouds")->check(CLI::IsMember({"surface", "clouds"}));
+  app.add_option("--head", options.heads, "other heads: surfaces or images (those of ../shared/data that are there)");
+  app.add_option("--only", options.only, "these parts alone")->check(CLI::IsMember(bench::kRegistrationParts));
   CLI11_PARSE(app, argc, argv);
 
   bench::Report report(options.json);
   try {
-    if (only != "clouds") {
-      bench::surface_figures(report, options);
+    bench::surface_figures(report, options);
+    if (options.wants("heads")) {
+      bench::head_figures(report, options);
     }
-    if (only != "surface") {
+    if (options.wants("clouds")) {
       bench::cloud_figures(report, options);
     }
   } catch (const std::exception &e) {

@@ -40,8 +40,10 @@ void draw_basin(Report &report, const Head &head, const registration::SurfaceFie
   double near = 100.0;
   const int left = 70;
   const int top = 50;
+  Progress progress("convergence basin", kDistances * kAngles);
   for (int d = 0; d < kDistances; ++d) {
     for (int a = 0; a < kAngles; ++a) {
+      progress.step();
       std::mt19937 rng(kBasinSeed + static_cast<unsigned>(a + kAngles * d));
       int there = 0;
       for (int run = 0; run < runs; ++run) {

@@ -20,6 +20,8 @@
 #include "algorithms/registration/gauss_sums.hpp"
 #include "algorithms/registration/robust_points.hpp"
 #include "algorithms/registration/spline_grid.hpp"
+#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/tre.hpp"
 #include "bench/accuracy/registration_head.hpp"
 #include "bench/accuracy/registration_parts.hpp"
 #include "casefile/markups.hpp"
@@ -99,6 +101,31 @@ void paired_figures(Report &report, bool quick) {
   report.add(at_least("points.robust_outlier_named", 100.0 * right / runs, "%", 95.0));
   if (test::AllocationScope::available()) {
     report.add(at_most("points.allocations", static_cast<double>(allocations), "", 0.0));
+  }
+}
+
+// Does the true error at a target 80 mm away lie in the predicted 95 % as often as that says?
+void paired_coverage(Report &report, int runs) {
+  for (const auto &[name, depth_mm] : {std::pair("isotropic", 0.3), std::pair("anisotropic", 0.9)}) {
+    std::mt19937 rng(kCloudSeed);
+    int inside = 0;
+    for (int run = 0; run < runs; ++run) {
+      const auto T = test::random_pose<geometry::frame::Target, geometry::frame::Source>(rng);
+      std::vector<PointPair> pairs(8);
+      for (PointPair &pair : pairs) {
+        pair.source_mm = test::normal_vector(rng, 60.0);
+        pair.target_covariance = test::random_anisotropic(rng, 0.3, depth_mm);
+        pair.target_mm = T * pair.source_mm + test::draw(rng, pair.target_covariance);
+      }
+      const Eigen::Vector3d target = 80.0 * test::normal_vector(rng, 1.0).normalized();
+      const PairedFit fit = fit_paired(pairs);
+      const Eigen::Vector3d error = fit.T_target_source * target - T * target;
+      const Matrix3d predicted = uncertainty::tre_covariance(fit.covariance, T * target);
+      inside += uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+    }
+    const std::string label = std::string("points.coverage.") + name;
+    report.add(at_least(label, 100.0 * inside / runs, "%", 93.0));
+    report.add(at_most(label + ".not_more", 100.0 * inside / runs, "%", 97.0));
   }
 }
 
@@ -440,6 +467,7 @@ void curve_figures(Report &report) {
 
 void cloud_figures(Report &report, const RegistrationBenchOptions &options) {
   paired_figures(report, options.quick);
+  paired_coverage(report, options.quick ? 200 : 2000);
   cpd_figures(report, options.case_folder, options.quick);
   fixture_figures(report);
   bunny_figures(report);

@@ -1,7 +1,9 @@
 // The parts of bench_registration, one source each.
 #pragma once
 
+#include <algorithm>
 #include <string>
+#include <vector>
 
 #include "bench/record.hpp"
 
@@ -10,10 +12,20 @@ namespace bregma::bench {
 struct RegistrationBenchOptions : Options {
   std::string case_folder = "out/cases/colin27"; // its scalp is the head
   std::string basin_file;                        // SVG of the convergence basin; none when empty
+  std::vector<std::string> heads;                // surfaces or images of other heads
+  std::vector<std::string> only;                 // parts; empty: all
+
+  [[nodiscard]] bool wants(const std::string &part) const {
+    return only.empty() || std::find(only.begin(), only.end(), part) != only.end();
+  }
 };
+inline const std::vector<std::string> kRegistrationParts{"local",    "global", "table",  "degenerate",
+                                                         "coverage", "heads",  "clouds", "basin"};
 
 // registration_surface.cpp: local and global surface registration.
 void surface_figures(Report &report, const RegistrationBenchOptions &options);
+// registration_heads.cpp: the verdict on heads that its thresholds were not set on.
+void head_figures(Report &report, const RegistrationBenchOptions &options);
 // registration_clouds.cpp: paired points, clouds, splines and curves.
 void cloud_figures(Report &report, const RegistrationBenchOptions &options);
 

@@ -95,7 +95,9 @@ void paper_table(Report &report, const Head &head, const SurfaceField &field, in
     std::vector<double> floor;
     int found = 0;
     int wrong_here = 0;
+    Progress progress("table 1, row " + std::to_string(row.number), runs);
     for (int run = 0; run < runs; ++run) {
+      progress.step();
       std::mt19937 rng(kSurfaceSeed + static_cast<unsigned>(run));
       std::vector<Vector3d> places;
       std::sample(head.face.begin(), head.face.end(), std::back_inserter(places), row.count, rng);
@@ -136,7 +138,9 @@ void local_table(Report &report, const Head &head, const SurfaceField &field, in
   for (const Size &size : {Size{150, 0.6, 99.0}, Size{500, 1.5, 100.0}, Size{1000, 2.5, 100.0}}) {
     std::mt19937 rng(kSurfaceSeed);
     std::vector<double> errors, times, peer_errors, peer_times;
+    Progress progress("local, " + std::to_string(size.count) + " points", runs);
     for (int run = 0; run < runs; ++run) {
+      progress.step();
       const Trace trace = take_trace(side_of(head, size.count, run % 2 == 0, rng), 1.0, Noise::kAll, rng);
       std::uniform_real_distribution<double> off(10.0, 20.0);
       const double angle = off(rng) * geometry::kRadiansPerDegree;
@@ -188,7 +192,9 @@ void global_table(Report &report, const Head &head, const SurfaceField &field, i
     std::mt19937 rng(kSurfaceSeed);
     std::vector<double> errors, floor, times;
     int found = 0;
+    Progress progress("global, " + std::to_string(size.count) + " points", runs);
     for (int run = 0; run < runs; ++run) {
+      progress.step();
       const Trace trace = take_trace(side_of(head, size.count, run % 2 == 0, rng), 1.0, Noise::kAll, rng);
       const double begin = wall_ms();
       const GlobalResult &result = global.locate(trace.source_mm);
@@ -255,7 +261,9 @@ void degenerate(Report &report, const Head &head, const SurfaceField &field, int
   for (const auto &[name, make] : clouds) {
     std::mt19937 rng(kSurfaceSeed);
     int not_found = 0;
+    Progress progress("no pose: " + name, runs);
     for (int run = 0; run < runs; ++run) {
+      progress.step();
       const std::size_t n = kSizes[static_cast<std::size_t>(run) % kSizes.size()];
       const Trace trace = take_trace(make(n, rng), 1.0, Noise::kAll, rng);
       not_found += global.locate(trace.source_mm).verdict != Verdict::kFound ? 1 : 0;
@@ -278,7 +286,9 @@ void coverage(Report &report, const Head &head, const SurfaceField &field, int r
     int inside = 0;
     double squared_true = 0.0;
     double squared_predicted = 0.0;
+    Progress progress(alike ? "coverage, alike" : "coverage, independent", runs);
     for (int run = 0; run < runs; ++run) {
+      progress.step();
       const test::SmoothField field_error(rng, kSkinLength_mm);
       std::normal_distribution<double> own(0.0, kSkinSigma_mm);
       std::vector<Vector3d> places;
@@ -307,6 +317,10 @@ void coverage(Report &report, const Head &head, const SurfaceField &field, int r
 } // namespace
 
 void surface_figures(Report &report, const RegistrationBenchOptions &options) {
+  constexpr std::array kParts{"local", "global", "table", "degenerate", "coverage", "basin"};
+  if (std::none_of(kParts.begin(), kParts.end(), [&](const char *part) { return options.wants(part); })) {
+    return;
+  }
   const Head head = load_head(options.case_folder);
   const double begin = wall_ms();
   const SurfaceModel surface(head.mesh);
@@ -314,12 +328,22 @@ void surface_figures(Report &report, const RegistrationBenchOptions &options) {
   const GlobalRegistration prepared(field, GlobalOptions{});
   report.add(at_most("surface.prepare", wall_ms() - begin, "ms", 2000.0));
   const bool quick = options.quick;
-  local_table(report, head, field, quick ? 40 : 200);
-  global_table(report, head, field, quick ? 20 : 200);
-  paper_table(report, head, field, quick ? 8 : 100);
-  degenerate(report, head, field, quick ? 20 : 100);
-  coverage(report, head, field, quick ? 200 : 2000);
-  if (!options.basin_file.empty()) {
+  if (options.wants("local")) {
+    local_table(report, head, field, quick ? 40 : 200);
+  }
+  if (options.wants("global")) {
+    global_table(report, head, field, quick ? 20 : 200);
+  }
+  if (options.wants("table")) {
+    paper_table(report, head, field, quick ? 8 : 100);
+  }
+  if (options.wants("degenerate")) {
+    degenerate(report, head, field, quick ? 20 : 100);
+  }
+  if (options.wants("coverage")) {
+    coverage(report, head, field, quick ? 200 : 2000);
+  }
+  if (options.wants("basin") && !options.basin_file.empty()) {
     draw_basin(report, head, field, options.basin_file, quick ? 4 : 25);
   }
 }
