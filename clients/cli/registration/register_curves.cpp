@@ -1,4 +1,5 @@
-// `bregma register curves`: landmarks and curves on two images, or on two people, by a thin-plate spline.
+// `bregma register curves`: landmarks and curves on two images, or on two people, by a thin-plate spline; in space, or
+// in the plane where every z of a side is the same.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -27,25 +28,23 @@ using casefile::MarkedCurve;
 using casefile::Result;
 using geometry::Points3;
 using nlohmann::json;
-using CurvePair = registration::CurvePair<3>;
-using PointSets = registration::PointSets<3>;
-using Spline = registration::ThinPlateSpline<3>;
+template <int D> using Spline = registration::ThinPlateSpline<D>;
 
 struct CurvesArguments {
   std::string source, target;               // curves
   std::string source_points, target_points; // landmarks
   std::string source_image, target_image;
   std::string warped; // an image to write
-  std::string kernel = "r";
+  std::string kernel; // empty: that of the dimension
   double regularisation = 0.0;
   int count = 20;
 };
 
 // The target is the reference and the source floats, so that the spline leads the way an image is resampled.
 struct Pairs {
-  PointSets landmarks;
+  registration::PointSets<3> landmarks{Points3(3, 0), Points3(3, 0)};
   std::vector<std::string> landmark_names;
-  std::vector<CurvePair> curves;
+  std::vector<registration::CurvePair<3>> curves;
   std::vector<std::string> curve_names;
 };
 
@@ -86,7 +85,6 @@ Result<void> pair_curves(const CurvesArguments &arguments, Pairs &out) {
 }
 
 Result<void> pair_landmarks(const CurvesArguments &arguments, Pairs &out) {
-  out.landmarks = {Points3(3, 0), Points3(3, 0)};
   if (arguments.source_points.empty()) {
     return {};
   }
@@ -114,8 +112,39 @@ Result<void> pair_landmarks(const CurvesArguments &arguments, Pairs &out) {
   return {};
 }
 
-registration::SplineOptions spline_options(const CurvesArguments &arguments, bool leave_one_out) {
-  return {arguments.kernel == "r" ? registration::SplineKernel::kR : registration::SplineKernel::kR2LogR,
+// Marks on slices: every z of a side is the same.
+bool lies_in_plane(const Pairs &pairs) {
+  using Pair = registration::CurvePair<3>;
+  const auto flat = [&pairs](Points3 Pair::*side, const Points3 &landmarks) {
+    const double z = (pairs.curves.front().*side)(2, 0);
+    const auto level = [z](const Points3 &points) {
+      return points.cols() == 0 || (points.row(2).array() - z).abs().maxCoeff() < 1e-6;
+    };
+    return level(landmarks) &&
+           std::all_of(pairs.curves.begin(), pairs.curves.end(), [&](const Pair &pair) { return level(pair.*side); });
+  };
+  return flat(&Pair::reference_mm, pairs.landmarks.reference_mm) &&
+         flat(&Pair::floating_mm, pairs.landmarks.floating_mm);
+}
+
+template <int D> registration::PointSets<D> landmarks_of(const Pairs &pairs) {
+  return {pairs.landmarks.reference_mm.topRows<D>(), pairs.landmarks.floating_mm.topRows<D>()};
+}
+
+template <int D> std::vector<registration::CurvePair<D>> curves_of(const Pairs &pairs) {
+  std::vector<registration::CurvePair<D>> out;
+  for (const auto &pair : pairs.curves) {
+    out.push_back({pair.reference_mm.topRows<D>(), pair.floating_mm.topRows<D>(), pair.count, pair.closed});
+  }
+  return out;
+}
+
+template <int D> std::string kernel_name(const CurvesArguments &arguments) {
+  return !arguments.kernel.empty() ? arguments.kernel : D == 2 ? "r2logr" : "r";
+}
+
+template <int D> registration::SplineOptions spline_options(const CurvesArguments &arguments, bool leave_one_out) {
+  return {kernel_name<D>(arguments) == "r" ? registration::SplineKernel::kR : registration::SplineKernel::kR2LogR,
           arguments.regularisation, leave_one_out};
 }
 
@@ -125,16 +154,18 @@ double rms(const Eigen::VectorXd &distances) {
 }
 
 // What a curve's points err by when it takes no part; not a number where the others fix no spline.
-double held_out_rms(const Pairs &pairs, std::size_t left_out, const CurvesArguments &arguments) {
+template <int D> double held_out_rms(const Pairs &pairs, std::size_t left_out, const CurvesArguments &arguments) {
   constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  std::vector<CurvePair> others = pairs.curves;
+  const auto curves = curves_of<D>(pairs);
+  auto others = curves;
   others.erase(others.begin() + static_cast<std::ptrdiff_t>(left_out));
-  const auto sets = registration::join<3>(pairs.landmarks, others);
-  const auto alone = registration::join<3>({Points3(3, 0), Points3(3, 0)}, std::span(&pairs.curves[left_out], 1));
+  const registration::PointSets<D> none{geometry::Points<D>(D, 0), geometry::Points<D>(D, 0)};
+  const auto sets = registration::join<D>(landmarks_of<D>(pairs), others);
+  const auto alone = registration::join<D>(none, std::span(&curves[left_out], 1));
   if (!sets || !alone) {
     return kUnknown;
   }
-  const auto spline = Spline::fit(sets->reference_mm, sets->floating_mm, spline_options(arguments, false));
+  const auto spline = Spline<D>::fit(sets->reference_mm, sets->floating_mm, spline_options<D>(arguments, false));
   return spline ? rms((spline->map(alone->reference_mm) - alone->floating_mm).colwise().norm()) : kUnknown;
 }
 
@@ -143,27 +174,36 @@ struct HeldOut {
   std::vector<double> curves_rms_mm;
 };
 
-json to_json(const CurvesArguments &arguments, const Pairs &pairs, const Spline &spline, const HeldOut &held_out,
-             const std::optional<WarpedImage> &warped, double time_ms) {
+struct Fitted { // in any dimension
+  int dimensions = 3;
+  std::string kernel;
+  Eigen::Index centres = 0;
+  HeldOut held_out;
+  double time_ms = 0.0;
+};
+
+json to_json(const CurvesArguments &arguments, const Pairs &pairs, const Fitted &fitted,
+             const std::optional<WarpedImage> &warped) {
   json curves = json::array();
   for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
     curves.push_back({{"curve", pairs.curve_names[i]},
                       {"source_length_mm", registration::arc_length_mm(pairs.curves[i].floating_mm)},
                       {"target_length_mm", registration::arc_length_mm(pairs.curves[i].reference_mm)},
-                      {"held_out_rms_mm", json_number(held_out.curves_rms_mm[i])}});
+                      {"held_out_rms_mm", json_number(fitted.held_out.curves_rms_mm[i])}});
   }
   json out = {{"accepted", true},
               {"verdict", "found"},
               {"frames", {{"source", arguments.source}, {"target", arguments.target}, {"axes", "RAS"}, {"unit", "mm"}}},
               {"spline_from", "target"},
               {"spline_to", "source"},
-              {"kernel", arguments.kernel},
-              {"centres", spline.size()},
+              {"dimensions", fitted.dimensions},
+              {"kernel", fitted.kernel},
+              {"centres", fitted.centres},
               {"landmarks", pairs.landmark_names.size()},
-              {"landmarks_held_out_rms_mm", json_number(held_out.landmarks_rms_mm)},
-              {"landmarks_held_out_worst_mm", json_number(held_out.landmarks_worst_mm)},
+              {"landmarks_held_out_rms_mm", json_number(fitted.held_out.landmarks_rms_mm)},
+              {"landmarks_held_out_worst_mm", json_number(fitted.held_out.landmarks_worst_mm)},
               {"curves", std::move(curves)},
-              {"time_ms", time_ms}};
+              {"time_ms", fitted.time_ms}};
   if (warped) {
     out["image"] = {{"rmse_before", json_number(warped->before.rmse)},
                     {"rmse_after", json_number(warped->after.rmse)},
@@ -174,21 +214,20 @@ json to_json(const CurvesArguments &arguments, const Pairs &pairs, const Spline 
   return out;
 }
 
-std::string to_text(const Pairs &pairs, const Spline &spline, const HeldOut &held_out,
-                    const std::optional<WarpedImage> &warped, double time_ms) {
+std::string to_text(const Pairs &pairs, const Fitted &fitted, const std::optional<WarpedImage> &warped) {
   Table table({"Held out", "Source length mm", "Target length mm", "RMS mm"});
   if (!pairs.landmark_names.empty()) {
-    table.row({"each landmark", "-", "-", fixed(held_out.landmarks_rms_mm, 3)});
+    table.row({"each landmark", "-", "-", fixed(fitted.held_out.landmarks_rms_mm, 3)});
   }
   for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
     table.row({printable(pairs.curve_names[i]), fixed(registration::arc_length_mm(pairs.curves[i].floating_mm), 1),
                fixed(registration::arc_length_mm(pairs.curves[i].reference_mm), 1),
-               fixed(held_out.curves_rms_mm[i], 3)});
+               fixed(fitted.held_out.curves_rms_mm[i], 3)});
   }
-  std::string out = "Thin-plate spline through " + std::to_string(spline.size()) +
-                    " points: " + std::to_string(pairs.landmark_names.size()) + " landmarks and " +
-                    std::to_string(pairs.curves.size()) + " curves, in " + fixed(time_ms, 0, "ms") + "\n\n" +
-                    table.text();
+  std::string out = "Thin-plate spline " + std::string(fitted.dimensions == 2 ? "in the plane " : "") + "through " +
+                    std::to_string(fitted.centres) + " points: " + std::to_string(pairs.landmark_names.size()) +
+                    " landmarks and " + std::to_string(pairs.curves.size()) + " curves, in " +
+                    fixed(fitted.time_ms, 0, "ms") + "\n\n" + table.text();
   if (warped) {
     Table images({"", "RMSE", "Mutual information"});
     images.row({"before", fixed(warped->before.rmse, 3), fixed(warped->before.mutual_information, 4)});
@@ -196,6 +235,53 @@ std::string to_text(const Pairs &pairs, const Spline &spline, const HeldOut &hel
     out += "\n" + images.text();
   }
   return out;
+}
+
+template <int D> HeldOut hold_out(const CurvesArguments &arguments, const Pairs &pairs, const Spline<D> &spline) {
+  HeldOut out;
+  const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // they come first
+  const Eigen::VectorXd of_landmarks = spline.leave_one_out_mm().head(std::min(landmarks, spline.size()));
+  out.landmarks_rms_mm = rms(of_landmarks);
+  out.landmarks_worst_mm =
+      of_landmarks.size() == 0 ? std::numeric_limits<double>::quiet_NaN() : of_landmarks.maxCoeff();
+  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
+    out.curves_rms_mm.push_back(held_out_rms<D>(pairs, i, arguments));
+  }
+  return out;
+}
+
+template <int D> int register_in(const CurvesArguments &arguments, const Pairs &pairs, const Context &context) {
+  const auto sets = registration::join<D>(landmarks_of<D>(pairs), curves_of<D>(pairs));
+  if (!sets) {
+    return fail(sets.error());
+  }
+  const auto before = std::chrono::steady_clock::now();
+  const auto spline = Spline<D>::fit(sets->reference_mm, sets->floating_mm, spline_options<D>(arguments, true));
+  const double time_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - before).count();
+  if (!spline) {
+    return refuse("refused", spline.error(), context);
+  }
+  const Fitted fitted{D, kernel_name<D>(arguments), spline->size(), hold_out<D>(arguments, pairs, *spline), time_ms};
+  std::optional<WarpedImage> warped;
+  if constexpr (D == 3) {
+    if (!arguments.source_image.empty()) {
+      auto image = warp_image(arguments.source_image, arguments.target_image, *spline);
+      if (!image) {
+        return fail(image.error());
+      }
+      warped = std::move(*image);
+    }
+  }
+  if (context.json) {
+    print_json(to_json(arguments, pairs, fitted, warped));
+  } else {
+    print(to_text(pairs, fitted, warped));
+  }
+  if (warped && !arguments.warped.empty()) {
+    const auto written = casefile::write_volume(arguments.warped, warped->image);
+    return written ? static_cast<int>(kOk) : fail(written.error());
+  }
+  return kOk;
 }
 
 int register_curves(const CurvesArguments &arguments, const Context &context) {
@@ -212,43 +298,12 @@ int register_curves(const CurvesArguments &arguments, const Context &context) {
       return fail(done.error());
     }
   }
-  const auto sets = registration::join<3>(pairs.landmarks, pairs.curves);
-  if (!sets) {
-    return fail(sets.error());
+  if (!lies_in_plane(pairs)) {
+    return register_in<3>(arguments, pairs, context);
   }
-  const auto before = std::chrono::steady_clock::now();
-  const auto spline = Spline::fit(sets->reference_mm, sets->floating_mm, spline_options(arguments, true));
-  const double time_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - before).count();
-  if (!spline) {
-    return refuse("refused", spline.error(), context);
-  }
-  HeldOut held_out;
-  const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // they come first
-  const Eigen::VectorXd of_landmarks = spline->leave_one_out_mm().head(std::min(landmarks, spline->size()));
-  held_out.landmarks_rms_mm = rms(of_landmarks);
-  held_out.landmarks_worst_mm =
-      of_landmarks.size() == 0 ? std::numeric_limits<double>::quiet_NaN() : of_landmarks.maxCoeff();
-  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
-    held_out.curves_rms_mm.push_back(held_out_rms(pairs, i, arguments));
-  }
-  std::optional<WarpedImage> warped;
-  if (!arguments.source_image.empty()) {
-    auto image = warp_image(arguments.source_image, arguments.target_image, *spline);
-    if (!image) {
-      return fail(image.error());
-    }
-    warped = std::move(*image);
-  }
-  if (context.json) {
-    print_json(to_json(arguments, pairs, *spline, held_out, warped, time_ms));
-  } else {
-    print(to_text(pairs, *spline, held_out, warped, time_ms));
-  }
-  if (!arguments.warped.empty()) {
-    const auto written = casefile::write_volume(arguments.warped, warped->image);
-    return written ? static_cast<int>(kOk) : fail(written.error());
-  }
-  return kOk;
+  return arguments.source_image.empty()
+             ? register_in<2>(arguments, pairs, context)
+             : fail("all marks of a side have the same z: from them a slice can be warped, but no image in space");
 }
 
 } // namespace
@@ -267,18 +322,18 @@ void add_register_curves(CLI::App &parent, Context &context) {
   command->add_option("--count", a->count, "Points on each curve, at equal arc length")
       ->check(CLI::Range(2, 500))
       ->capture_default_str();
-  command->add_option("--kernel", a->kernel, "r, or r2logr as in the plane")
-      ->check(CLI::IsMember({"r", "r2logr"}))
-      ->capture_default_str();
+  command->add_option("--kernel", a->kernel, "r or r2logr (by default r in space, r2logr in the plane)")
+      ->check(CLI::IsMember({"r", "r2logr"}));
   command->add_option("--regularisation", a->regularisation, "0 interpolates; more is smoother")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   add_json_flag(*command, context);
-  command->footer(
-      "The held-out error is what a landmark, or a whole curve, errs by when it takes no part.\n\nExamples:\n"
-      "  bregma register curves sulci_mr.mrk.json sulci_ct.mrk.json\n"
-      "  bregma register curves a.csv b.csv --source-points pa.csv --target-points pb.csv \\\n"
-      "      --source-image mr.nii.gz --target-image ct.nii.gz --warped mr_on_ct.nii.gz");
+  command->footer("The held-out error is what a landmark, or a whole curve, errs by when it takes no part. Where every "
+                  "z of a side\n"
+                  "is the same, the spline is one of the plane.\n\nExamples:\n"
+                  "  bregma register curves sulci_mr.mrk.json sulci_ct.mrk.json\n"
+                  "  bregma register curves a.csv b.csv --source-points pa.csv --target-points pb.csv \\\n"
+                  "      --source-image mr.nii.gz --target-image ct.nii.gz --warped mr_on_ct.nii.gz");
   command->callback([a, &context] { context.run = [a, &context] { return register_curves(*a, context); }; });
 }
 

@@ -123,6 +123,7 @@ Answer globally(const registration::SurfaceField &field, const std::vector<Vecto
                  {"log_odds", json_number(found.log_odds)},
                  {"shape_log_odds", json_number(found.shape_log_odds)},
                  {"uncertainty_mm", json_number(found.uncertainty_mm)},
+                 {"dilution", json_number(found.dilution)},
                  {"touch_next_mm", json_vector(found.touch_mm)}};
   return out;
 }
@@ -173,9 +174,14 @@ Answer locally(const registration::SurfaceField &field, const std::vector<Vector
   return out;
 }
 
-json to_json(const Answer &answer, const SurfaceArguments &arguments, const std::vector<PointError> &errors) {
+json to_json(const Answer &answer, const registration::SurfaceField &field, const std::vector<Vector3d> &samples,
+             const SurfaceArguments &arguments, const std::vector<PointError> &errors) {
   json out = transforms_json(answer.T_target_source.matrix(), arguments.files);
   add_covariance(out, answer.covariance);
+  out["residuals_mm"] = json::array(); // of all samples in their order, negative inside
+  for (const Vector3d &p : samples) {
+    out["residuals_mm"].push_back(json_number(field.closest(answer.T_target_source * p).signed_mm));
+  }
   out["targets"] = errors_json(errors);
   return out;
 }
@@ -243,7 +249,7 @@ int register_surface(const SurfaceArguments &arguments, const Context &context) 
   }
   const auto errors = errors_at(*targets, answer.covariance);
   if (context.json) {
-    document.update(to_json(answer, arguments, errors));
+    document.update(to_json(answer, field, samples->points_mm, arguments, errors));
     print_json(document);
   } else {
     print(remarks + to_text(answer, errors));

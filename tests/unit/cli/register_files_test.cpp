@@ -132,6 +132,10 @@ TEST(RegisterSurface, ColinIsFoundFromAnywhereAndRefinedFromAStart) {
   EXPECT_EQ(json["verdict"], "found");
   EXPECT_LT(worst_mm(json["T_target_source"], kMoved), 2.0) << "seed " << kFilesSeed;
   EXPECT_LT(json["targets"][0]["tre_rms_mm"].get<double>(), 2.0);
+  ASSERT_EQ(json["residuals_mm"].size(), samples.size());
+  for (const auto &residual : json["residuals_mm"]) {
+    EXPECT_LT(std::abs(residual.get<double>()), 4.0); // of a noise of 0.5 mm
+  }
   EXPECT_NE(json["remarks"].get<std::string>().find("does not say its space: taken as RAS"), std::string::npos);
 
   run = run_bregma(folder, files + "--start found.tfm");
@@ -229,7 +233,7 @@ TEST(RegisterCurves, WhatIsNoPairIsNamed) {
   const TempFolder folder;
   folder.write("a.csv", "A,0,0,0\nA,50,0,0\nB,0,0,50\nB,0,50,60\n");
   folder.write("b.csv", "A,0,0,0\nA,50,0,0\nC,0,0,50\nC,0,50,60\n");
-  folder.write("flat.csv", "A,0,0,0\nA,50,0,0\nB,0,10,0\nB,0,50,0\n");
+  folder.write("flat.csv", "A,5,0,0\nA,5,50,0\nB,5,0,10\nB,5,0,50\n");
   EXPECT_EQ(run_bregma(folder, "register curves a.csv b.csv").err, "bregma: b.csv: has no curve \"B\"\n");
   EXPECT_EQ(run_bregma(folder, "register curves a.csv a.csv --source-points a.csv").err,
             "bregma: --source-points and --target-points go together\n");
@@ -238,6 +242,33 @@ TEST(RegisterCurves, WhatIsNoPairIsNamed) {
   const auto flat = run_bregma(folder, "register curves flat.csv flat.csv");
   EXPECT_EQ(flat.exit_code, 1);
   EXPECT_EQ(flat.err.rfind("bregma: refused: ", 0), 0U) << flat.err;
+}
+
+// A slice: the spline is that of the plane, and what it cannot do it says.
+TEST(RegisterCurves, MarksOnASliceAreRegisteredInThePlane) {
+  const TempFolder folder;
+  folder.write("target.csv", "A,0,0,7\nA,50,0,7\nA,60,40,7\nB,0,10,7\nB,-20,50,7\nB,0,80,7\n");
+  folder.write("source.csv", "A,3,-2,9\nA,53,-2,9\nA,63,38,9\nB,3,8,9\nB,-17,48,9\nB,3,78,9\n");
+  folder.write("pt.csv", "P,20,30,7\nQ,35,60,7\n");
+  folder.write("ps.csv", "P,23,28,9\nQ,38,58,9\n");
+  const auto run =
+      run_bregma(folder, "register curves source.csv target.csv --source-points ps.csv --target-points pt.csv --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto json = run.json();
+  EXPECT_EQ(json["dimensions"], 2);
+  EXPECT_EQ(json["kernel"], "r2logr");
+  EXPECT_LT(json["landmarks_held_out_worst_mm"].get<double>(), 1e-6) << "a shift is reproduced";
+  EXPECT_LT(json["curves"][1]["held_out_rms_mm"].get<double>(), 1e-6);
+  folder.write("image.mha", ball_image({46, 46, 46}));
+  EXPECT_EQ(
+      run_bregma(folder, "register curves source.csv target.csv --source-image image.mha --target-image image.mha").err,
+      "bregma: all marks of a side have the same z: from them a slice can be warped, but no image in space\n");
+  // A landmark off the slice makes it a registration in space.
+  folder.write("off.csv", "P,20,30,7.5\nQ,35,60,7\n");
+  const auto space =
+      run_bregma(folder, "register curves source.csv target.csv --source-points ps.csv --target-points off.csv --json");
+  EXPECT_EQ(space.exit_code, 0) << space.err;
+  EXPECT_EQ(space.json()["dimensions"], 3);
 }
 
 } // namespace
