@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/tissue/plane_mesher.hpp"
+#include "tests/support/allocation_counter.hpp"
 
 namespace bregma::tissue {
 namespace {
@@ -355,6 +356,23 @@ TEST(PlaneSolver, ASplitNodeOpensUnderTension) {
   EXPECT_NEAR(solver.stress(0).von_mises(), 0.0, 0.1);
   EXPECT_NEAR(solver.stress(2).von_mises(), 0.0, 0.1);
   EXPECT_NEAR(solver.displacement_mm(1).x(), 0.0, 1e-3);
+}
+
+TEST(PlaneSolver, StepsDoNotAllocate) {
+  if (!test::AllocationScope::available()) {
+    GTEST_SKIP() << "the sanitizer counts allocations itself";
+  }
+  const PlaneMesh mesh = shaken_rectangle({8, 8}, {40.0, 40.0});
+  for (const PlaneState state : {PlaneState::kStrain, PlaneState::kStress}) {
+    PlaneSolver solver(mesh, material_of(Law::kOgden), {.state = state});
+    for (const Eigen::Vector2i &edge : boundary_of(mesh)) {
+      solver.hold(edge[0], {0.1 * mesh.nodes_mm[static_cast<std::size_t>(edge[0])].y(), 0.0});
+    }
+    const test::AllocationScope scope;
+    const PlaneRelaxation relaxation = solver.relax();
+    EXPECT_EQ(scope.count(), 0U);
+    EXPECT_TRUE(relaxation.valid());
+  }
 }
 
 TEST(PlaneSolver, WhatIsWrongIsNamed) {
