@@ -1,9 +1,11 @@
 #include "algorithms/registration/local_surface.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Cholesky>
@@ -61,7 +63,7 @@ struct LocalRegistration::Workspace {
   Workspace(const SurfaceField *field_in, const CloudModel *cloud_in, const LocalOptions &options_in,
             std::size_t capacity)
       : field(field_in), cloud(cloud_in), options(options_in), neighbours(options_in.correlation_length_mm, capacity),
-        samples(capacity), coarse(std::min(capacity, kCoarseSamples)), known(capacity),
+        samples(capacity), coarse(std::min(capacity, kCoarseSamples)), mapped(capacity), known(capacity),
         rows_each(options_in.metric == SurfaceMetric::kPointToPlane ? 1 : 3), rows(rows_each * capacity),
         residuals(capacity), magnitudes(whole_lanes(capacity)), alike(capacity), sums(capacity) {
     if (!(options.sigma_mm > 0.0) || !(options.trim >= 0.0 && options.trim < 0.9) ||
@@ -88,6 +90,7 @@ struct LocalRegistration::Workspace {
   std::size_t coarse_count = 0;
   std::vector<Vector3d> samples;
   SampleLanes coarse;
+  std::vector<Vector3d> mapped;            // samples in the target frame
   std::vector<SurfaceField::Nearby> known; // of each sample, from step to step
   std::size_t rows_each;                   // of a sample: one along the normal, or three
   NormalRows rows;                         // about the centre
@@ -150,7 +153,18 @@ void LocalRegistration::Workspace::linearise(const PairedPose &T, bool rescale) 
   const Matrix3d R = T.rotation_matrix();
   const bool plane = options.metric == SurfaceMetric::kPointToPlane;
   for (std::size_t i = 0; i < count; ++i) {
-    const Vector3d p = R * samples[i] + T.translation();
+    mapped[i] = R * samples[i] + T.translation();
+  }
+  using Ahead = SurfaceField::Ahead;
+  constexpr std::array<std::pair<std::size_t, Ahead>, 3> kAhead{
+      {{12, Ahead::kPlace}, {6, Ahead::kList}, {3, Ahead::kTriangles}}};
+  for (std::size_t i = 0; i < count; ++i) {
+    for (const auto &[ahead, what] : kAhead) {
+      if (field != nullptr && i + ahead < count) {
+        field->prefetch(mapped[i + ahead], known[i + ahead], what);
+      }
+    }
+    const Vector3d &p = mapped[i];
     const SurfacePoint on = cloud != nullptr ? cloud->closest(p) : field->closest(p, known[i]);
     const Vector3d at = p - centre;
     if (plane) {

@@ -160,16 +160,54 @@ SurfacePoint SurfaceField::closest_from_planes(const Vector3d &p) const noexcept
   return surface_->closest(p, nearest_[voxel_of(p.cast<float>())]);
 }
 
-SurfaceField::Listed SurfaceField::listed(const Vector3d &p) const noexcept {
-  const Eigen::Array3d at = (p - near_low_).array() / options_.near_mm;
+std::ptrdiff_t SurfaceField::near_voxel_of(const Vector3d &p) const noexcept {
+  const Eigen::Array3d at = (p - near_low_).array() * (1.0 / options_.near_mm);
   if (!((at >= 0.0).all() && (at < near_size_.array().cast<double>()).all())) {
-    return {};
+    return -1;
   }
   const Vector3i voxel = at.cast<int>();
   const int number = voxel.x() + near_size_.x() * (voxel.y() + near_size_.y() * voxel.z());
-  const auto index = static_cast<std::size_t>(number);
-  const Vector3d centre = near_low_ + options_.near_mm * (voxel.cast<double>() + Vector3d::Constant(0.5));
-  return {{candidates_.data() + begin_[index], begin_[index + 1] - begin_[index]}, (p - centre).norm()};
+  return number;
+}
+
+SurfaceField::Listed SurfaceField::listed(const Vector3d &p) const noexcept {
+  const std::ptrdiff_t voxel = near_voxel_of(p);
+  if (voxel < 0) {
+    return {};
+  }
+  const auto index = static_cast<std::size_t>(voxel);
+  const Eigen::Array3d at = (p - near_low_).array() * (1.0 / options_.near_mm);
+  const double offset_mm = options_.near_mm * (at - at.floor() - 0.5).matrix().norm();
+  return {{candidates_.data() + begin_[index], begin_[index + 1] - begin_[index]}, offset_mm};
+}
+
+void SurfaceField::prefetch(const Vector3d &p, const Nearby &known, Ahead what) const noexcept {
+  if (known.triangle >= 0) {
+    if (what == Ahead::kPlace) {
+      surface_->prefetch(known.triangle);
+    }
+    return;
+  }
+  const std::ptrdiff_t voxel = near_voxel_of(p);
+  if (voxel < 0) {
+    return;
+  }
+  const std::uint32_t *begin = begin_.data() + voxel;
+  if (what == Ahead::kPlace) {
+    __builtin_prefetch(begin);
+    return;
+  }
+  const SurfaceModel::Candidate *first = candidates_.data() + *begin;
+  if (what == Ahead::kList) {
+    __builtin_prefetch(first);
+    __builtin_prefetch(first + 8);
+    return;
+  }
+  constexpr std::ptrdiff_t kFirst = 6; // a query looks at about so many
+  const SurfaceModel::Candidate *last = first + std::min<std::ptrdiff_t>(kFirst, begin[1] - begin[0]);
+  for (; first != last; ++first) {
+    surface_->prefetch(first->triangle);
+  }
 }
 
 SurfacePoint SurfaceField::closest(const Vector3d &p) const noexcept {

@@ -60,6 +60,10 @@ public:
     double others_mm = 0.0; // no other triangle is nearer to at_mm
   };
   [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &p, Nearby &known) const noexcept;
+  // For many points one after another: what such a query will read is asked of the memory while others are answered.
+  // First the list's place (some ten points ahead), then the list (six), then its first triangles (three).
+  enum class Ahead { kPlace, kList, kTriangles };
+  void prefetch(const Eigen::Vector3d &p, const Nearby &known, Ahead what) const noexcept;
 
   [[nodiscard]] const SurfaceModel &surface() const noexcept { return *surface_; }
   [[nodiscard]] double spacing_mm() const noexcept { return options_.spacing_mm; }
@@ -80,6 +84,8 @@ private:
     double offset_mm = 0.0;
   };
   [[nodiscard]] Listed listed(const Eigen::Vector3d &p) const noexcept;
+  // Of the near voxel that holds p; negative where there is none.
+  [[nodiscard]] std::ptrdiff_t near_voxel_of(const Eigen::Vector3d &p) const noexcept;
   // By the tree, from the triangle of the voxel.
   [[nodiscard]] SurfacePoint closest_from_planes(const Eigen::Vector3d &p) const noexcept;
   void build_planes();
