@@ -69,9 +69,9 @@ void draw_basin(Report &report, const Head &head, const registration::SurfaceFie
   const int bottom = top + kDistances * kCell;
   out << "<svg xmlns='http://www.w3.org/2000/svg' width='" << width << "' height='" << bottom + 60
       << "' font-family='sans-serif' font-size='11'>\n<rect width='100%' height='100%' fill='white'/>\n<text x='"
-      << left << "' y='26' font-size='14'>Local surface registration: % of " << runs
-      << " starts that end within 2 mm (150 samples, one side of the scalp, noise 1 mm, seed " << kBasinSeed
-      << ")</text>\n"
+      << left << "' y='20' font-size='14'>Local surface registration: % of " << runs
+      << " starts that end within 2 mm</text>\n<text x='" << left << "' y='38'>" << kBasinSamples
+      << " samples of one side of the scalp, noise 1 mm, seed " << kBasinSeed << "</text>\n"
       << cells.str();
   for (int a = 0; a < kAngles; a += 3) {
     out << "<text x='" << left + a * kCell + kCell / 2 << "' y='" << bottom + 18 << "' text-anchor='middle'>"
