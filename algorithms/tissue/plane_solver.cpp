@@ -76,8 +76,6 @@ void PlaneSolver::hold(int node, const Vector2d &displacement_mm) {
   hold(node, 1, displacement_mm.y());
 }
 
-void PlaneSolver::release(int node) { at(free_, node).setOnes(); }
-
 void PlaneSolver::set_force(int node, const Vector2d &force_N_m) { at(forces_, node) = force_N_m; }
 
 void PlaneSolver::set_pressure(std::span<const Eigen::Vector2i> edges, double pressure_Pa) {
@@ -293,8 +291,6 @@ PlaneRelaxation PlaneSolver::relax(const PlaneRelaxing &limits) {
   out.inverted = inverted_;
   return out;
 }
-
-double PlaneSolver::volume_ratio(int triangle) const { return at(ratio_, triangle); }
 
 PlaneStress PlaneSolver::stress(int triangle) const {
   const auto e = static_cast<std::size_t>(triangle);

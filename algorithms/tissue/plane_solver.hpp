@@ -58,10 +58,9 @@ public:
   // Throws std::invalid_argument of check(mesh), check(material), or for a shear share outside (0, 1].
   PlaneSolver(const PlaneMesh &mesh, const Material &material, const PlaneSettings &settings = {});
 
-  // Boundary conditions hold until changed. A node is free until it is held.
+  // Boundary conditions hold until changed. A node is free unless it is held.
   void hold(int node, int axis, double displacement_mm); // axis 0: x, 1: y
   void hold(int node, const Eigen::Vector2d &displacement_mm = Eigen::Vector2d::Zero());
-  void release(int node);
   void set_force(int node, const Eigen::Vector2d &force_N_m);
   // Replaces the last ones. Edges as boundary_of gives them: the body on the left. Positive presses on the body.
   void set_pressure(std::span<const Eigen::Vector2i> edges, double pressure_Pa);
@@ -84,7 +83,6 @@ public:
   [[nodiscard]] std::vector<PlaneStress> nodal_stress() const;
   // At a place of the body at rest, between the nodes' means. Throws std::invalid_argument outside the mesh.
   [[nodiscard]] PlaneStress stress_at(const Eigen::Vector2d &at_rest_mm) const;
-  [[nodiscard]] double volume_ratio(int triangle) const;
 
 private:
   struct Triangle {
