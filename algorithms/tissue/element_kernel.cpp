@@ -185,6 +185,14 @@ BREGMA_INLINE void linear(const Element<V> &element, float shear, Symmetric<type
       (s.xx * s.xx + s.yy * s.yy + s.zz * s.zz + 2.0F * (s.yz * s.yz + s.xz * s.xz + s.xy * s.xy)) * (0.25F / shear);
 }
 
+template <class V> BREGMA_INLINE bool any(const typename V::Int &mask) {
+  int out = 0;
+  for (int l = 0; l < V::kLanes; ++l) {
+    out |= mask[l];
+  }
+  return out != 0;
+}
+
 // p = left * right.
 template <class Float>
 BREGMA_INLINE void multiply(const Float (&left)[3][3], const Symmetric<Float> &right, Float (&p)[3][3]) {
@@ -208,6 +216,39 @@ template <class V> BREGMA_INLINE void pull_back(const Deformation<V> &d, Symmetr
   const Float xy = k * (q[0][0] * q[0][1] + q[1][0] * q[1][1] + q[2][0] * q[2][1]);
   m = {xx * m.xx + xy * m.xy + xz * m.xz, xy * m.xy + yy * m.yy + yz * m.yz, xz * m.xz + yz * m.yz + zz * m.zz,
        xy * m.xz + yy * m.yz + yz * m.zz, xx * m.xz + xy * m.yz + xz * m.zz, xx * m.xy + xy * m.yy + xz * m.yz};
+}
+
+// Tetrahedra that are nearly flat or have turned over, whatever their law: the neo-Hookean energy
+// mu / 2 (g(J) tr C - 3) + pressure, where g goes on along the tangent of J^(-2/3) below J0 = kInvertedVolume. It falls
+// all the way from any inverted shape to an upright one; a law of C alone takes a mirrored tetrahedron for one at rest.
+template <class V>
+BREGMA_INLINE void straighten(const Element<V> &e, const Deformation<V> &d, const typename V::Float &j,
+                              const typename V::Int &inverted, float shear, typename V::Float (&p)[3][3],
+                              typename V::Float &energy) {
+  using Float = typename V::Float;
+  Symmetric<Float> m;
+  Float upright;
+  neo_hookean<V>(e, d, shear, m, upright);
+  const Float zero{};
+  const Float below = zero + 1.0F - j * (1.0F / kInvertedVolume);
+  Float isochoric;
+  inverse_cube_root<V>(d.volume, isochoric);
+  const Float a = isochoric * isochoric * shear;
+  Float trace = zero;
+  for (const auto &row : d.f) {
+    trace += row[0] * row[0] + row[1] * row[1] + row[2] * row[2];
+  }
+  // cof(F) M / J0 would be the gradient if J were J0; the rest of it is along F.
+  const Float per_volume = zero + 1.0F / kInvertedVolume;
+  Float q[3][3];
+  multiply(d.cof, m, q);
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) {
+      const Float turned = q[r][c] * per_volume + (5.0F / 3.0F) * below * a * d.f[r][c] + e.pressure * d.cof[r][c];
+      p[r][c] = inverted != 0 ? turned : p[r][c];
+    }
+  }
+  energy = inverted != 0 ? upright + (1.0F / 3.0F) * below * a * trace : energy;
 }
 
 // ---- the two passes ----
@@ -295,8 +336,8 @@ template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementW
         cofactors(d.f, d.cof);
         const Float j = d.f[0][0] * d.cof[0][0] + d.f[0][1] * d.cof[0][1] + d.f[0][2] * d.cof[0][2];
         const Float least = zero + kInvertedVolume;
+        const typename V::Int inverted_here = j < least;
         d.volume = j < least ? least : j;
-        inverted_sum += j < least ? zero + 1.0F : zero;
         e.pressure += work.bulk_Pa * (j - d.volume);
         if constexpr (kLaw == Law::kNeoHookean) {
           neo_hookean<V>(e, d, work.shear_Pa, s, energy);
@@ -321,6 +362,10 @@ template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementW
                s.xz * per_volume,
                s.xy * per_volume};
           multiply(d.cof, s, p);
+        }
+        if (any<V>(inverted_here)) {
+          straighten<V>(e, d, j, inverted_here, work.shear_Pa, p, energy);
+          inverted_sum += inverted_here != 0 ? zero + 1.0F : zero;
         }
       }
       energy_sum += energy * volume;

@@ -63,8 +63,8 @@ struct ElementSums {
   int inverted = 0;       // tetrahedra of less than kInvertedVolume of their volume at rest
 };
 
-// Below it a tetrahedron keeps the shear stiffness that it had there and gets a pressure of its own beside its nodes',
-// which turns it right again.
+// Below it a tetrahedron's shear part is neo-Hookean, made so that it turns the tetrahedron right again, and it gets a
+// pressure of its own beside its nodes', which does so too.
 inline constexpr float kInvertedVolume = 0.3F;
 
 struct ElementKernel {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include <Eigen/LU>
@@ -20,18 +21,42 @@ constexpr float kProbeStrain = 1e-3F;       // amplitude of the power iteration,
 // stop it; in relax() nothing springs.
 constexpr float kLongestWay = 0.5F;
 constexpr float kLongestRelaxWay = 0.1F;
-constexpr int kRelaxInterval = 10; // steps of relax() between two looks at the slowest mode and the residual
+constexpr int kLook = 2;                    // power iterations of a later look
+constexpr float kMotionShare = 0.1F;        // of the present motion, in the mode that a look begins with
+constexpr int kRelaxInterval = 10;          // steps of relax() between two looks at the slowest mode and the residual;
+constexpr int kRelaxLongest = 60;           // more where it is slow, up to this
+constexpr int kRelaxFirstLook = 6;          // power iterations
+constexpr int kRelaxLooks = 5;              // intervals of relax() between two looks at the stiffest mode
+constexpr float kStiffestMargin = 1.15F;    // of the stiffest mode: power iteration comes from below
+constexpr float kNothing = 1e-6F;           // of an edge: what moves less has not moved
+constexpr float kRounding = 3e-8F;          // of a displacement, half the last digit of a float
 
 float *axes(NodeVector &v) { return &v.x; }
+const float *axes(const NodeVector &v) { return &v.x; }
 
 float dot(const NodeVector &a, const NodeVector &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
+NodeVector sum(const NodeVector &a, const NodeVector &b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+
 NodeVector difference(const NodeVector &a, const NodeVector &b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+
+NodeVector scaled(const NodeVector &v, float by) { return {by * v.x, by * v.y, by * v.z}; }
 
 // To a length, or to nothing where the forces were not finite.
 void limit(NodeVector &v, float length) {
   const float scale = length / std::sqrt(dot(v, v));
   v = std::isfinite(scale) && scale > 0.0F ? NodeVector{v.x * scale, v.y * scale, v.z * scale} : NodeVector{};
+}
+
+// sum += by; what that rounds off is kept in the remainder and comes with the next summand (Kahan; Knuth's exact
+// error). The last steps to an equilibrium are smaller than the last digit of a displacement, and there are thousands
+// of them.
+void add(float &sum, float &remainder, float by) {
+  by += remainder;
+  const float before = sum;
+  sum = before + by;
+  const float taken = sum - before;
+  remainder = (before - (sum - taken)) + (by - taken);
 }
 
 NodeVector to_metres(const Eigen::Vector3d &mm) {
@@ -82,8 +107,8 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
     rest_.emplace_back((node / kMetre).cast<float>());
   }
   fixed_.assign(nodes, 0);
-  for (std::vector<NodeVector> *field :
-       {&displacement_, &velocity_, &external_, &elastic_, &mode_, &probe_, &force_before_, &velocity_before_}) {
+  for (std::vector<NodeVector> *field : {&displacement_, &remainder_, &velocity_, &external_, &elastic_, &mode_,
+                                         &probe_, &force_before_, &velocity_before_, &displacement_before_}) {
     field->assign(nodes, {});
   }
   build_packs();
@@ -106,8 +131,9 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
     const auto sign = [i](std::size_t bit) { return ((i * 2654435761U) >> bit & 1U) != 0 ? 1.0F : -1.0F; };
     mode_[i] = {sign(7), sign(13), sign(19)};
   }
-  const float omega = power_iteration(kFirstLook);
-  step_s_ = static_cast<float>(options.step_fraction) * 2.0F / omega;
+  const float stiffest = power_iteration(kFirstLook, inverse_mass_, mode_, static_cast<float>(material_.shear_Pa()));
+  step_s_ = static_cast<float>(options.step_fraction) * 2.0F / std::sqrt(stiffest);
+  relax_mode_ = mode_;
   prony_.resize(material_.prony.size());
   relaxed_.assign(packs_.size() * prony_.size(), {});
   save();
@@ -202,6 +228,7 @@ void ExplicitSolver::set_displacement_mm(int node, const Eigen::Vector3d &displa
   const NodeVector to = to_metres(displacement_mm);
   NodeVector &u = displacement_[static_cast<std::size_t>(node)];
   u = {to.x, to.y, to.z, u.w};
+  remainder_[static_cast<std::size_t>(node)] = {};
 }
 
 void ExplicitSolver::set_force_N(int node, const Eigen::Vector3d &force_N) noexcept {
@@ -281,9 +308,10 @@ void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_
       limit(v, how.longest_way / how.step);
       ++share.limited;
     }
-    u.x += how.step * v.x;
-    u.y += how.step * v.y;
-    u.z += how.step * v.z;
+    NodeVector &remainder = remainder_[i];
+    add(u.x, remainder.x, how.step * v.x);
+    add(u.y, remainder.y, how.step * v.y);
+    add(u.z, remainder.z, how.step * v.z);
   }
 }
 
@@ -329,43 +357,58 @@ void ExplicitSolver::advance(int steps) noexcept {
 
 // ---- the critical step ----
 
-// omega_max of the tissue as it is deformed now, from the mode that was found last time.
-float ExplicitSolver::power_iteration(int iterations) noexcept {
-  const auto shear = static_cast<float>(material_.shear_Pa());
-  team_->run([&](int thread) { evaluate(thread, displacement_, false, shear); });
+// The largest eigenvalue of M^-1 K of the tissue as it is deformed now, from the mode that was found last time and from
+// what moves: a mode that has begun to grow is in the velocities first.
+float ExplicitSolver::power_iteration(int iterations, const std::vector<NodeVector> &inverse_mass,
+                                      std::vector<NodeVector> &mode, float shear_Pa) noexcept {
+  team_->run([&](int thread) { evaluate(thread, displacement_, false, shear_Pa); });
   for (std::size_t i = 0; i < elastic_.size(); ++i) {
     elastic_[i] = total_force(i);
   }
-  float omega_squared = 0.0F;
-  for (int iteration = 0; iteration < iterations; ++iteration) {
-    float largest = 0.0F;
-    double norm = 0.0;
-    for (std::size_t i = 0; i < mode_.size(); ++i) {
-      largest = std::max(largest, dot(mode_[i], mode_[i]));
+  const auto largest = [](const std::vector<NodeVector> &field) {
+    float out = 1e-30F;
+    for (const NodeVector &v : field) {
+      out = std::max(out, dot(v, v));
     }
-    const float scale = kProbeStrain * edge_m_ / std::sqrt(std::max(largest, 1e-30F));
-    for (std::size_t i = 0; i < mode_.size(); ++i) {
-      NodeVector &w = mode_[i];
-      w = {w.x * scale, w.y * scale, w.z * scale};
-      norm += static_cast<double>(mass_kg_[i] * dot(w, w));
-      const NodeVector &u = displacement_[i];
-      probe_[i] = {u.x + w.x, u.y + w.y, u.z + w.z};
-    }
-    team_->run([&](int thread) { evaluate(thread, probe_, false, shear); });
-    double next_norm = 0.0;
-    for (std::size_t i = 0; i < mode_.size(); ++i) {
-      const NodeVector pull = difference(elastic_[i], total_force(i));
-      const float inverse = 1.0F / mass_kg_[i];
-      mode_[i] = {pull.x * inverse, pull.y * inverse, pull.z * inverse};
-      next_norm += static_cast<double>(mass_kg_[i] * dot(mode_[i], mode_[i]));
-    }
-    omega_squared = static_cast<float>(std::sqrt(next_norm / norm));
+    return std::sqrt(out);
+  };
+  const float mix = kMotionShare * largest(mode) / largest(velocity_);
+  for (std::size_t i = 0; i < mode.size(); ++i) {
+    mode[i] = sum(mode[i], scaled(velocity_[i], mix));
   }
-  return std::sqrt(omega_squared);
+  double eigenvalue = 0.0;
+  for (int iteration = 0; iteration < iterations; ++iteration) {
+    const float scale = kProbeStrain * edge_m_ / largest(mode);
+    for (std::size_t i = 0; i < mode.size(); ++i) {
+      mode[i] = scaled(mode[i], scale);
+      const NodeVector &u = displacement_[i];
+      probe_[i] = sum(u, mode[i]);
+    }
+    team_->run([&](int thread) { evaluate(thread, probe_, false, shear_Pa); });
+    // |M^-1 K w| / |w| in the norm of M, where axes are free.
+    double norm = 0.0;
+    double next_norm = 0.0;
+    for (std::size_t i = 0; i < mode.size(); ++i) {
+      const NodeVector pull = difference(elastic_[i], total_force(i));
+      for (int axis = 0; axis < 3; ++axis) {
+        const float inverse = axes(inverse_mass[i])[axis];
+        const float before = axes(mode[i])[axis];
+        const float now = inverse * axes(pull)[axis];
+        if (inverse > 0.0F) {
+          norm += static_cast<double>(before) * static_cast<double>(before / inverse);
+          next_norm += static_cast<double>(now) * static_cast<double>(now / inverse);
+        }
+        axes(mode[i])[axis] = now;
+      }
+    }
+    eigenvalue = std::sqrt(next_norm / norm);
+  }
+  return static_cast<float>(eigenvalue);
 }
 
 void ExplicitSolver::look_at_step() noexcept {
-  const float now = static_cast<float>(options_.step_fraction) * 2.0F / power_iteration(1);
+  const float stiffest = power_iteration(kLook, inverse_mass_, mode_, static_cast<float>(material_.shear_Pa()));
+  const float now = static_cast<float>(options_.step_fraction) * 2.0F / std::sqrt(stiffest);
   if (std::isfinite(now) && now > 0.0F) {
     step_s_ = std::min(now, 1.02F * step_s_); // shorter at once, longer by and by
   }
@@ -373,20 +416,28 @@ void ExplicitSolver::look_at_step() noexcept {
 
 // ---- dynamic relaxation ----
 
-// Heavy-ball iteration with masses for which all frequencies lie in 0 to 2 (build_masses): with the smallest eigenvalue
-// a, v <- keep v + dt f / m, u <- u + dt v with dt = 2 / (2 + sqrt a), keep = ((2 - sqrt a) / (2 + sqrt a))^2 converges
-// fastest (Polyak 1964; as dynamic relaxation Underwood 1983). a is Rayleigh's quotient of the latest motion (Joldes,
-// Wittek & Miller, Comput Methods Appl Mech Eng 198 (2009) 2645).
+// Heavy-ball iteration: with eigenvalues of M^-1 K between a and L, v <- keep v + dt f / m, u <- u + dt v with
+// dt = 2 / (sqrt L + sqrt a), keep = ((sqrt L - sqrt a) / (sqrt L + sqrt a))^2 converges fastest (Polyak 1964; as
+// dynamic relaxation Underwood 1983). The masses make L about the same for all nodes (build_masses); L is looked at
+// while the tissue deforms, a is Rayleigh's quotient of the latest motion (Joldes, Wittek & Miller, Comput Methods Appl
+// Mech Eng 198 (2009) 2645).
 Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
   const auto shear = static_cast<float>(material_.shear_Pa() * (options.relaxed ? material_.relaxed_share() : 1.0));
   stop_motion();
   Relaxation out;
   float slowest = 1e-3F;
-  while (out.steps < options.max_steps && !out.converged) {
-    const float root = std::sqrt(slowest);
-    const float ratio = (2.0F - root) / (2.0F + root);
-    const float step_s = 2.0F / (2.0F + root);
-    const Integration how{step_s, ratio * ratio, step_s, kLongestRelaxWay * edge_m_};
+  float stiffest = 4.0F;
+  double way_before = std::numeric_limits<double>::infinity();
+  for (int look = 0; out.steps < options.max_steps; ++look) {
+    if (look % kRelaxLooks == 0 || limited_nodes() > 0) {
+      const int iterations = look == 0 ? kRelaxFirstLook : kLook;
+      const float seen = kStiffestMargin * power_iteration(iterations, inverse_fictitious_, relax_mode_, shear);
+      stiffest = std::isfinite(seen) && seen > 0.0F ? seen : 4.0F;
+    }
+    const float high = std::sqrt(stiffest);
+    const float low = std::sqrt(std::min(slowest, 0.25F * stiffest));
+    const float ratio = (high - low) / (high + low);
+    const Integration how{2.0F / (high + low), ratio * ratio, 2.0F / (high + low), kLongestRelaxWay * edge_m_};
     const auto run = [&](int steps) {
       team_->run([&](int thread) {
         for (int i = 0; i < steps; ++i) {
@@ -394,47 +445,75 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
         }
       });
     };
-    run(kRelaxInterval - 1);
+    run(1);
     std::copy(elastic_.begin(), elastic_.end(), force_before_.begin());
+    std::copy(displacement_.begin(), displacement_.end(), displacement_before_.begin());
+    // As long as the slow modes take to be seen above what floats round off.
+    const int wanted = std::clamp(static_cast<int>(high / low), kRelaxInterval, kRelaxLongest);
+    const int interval = std::clamp(options.max_steps - out.steps, 2, wanted);
+    run(interval - 2);
     std::copy(velocity_.begin(), velocity_.end(), velocity_before_.begin());
     run(1);
-    out.steps += kRelaxInterval;
-    out.residual = unbalanced(how);
-    out.converged = out.residual < options.tolerance && limited_nodes() == 0;
-    if (const float seen = slowest_mode(how.step); seen > 0.0F) {
-      slowest = std::clamp(seen, 1e-6F, 1.0F);
+    out.steps += interval;
+    const double way = way_left(how);
+    out.residual = std::max({unbalanced(how), way, std::min(way_before, 1.0)});
+    way_before = way;
+    if (out.residual < options.tolerance && limited_nodes() == 0) {
+      out.converged = inverted_elements() == 0; // a fold that stands is no answer
+      break;
     }
+    const float seen = slowest_mode(); // not positive: lost in what floats round off, or not yet a minimum's
+    slowest = seen > 0.0F ? std::clamp(seen, 0.5F * slowest, 4.0F * slowest) : 1.5F * slowest;
+    slowest = std::clamp(slowest, 1e-8F, 1.0F);
   }
   stop_motion();
   return out;
 }
 
-// Rayleigh's quotient du K du / du M du of the motion du = step v before the last step.
-float ExplicitSolver::slowest_mode(float step) const noexcept {
+// Rayleigh's quotient du K du / du M du of the motion du of the latest interval: what floats round off the forces would
+// hide the slow modes in the motion of one step.
+float ExplicitSolver::slowest_mode() const noexcept {
   double work = 0.0;
   double inertia = 0.0;
-  for (std::size_t i = 0; i < velocity_before_.size(); ++i) {
-    const NodeVector &du = velocity_before_[i];
+  for (std::size_t i = 0; i < displacement_.size(); ++i) {
+    const NodeVector du = difference(displacement_[i], displacement_before_[i]);
     work += static_cast<double>(dot(du, difference(force_before_[i], elastic_[i])));
     inertia += static_cast<double>(0.25F * stiffness_bound_N_m_[i] * dot(du, du));
   }
-  return inertia > 0.0 ? static_cast<float>(work / inertia) / step : 0.0F;
+  return inertia > 0.0 ? static_cast<float>(work / inertia) : 0.0F;
 }
 
 // What the last step still changed, as a force, against the forces that hold the tissue: contacts and supports
-// included, since what they balance does not move.
+// included, since what they balance does not move. Less what the rounding of displacements to floats makes of itself.
 double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
   double rest = 0.0;
+  double rounding = 0.0;
   double acting = 0.0;
   for (std::size_t i = 0; i < velocity_.size(); ++i) {
     const NodeVector &now = velocity_[i];
-    const NodeVector &before = velocity_before_[i];
     const float mass = 0.25F * stiffness_bound_N_m_[i] / how.pull;
-    const NodeVector push = difference(now, {how.keep * before.x, how.keep * before.y, how.keep * before.z});
+    const NodeVector push = difference(now, scaled(velocity_before_[i], how.keep));
     rest += static_cast<double>(mass * mass * dot(push, push));
-    acting += static_cast<double>(dot(elastic_[i], elastic_[i]));
+    const float least = kNothing * edge_m_ * stiffness_bound_N_m_[i];
+    acting += static_cast<double>(dot(elastic_[i], elastic_[i]) + least * least);
+    const float noise = kRounding * stiffness_bound_N_m_[i];
+    rounding += static_cast<double>(noise * noise * dot(displacement_[i], displacement_[i]));
   }
-  return rest > 0.0 ? std::sqrt(rest / acting) : 0.0;
+  return rest > 0.0 ? std::sqrt(std::max(rest - rounding, 0.0) / acting) : 0.0;
+}
+
+// How far the tissue will still go at the rate at which this iteration converges, against how far it has gone.
+double ExplicitSolver::way_left(const Integration &how) const noexcept {
+  double left = 0.0;
+  double gone = 0.0;
+  for (std::size_t i = 0; i < velocity_.size(); ++i) {
+    left += static_cast<double>(mass_kg_[i] * dot(velocity_[i], velocity_[i]));
+    const float least = kNothing * edge_m_;
+    gone += static_cast<double>(mass_kg_[i] * (dot(displacement_[i], displacement_[i]) + least * least));
+  }
+  return left > 0.0
+             ? static_cast<double>(how.step) / (1.0 - std::sqrt(static_cast<double>(how.keep))) * std::sqrt(left / gone)
+             : 0.0;
 }
 
 // ---- state ----
@@ -448,12 +527,13 @@ void ExplicitSolver::save() noexcept {
 
 void ExplicitSolver::restore() noexcept {
   displacement_ = saved_displacement_;
+  std::fill(remainder_.begin(), remainder_.end(), NodeVector{});
   relaxed_ = saved_relaxed_;
   stop_motion();
 }
 
 void ExplicitSolver::reset() noexcept {
-  for (std::vector<NodeVector> *field : {&displacement_, &velocity_, &elastic_}) {
+  for (std::vector<NodeVector> *field : {&displacement_, &remainder_, &velocity_, &elastic_}) {
     std::fill(field->begin(), field->end(), NodeVector{});
   }
   std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});

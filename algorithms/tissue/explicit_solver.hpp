@@ -75,13 +75,13 @@ struct Energies {
 };
 
 struct RelaxOptions {
-  double tolerance = 1e-4; // of the forces that are not balanced, against those that act
+  double tolerance = 1e-4; // of the forces not balanced, against those that act; of the way left, against that gone
   int max_steps = 20000;
   bool relaxed = false; // with the shear modulus after all relaxation
 };
 
 struct Relaxation {
-  bool converged = false;
+  bool converged = false; // never with tetrahedra that are turned over
   int steps = 0;
   double residual = 0.0; // in the terms of the tolerance
 };
@@ -159,10 +159,12 @@ private:
   void step(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how, bool viscous,
             float shear_Pa) noexcept;
   void look_at_step() noexcept;
-  [[nodiscard]] float power_iteration(int iterations) noexcept;
+  [[nodiscard]] float power_iteration(int iterations, const std::vector<NodeVector> &inverse_mass,
+                                      std::vector<NodeVector> &mode, float shear_Pa) noexcept;
   [[nodiscard]] NodeVector total_force(std::size_t node) const noexcept;
-  [[nodiscard]] float slowest_mode(float step) const noexcept;
+  [[nodiscard]] float slowest_mode() const noexcept;
   [[nodiscard]] double unbalanced(const Integration &how) const noexcept;
+  [[nodiscard]] double way_left(const Integration &how) const noexcept;
 
   TetMesh mesh_;
   Material material_;
@@ -186,8 +188,9 @@ private:
   std::vector<NodeVector> inverse_mass_, inverse_fictitious_; // by axis; 0 where fixed
   std::vector<unsigned> fixed_;
   std::vector<NodeVector> displacement_, velocity_, external_, elastic_, saved_displacement_;
-  std::vector<NodeVector> mode_;                                   // the fastest, as far as it is known
-  std::vector<NodeVector> probe_, force_before_, velocity_before_; // of the looks at step and convergence
+  std::vector<NodeVector> remainder_;         // of displacement_: what a float could not take
+  std::vector<NodeVector> mode_, relax_mode_; // the fastest, as far as it is known, in motion and in relax()
+  std::vector<NodeVector> probe_, force_before_, velocity_before_, displacement_before_; // of looks at them
 };
 
 } // namespace bregma::tissue
