@@ -21,15 +21,15 @@ constexpr float kProbeStrain = 1e-3F;       // amplitude of the power iteration,
 // stop it; in relax() nothing springs.
 constexpr float kLongestWay = 0.5F;
 constexpr float kLongestRelaxWay = 0.1F;
-constexpr int kLook = 2;                    // power iterations of a later look
-constexpr float kMotionShare = 0.1F;        // of the present motion, in the mode that a look begins with
-constexpr int kRelaxInterval = 10;          // steps of relax() between two looks at the slowest mode and the residual;
-constexpr int kRelaxLongest = 60;           // more where it is slow, up to this
-constexpr int kRelaxFirstLook = 6;          // power iterations
-constexpr int kRelaxLooks = 5;              // intervals of relax() between two looks at the stiffest mode
-constexpr float kStiffestMargin = 1.15F;    // of the stiffest mode: power iteration comes from below
-constexpr float kNothing = 1e-6F;           // of an edge: what moves less has not moved
-constexpr float kRounding = 3e-8F;          // of a displacement, half the last digit of a float
+constexpr int kLook = 2;                 // power iterations of a later look
+constexpr float kMotionShare = 0.1F;     // of the present motion, in the mode that a look begins with
+constexpr int kRelaxInterval = 10;       // steps of relax() between two looks at the slowest mode and the residual;
+constexpr int kRelaxLongest = 60;        // more where it is slow, up to this
+constexpr int kRelaxFirstLook = 6;       // power iterations
+constexpr int kRelaxLooks = 5;           // intervals of relax() between two looks at the stiffest mode
+constexpr float kStiffestMargin = 1.15F; // of the stiffest mode: power iteration comes from below
+constexpr float kNothing = 1e-6F;        // of an edge: what moves less has not moved
+constexpr float kRounding = 3e-8F;       // of a displacement, half the last digit of a float
 
 float *axes(NodeVector &v) { return &v.x; }
 const float *axes(const NodeVector &v) { return &v.x; }
@@ -133,9 +133,11 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
   }
   const float stiffest = power_iteration(kFirstLook, inverse_mass_, mode_, static_cast<float>(material_.shear_Pa()));
   step_s_ = static_cast<float>(options.step_fraction) * 2.0F / std::sqrt(stiffest);
+  step_at_rest_s_ = step_s_;
   relax_mode_ = mode_;
   prony_.resize(material_.prony.size());
   relaxed_.assign(packs_.size() * prony_.size(), {});
+  reset(); // what the iteration left in energies and pressures
   save();
 }
 
@@ -467,7 +469,21 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
     slowest = std::clamp(slowest, 1e-8F, 1.0F);
   }
   stop_motion();
+  settle_prony(options.relaxed);
   return out;
+}
+
+// The history that belongs to the answer of relax(): nothing has relaxed yet, or all of it.
+void ExplicitSolver::settle_prony(bool relaxed) noexcept {
+  if (!relaxed || prony_.empty()) {
+    std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
+    return;
+  }
+  for (std::size_t k = 0; k < prony_.size(); ++k) {
+    prony_[k] = {0.0F, static_cast<float>(material_.prony[k].share)};
+  }
+  const auto shear = static_cast<float>(material_.shear_Pa());
+  team_->run([&](int thread) { evaluate(thread, displacement_, true, shear); });
 }
 
 // Rayleigh's quotient du K du / du M du of the motion du of the latest interval: what floats round off the forces would
@@ -537,6 +553,12 @@ void ExplicitSolver::reset() noexcept {
     std::fill(field->begin(), field->end(), NodeVector{});
   }
   std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
+  for (Share &share : shares_) {
+    share.sums = {};
+    share.volume_energy = 0.0;
+    share.limited = 0;
+  }
+  step_s_ = step_at_rest_s_;
 }
 
 namespace {

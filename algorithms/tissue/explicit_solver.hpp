@@ -77,7 +77,9 @@ struct Energies {
 struct RelaxOptions {
   double tolerance = 1e-4; // of the forces not balanced, against those that act; of the way left, against that gone
   int max_steps = 20000;
-  bool relaxed = false; // with the shear modulus after all relaxation
+  // With the shear modulus after all relaxation; if not, as if nothing had relaxed. The answer is where advance() goes
+  // on.
+  bool relaxed = false;
 };
 
 struct Relaxation {
@@ -159,6 +161,7 @@ private:
   void step(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how, bool viscous,
             float shear_Pa) noexcept;
   void look_at_step() noexcept;
+  void settle_prony(bool relaxed) noexcept;
   [[nodiscard]] float power_iteration(int iterations, const std::vector<NodeVector> &inverse_mass,
                                       std::vector<NodeVector> &mode, float shear_Pa) noexcept;
   [[nodiscard]] NodeVector total_force(std::size_t node) const noexcept;
@@ -177,7 +180,7 @@ private:
   std::vector<ElementPack> packs_;
   std::vector<RelaxedPack> relaxed_, saved_relaxed_;
   std::vector<PronyStep> prony_;
-  float step_s_ = 0.0F;
+  float step_s_ = 0.0F, step_at_rest_s_ = 0.0F;
   float edge_m_ = 0.0F;
   double added_mass_share_ = 0.0;
   std::uint64_t steps_ = 0;
