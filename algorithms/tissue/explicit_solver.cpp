@@ -21,8 +21,8 @@ constexpr float kProbeStrain = 1e-3F;       // amplitude of the power iteration,
 // stop it; in relax() nothing springs.
 constexpr float kLongestWay = 0.5F;
 constexpr float kLongestRelaxWay = 0.1F;
+constexpr float kLonger = 1.002F;        // by what a look may lengthen the step
 constexpr int kLook = 2;                 // power iterations of a later look
-constexpr float kMotionShare = 0.1F;     // of the present motion, in the mode that a look begins with
 constexpr int kRelaxInterval = 10;       // steps of relax() between two looks at the slowest mode and the residual;
 constexpr int kRelaxLongest = 60;        // more where it is slow, up to this
 constexpr int kRelaxFirstLook = 6;       // power iterations
@@ -359,8 +359,7 @@ void ExplicitSolver::advance(int steps) noexcept {
 
 // ---- the critical step ----
 
-// The largest eigenvalue of M^-1 K of the tissue as it is deformed now, from the mode that was found last time and from
-// what moves: a mode that has begun to grow is in the velocities first.
+// The largest eigenvalue of M^-1 K of the tissue as it is deformed now, from the mode that was found last time.
 float ExplicitSolver::power_iteration(int iterations, const std::vector<NodeVector> &inverse_mass,
                                       std::vector<NodeVector> &mode, float shear_Pa) noexcept {
   team_->run([&](int thread) { evaluate(thread, displacement_, false, shear_Pa); });
@@ -374,10 +373,6 @@ float ExplicitSolver::power_iteration(int iterations, const std::vector<NodeVect
     }
     return std::sqrt(out);
   };
-  const float mix = kMotionShare * largest(mode) / largest(velocity_);
-  for (std::size_t i = 0; i < mode.size(); ++i) {
-    mode[i] = sum(mode[i], scaled(velocity_[i], mix));
-  }
   double eigenvalue = 0.0;
   for (int iteration = 0; iteration < iterations; ++iteration) {
     const float scale = kProbeStrain * edge_m_ / largest(mode);
@@ -412,7 +407,8 @@ void ExplicitSolver::look_at_step() noexcept {
   const float stiffest = power_iteration(kLook, inverse_mass_, mode_, static_cast<float>(material_.shear_Pa()));
   const float now = static_cast<float>(options_.step_fraction) * 2.0F / std::sqrt(stiffest);
   if (std::isfinite(now) && now > 0.0F) {
-    step_s_ = std::min(now, 1.02F * step_s_); // shorter at once, longer by and by
+    // Shorter at once, longer by and by: over a swing of the tissue it stays at its shortest.
+    step_s_ = std::min(now, kLonger * step_s_);
   }
 }
 
