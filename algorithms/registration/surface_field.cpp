@@ -217,7 +217,7 @@ SurfacePoint SurfaceField::closest(const Vector3d &p) const noexcept {
 
 SurfacePoint SurfaceField::closest(const Vector3d &p, Nearby &known) const noexcept {
   if (known.triangle >= 0) {
-    const SurfacePoint on = surface_->closest_on(known.triangle, p);
+    SurfacePoint on = surface_->closest_on(known.triangle, p);
     if (on.distance_mm + (p - known.at_mm).norm() < known.others_mm) {
       return on;
     }
@@ -225,9 +225,9 @@ SurfacePoint SurfaceField::closest(const Vector3d &p, Nearby &known) const noexc
   const auto [candidates, offset_mm] = listed(p);
   known.at_mm = p;
   known.others_mm = 0.0;
-  const SurfacePoint on = candidates.empty()
-                              ? closest_from_planes(p)
-                              : surface_->closest_among(candidates, offset_mm, p, &known.others_mm, kSecure_mm);
+  SurfacePoint on = candidates.empty()
+                        ? closest_from_planes(p)
+                        : surface_->closest_among(candidates, offset_mm, p, &known.others_mm, kSecure_mm);
   known.triangle = on.triangle;
   return on;
 }
