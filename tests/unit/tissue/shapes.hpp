@@ -1,0 +1,18 @@
+// Closed surfaces for tests of what fills them; and the brain of Colin27, where it is.
+#pragma once
+
+#include <optional>
+
+#include "algorithms/geometry/triangle_mesh.hpp"
+
+namespace bregma::test {
+
+[[nodiscard]] geometry::TriangleMesh make_torus(double ring_mm, double tube_mm, int around_ring, int around_tube);
+[[nodiscard]] geometry::TriangleMesh make_box(const Eigen::Vector3d &low_mm, const Eigen::Vector3d &high_mm);
+
+[[nodiscard]] double enclosed_mm3(const geometry::TriangleMesh &surface);
+
+// From ../shared/data beside the source tree; nothing where that is not there.
+[[nodiscard]] std::optional<geometry::TriangleMesh> colin27_brain();
+
+} // namespace bregma::test
