@@ -1,23 +1,35 @@
-// What the tissue models of algorithms/tissue reach, and beside what: docs/tissue_plane.md.
+// What the tissue models of algorithms/tissue reach, and beside what: docs/tissue_verification.md and
+// docs/tissue_plane.md.
 #include <iostream>
 
 #include <CLI/CLI.hpp>
 
-#include "bench/accuracy/tissue_thesis.hpp"
+#include "bench/accuracy/tissue_parts.hpp"
 
 int main(int argc, char **argv) {
   using namespace bregma;
   bench::TissueBenchOptions options;
-  std::string only;
-  CLI::App app("Accuracy of the tissue models");
+  std::string only, convergence;
+  CLI::App app("Accuracy and speed of the tissue models");
   bench::add_options(app, options);
   app.add_option("--case", options.case_folder, "case folder whose brain is deformed")->capture_default_str();
   app.add_option("--thesis-picture", options.thesis_picture, "write the picture of the thesis' run (SVG) to this file");
-  app.add_option("--only", only, "one part: thesis")->check(CLI::IsMember({"thesis"}));
+  app.add_option("--convergence", convergence, "write the picture of the errors under refinement (SVG) to this file");
+  app.add_option("--only", only, "one part: analytic, speed, calculix or thesis")
+      ->check(CLI::IsMember({"analytic", "speed", "calculix", "thesis"}));
   CLI11_PARSE(app, argc, argv);
 
   bench::Report report(options.json);
   try {
+    if (only.empty() || only == "analytic") {
+      bench::analytic_figures(report, options, convergence);
+    }
+    if (only.empty() || only == "speed") {
+      bench::speed_figures(report, options);
+    }
+    if (only.empty() || only == "calculix") {
+      bench::calculix_figures(report, options);
+    }
     if (only.empty() || only == "thesis") {
       bench::thesis_figures(report, options);
     }

@@ -1,0 +1,162 @@
+// Indentation of a block beside CalculiX. Two of its elements, because two questions are asked:
+//
+// C3D4 on the same mesh has the same shape functions; it differs from the solver by its pressure, one for each
+// tetrahedron instead of each node, and is stiffer the nearer the tissue is to incompressible.
+// C3D10 on the same tetrahedra has quadratic displacements and stands for the exact answer of the problem.
+//
+// The edge of the pushed patch is singular, so that forces converge slowly in every formulation: all are shown on
+// finer and finer meshes.
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include "algorithms/tissue/explicit_solver.hpp"
+#include "bench/accuracy/tissue_calculix_job.hpp"
+#include "bench/accuracy/tissue_parts.hpp"
+
+namespace bregma::bench {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kPercent = 100.0;
+constexpr double kSide_mm = 90.0;
+constexpr double kDepth_mm = 6.0;
+constexpr int kStages = 4; // as CalculiX is told to begin with
+
+enum class Shape { kPunch, kDimple }; // a square of 30 mm; a round cos^2 of 60 mm, without an edge
+
+Indentation block_indentation(Shape shape, int cells, double poisson) {
+  Indentation out;
+  out.mesh = tissue::block_mesh({cells, cells, cells}, Vector3d::Constant(kSide_mm));
+  out.material = tissue::named_material("thesis");
+  out.material.poisson = poisson;
+  const Vector3d middle(0.5 * kSide_mm, 0.5 * kSide_mm, kSide_mm);
+  if (shape == Shape::kPunch) {
+    out.way_mm = [](const Vector3d &) { return Vector3d(0.0, 0.0, -kDepth_mm); };
+  } else {
+    out.way_mm = [middle](const Vector3d &p) {
+      const double wave = std::cos(0.5 * std::numbers::pi * (p - middle).norm() / 30.0);
+      return Vector3d(0.0, 0.0, -kDepth_mm * wave * wave);
+    };
+  }
+  for (std::size_t i = 0; i < out.mesh.nodes_mm.size(); ++i) {
+    const Vector3d off = out.mesh.nodes_mm[i] - middle;
+    const bool within = shape == Shape::kPunch ? off.cwiseAbs().maxCoeff() < 15.0 + 1e-6 : off.norm() < 30.0 - 1e-6;
+    if (out.mesh.nodes_mm[i].z() == 0.0) {
+      out.held.push_back(static_cast<int>(i));
+    } else if (off.z() == 0.0 && within) {
+      out.pushed.push_back(static_cast<int>(i));
+    }
+  }
+  return out;
+}
+
+struct Answer {
+  std::vector<Vector3d> displacement_mm;
+  Vector3d force_N = Vector3d::Zero();
+  double wall_s = 0.0;
+  tissue::Relaxation relaxation;
+};
+
+Answer relax(const Indentation &problem) {
+  tissue::SolverOptions options;
+  options.threads = 2;
+  const auto begin = std::chrono::steady_clock::now();
+  tissue::ExplicitSolver solver(problem.mesh, problem.material, options);
+  for (const int node : problem.held) {
+    solver.fix(node);
+  }
+  Answer out;
+  for (int stage = 1; stage <= kStages; ++stage) {
+    for (const int node : problem.pushed) {
+      solver.fix(node);
+      solver.set_displacement_mm(node, problem.way_mm(problem.mesh.nodes_mm[static_cast<std::size_t>(node)]) * stage /
+                                           kStages);
+    }
+    // Only the last stage has to be an answer.
+    const tissue::Relaxation relaxation = solver.relax({stage < kStages ? 1e-2 : 1e-4, 20000, false});
+    out.relaxation.steps += relaxation.steps;
+    out.relaxation.converged = relaxation.converged;
+  }
+  out.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  for (int i = 0; i < solver.nodes(); ++i) {
+    out.displacement_mm.push_back(solver.displacement_mm(i));
+  }
+  for (const int node : problem.pushed) {
+    out.force_N -= solver.elastic_force_N(node);
+  }
+  return out;
+}
+
+double field_difference(const std::vector<Vector3d> &a, const std::vector<Vector3d> &reference) {
+  double off = 0.0;
+  double whole = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    off += (a[i] - reference[i]).squaredNorm();
+    whole += reference[i].squaredNorm();
+  }
+  return kPercent * std::sqrt(off / whole);
+}
+
+double force_difference(const Vector3d &a, const Vector3d &reference) {
+  return kPercent * (a - reference).norm() / reference.norm();
+}
+
+void compare(Report &report, Shape shape, int cells, double poisson, bool quadratic, bool judged) {
+  const Indentation problem = block_indentation(shape, cells, poisson);
+  const std::string folder = "out/bench/calculix";
+  const Answer ours = relax(problem);
+  const CalculixAnswer linear = run_calculix(problem, CalculixElement::kC3D4, folder);
+  std::string line(240, '\0');
+  const auto note = [&](const char *pattern, auto... values) {
+    line.resize(240);
+    line.resize(static_cast<std::size_t>(std::snprintf(line.data(), line.size(), pattern, values...)));
+    report.note(line);
+  };
+  note("nu %.3f, %zu tetrahedra: force %.5f N (%d steps%s, %.2f s), C3D4 %.5f N (%.2f s)", poisson,
+       problem.mesh.tetrahedra.size(), ours.force_N.norm(), ours.relaxation.steps,
+       ours.relaxation.converged ? "" : ", NOT converged", ours.wall_s, linear.force_N.norm(), linear.wall_s);
+  const std::string name = std::string("calculix.") + (shape == Shape::kPunch ? "punch" : "dimple") + ".nu" +
+                           std::to_string(std::lround(1000.0 * poisson)) + "." +
+                           std::to_string(problem.mesh.tetrahedra.size());
+  const double field = field_difference(ours.displacement_mm, linear.displacement_mm);
+  const double force = force_difference(ours.force_N, linear.force_N);
+  report.add(judged ? at_most(name + ".field_to_c3d4", field, "%", 2.0) : figure(name + ".field_to_c3d4", field, "%"));
+  report.add(judged ? at_most(name + ".force_to_c3d4", force, "%", 3.0) : figure(name + ".force_to_c3d4", force, "%"));
+  report.add(beside(figure(name + ".wall", ours.wall_s, "s"), linear.wall_s, "CalculiX C3D4"));
+  if (quadratic) {
+    const CalculixAnswer exact = run_calculix(problem, CalculixElement::kC3D10, folder);
+    note("  C3D10 %.5f N (%.2f s)", exact.force_N.norm(), exact.wall_s);
+    report.add(
+        beside(figure(name + ".field_to_c3d10", field_difference(ours.displacement_mm, exact.displacement_mm), "%"),
+               field_difference(linear.displacement_mm, exact.displacement_mm), "CalculiX C3D4"));
+    report.add(beside(figure(name + ".force_to_c3d10", force_difference(ours.force_N, exact.force_N), "%"),
+                      force_difference(linear.force_N, exact.force_N), "CalculiX C3D4"));
+  }
+}
+
+} // namespace
+
+void calculix_figures(Report &report, const TissueBenchOptions &options) {
+  if (!calculix_available()) {
+    report.note("calculix: NOT installed (bench/accuracy/tissue_calculix.sh installs it)");
+    return;
+  }
+  report.note("calculix: block of 90 mm, held below; on its top a square of 30 mm (punch) or a round cos^2 of 60 mm "
+              "(dimple) goes down by 6 mm without sliding; neo-Hookean, E 2100 Pa; static, large deformation");
+  report.note("differences: RMS over nodes by RMS displacement; forces on what is pushed");
+  for (const Shape shape : {Shape::kDimple, Shape::kPunch}) {
+    compare(report, shape, 6, 0.45, true, false);
+    compare(report, shape, 9, 0.45, !options.quick, false);
+    if (!options.quick) {
+      compare(report, shape, 12, 0.45, true, false);
+      compare(report, shape, 15, 0.3, false, false);
+      compare(report, shape, 9, 0.49, true, false);
+    }
+    compare(report, shape, 15, 0.45, !options.quick, true);
+  }
+}
+
+} // namespace bregma::bench

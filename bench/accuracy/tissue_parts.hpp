@@ -1,0 +1,31 @@
+// The parts of bench_tissue that verify and time the explicit solver, one source each: docs/tissue_verification.md.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "bench/accuracy/tissue_thesis.hpp"
+#include "bench/record.hpp"
+
+namespace bregma::bench {
+
+// tissue_analytic.cpp: answers that are known (tests/support/tissue_problems.hpp), and how errors fall with the edge.
+// Writes the picture of it (SVG) where a file is named; throws std::runtime_error when that cannot be written.
+void analytic_figures(Report &report, const TissueBenchOptions &options, const std::string &convergence_picture);
+
+// tissue_speed.cpp: cost of a step by elements, threads, kernels and laws.
+void speed_figures(Report &report, const TissueBenchOptions &options);
+
+// tissue_calculix.cpp: static indentation beside CalculiX, where it is installed.
+void calculix_figures(Report &report, const TissueBenchOptions &options);
+
+// Errors of a problem against the edges of its meshes, both axes logarithmic.
+struct ErrorCurve {
+  std::string name;
+  std::vector<double> edge_mm, error;
+  [[nodiscard]] double order() const; // slope between the two finest
+};
+// Throws std::runtime_error when it cannot be written.
+void draw_convergence(const std::vector<ErrorCurve> &curves, const std::string &file);
+
+} // namespace bregma::bench
