@@ -45,6 +45,28 @@ casefile::ParameterSet declare(Config &c) {
              "A pose that is older than this when it is published is an alarm.");
 
   set.number("deformation.rate_hz", &c.deformation.rate_hz, "Hz", 0.5, 200, "Rate of the deformation loop.");
+  set.integer("deformation.elements", &c.deformation.elements, "", 0, 200000,
+              "About so many tetrahedra fill the brain; 0: no tissue model.");
+  set.integer("deformation.threads", &c.deformation.threads, "", 1, 16, "Threads that step the tissue model together.");
+  std::vector<std::string> materials;
+  for (const tissue::Material &material : tissue::named_materials()) {
+    materials.push_back(material.name);
+  }
+  set.choice("deformation.material", &c.deformation.material, materials, "What the brain is made of.");
+  set.flag("deformation.sliding", &c.deformation.sliding,
+           "The brain slides along the skull; else it is fixed to it except under the craniotomy.");
+  set.number("deformation.gap_mm", &c.deformation.gap_mm, "mm", 0, 20, "Fluid between brain and skull.");
+  set.number("deformation.craniotomy_radius_mm", &c.deformation.craniotomy_radius_mm, "mm", 0, 100,
+             "Of the opening around the first trajectory's way into the brain.");
+  set.number("deformation.probe_radius_mm", &c.deformation.probe_radius_mm, "mm", 0.2, 20, "Of the probe's shaft.");
+  set.number("deformation.rupture_force_N", &c.deformation.rupture_force_N, "N", 0.001, 100,
+             "Along the probe, at which the brain's surface breaks.");
+  set.number("deformation.cutting_force_N", &c.deformation.cutting_force_N, "N", 0, 100,
+             "At the tip, as it goes on after the rupture.");
+  set.number("deformation.shaft_friction_N_per_mm", &c.deformation.shaft_friction_N_per_mm, "N/mm", 0, 10,
+             "Of the shaft in the tissue.");
+  set.number("deformation.field_rate_hz", &c.deformation.field_rate_hz, "Hz", 0, 60,
+             "Rate at which the displacements of all nodes are published; 0: never.");
   set.number("health.rate_hz", &c.health.rate_hz, "Hz", 0.5, 50, "Rate at which the system's health is published.");
 
   set.number("capture.window_ms", &c.capture.window_ms, "ms", 20, 5000,

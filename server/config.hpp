@@ -6,6 +6,7 @@
 #include <string_view>
 #include <vector>
 
+#include "algorithms/tissue/brain_model.hpp"
 #include "casefile/parameters.hpp"
 #include "casefile/result.hpp"
 
@@ -48,7 +49,18 @@ struct Config {
   } monitoring;
 
   struct {
-    double rate_hz = 30.0;
+    double rate_hz = 60.0;
+    std::int64_t elements = 20000; // 0: no tissue model
+    std::int64_t threads = 1;
+    std::string material = "thesis";
+    bool sliding = true;
+    double gap_mm = 0.0;
+    double craniotomy_radius_mm = 15.0;
+    double probe_radius_mm = 3.0;
+    double rupture_force_N = tissue::InsertionParameters{}.rupture_force_N;
+    double cutting_force_N = tissue::InsertionParameters{}.cutting_force_N;
+    double shaft_friction_N_per_mm = tissue::InsertionParameters{}.shaft_friction_N_per_mm;
+    double field_rate_hz = 10.0; // 0: the displacements of the nodes are not published
   } deformation;
 
   struct {

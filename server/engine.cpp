@@ -9,7 +9,7 @@
 namespace bregma::server {
 namespace {
 
-enum Loop : std::size_t { kNavigation, kRegistration, kMonitoring, kDeformation, kPoseSearch };
+enum Loop : std::size_t { kNavigation, kRegistration, kMonitoring, kDeformation, kPoseSearch, kTissueBuilder };
 
 constexpr std::int64_t ns_of_ms(double milliseconds) { return static_cast<std::int64_t>(milliseconds * 1e6); }
 
@@ -51,6 +51,22 @@ SessionConfig session_config(const Config &config) {
   return out;
 }
 
+TissueSettings tissue_settings(const Config &config) {
+  const auto &from = config.deformation;
+  TissueSettings out;
+  out.elements = static_cast<int>(from.elements);
+  out.craniotomy_radius_mm = from.craniotomy_radius_mm;
+  out.model.material = tissue::named_material(from.material);
+  out.model.solver.threads = static_cast<int>(from.threads);
+  out.model.skull.sliding = from.sliding;
+  out.model.skull.gap_mm = from.gap_mm;
+  out.model.probe.radius_mm = from.probe_radius_mm;
+  out.model.insertion.rupture_force_N = from.rupture_force_N;
+  out.model.insertion.cutting_force_N = from.cutting_force_N;
+  out.model.insertion.shaft_friction_N_per_mm = from.shaft_friction_N_per_mm;
+  return out;
+}
+
 inputs::DeviceOptions tracker_options(const Config &config) {
   inputs::DeviceOptions out;
   out.clock.minimum_latency_ns = ns_of_ms(config.tracker.latency_ms);
@@ -79,7 +95,7 @@ Engine::Engine(const Config &config, ControlOutlet &outlet, Session::Executor ex
       robot_border_(split_names(config_.devices.robots), {}), range_border_(split_names(config_.devices.ranges), {}),
       force_border_(split_names(config_.devices.forces), {}),
       registration_(static_cast<std::size_t>(config_.trace.max_samples)),
-      monitoring_(monitoring_settings(config_), alarm_events_),
+      monitoring_(monitoring_settings(config_), alarm_events_), tissue_builder_(tissue_settings(config_)),
       session_(std::make_unique<Session>(session_config(config_), static_cast<SessionPorts &>(*this),
                                          std::move(executor))) {}
 
@@ -104,6 +120,7 @@ casefile::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> lo
   to_monitoring_.send(change);
   to_deformation_.send(change);
   to_pose_search_.send(change);
+  to_tissue_builder_.send(change);
   outlet_.case_changed(loaded.get());
   return {};
 }
@@ -133,6 +150,7 @@ void Engine::poll(std::int64_t now_ns) {
   to_monitoring_.flush();
   to_deformation_.flush();
   to_pose_search_.flush();
+  to_tissue_builder_.flush();
   free_unused_cases();
 }
 
@@ -162,12 +180,24 @@ void Engine::receive_navigation() noexcept {
 bool Engine::take(const wire::TrackerFrame &frame, std::uint64_t writer, std::int64_t now_ns) noexcept {
   const inputs::Verdict verdict = tracker_border_.check(frame, writer, now_ns);
   if (verdict.accepted) {
+    share_predicted_targets();
     navigation_.on_frame(frame, verdict.acquired_time_ns, now_ns);
+    probe_.store(navigation_.probe());
   }
   return verdict.accepted;
 }
 
-void Engine::tick_navigation(std::int64_t now_ns) noexcept { navigation_.on_tick(now_ns); }
+void Engine::tick_navigation(std::int64_t now_ns) noexcept {
+  share_predicted_targets();
+  navigation_.on_tick(now_ns);
+  probe_.store(navigation_.probe());
+}
+
+void Engine::share_predicted_targets() noexcept {
+  if (predicted_.load_newer(targets_, seen_targets_)) {
+    navigation_.on(targets_);
+  }
+}
 
 void Engine::share_tracker_health(std::int64_t now_ns) noexcept {
   tracker_health_.store(tracker_border_.health(now_ns));
@@ -194,7 +224,13 @@ bool Engine::take(const wire::RangeSample &sample, std::uint64_t writer, std::in
 }
 
 bool Engine::take(const wire::ForceSample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept {
-  return force_border_.check(sample, writer, now_ns).accepted;
+  const bool accepted = force_border_.check(sample, writer, now_ns).accepted;
+  if (accepted) {
+    ForceView view{.arrived_ns = now_ns};
+    std::copy_n(sample.force_N, 3, view.force_N);
+    force_.store(view);
+  }
+  return accepted;
 }
 
 void Engine::sensor_writers(std::uint32_t robots, std::uint32_t ranges, std::uint32_t forces) noexcept {
@@ -246,14 +282,41 @@ const wire::AccuracyState &Engine::step_monitoring(const recording::RecorderStat
   return monitoring_.accuracy();
 }
 
-std::span<const wire::DeformationState> Engine::step_deformation(std::int64_t now_ns) noexcept {
+const DeformationPipeline &Engine::step_deformation(std::int64_t now_ns, int most_steps) noexcept {
   CaseChanged change{};
   while (to_deformation_.ring.try_pop(change)) {
     deformation_.handle(change);
+    ready_ = {};
   }
+  (void)tissue_model_.load_newer(ready_, seen_by_deformation_[0]);
+  if (ready_.generation == deformation_.case_generation() && ready_.generation != 0) {
+    deformation_.handle(ready_);
+    ready_ = {};
+  }
+  (void)probe_.load_newer(probe_view_, seen_by_deformation_[1]);
+  (void)force_.load_newer(force_view_, seen_by_deformation_[2]);
   taken_generation_[kDeformation].store(deformation_.case_generation(), std::memory_order_release);
-  deformation_.step(now_ns);
-  return deformation_.states();
+  deformation_.step(probe_view_, force_view_, now_ns, most_steps);
+  predicted_.store(deformation_.predicted());
+  return deformation_;
+}
+
+std::string Engine::step_tissue_builder() {
+  CaseChanged change{};
+  while (to_tissue_builder_.ring.try_pop(change)) {
+    tissue_builder_.handle(change);
+  }
+  tissue_builder_.free_before(taken_generation_[kDeformation].load(std::memory_order_acquire));
+  std::string line;
+  if (const auto ready = tissue_builder_.build()) {
+    tissue_model_.store(*ready);
+    line = ready->model == nullptr
+               ? tissue_builder_.why()
+               : "tissue model of " + std::to_string(ready->model->solver().elements()) + " tetrahedra, step " +
+                     std::to_string(1e3 * ready->model->solver().step_s()) + " ms";
+  }
+  taken_generation_[kTissueBuilder].store(tissue_builder_.case_generation(), std::memory_order_release);
+  return line;
 }
 
 void Engine::step_pose_search() {

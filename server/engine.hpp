@@ -24,6 +24,7 @@
 #include "server/pipelines/navigation.hpp"
 #include "server/pipelines/pose_search.hpp"
 #include "server/pipelines/registration.hpp"
+#include "server/pipelines/tissue_builder.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/session/session.hpp"
 
@@ -82,7 +83,12 @@ public:
                                              std::int64_t now_ns) noexcept;
 
   // ---- deformation thread ----
-  std::span<const wire::DeformationState> step_deformation(std::int64_t now_ns) noexcept;
+  // most_steps: of the tissue solver, that there is time for.
+  const DeformationPipeline &step_deformation(std::int64_t now_ns, int most_steps) noexcept;
+
+  // ---- tissue builder thread, which is no loop either ----
+  // What is to be logged, empty for nothing.
+  std::string step_tissue_builder();
 
   // ---- pose search thread, which is no loop: it works as long as a search takes ----
   void step_pose_search();
@@ -108,6 +114,7 @@ private:
   void publish(const wire::CapturedPoint &point) override { outlet_.publish(point); }
   void log(const std::string &line) override { outlet_.log(line); }
   void free_unused_cases();
+  void share_predicted_targets() noexcept;
 
   Config config_;
   ControlOutlet &outlet_;
@@ -123,6 +130,7 @@ private:
   Outbox<MonitoringInput, 1024> to_monitoring_;
   Outbox<CaseChanged, 16> to_deformation_;
   Outbox<CaseChanged, 16> to_pose_search_;
+  Outbox<CaseChanged, 16> to_tissue_builder_;
   NavigationEvents navigation_events_;
   AlarmEvents alarm_events_;
   runtime::LatestValue<wire::RegistrationState> registration_state_;
@@ -131,7 +139,11 @@ private:
   runtime::LatestValue<inputs::StreamHealth> sensor_health_;
   runtime::LatestValue<PoseSearchRequest> search_request_;
   runtime::LatestValue<PoseSearchAnswer> search_answer_;
-  std::atomic<std::uint64_t> taken_generation_[5] = {}; // by navigation, registration, monitoring, deformation, search
+  runtime::LatestValue<ProbeView> probe_;
+  runtime::LatestValue<ForceView> force_;
+  runtime::LatestValue<TissueModelReady> tissue_model_;
+  runtime::LatestValue<PredictedTargets> predicted_;
+  std::atomic<std::uint64_t> taken_generation_[6] = {}; // by who uses the case, in the order of enum Loop
 
   // Each its thread's alone.
   inputs::Border<wire::TrackerFrame> tracker_border_;
@@ -150,6 +162,13 @@ private:
   MonitoringView monitoring_view_;
   std::uint64_t seen_by_monitoring_[4] = {};
   DeformationPipeline deformation_;
+  ProbeView probe_view_;
+  ForceView force_view_;
+  std::uint64_t seen_by_deformation_[3] = {};
+  TissueModelReady ready_;
+  TissueBuilder tissue_builder_;
+  PredictedTargets targets_;
+  std::uint64_t seen_targets_ = 0;
 
   std::unique_ptr<Session> session_; // last: it calls the ports
 };

@@ -8,8 +8,10 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::chrono::milliseconds kSearchInterval{50}; // at which a search that is wanted is noticed
-constexpr std::int64_t kShareInterval_ns = 100'000'000;  // of device health towards monitoring and SystemHealth
+constexpr std::chrono::milliseconds kSearchInterval{50}; // at which a search or a model that is wanted is noticed
+constexpr double kSolverShare = 0.7;                     // of the deformation loop's period, for the tissue solver
+constexpr double kStepSmoothing = 0.1;
+constexpr std::int64_t kShareInterval_ns = 100'000'000; // of device health towards monitoring and SystemHealth
 
 std::int64_t period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz); }
 
@@ -40,7 +42,7 @@ Loops::Loops(const Config &config, Engine &engine, const dds::Participant &parti
       registration_states_(participant, recorder.channel("registration")),
       fiducial_reports_(participant, recorder.channel("registration")),
       accuracy_states_(participant, recorder.channel("monitoring")),
-      deformation_states_(participant, recorder.channel("deformation")),
+      deformation_states_(participant, recorder.channel("deformation")), fields_(participant),
       registration_loop_(periodic("registration", config.realtime.registration_priority, config.registration.rate_hz),
                          [this]() noexcept { step_registration(); }),
       monitoring_loop_(periodic("monitoring", config.realtime.monitoring_priority, config.monitoring.rate_hz),
@@ -59,6 +61,7 @@ void Loops::start() {
   navigation_thread_ = std::thread([this] { navigate(); });
   sensor_thread_ = std::thread([this] { watch_sensors(); });
   search_thread_ = std::thread([this] { search_poses(); });
+  tissue_thread_ = std::thread([this] { build_tissue_models(); });
   log_limits("registration", registration_loop_.start());
   log_limits("monitoring", monitoring_loop_.start());
   log_limits("deformation", deformation_loop_.start());
@@ -67,7 +70,7 @@ void Loops::start() {
 void Loops::stop() {
   stopping_.store(true, std::memory_order_relaxed);
   stop_guard_.raise();
-  for (std::thread *thread : {&navigation_thread_, &sensor_thread_, &search_thread_}) {
+  for (std::thread *thread : {&navigation_thread_, &sensor_thread_, &search_thread_, &tissue_thread_}) {
     if (thread->joinable()) {
       thread->join();
     }
@@ -177,6 +180,18 @@ void Loops::search_poses() {
   }
 }
 
+// ---- tissue models ----
+
+void Loops::build_tissue_models() {
+  log_limits("tissue model", runtime::set_up_thread({.name = "tissue model"}));
+  while (!stopping_.load(std::memory_order_relaxed)) {
+    if (const std::string line = engine_.step_tissue_builder(); !line.empty()) {
+      spdlog::info(line);
+    }
+    std::this_thread::sleep_for(kSearchInterval);
+  }
+}
+
 // ---- periodic loops ----
 
 void Loops::step_registration() noexcept {
@@ -195,9 +210,40 @@ void Loops::step_monitoring() noexcept {
 
 void Loops::step_deformation() noexcept {
   const std::int64_t now_ns = clock_.now_ns();
-  for (const wire::DeformationState &state : engine_.step_deformation(now_ns)) {
+  const std::int64_t began_ns = clock_.monotonic_ns();
+  // As many steps as fit into most of the period; the model says when that is too few.
+  const double budget_ns = kSolverShare * static_cast<double>(period_ns(config_.deformation.rate_hz));
+  const int most_steps = solver_step_ns_ > 0.0 ? static_cast<int>(budget_ns / solver_step_ns_) : 1;
+  const DeformationPipeline &deformation = engine_.step_deformation(now_ns, std::max(most_steps, 1));
+  if (const int made = deformation.steps_made(); made > 0) {
+    const double each_ns = static_cast<double>(clock_.monotonic_ns() - began_ns) / made;
+    solver_step_ns_ = solver_step_ns_ > 0.0 ? solver_step_ns_ + kStepSmoothing * (each_ns - solver_step_ns_) : each_ns;
+  }
+  for (const wire::DeformationState &state : deformation.states()) {
     deformation_states_(state, now_ns);
   }
+  publish_field(deformation, now_ns);
+}
+
+void Loops::publish_field(const DeformationPipeline &deformation, std::int64_t now_ns) noexcept {
+  const tissue::BrainModel *model = deformation.model();
+  const double rate_hz = config_.deformation.field_rate_hz;
+  if (model == nullptr || rate_hz <= 0.0 || now_ns - field_ns_ < period_ns(rate_hz) || fields_.matched_readers() == 0) {
+    return;
+  }
+  field_ns_ = now_ns;
+  const auto nodes = static_cast<std::size_t>(model->solver().nodes());
+  field_mm_.resize(3 * nodes); // allocates when a case's first field goes out, and not again
+  for (std::size_t i = 0; i < nodes; ++i) {
+    Eigen::Vector3f::Map(&field_mm_[3 * i]) = model->solver().displacement_mm(static_cast<int>(i)).cast<float>();
+  }
+  wire::DeformationField field{};
+  (void)wire::set_name(field.model, "brain");
+  field.time_ns = now_ns;
+  field.status = deformation.states().empty() ? bregma_wire_DEFORMATION_NO_MODEL : deformation.states().front().status;
+  field.displacement_mm._buffer = field_mm_.data();
+  field.displacement_mm._length = field.displacement_mm._maximum = static_cast<std::uint32_t>(field_mm_.size());
+  (void)fields_.write(field); // a field that DDS refuses is one that the next replaces
 }
 
 std::uint64_t Loops::overruns() const noexcept {

@@ -53,6 +53,8 @@ private:
   void step_monitoring() noexcept;
   void step_deformation() noexcept;
   void search_poses();
+  void build_tissue_models();
+  void publish_field(const DeformationPipeline &deformation, std::int64_t now_ns) noexcept;
   [[nodiscard]] std::uint64_t overruns() const noexcept;
 
   const Config config_;
@@ -80,6 +82,10 @@ private:
   Outlet<wire::FiducialReport> fiducial_reports_;
   Outlet<wire::AccuracyState> accuracy_states_;
   Outlet<wire::DeformationState> deformation_states_;
+  dds::Writer<wire::DeformationField> fields_;
+  std::vector<float> field_mm_; // x, y, z a node; grows when a model comes, the deformation loop's
+  std::int64_t field_ns_ = 0;
+  double solver_step_ns_ = 0.0; // what one step of the tissue solver takes, smoothed; the deformation loop's
 
   runtime::PeriodicLoop registration_loop_;
   runtime::PeriodicLoop monitoring_loop_;
@@ -87,6 +93,7 @@ private:
   std::thread navigation_thread_;
   std::thread sensor_thread_;
   std::thread search_thread_;
+  std::thread tissue_thread_;
 };
 
 } // namespace bregma::server

@@ -20,6 +20,7 @@ constexpr float kCutMemory_m = 0.5e-3F; // spacing of the remembered cut
 constexpr float kCutWidth_m = 1.5e-3F;  // tissue nearer to the cut than this is cut
 constexpr std::size_t kMostCut = 4096;  // two metres of cuts
 constexpr std::size_t kMostEntries = 64;
+constexpr double kNear_mm = 20.0;  // of the brain's box: a probe nearer than this wakes the model
 constexpr double kJump_mm = 5.0;   // between two looks at the probe, beyond what it can have moved
 constexpr double kSwinging = 0.05; // kinetic against elastic energy
 constexpr double kQuiet_J = 1e-9;  // kinetic energy that does not matter: 1 mm/s of a gram
@@ -86,6 +87,10 @@ BrainModel::BrainModel(const TetMesh &mesh, std::span<const Eigen::Vector3d> poi
     points_.push_back(locator_.locate(point));
     predictions_.push_back({.inside = points_.back().inside(), .rest_mm = point});
   }
+  for (const Eigen::Vector3d &node : solver_.mesh().nodes_mm) {
+    low_mm_ = low_mm_.cwiseMin(node);
+    high_mm_ = high_mm_.cwiseMax(node);
+  }
   cut_m_.reserve(kMostCut);
   entries_m_.reserve(kMostEntries);
 }
@@ -121,6 +126,12 @@ const BrainState &BrainModel::update(const ProbeObservation &probe, double elaps
   state_.reason = ModelReason::kNone;
   held_nodes_ = inverted_ = 0;
 
+  if (may_rest(probe)) {
+    engaged_ = false;
+    state_.steps = 0;
+    state_.behind_s = 0.0;
+    return state_;
+  }
   const double step_s = solver_.step_s();
   const int wanted = std::max(1, static_cast<int>(std::lround(elapsed_s / step_s)));
   state_.steps = std::clamp(wanted, 0, most_steps);
@@ -148,6 +159,21 @@ const BrainState &BrainModel::update(const ProbeObservation &probe, double elaps
   judge(elapsed_s);
   predict_points();
   return state_;
+}
+
+// Nothing moves and no probe is near: the answer stays what it is, and costs nothing.
+bool BrainModel::may_rest(const ProbeObservation &probe) const noexcept {
+  if (state_.phase != Phase::kOutside) {
+    return false;
+  }
+  if (probe.seen) {
+    const Eigen::Vector3d beyond = (low_mm_ - probe.pose.tip_mm).cwiseMax(probe.pose.tip_mm - high_mm_).cwiseMax(0.0);
+    if (beyond.norm() < kNear_mm) {
+      return false;
+    }
+  }
+  const Energies energies = solver_.energies();
+  return energies.kinetic_J < kQuiet_J && std::abs(energies.elastic_J) < kQuiet_J;
 }
 
 // Where the probe is taken for when it appears, disappears, or jumps.

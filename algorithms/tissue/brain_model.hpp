@@ -105,6 +105,7 @@ public:
   [[nodiscard]] const ProbePose &probe() const noexcept { return pose_; } // as the model has it
 
 private:
+  [[nodiscard]] bool may_rest(const ProbeObservation &probe) const noexcept;
   void engage(const ProbeObservation &probe, double elapsed_s) noexcept;
   void move_probe(const ProbePose &to, double elapsed_s, int steps) noexcept;
   void step(const PlacedProbe &probe) noexcept;
@@ -129,6 +130,7 @@ private:
   std::vector<MaterialPoint> points_;
   std::vector<PointPrediction> predictions_;
 
+  Eigen::Vector3d low_mm_ = Eigen::Vector3d::Constant(1e9), high_mm_ = Eigen::Vector3d::Constant(-1e9); // at rest
   ProbePose pose_;
   bool engaged_ = false; // pose_ has been set
   double unseen_s_ = 0.0, rejected_s_ = 0.0;

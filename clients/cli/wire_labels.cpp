@@ -47,6 +47,27 @@ std::string_view label(wire::DeformationStatus value) {
   return nth(kWords, value);
 }
 
+std::string_view label(wire::DeformationReason value) {
+  static constexpr std::array<std::string_view, 12> kWords{"none",
+                                                           "the tissue still swings",
+                                                           "the probe is not seen",
+                                                           "the probe has jumped",
+                                                           "the probe's path is not known",
+                                                           "too slow",
+                                                           "the probe has left the mesh",
+                                                           "a step was taken back",
+                                                           "put back to rest",
+                                                           "the model is being built",
+                                                           "no model can be made of this brain",
+                                                           "the target is outside the mesh"};
+  return nth(kWords, value);
+}
+
+std::string_view label(wire::ProbePhase value) {
+  static constexpr std::array<std::string_view, 4> kWords{"outside", "indentation", "penetration", "withdrawal"};
+  return nth(kWords, value);
+}
+
 std::string_view label(wire::RejectReason value) {
   static constexpr std::array<std::string_view, bregma_wire_REJECT_REASONS> kWords{
       "not finite",     "not a rotation", "time backwards", "time in the future",

@@ -13,6 +13,8 @@ namespace bregma::cli {
 [[nodiscard]] std::string_view label(wire::RegistrationStatus value);
 [[nodiscard]] std::string_view label(wire::RefusalReason value);
 [[nodiscard]] std::string_view label(wire::DeformationStatus value);
+[[nodiscard]] std::string_view label(wire::DeformationReason value);
+[[nodiscard]] std::string_view label(wire::ProbePhase value);
 [[nodiscard]] std::string_view label(wire::RejectReason value);
 [[nodiscard]] std::string_view label(wire::DeviceKind value);
 [[nodiscard]] std::string_view label(wire::DeviceStatus value);

@@ -1,50 +1,72 @@
-// The deformation pipeline: its loop and topic exist, the tissue model does not yet. It says so for every target and
-// makes nothing up. One thread; no allocation.
+// The deformation pipeline: drives the tissue model with the navigated probe and the force sensor, and says for every
+// target where it was imaged, where it is predicted, and what that is worth. Without a model it says so and makes
+// nothing up.
+//
+// The model comes ready from tissue_builder.hpp. One thread; no allocation in step(). Time is passed in: ns UTC.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <span>
 
+#include "algorithms/tissue/brain_model.hpp"
 #include "server/pipelines/loaded_case.hpp"
 #include "server/pipelines/wire_values.hpp"
 
 namespace bregma::server {
 
+// What the navigation loop knows of the probe. The sensor of the probe's grip measures in the probe's body.
+struct ProbeView {
+  bool live = false; // a pose that may be navigated by
+  std::int64_t acquired_ns = 0;
+  double tip_mm[3] = {};        // in Image
+  double shaft[3] = {};         // unit, in Image, from the tip up the shaft
+  double shaft_in_tool[3] = {}; // the same in the probe's body
+};
+
+struct ForceView {
+  std::int64_t arrived_ns = 0;
+  double force_N[3] = {};
+};
+
+// A model, or that none can be made; of the case with this generation.
+struct TissueModelReady {
+  std::uint64_t generation = 0;
+  tissue::BrainModel *model = nullptr;
+};
+
+// For the navigation loop: where the targets of the case are predicted, in its order.
+struct PredictedTargets {
+  std::uint64_t generation = 0;
+  std::int64_t time_ns = 0;
+  wire::DeformationStatus status[bregma_wire_MAX_TARGETS] = {};
+  double position_mm[bregma_wire_MAX_TARGETS][3] = {};
+};
+
 class DeformationPipeline {
 public:
-  void handle(const CaseChanged &change) noexcept {
-    generation_ = change.generation;
-    count_ = 0;
-    if (change.loaded == nullptr) {
-      return;
-    }
-    for (const casefile::NamedPoint &target : change.loaded->data->targets) {
-      if (count_ == states_.size()) {
-        break;
-      }
-      wire::DeformationState &state = states_[count_++];
-      state = {};
-      (void)wire::set_name(state.target, target.name);
-      state.status = bregma_wire_DEFORMATION_NO_MODEL;
-      put_unknown(state.displaced_target_mm);
-      state.error_bound_mm = wire::kUnknown;
-    }
-  }
+  void handle(const CaseChanged &change) noexcept;
+  void handle(const TissueModelReady &ready) noexcept;
 
-  void step(std::int64_t now_ns) noexcept {
-    for (std::size_t i = 0; i < count_; ++i) {
-      states_[i].time_ns = now_ns;
-    }
-  }
+  // most_steps: of the solver, that there is time for.
+  void step(const ProbeView &probe, const ForceView &force, std::int64_t now_ns, int most_steps) noexcept;
 
   [[nodiscard]] std::span<const wire::DeformationState> states() const noexcept { return {states_.data(), count_}; }
+  [[nodiscard]] const PredictedTargets &predicted() const noexcept { return predicted_; }
+  [[nodiscard]] const tissue::BrainModel *model() const noexcept { return model_; }
+  [[nodiscard]] int steps_made() const noexcept { return steps_made_; } // by the solver, in the last step()
   [[nodiscard]] std::uint64_t case_generation() const noexcept { return generation_; }
 
 private:
+  void fill(wire::DeformationState &state, const tissue::PointPrediction &prediction, double measured_N) noexcept;
+
   std::array<wire::DeformationState, bregma_wire_MAX_TARGETS> states_{};
   std::size_t count_ = 0;
   std::uint64_t generation_ = 0;
+  tissue::BrainModel *model_ = nullptr;
+  PredictedTargets predicted_;
+  std::int64_t stepped_ns_ = 0;
+  int steps_made_ = 0;
 };
 
 } // namespace bregma::server

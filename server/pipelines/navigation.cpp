@@ -9,6 +9,8 @@ namespace bregma::server {
 namespace {
 
 constexpr std::int64_t kStaleAfterPeriods = 3;
+constexpr std::int64_t kPredictionAge_ns = 250'000'000;
+constexpr double kSameTarget_mm = 0.01;    // a plan leads to the target that lies where it ends
 constexpr double kVelocityFilter_hz = 3.0; // where the shown position is not filtered
 
 // Everything that is only known with a live pose.
@@ -20,6 +22,9 @@ void clear_pose(wire::NavigationState &state) noexcept {
   state.tre_95 = unknown_ellipsoid();
   state.distance_to_target_mm = state.lateral_deviation_mm = wire::kUnknown;
   state.angle_rad = state.remaining_depth_mm = wire::kUnknown;
+  state.prediction = bregma_wire_DEFORMATION_NO_MODEL;
+  put_unknown(state.predicted_target_mm);
+  state.distance_to_predicted_target_mm = wire::kUnknown;
   (void)wire::set_name(state.nearest_structure, "");
   state.nearest_structure_mm = wire::kUnknown;
 }
@@ -312,11 +317,54 @@ void NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noe
     state.angle_rad = guidance.angle_rad;
     state.remaining_depth_mm = guidance.remaining_depth_mm;
   }
+  fill_prediction(tool, state);
   const auto nearest = case_->structures.nearest(tip, tool.warm);
   (void)wire::set_name(state.nearest_structure, nearest.index >= 0
                                                     ? std::string_view(case_->structures.name(nearest.index))
                                                     : std::string_view());
   state.nearest_structure_mm = nearest.index >= 0 ? nearest.distance_mm : wire::kUnknown;
+}
+
+// Of the target that the plan leads to, as long as the tissue model has one there.
+void NavigationPipeline::fill_prediction(const Tool &tool, wire::NavigationState &state) const noexcept {
+  state.prediction = bregma_wire_DEFORMATION_NO_MODEL;
+  put_unknown(state.predicted_target_mm);
+  state.distance_to_predicted_target_mm = wire::kUnknown;
+  const bool young = predicted_.generation == generation_ && evaluated_ns_ - predicted_.time_ns < kPredictionAge_ns;
+  if (tool.plan == nullptr || !young) {
+    return;
+  }
+  const auto &targets = case_->data->targets;
+  const std::size_t count = std::min<std::size_t>(targets.size(), bregma_wire_MAX_TARGETS);
+  for (std::size_t i = 0; i < count; ++i) {
+    if ((targets[i].position_mm - tool.plan->target_mm).norm() > kSameTarget_mm) {
+      continue;
+    }
+    state.prediction = predicted_.status[i];
+    const Vector3d target = Vector3d::Map(predicted_.position_mm[i]); // NaN where it is not to be shown
+    put(target, state.predicted_target_mm);
+    state.distance_to_predicted_target_mm = (target - Vector3d::Map(state.T_image_tip.translation_mm)).norm();
+    return;
+  }
+}
+
+ProbeView NavigationPipeline::probe() const noexcept {
+  ProbeView view;
+  for (std::size_t i = 0; i < tool_count_; ++i) {
+    const wire::NavigationState &state = states_[i];
+    if (tools_[i].model->role != casefile::ToolRole::kProbe || state.status != bregma_wire_POSE_LIVE) {
+      continue;
+    }
+    const Vector3d shaft = -tools_[i].model->axis.normalized();
+    const auto T_image_tip = wire::from_wire<frame::Image, frame::Tip>(state.T_image_tip);
+    view.live = true;
+    view.acquired_ns = state.acquired_time_ns;
+    Vector3d::Map(view.tip_mm) = T_image_tip.translation();
+    Vector3d::Map(view.shaft) = T_image_tip.rotation() * shaft;
+    Vector3d::Map(view.shaft_in_tool) = shaft;
+    return view;
+  }
+  return view;
 }
 
 } // namespace bregma::server

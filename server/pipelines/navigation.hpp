@@ -17,6 +17,7 @@
 
 #include "algorithms/planning/critical_structures.hpp"
 #include "server/pipelines/capture.hpp"
+#include "server/pipelines/deformation.hpp"
 #include "server/pipelines/loaded_case.hpp"
 #include "server/pipelines/tip_filter.hpp"
 #include "server/runtime/spsc_ring.hpp"
@@ -43,6 +44,8 @@ public:
   void handle(const NavigationInput &input) noexcept;
   // A frame that has passed the border check; acquired_ns: its exposure on the host's clock.
   void on_frame(const wire::TrackerFrame &frame, std::int64_t acquired_ns, std::int64_t now_ns) noexcept;
+  // Where the tissue model predicts the targets; what is older than a quarter of a second is not shown.
+  void on(const PredictedTargets &predicted) noexcept { predicted_ = predicted; }
   // Without a frame: what the passing of time alone has done.
   void on_tick(std::int64_t now_ns) noexcept;
   // When a tick will change what is shown (a pose grows stale, the tracker is lost), if no frame comes before.
@@ -51,6 +54,8 @@ public:
   // One a tool of the case that can be navigated, in the order of the case. As of the last frame or tick.
   [[nodiscard]] std::span<const wire::NavigationState> states() const noexcept { return {states_.data(), tool_count_}; }
   [[nodiscard]] bool reference_visible() const noexcept { return reference_.visible; }
+  // The probe as of the last frame or tick: what the tissue model is driven by.
+  [[nodiscard]] ProbeView probe() const noexcept;
   [[nodiscard]] std::uint64_t case_generation() const noexcept { return generation_; }
 
 private:
@@ -82,6 +87,7 @@ private:
   void record(Tool &tool, std::int64_t acquired_ns) noexcept;
   void publish(Tool &tool, wire::NavigationState &state, std::int64_t now_ns) noexcept;
   void fill_pose(Tool &tool, wire::NavigationState &state) noexcept;
+  void fill_prediction(const Tool &tool, wire::NavigationState &state) const noexcept;
   [[nodiscard]] TipPose filtered(Tool &tool, const TipPose &T_reference_tip) const noexcept;
   void update_states(std::int64_t now_ns) noexcept;
   void reset_filters() noexcept;
@@ -96,6 +102,7 @@ private:
   std::size_t tool_count_ = 0;
   BodyInTracker reference_;
   std::optional<Registration> registration_;
+  PredictedTargets predicted_;
   SessionChanged session_{bregma_wire_SESSION_IDLE, false};
   TouchCapture touch_;
   SurfaceTrace trace_;

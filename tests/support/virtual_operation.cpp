@@ -17,7 +17,11 @@ constexpr std::size_t kKeptTruths = 64; // more frames than are under way betwee
 
 std::int64_t period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz); }
 
+constexpr int kSolverSteps = 100; // of the tissue model, in a step of its loop: time is virtual
+
+// A state directory of its own, and no tissue model: it would take longer than all the rest.
 server::Config with_state(server::Config config, const std::filesystem::path &folder) {
+  config.deformation.elements = 0;
   if (config.state.directory.empty()) {
     config.state.directory = folder.string();
   }
@@ -78,12 +82,13 @@ bool VirtualOperation::run(double limit_s) {
     if (registration.take(now_ns_)) {
       const server::RegistrationPipeline &pipeline = engine_.step_registration(now_ns_);
       engine_.step_pose_search();
+      (void)engine_.step_tissue_builder();
       registration_ = pipeline.state();
       fiducials_ = pipeline.fiducials();
     }
     if (monitoring.take(now_ns_)) {
       accuracy_ = engine_.step_monitoring({}, 0, now_ns_);
-      (void)engine_.step_deformation(now_ns_);
+      (void)engine_.step_deformation(now_ns_, kSolverSteps);
     }
     if (poll.take(now_ns_)) {
       engine_.poll(now_ns_);

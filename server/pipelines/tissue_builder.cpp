@@ -1,0 +1,68 @@
+#include "server/pipelines/tissue_builder.hpp"
+
+#include <stdexcept>
+
+#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/tissue/lattice_mesh.hpp"
+
+namespace bregma::server {
+namespace {
+
+// Where the line from entry to target enters the brain; the entry itself where it never does.
+Vector3d entry_into(const registration::SurfaceModel &brain, const casefile::Trajectory &trajectory) {
+  constexpr int kSteps = 2000;
+  for (int i = 0; i <= kSteps; ++i) {
+    const double share = static_cast<double>(i) / kSteps;
+    const Vector3d at = trajectory.entry_mm + share * (trajectory.target_mm - trajectory.entry_mm);
+    if (brain.closest(at).signed_mm <= 0.0) {
+      return at;
+    }
+  }
+  return trajectory.entry_mm;
+}
+
+} // namespace
+
+void TissueBuilder::handle(const CaseChanged &change) noexcept {
+  case_ = change.loaded;
+  generation_ = change.generation;
+}
+
+std::optional<TissueModelReady> TissueBuilder::build() {
+  if (case_ == nullptr) {
+    return std::nullopt;
+  }
+  const casefile::Case &data = *case_->data;
+  case_ = nullptr;
+  TissueModelReady ready{.generation = generation_};
+  why_.clear();
+  if (settings_.elements == 0) {
+    why_ = "deformation.elements is 0";
+    return ready;
+  }
+  try {
+    tissue::LatticeMeshOptions meshing;
+    meshing.tetrahedra = settings_.elements;
+    const tissue::LatticeMesh filled = tissue::fill_surface(data.brain.mesh, meshing);
+    tissue::BrainModelOptions options = settings_.model;
+    if (!data.trajectories.empty() && settings_.craniotomy_radius_mm > 0.0) {
+      options.skull.craniotomy = {entry_into(registration::SurfaceModel(data.brain.mesh), data.trajectories.front()),
+                                  settings_.craniotomy_radius_mm};
+    }
+    std::vector<Vector3d> targets;
+    for (const casefile::NamedPoint &target : data.targets) {
+      targets.push_back(target.position_mm);
+    }
+    models_.emplace_back(generation_, std::make_unique<tissue::BrainModel>(filled.mesh, targets, options));
+    ready.model = models_.back().second.get();
+  } catch (const std::invalid_argument &error) {
+    why_ = data.folder.string() + ": no tissue model of the brain: " + error.what();
+  }
+  return ready;
+}
+
+void TissueBuilder::free_before(std::uint64_t generation) {
+  std::erase_if(models_, [generation](const auto &entry) { return entry.first < generation; });
+}
+
+} // namespace bregma::server
