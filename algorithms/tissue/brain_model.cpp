@@ -4,11 +4,11 @@
 #include <stdexcept>
 
 #include "algorithms/tissue/constitutive.hpp"
+#include "algorithms/tissue/units.hpp"
 
 namespace bregma::tissue {
 namespace {
 
-constexpr double kMetre = 1000.0;       // mm
 constexpr float kSmoothing_s = 0.01F;   // of contact forces, which come in impulses
 constexpr float kLetGo_s = 0.05F;       // without a touch, until the tip counts as outside
 constexpr double kSearchAgain_mm = 2.0; // of the probe's way, between two looks for triangles near it
@@ -26,8 +26,6 @@ constexpr double kSwinging = 0.05; // kinetic against elastic energy
 constexpr double kQuiet_J = 1e-9;  // kinetic energy that does not matter: 1 mm/s of a gram
 // Biomechanical models explain 74 to 82 % of measured brain displacements (PMC2749709): the bound is what they do not.
 constexpr double kUnexplained = 0.26;
-
-Eigen::Vector3f to_metres(const Eigen::Vector3d &mm) { return (mm / kMetre).cast<float>(); }
 
 void check(const BrainModelOptions &options) {
   const auto positive = [](const char *name, double value) {

@@ -9,7 +9,7 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr int kSweeps = 4; // of Gauss-Seidel in a step
+constexpr int kCutSweeps = 4; // of Gauss-Seidel in a step
 
 } // namespace
 
@@ -126,10 +126,10 @@ void CutContact::apply(const NodeMotion &nodes) noexcept {
   }
 
   const float dt = nodes.step_s;
-  constexpr float kShare = 1.0F / static_cast<float>(kSweeps); // of a step's friction, for one sweep
+  constexpr float kShare = 1.0F / static_cast<float>(kCutSweeps); // of a step's friction, for one sweep
   const float most_rub = forces_.friction_N_per_m * spacing_m_ * dt * kShare;
   const float most_push = forces_.cutting_N * dt * kShare / static_cast<float>(kTipPoints);
-  for (int sweep = 0; sweep < kSweeps; ++sweep) {
+  for (int sweep = 0; sweep < kCutSweeps; ++sweep) {
     for (const MaterialPoint &point : held_) {
       const Grip held = grip(nodes, point);
       if (held.mobility <= 0.0F) {

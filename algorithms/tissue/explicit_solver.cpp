@@ -9,11 +9,11 @@
 
 #include "algorithms/tissue/constitutive.hpp"
 #include "algorithms/tissue/team.hpp"
+#include "algorithms/tissue/units.hpp"
 
 namespace bregma::tissue {
 namespace {
 
-constexpr double kMetre = 1000.0;           // mm
 constexpr int kFirstLook = 40;              // power iterations on the tissue at rest
 constexpr std::uint64_t kLookInterval = 50; // steps between two looks at the critical step
 constexpr float kProbeStrain = 1e-3F;       // amplitude of the power iteration, in edge lengths
@@ -59,7 +59,7 @@ void add(float &sum, float &remainder, float by) {
   remainder = (before - (sum - taken)) + (by - taken);
 }
 
-NodeVector to_metres(const Eigen::Vector3d &mm) {
+NodeVector node_vector(const Eigen::Vector3d &mm) {
   const Eigen::Vector3f m = (mm / kMetre).cast<float>();
   return {m.x(), m.y(), m.z()};
 }
@@ -227,7 +227,7 @@ void ExplicitSolver::release(int node) noexcept {
 }
 
 void ExplicitSolver::set_displacement_mm(int node, const Eigen::Vector3d &displacement_mm) noexcept {
-  const NodeVector to = to_metres(displacement_mm);
+  const NodeVector to = node_vector(displacement_mm);
   NodeVector &u = displacement_[static_cast<std::size_t>(node)];
   u = {to.x, to.y, to.z, u.w};
   remainder_[static_cast<std::size_t>(node)] = {};

@@ -4,11 +4,11 @@
 #include <stdexcept>
 
 #include "algorithms/registration/surface_model.hpp"
+#include "algorithms/tissue/units.hpp"
 
 namespace bregma::tissue {
 namespace {
 
-constexpr float kMetre = 1000.0F; // mm
 // A node that has slid less than this still has its own tangent plane before it: what a radius of 60 mm makes of it is
 // below 0.02 mm. Beyond, the surface is asked.
 constexpr float kPlane_m = 1.5e-3F;
@@ -55,7 +55,7 @@ void Skull::apply(const NodeMotion &nodes) noexcept {
   if (!options_.sliding) {
     return;
   }
-  const float gap = static_cast<float>(options_.gap_mm) / kMetre;
+  const float gap = static_cast<float>(options_.gap_mm) / kMetreFloat;
   for (std::size_t i = 0; i < supports_.size(); ++i) {
     const Support &support = supports_[i];
     const auto node = static_cast<std::size_t>(support.node);
@@ -64,13 +64,13 @@ void Skull::apply(const NodeMotion &nodes) noexcept {
     Eigen::Vector3f normal = support.normal;
     float beyond = normal.dot(moved);
     if (moved.squaredNorm() - beyond * beyond > kPlane_m * kPlane_m) {
-      const Eigen::Vector3d at = kMetre * nodes.position_m(support.node).cast<double>();
+      const Eigen::Vector3d at = kMetreFloat * nodes.position_m(support.node).cast<double>();
       const registration::SurfacePoint closest = surface_->closest(at, triangle_[i]);
       triangle_[i] = closest.triangle;
       if (open_at(closest.point_mm)) {
         continue; // it has slid into the opening
       }
-      beyond = static_cast<float>(closest.signed_mm) / kMetre;
+      beyond = static_cast<float>(closest.signed_mm) / kMetreFloat;
       normal = closest.normal.cast<float>();
     }
     if (beyond > gap) {

@@ -4,12 +4,12 @@
 #include <Eigen/Geometry>
 
 #include "algorithms/tissue/probe_contact.hpp"
+#include "algorithms/tissue/units.hpp"
 
 namespace bregma::tissue {
 namespace {
 
-constexpr float kMetre = 1000.0F;  // mm
-constexpr int kSweeps = 4;         // of Gauss-Seidel in a step
+constexpr int kSurfaceSweeps = 4;  // of Gauss-Seidel in a step
 constexpr float kNear_m = 0.5e-3F; // a point that is pushed out can push a neighbour in by no more
 
 } // namespace
@@ -32,7 +32,7 @@ SurfaceContact::SurfaceContact(const TetMesh &mesh, const TetBoundary &boundary,
 void SurfaceContact::search(const ExplicitSolver &solver) noexcept {
   near_.clear();
   points_.clear();
-  const Eigen::Vector3d tip = (kMetre * probe_.tip_m).cast<double>();
+  const Eigen::Vector3d tip = (kMetreFloat * probe_.tip_m).cast<double>();
   const Eigen::Vector3d shaft = probe_.shaft.cast<double>();
   const auto position = [&](int node) -> Eigen::Vector3d {
     return mesh_->nodes_mm[static_cast<std::size_t>(node)] + solver.displacement_mm(node);
@@ -44,7 +44,7 @@ void SurfaceContact::search(const ExplicitSolver &solver) noexcept {
     const double size = (a - middle).norm();
     const double height = std::max((middle - tip).dot(shaft), 0.0);
     const double distance =
-        (middle - tip - height * shaft).norm() - size - static_cast<double>(kMetre * probe_.radius_m);
+        (middle - tip - height * shaft).norm() - size - static_cast<double>(kMetreFloat * probe_.radius_m);
     if (distance < options_.reach_mm) {
       near_.push_back({static_cast<float>(distance), static_cast<int>(i)});
     }
@@ -135,7 +135,7 @@ void SurfaceContact::apply(const NodeMotion &nodes) noexcept {
       touched = &points_[i];
     }
   }
-  for (int sweep = 1; sweep < kSweeps; ++sweep) {
+  for (int sweep = 1; sweep < kSurfaceSweeps; ++sweep) {
     for (const std::uint32_t i : near_points_) {
       (void)push_out(nodes, points_[i]);
     }
@@ -150,7 +150,7 @@ void SurfaceContact::apply(const NodeMotion &nodes) noexcept {
     touched_rest_ += touched->share[i] * rest;
     moved += touched->share[i] * (nodes.position_m(touched->node[i]) - rest);
   }
-  depth_mm_ = static_cast<double>(-kMetre * moved.dot(probe_.shaft));
+  depth_mm_ = static_cast<double>(-kMetreFloat * moved.dot(probe_.shaft));
   touched_tetrahedron_ = boundary_->tetrahedron[static_cast<std::size_t>(touched->triangle)];
 }
 
