@@ -16,7 +16,7 @@ Eigen::Matrix3d deviator(const Eigen::Matrix3d &m) { return m - m.trace() / 3.0 
 
 Eigen::Matrix3d ogden(double shear_Pa, double alpha, const Eigen::Matrix3d &f) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(f.transpose() * f);
-  const Eigen::Vector3d squared = eigen.eigenvalues();
+  const Eigen::Vector3d &squared = eigen.eigenvalues();
   const double isochoric = std::pow(f.determinant(), -2.0 / 3.0);
   const Eigen::Vector3d power = (squared * isochoric).array().pow(0.5 * alpha).matrix();
   const Eigen::Vector3d stress = ((power.array() - power.mean()) * (2.0 * shear_Pa / alpha) / squared.array()).matrix();
