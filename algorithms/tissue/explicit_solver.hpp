@@ -1,7 +1,7 @@
 // Tissue in motion: total-Lagrangian explicit dynamics on tetrahedra, and dynamic relaxation to the static answer.
 //
 // Miller, Joldes, Lance & Wittek, Commun Numer Methods Eng 23 (2007) 121 (the formulation); element_kernel.hpp (the
-// elements). Central differences, lumped masses. The step is a fraction of 2 / omega_max, with omega_max by power
+// elements). Central differences, lumped masses. The step is a fraction of 2 / omega_max, with omega_max by
 // iteration on the present stiffness, looked at again while the tissue deforms: a step that has become too long is
 // shortened before it can do harm.
 //
@@ -161,9 +161,11 @@ private:
   void step(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how, bool viscous,
             float shear_Pa) noexcept;
   void look_at_step() noexcept;
+  void apply_stiffness(const std::vector<NodeVector> &direction, const std::vector<NodeVector> &inverse_mass,
+                       float shear_Pa, std::vector<NodeVector> &out) noexcept;
   void settle_prony(bool relaxed) noexcept;
-  [[nodiscard]] float power_iteration(int iterations, const std::vector<NodeVector> &inverse_mass,
-                                      std::vector<NodeVector> &mode, float shear_Pa) noexcept;
+  [[nodiscard]] float largest_eigenvalue(int iterations, const std::vector<NodeVector> &inverse_mass,
+                                         std::vector<NodeVector> &mode, float shear_Pa) noexcept;
   [[nodiscard]] NodeVector total_force(std::size_t node) const noexcept;
   [[nodiscard]] float slowest_mode() const noexcept;
   [[nodiscard]] double unbalanced(const Integration &how) const noexcept;
@@ -191,7 +193,8 @@ private:
   std::vector<NodeVector> inverse_mass_, inverse_fictitious_; // by axis; 0 where fixed
   std::vector<unsigned> fixed_;
   std::vector<NodeVector> displacement_, velocity_, external_, elastic_, saved_displacement_;
-  std::vector<NodeVector> remainder_;         // of displacement_: what a float could not take
+  std::vector<NodeVector> remainder_; // of displacement_: what a float could not take
+  std::vector<NodeVector> mode_pull_, ascent_, ascent_pull_, turn_, turn_pull_; // of the search for the next two
   std::vector<NodeVector> mode_, relax_mode_; // the fastest, as far as it is known, in motion and in relax()
   std::vector<NodeVector> probe_, force_before_, velocity_before_, displacement_before_; // of looks at them
 };

@@ -139,6 +139,9 @@ protected:
   ElementWork work;
 };
 
+// For differences of energies, which floats resolve only where they are large.
+class LargeDeformation : public EveryKernel {};
+
 TEST_P(EveryKernel, GivesTheForcesOfTheLaw) {
   for (const ElementKernel &kernel : element_kernels()) {
     clear();
@@ -164,10 +167,7 @@ TEST_P(EveryKernel, GivesTheChangesOfVolume) {
 }
 
 // The force is minus the gradient of the energy that the kernel states: central difference along the forces.
-TEST_P(EveryKernel, StatesTheEnergyWhoseGradientIsTheForce) {
-  if (GetParam().size < 0.1) {
-    GTEST_SKIP() << "differences of floats are too coarse";
-  }
+TEST_P(LargeDeformation, StatesTheEnergyWhoseGradientIsTheForce) {
   for (const bool mirrored : {false, true}) {
     if (mirrored && material.law == Law::kLinear) {
       continue; // has no upside
@@ -253,6 +253,10 @@ TEST_P(EveryKernel, FillsAPackUpWithNothing) {
     EXPECT_EQ(volumes[0], 0.0F) << kernel.name;
   }
 }
+
+INSTANTIATE_TEST_SUITE_P(AllLaws, LargeDeformation,
+                         testing::Values(Case{Law::kNeoHookean, 2.0, 0.3}, Case{Law::kOgden, -4.7, 0.3},
+                                         Case{Law::kOgden, 8.0, 0.3}, Case{Law::kLinear, 2.0, 0.3}));
 
 INSTANTIATE_TEST_SUITE_P(AllLaws, EveryKernel,
                          testing::Values(Case{Law::kNeoHookean, 2.0, 0.3}, Case{Law::kNeoHookean, 2.0, 0.003},
