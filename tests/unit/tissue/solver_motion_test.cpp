@@ -59,7 +59,7 @@ double critical_step_s(const Material &material, const TetMesh &mesh, const Expl
     solver.advance(1);
     Eigen::VectorXd out(size);
     for (int i = 0; i < solver.nodes(); ++i) {
-      out.segment<3>(3 * i) = solver.elastic_force_N(i);
+      out.segment<3>(Eigen::Index{3} * i) = solver.elastic_force_N(i);
     }
     return out;
   };
@@ -71,7 +71,7 @@ double critical_step_s(const Material &material, const TetMesh &mesh, const Expl
   }
   Eigen::VectorXd scale = root_mass.cwiseInverse();
   for (const int node : held) {
-    scale.segment<3>(3 * node).setZero();
+    scale.segment<3>(Eigen::Index{3} * node).setZero();
   }
   const Eigen::MatrixXd scaled = scale.asDiagonal() * (0.5 * (stiffness + stiffness.transpose())) * scale.asDiagonal();
   return 2.0 / std::sqrt(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(scaled).eigenvalues().maxCoeff());
