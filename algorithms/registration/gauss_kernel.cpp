@@ -1,5 +1,7 @@
 #include "algorithms/registration/gauss_kernel.hpp"
 
+#include "algorithms/simd/lanes.hpp"
+
 #include <array>
 #include <vector>
 
@@ -7,26 +9,18 @@ namespace bregma::registration {
 
 namespace {
 
-// Vectors as GCC and Clang define them: the same code becomes SSE, AVX2 or AVX-512 by the target of its caller.
-struct Vector4 {
-  using Float = float __attribute__((vector_size(16)));
-  using Bits = unsigned __attribute__((vector_size(16)));
-};
-struct Vector8 {
-  using Float = float __attribute__((vector_size(32)));
-  using Bits = unsigned __attribute__((vector_size(32)));
-};
-struct Vector16 {
-  using Float = float __attribute__((vector_size(64)));
-  using Bits = unsigned __attribute__((vector_size(64)));
-};
+using simd::load;
+using simd::store;
+using simd::total;
+using simd::Vector16;
+using simd::Vector4;
+using simd::Vector8;
 
 // v becomes exp(v) for v <= 0: 2^n 2^f with |f| <= 1/2 and 2^f by its Taylor polynomial of degree 6 (relative error
-// below 2e-7 in floats). n is read off the last bits of a sum with 1.5 2^23. By reference, since vectors as arguments
-// depend on the instruction set.
-template <class Vector> [[gnu::always_inline]] inline void exponential(typename Vector::Float &v) {
+// below 2e-7 in floats). n is read off the last bits of a sum with 1.5 2^23.
+template <class Vector> BREGMA_INLINE void exponential(typename Vector::Float &v) {
   using Float = typename Vector::Float;
-  using Bits = typename Vector::Bits;
+  using Int = typename Vector::Int;
   const Float low = Float{} - 87.0F;
   v = v < low ? low : v;
   const Float scaled = v * 1.44269504F;
@@ -38,26 +32,12 @@ template <class Vector> [[gnu::always_inline]] inline void exponential(typename 
   p = p * f + 0.24022651F;
   p = p * f + 0.69314718F;
   p = p * f + 1.0F;
-  v = reinterpret_cast<Float>(reinterpret_cast<Bits>(p) + (reinterpret_cast<Bits>(shifted) << 23));
-}
-
-template <class Float> [[gnu::always_inline]] inline void load(Float &v, const float *from) {
-  __builtin_memcpy(&v, from, sizeof(Float));
-}
-template <class Float> [[gnu::always_inline]] inline void store(float *to, const Float &v) {
-  __builtin_memcpy(to, &v, sizeof(Float));
-}
-template <class Float> [[gnu::always_inline]] inline float total(const Float &v) {
-  float sum = 0.0F;
-  for (std::size_t i = 0; i < sizeof(Float) / sizeof(float); ++i) {
-    sum += v[i];
-  }
-  return sum;
+  v = reinterpret_cast<Float>(reinterpret_cast<Int>(p) + (reinterpret_cast<Int>(shifted) << 23));
 }
 
 template <class Vector>
-[[gnu::always_inline]] inline void add_rows(const GaussBlock &block, GaussRow *rows, float inverse_two_sigma_squared,
-                                            float outlier_constant) {
+BREGMA_INLINE void add_rows(const GaussBlock &block, GaussRow *rows, float inverse_two_sigma_squared,
+                            float outlier_constant) {
   using Float = typename Vector::Float;
   constexpr std::size_t kLanes = sizeof(Float) / sizeof(float);
   std::array<float, kGaussRows> inverse{};
@@ -133,24 +113,22 @@ add_rows_16(const GaussBlock &block, GaussRow *rows, float inverse_two_sigma_squ
 }
 #endif
 
-std::vector<GaussKernel> find_kernels() {
-  std::vector<GaussKernel> out;
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("avx512dq") != 0) {
-    out.push_back({"AVX-512", add_rows_16});
-  }
-  if (__builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0) {
-    out.push_back({"AVX2", add_rows_8});
-  }
-#endif
-  out.push_back({"four floats", add_rows_4});
-  return out;
-}
-
 } // namespace
 
 std::span<const GaussKernel> gauss_kernels() noexcept {
-  static const std::vector<GaussKernel> kernels = find_kernels();
+  static const std::vector<GaussKernel> kernels = [] {
+    std::vector<GaussKernel> out;
+#if defined(__x86_64__)
+    if (simd::has_avx512()) {
+      out.push_back({"AVX-512", add_rows_16});
+    }
+    if (simd::has_avx2()) {
+      out.push_back({"AVX2", add_rows_8});
+    }
+#endif
+    out.push_back({"four floats", add_rows_4});
+    return out;
+  }();
   return kernels;
 }
 

@@ -1,5 +1,7 @@
 #include "algorithms/registration/normal_kernel.hpp"
 
+#include "algorithms/simd/lanes.hpp"
+
 namespace bregma::registration {
 
 using geometry::Matrix6d;
@@ -9,22 +11,13 @@ namespace {
 
 constexpr std::size_t kWidest = 4;
 
-using Double2 = double __attribute__((vector_size(16)));
-using Double4 = double __attribute__((vector_size(32)));
-
-template <class Double> [[gnu::always_inline]] inline void load(Double &v, const double *from) {
-  __builtin_memcpy(&v, from, sizeof(Double));
-}
-template <class Double> [[gnu::always_inline]] inline double total(const Double &v) {
-  double sum = 0.0;
-  for (std::size_t i = 0; i < sizeof(Double) / sizeof(double); ++i) {
-    sum += v[i];
-  }
-  return sum;
-}
+using simd::load;
+using simd::total;
+using Double2 = simd::DoubleVector<2>::Double;
+using Double4 = simd::DoubleVector<4>::Double;
 
 template <class Double>
-[[gnu::always_inline]] inline void sums(const NormalRows &rows, std::size_t count, bool squared, NormalSums &out) {
+BREGMA_INLINE void sums(const NormalRows &rows, std::size_t count, bool squared, NormalSums &out) {
   std::array<Double, 21> normal{};
   std::array<Double, 6> gradient{};
   for (std::size_t i = 0; i < count; i += sizeof(Double) / sizeof(double)) {
@@ -62,17 +55,6 @@ __attribute__((target("avx2,fma"))) void sums_4(const NormalRows &rows, std::siz
   sums<Double4>(rows, count, squared, out);
 }
 #endif
-
-std::vector<NormalKernel> find_kernels() {
-  std::vector<NormalKernel> out;
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0) {
-    out.push_back({"AVX2", sums_4});
-  }
-#endif
-  out.push_back({"two doubles", sums_2});
-  return out;
-}
 
 NormalSums widest(const NormalRows &rows, std::size_t count, bool squared) noexcept {
   NormalSums out;
@@ -117,7 +99,16 @@ Vector6d NormalRows::jacobian(std::size_t i) const noexcept {
 }
 
 std::span<const NormalKernel> normal_kernels() noexcept {
-  static const std::vector<NormalKernel> kernels = find_kernels();
+  static const std::vector<NormalKernel> kernels = [] {
+    std::vector<NormalKernel> out;
+#if defined(__x86_64__)
+    if (simd::has_avx2()) {
+      out.push_back({"AVX2", sums_4});
+    }
+#endif
+    out.push_back({"two doubles", sums_2});
+    return out;
+  }();
   return kernels;
 }
 

@@ -1,5 +1,7 @@
 #include "algorithms/registration/plane_kernel.hpp"
 
+#include "algorithms/simd/lanes.hpp"
+
 #include <limits>
 #include <vector>
 
@@ -7,30 +9,20 @@ namespace bregma::registration {
 
 namespace {
 
-// Vectors as GCC and Clang define them: the same code becomes SSE or AVX2 by the target of its caller. Vectors go by
-// reference, since as arguments they depend on the instruction set.
-struct Lanes4 {
-  using Float = float __attribute__((vector_size(16)));
-  using Int = int __attribute__((vector_size(16)));
-};
-struct Lanes8 {
-  using Float = float __attribute__((vector_size(32)));
-  using Int = int __attribute__((vector_size(32)));
-};
+using simd::load;
+using simd::total;
+using Lanes4 = simd::Vector4;
+using Lanes8 = simd::Vector8;
 using Float4 = Lanes4::Float;
 
 template <class Lanes> constexpr std::size_t kCount = sizeof(typename Lanes::Float) / sizeof(float);
-
-template <class Float> [[gnu::always_inline]] inline void load(Float &v, const float *from) {
-  __builtin_memcpy(&v, from, sizeof(Float));
-}
 
 // Mapped samples and the planes of their voxels.
 template <class Lanes> struct Located { typename Lanes::Float x, y, z, normal_x, normal_y, normal_z, offset; };
 
 // Four planes of four numbers, turned.
-[[gnu::always_inline]] inline void load_planes(const float *planes, const int *voxel, Float4 &nx, Float4 &ny,
-                                               Float4 &nz, Float4 &offset) {
+BREGMA_INLINE void load_planes(const float *planes, const int *voxel, Float4 &nx, Float4 &ny, Float4 &nz,
+                               Float4 &offset) {
   std::array<Float4, 4> row;
   for (std::size_t i = 0; i < 4; ++i) {
     load(row[i], planes + 4 * static_cast<std::ptrdiff_t>(voxel[i]));
@@ -45,12 +37,10 @@ template <class Lanes> struct Located { typename Lanes::Float x, y, z, normal_x,
   offset = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
 }
 
-[[gnu::always_inline]] inline void take_planes(const float *planes, const std::array<int, 4> &voxel,
-                                               Located<Lanes4> &at) {
+BREGMA_INLINE void take_planes(const float *planes, const std::array<int, 4> &voxel, Located<Lanes4> &at) {
   load_planes(planes, voxel.data(), at.normal_x, at.normal_y, at.normal_z, at.offset);
 }
-[[gnu::always_inline]] inline void take_planes(const float *planes, const std::array<int, 8> &voxel,
-                                               Located<Lanes8> &at) {
+BREGMA_INLINE void take_planes(const float *planes, const std::array<int, 8> &voxel, Located<Lanes8> &at) {
   std::array<Float4, 4> low;
   std::array<Float4, 4> high;
   load_planes(planes, voxel.data(), low[0], low[1], low[2], low[3]);
@@ -63,8 +53,7 @@ template <class Lanes> struct Located { typename Lanes::Float x, y, z, normal_x,
 
 // Numbers of voxels along one axis; what is not a number goes to the first.
 template <class Lanes>
-[[gnu::always_inline]] inline void voxels(const typename Lanes::Float &p, float low, float per_mm, int size,
-                                          typename Lanes::Int &out) {
+BREGMA_INLINE void voxels(const typename Lanes::Float &p, float low, float per_mm, int size, typename Lanes::Int &out) {
   using Float = typename Lanes::Float;
   Float at = (p - low) * per_mm;
   const Float none{};
@@ -74,8 +63,7 @@ template <class Lanes>
   out = __builtin_convertvector(at, typename Lanes::Int);
 }
 
-template <class Lanes>
-[[gnu::always_inline]] inline void locate(const PlaneQuery &q, std::size_t i, Located<Lanes> &at) {
+template <class Lanes> BREGMA_INLINE void locate(const PlaneQuery &q, std::size_t i, Located<Lanes> &at) {
   using Float = typename Lanes::Float;
   using Int = typename Lanes::Int;
   Float x;
@@ -100,13 +88,12 @@ template <class Lanes>
   take_planes(q.grid.planes, voxel, at);
 }
 
-template <class Lanes> [[gnu::always_inline]] inline void residual(const Located<Lanes> &at, typename Lanes::Float &r) {
+template <class Lanes> BREGMA_INLINE void residual(const Located<Lanes> &at, typename Lanes::Float &r) {
   r = at.normal_x * at.x + at.normal_y * at.y + at.normal_z * at.z + at.offset;
 }
 
 // value where the sample exists, else `none`.
-template <class Lanes>
-[[gnu::always_inline]] inline void keep_first(typename Lanes::Float &value, std::size_t samples, float none) {
+template <class Lanes> BREGMA_INLINE void keep_first(typename Lanes::Float &value, std::size_t samples, float none) {
   if (samples < kCount<Lanes>) {
     for (std::size_t lane = samples; lane < kCount<Lanes>; ++lane) {
       value[lane] = none;
@@ -114,15 +101,7 @@ template <class Lanes>
   }
 }
 
-template <class Float> [[gnu::always_inline]] inline float total(const Float &v) {
-  float sum = 0.0F;
-  for (std::size_t i = 0; i < sizeof(Float) / sizeof(float); ++i) {
-    sum += v[i];
-  }
-  return sum;
-}
-
-template <class Lanes> [[gnu::always_inline]] inline void residuals(const PlaneQuery &q, float *out) {
+template <class Lanes> BREGMA_INLINE void residuals(const PlaneQuery &q, float *out) {
   using Float = typename Lanes::Float;
   for (std::size_t i = 0; i < q.count; i += kCount<Lanes>) {
     Located<Lanes> at;
@@ -140,8 +119,7 @@ template <class Lanes> [[gnu::always_inline]] inline void residuals(const PlaneQ
 }
 
 template <class Lanes>
-[[gnu::always_inline]] inline void sums(const PlaneQuery &q, const std::array<float, 3> &centre, float reach2,
-                                        PlaneSums &out) {
+BREGMA_INLINE void sums(const PlaneQuery &q, const std::array<float, 3> &centre, float reach2, PlaneSums &out) {
   using Float = typename Lanes::Float;
   std::array<Float, 21> normal{};
   std::array<Float, 6> gradient{};
@@ -182,7 +160,7 @@ template <class Lanes>
   out.cost = total(cost);
 }
 
-template <class Lanes> [[gnu::always_inline]] inline float cost(const PlaneQuery &q, float reach2) {
+template <class Lanes> BREGMA_INLINE float cost(const PlaneQuery &q, float reach2) {
   using Float = typename Lanes::Float;
   Float sum{};
   for (std::size_t i = 0; i < q.count; i += kCount<Lanes>) {
@@ -199,8 +177,7 @@ template <class Lanes> [[gnu::always_inline]] inline float cost(const PlaneQuery
 
 // By halving the range of bit patterns: those of non-negative floats are in the order of the floats, and counting does
 // not branch on the values.
-template <class Lanes>
-[[gnu::always_inline]] inline float ranked(const float *values, std::size_t count, std::size_t rank) {
+template <class Lanes> BREGMA_INLINE float ranked(const float *values, std::size_t count, std::size_t rank) {
   using Int = typename Lanes::Int;
   const auto wanted = static_cast<int>(rank); // so many are no larger
   int low = 0;
@@ -247,21 +224,19 @@ __attribute__((target("avx2,fma"))) float ranked_8(const float *values, std::siz
 }
 #endif
 
-std::vector<PlaneKernel> find_kernels() {
-  std::vector<PlaneKernel> out;
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0) {
-    out.push_back({"AVX2", residuals_8, sums_8, cost_8, ranked_8});
-  }
-#endif
-  out.push_back({"four floats", residuals_4, sums_4, cost_4, ranked_4});
-  return out;
-}
-
 } // namespace
 
 std::span<const PlaneKernel> plane_kernels() noexcept {
-  static const std::vector<PlaneKernel> kernels = find_kernels();
+  static const std::vector<PlaneKernel> kernels = [] {
+    std::vector<PlaneKernel> out;
+#if defined(__x86_64__)
+    if (simd::has_avx2()) {
+      out.push_back({"AVX2", residuals_8, sums_8, cost_8, ranked_8});
+    }
+#endif
+    out.push_back({"four floats", residuals_4, sums_4, cost_4, ranked_4});
+    return out;
+  }();
   return kernels;
 }
 

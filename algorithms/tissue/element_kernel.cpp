@@ -428,21 +428,19 @@ __attribute__((target("avx2,fma"))) ElementSums add_forces_8(const ElementWork &
 }
 #endif
 
-std::vector<ElementKernel> find_kernels() {
-  std::vector<ElementKernel> out;
-#if defined(__x86_64__)
-  if (__builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0) {
-    out.push_back({"AVX2", add_volumes_8, add_forces_8});
-  }
-#endif
-  out.push_back({"four floats", add_volumes_4, add_forces_4});
-  return out;
-}
-
 } // namespace
 
 std::span<const ElementKernel> element_kernels() noexcept {
-  static const std::vector<ElementKernel> kernels = find_kernels();
+  static const std::vector<ElementKernel> kernels = [] {
+    std::vector<ElementKernel> out;
+#if defined(__x86_64__)
+    if (simd::has_avx2()) {
+      out.push_back({"AVX2", add_volumes_8, add_forces_8});
+    }
+#endif
+    out.push_back({"four floats", add_volumes_4, add_forces_4});
+    return out;
+  }();
   return kernels;
 }
 

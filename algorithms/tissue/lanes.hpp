@@ -1,30 +1,15 @@
-// Vectors of floats, and the few functions of them that the element kernel needs. Of element_kernel.cpp alone.
-//
-// Vectors as GCC and Clang define them: the same code becomes SSE or AVX2 by the target of its caller. Everything is
-// inlined into that caller and handed on by reference, since vectors as arguments depend on the instruction set.
+// What the element kernel needs of vectors of floats. Of element_kernel.cpp alone.
 #pragma once
 
+#include "algorithms/simd/lanes.hpp"
 #include "algorithms/tissue/element_kernel.hpp"
-
-#define BREGMA_INLINE [[gnu::always_inline]] inline
 
 namespace bregma::tissue {
 
-struct Vector4 {
-  using Float = float __attribute__((vector_size(16)));
-  using Int = int __attribute__((vector_size(16)));
-  static constexpr int kLanes = 4;
-};
-struct Vector8 {
-  using Float = float __attribute__((vector_size(32)));
-  using Int = int __attribute__((vector_size(32)));
-  static constexpr int kLanes = 8;
-};
-
-template <class Float> BREGMA_INLINE void load(Float &v, const float *from) {
-  __builtin_memcpy(&v, from, sizeof(Float));
-}
-template <class Float> BREGMA_INLINE void store(float *to, const Float &v) { __builtin_memcpy(to, &v, sizeof(Float)); }
+using simd::load;
+using simd::store;
+using simd::Vector4;
+using simd::Vector8;
 
 // ---- nodes to lanes and back ----
 

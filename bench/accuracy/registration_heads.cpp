@@ -21,8 +21,6 @@ using namespace registration;
 
 constexpr unsigned kHeadSeed = 20260316;
 constexpr double kRight_mm = 2.0;
-constexpr double kWrong_mm = 10.0;
-constexpr int kThreads = 2;
 
 // A CT template (a mean of older people), SPM's scalp, and another program's segmentation of Colin27, smoothed. What is
 // not there is left out.

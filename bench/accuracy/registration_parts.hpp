@@ -22,6 +22,9 @@ struct RegistrationBenchOptions : Options {
 inline const std::vector<std::string> kRegistrationParts{"local",    "global", "table",  "degenerate",
                                                          "coverage", "heads",  "clouds", "basin"};
 
+constexpr double kWrong_mm = 10.0; // RMSE from which a pose that was "found" is a wrong one
+constexpr int kThreads = 2;
+
 // registration_surface.cpp: local and global surface registration.
 void surface_figures(Report &report, const RegistrationBenchOptions &options);
 // registration_heads.cpp: the verdict on heads that its thresholds were not set on.

@@ -26,8 +26,6 @@ using namespace registration;
 
 constexpr unsigned kSurfaceSeed = 20260301;
 constexpr double kSuccess_mm = 2.0;
-constexpr double kWrong_mm = 10.0;
-constexpr int kThreads = 2;
 
 double wall_ms() {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();

@@ -11,7 +11,6 @@ namespace {
 using test::elastic;
 using tissue::Law;
 
-constexpr double kPercent = 100.0;
 constexpr double kYoung_Pa = 2100.0;
 
 std::string with(const std::string &name, double poisson) {

@@ -25,7 +25,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kPercent = 100.0;
 constexpr double kSide_mm = 90.0;
 constexpr double kDepth_mm = 6.0;
 constexpr int kStages = 4; // as CalculiX is told to begin with

@@ -8,38 +8,38 @@
 namespace bregma::bench {
 namespace {
 
-constexpr double kWidth = 640.0;
-constexpr double kHeight = 440.0;
-constexpr double kLeft = 70.0;
-constexpr double kRight = 470.0;
-constexpr double kTop = 30.0;
-constexpr double kBottom = 390.0;
+constexpr double kPictureWidth = 640.0;
+constexpr double kPictureHeight = 440.0;
+constexpr double kAxisLeft = 70.0;
+constexpr double kAxisRight = 470.0;
+constexpr double kAxisTop = 30.0;
+constexpr double kAxisBottom = 390.0;
 constexpr double kFinest_mm = 0.8, kCoarsest_mm = 12.0;
 constexpr double kSmallest = 1e-3, kLargest = 0.5;
 constexpr std::array<const char *, 6> kColours{"#1b6ca8", "#4fa3d1", "#9ccbe6", "#a8401b", "#d1774f", "#e6b49c"};
 
 double x_of(double edge_mm) {
-  return kLeft + (kRight - kLeft) * std::log(edge_mm / kFinest_mm) / std::log(kCoarsest_mm / kFinest_mm);
+  return kAxisLeft + (kAxisRight - kAxisLeft) * std::log(edge_mm / kFinest_mm) / std::log(kCoarsest_mm / kFinest_mm);
 }
 
 double y_of(double error) {
-  return kBottom - (kBottom - kTop) * std::log(error / kSmallest) / std::log(kLargest / kSmallest);
+  return kAxisBottom - (kAxisBottom - kAxisTop) * std::log(error / kSmallest) / std::log(kLargest / kSmallest);
 }
 
 } // namespace
 
 void draw_convergence(const std::vector<ErrorCurve> &curves, const std::string &file) {
   std::ofstream out(file);
-  out << "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 " << kWidth << ' ' << kHeight
+  out << "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 " << kPictureWidth << ' ' << kPictureHeight
       << "' font-family='sans-serif' font-size='12'>\n<rect width='100%' height='100%' fill='white'/>\n";
   for (const double edge_mm : {1.0, 2.0, 5.0, 10.0}) {
-    out << "<line x1='" << x_of(edge_mm) << "' x2='" << x_of(edge_mm) << "' y1='" << kTop << "' y2='" << kBottom
-        << "' stroke='#ddd'/><text text-anchor='middle' x='" << x_of(edge_mm) << "' y='" << kBottom + 16 << "'>"
+    out << "<line x1='" << x_of(edge_mm) << "' x2='" << x_of(edge_mm) << "' y1='" << kAxisTop << "' y2='" << kAxisBottom
+        << "' stroke='#ddd'/><text text-anchor='middle' x='" << x_of(edge_mm) << "' y='" << kAxisBottom + 16 << "'>"
         << edge_mm << "</text>\n";
   }
   for (const double error : {0.001, 0.01, 0.1}) {
-    out << "<line x1='" << kLeft << "' x2='" << kRight << "' y1='" << y_of(error) << "' y2='" << y_of(error)
-        << "' stroke='#ddd'/><text text-anchor='end' x='" << kLeft - 6 << "' y='" << y_of(error) + 4 << "'>"
+    out << "<line x1='" << kAxisLeft << "' x2='" << kAxisRight << "' y1='" << y_of(error) << "' y2='" << y_of(error)
+        << "' stroke='#ddd'/><text text-anchor='end' x='" << kAxisLeft - 6 << "' y='" << y_of(error) + 4 << "'>"
         << 100.0 * error << " %</text>\n";
   }
   // Second order, for the eye.
@@ -57,11 +57,11 @@ void draw_convergence(const std::vector<ErrorCurve> &curves, const std::string &
       out << "<circle r='3.5' fill='" << colour << "' cx='" << x_of(curves[c].edge_mm[i]) << "' cy='"
           << y_of(curves[c].error[i]) << "'/>\n";
     }
-    out << "<text fill='" << colour << "' x='" << kRight + 12 << "' y='" << kTop + 20.0 * static_cast<double>(c + 1)
-        << "'>" << curves[c].name << "</text>\n";
+    out << "<text fill='" << colour << "' x='" << kAxisRight + 12 << "' y='"
+        << kAxisTop + 20.0 * static_cast<double>(c + 1) << "'>" << curves[c].name << "</text>\n";
   }
-  out << "<text x='" << 0.5 * (kLeft + kRight) << "' y='" << kHeight - 14
-      << "' text-anchor='middle'>edge (mm)</text>\n<text x='" << kLeft << "' y='" << kTop - 12
+  out << "<text x='" << 0.5 * (kAxisLeft + kAxisRight) << "' y='" << kPictureHeight - 14
+      << "' text-anchor='middle'>edge (mm)</text>\n<text x='" << kAxisLeft << "' y='" << kAxisTop - 12
       << "'>error of the displacements, RMS by RMS</text>\n</svg>\n";
   if (!out.flush()) {
     throw std::runtime_error("cannot write " + file);

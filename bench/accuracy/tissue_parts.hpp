@@ -9,6 +9,8 @@
 
 namespace bregma::bench {
 
+constexpr double kPercent = 100.0;
+
 // tissue_analytic.cpp: answers that are known (tests/support/tissue_problems.hpp), and how errors fall with the edge.
 // Writes the picture of it (SVG) where a file is named; throws std::runtime_error when that cannot be written.
 void analytic_figures(Report &report, const TissueBenchOptions &options, const std::string &convergence_picture);

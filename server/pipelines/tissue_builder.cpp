@@ -13,7 +13,7 @@ Vector3d entry_into(const registration::SurfaceModel &brain, const casefile::Tra
   constexpr int kSteps = 2000;
   for (int i = 0; i <= kSteps; ++i) {
     const double share = static_cast<double>(i) / kSteps;
-    const Vector3d at = trajectory.entry_mm + share * (trajectory.target_mm - trajectory.entry_mm);
+    Vector3d at = trajectory.entry_mm + share * (trajectory.target_mm - trajectory.entry_mm);
     if (brain.closest(at).signed_mm <= 0.0) {
       return at;
     }

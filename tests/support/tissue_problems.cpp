@@ -109,6 +109,12 @@ tissue::Material elastic(tissue::Law law, double young_Pa, double poisson) {
   return material;
 }
 
+tissue::Material brain(tissue::Law law, double poisson) {
+  tissue::Material material = elastic(law, 2100.0, poisson);
+  material.ogden_alpha = -4.7;
+  return material;
+}
+
 // ---- homogeneous ----
 
 PatchAnswer patch(const tissue::Material &material, const Matrix3d &gradient, const tissue::SolverOptions &options) {

@@ -20,6 +20,8 @@ struct Compared {
 };
 
 [[nodiscard]] tissue::Material elastic(tissue::Law law, double young_Pa, double poisson);
+// With the brain's E of the thesis, and Miller and Chinzei's alpha for Ogden.
+[[nodiscard]] tissue::Material brain(tissue::Law law, double poisson);
 
 // The surface of a block with disordered inner nodes is moved by a deformation gradient.
 struct PatchAnswer {

@@ -282,7 +282,8 @@ using Methods = testing::Types<LeastSquares, MaximumLikelihood, RobustPoints, Jo
                                SplineR2LogR, PointsAndCurves>;
 class MethodNames {
 public:
-  template <class Method> static std::string GetName(int i) {
+  // GoogleTest names the function.
+  template <class Method> static std::string GetName(int i) { // NOLINT(readability-identifier-naming)
     static const std::array<const char *, 15> kNames = {
         "LeastSquares",  "MaximumLikelihood", "RobustPoints", "Joint",        "LocalByPlanes",
         "CloudByPlanes", "CloudByPoints",     "Global",       "CpdRigid",     "CpdSimilarity",

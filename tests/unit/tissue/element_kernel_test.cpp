@@ -17,7 +17,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr unsigned kSeed = 20261125;
+constexpr unsigned kKernelSeed = 20261125;
 constexpr std::size_t kPacks = 16;
 
 // Tetrahedra that share no node, each under a deformation gradient of its own.
@@ -92,7 +92,7 @@ protected:
   void SetUp() override {
     material = test::elastic(GetParam().law, 2100.0, 0.45);
     material.ogden_alpha = GetParam().alpha;
-    RecordProperty("seed", kSeed);
+    RecordProperty("seed", kKernelSeed);
     pieces = make_pieces(GetParam().size, rng);
     forces.resize(pieces.nodes.size());
     volumes.resize(pieces.nodes.size());
@@ -131,7 +131,7 @@ protected:
     return worst;
   }
 
-  std::mt19937 rng{kSeed};
+  std::mt19937 rng{kKernelSeed};
   Material material;
   Pieces pieces;
   std::vector<NodeVector> forces;

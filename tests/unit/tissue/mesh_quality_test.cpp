@@ -88,8 +88,8 @@ TEST(StableStep, HoldsForTheElementsOwnFrequencies) {
     gradient.rightCols<3>() = edges.inverse().transpose();
     gradient.col(0) = -gradient.rightCols<3>().rowwise().sum();
     Eigen::Matrix<double, 12, 12> stiffness;
-    for (int a = 0; a < 4; ++a) {
-      for (int b = 0; b < 4; ++b) {
+    for (Eigen::Index a = 0; a < 4; ++a) {
+      for (Eigen::Index b = 0; b < 4; ++b) {
         const Vector3d ga = gradient.col(a);
         const Vector3d gb = gradient.col(b);
         stiffness.block<3, 3>(3 * a, 3 * b) = volume * (lambda * ga * gb.transpose() + mu * gb * ga.transpose() +

@@ -17,7 +17,7 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 
-constexpr unsigned kSeed = 4;
+constexpr unsigned kPlaneSeed = 4;
 
 Material material_of(Law law, double poisson = 0.45) {
   Material out;
@@ -31,7 +31,7 @@ Material material_of(Law law, double poisson = 0.45) {
 // A rectangle whose inner nodes are shaken by a third of a cell.
 PlaneMesh shaken_rectangle(const Eigen::Vector2i &cells, const Vector2d &size_mm) {
   PlaneMesh mesh = rectangle_mesh(cells, size_mm);
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kPlaneSeed);
   std::uniform_real_distribution<double> shake(-0.33, 0.33);
   for (Vector2d &p : mesh.nodes_mm) {
     const bool inner = p.x() > 0.0 && p.x() < size_mm.x() && p.y() > 0.0 && p.y() < size_mm.y();

@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr unsigned kSeed = 20261125;
+constexpr unsigned kMotionSeed = 20261125;
 
 std::vector<Vector3d> all_displacements(const ExplicitSolver &solver) {
   std::vector<Vector3d> out;
@@ -24,7 +24,7 @@ std::vector<Vector3d> all_displacements(const ExplicitSolver &solver) {
 }
 
 void shake(ExplicitSolver &solver, double size_mm) {
-  std::mt19937 rng(kSeed);
+  std::mt19937 rng(kMotionSeed);
   std::uniform_real_distribution<double> unit(-size_mm, size_mm);
   for (int i = 0; i < solver.nodes(); ++i) {
     solver.set_displacement_mm(i, solver.displacement_mm(i) + Vector3d(unit(rng), unit(rng), unit(rng)));
@@ -81,7 +81,7 @@ TEST(TissueMotion, FreeVibrationKeepsItsEnergy) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
     Material material = test::elastic(law, 2100.0, 0.45);
     material.ogden_alpha = -4.7;
-    ExplicitSolver solver(test::jittered_block({3, 3, 6}, {15.0, 15.0, 30.0}, 0.15, kSeed), material);
+    ExplicitSolver solver(test::jittered_block({3, 3, 6}, {15.0, 15.0, 30.0}, 0.15, kMotionSeed), material);
     pull(solver);
     const auto mean_energy = [&] { // half a step lies between the two energies: their sum swings, its mean does not
       double sum = 0.0;
@@ -115,7 +115,7 @@ TEST(TissueMotion, DampingTakesTheEnergyAtItsRate) {
 }
 
 TEST(TissueMotion, AFreeBlockKeepsItsMomenta) {
-  ExplicitSolver solver(test::jittered_block({4, 4, 4}, {20.0, 20.0, 20.0}, 0.15, kSeed),
+  ExplicitSolver solver(test::jittered_block({4, 4, 4}, {20.0, 20.0, 20.0}, 0.15, kMotionSeed),
                         test::elastic(Law::kNeoHookean, 2100.0, 0.45));
   shake(solver, 0.01);
   solver.advance(2000);
@@ -170,7 +170,7 @@ TEST(TissueMotion, TwoThreadsAgreeWithOne) {
 TEST(TissueStep, IsTheCriticalOneByAllEigenvalues) {
   for (const double poisson : {0.3, 0.45, 0.49}) {
     const Material material = test::elastic(Law::kNeoHookean, 2100.0, poisson);
-    const TetMesh mesh = test::jittered_block({3, 3, 3}, {15.0, 15.0, 15.0}, 0.15, kSeed);
+    const TetMesh mesh = test::jittered_block({3, 3, 3}, {15.0, 15.0, 15.0}, 0.15, kMotionSeed);
     SolverOptions options;
     options.step_fraction = 1.0;
     const ExplicitSolver solver(mesh, material, options);
@@ -184,7 +184,7 @@ TEST(TissueStep, IsTheCriticalOneByAllEigenvalues) {
 TEST(TissueStep, StaysBoundedJustBelowTheCriticalOne) {
   SolverOptions options;
   options.step_fraction = 0.95;
-  ExplicitSolver solver(test::jittered_block({4, 4, 4}, {20.0, 20.0, 20.0}, 0.15, kSeed),
+  ExplicitSolver solver(test::jittered_block({4, 4, 4}, {20.0, 20.0, 20.0}, 0.15, kMotionSeed),
                         test::elastic(Law::kNeoHookean, 2100.0, 0.45), options);
   shake(solver, 0.005); // small: the critical step is that of the tissue at rest
   solver.advance(1);
@@ -200,7 +200,7 @@ TEST(TissueStep, StaysBoundedJustBelowTheCriticalOne) {
 
 TEST(TissueStep, FollowsTheTissueThatStiffens) {
   const Material material = test::elastic(Law::kNeoHookean, 2100.0, 0.45);
-  const TetMesh mesh = test::jittered_block({3, 3, 4}, {15.0, 15.0, 20.0}, 0.1, kSeed);
+  const TetMesh mesh = test::jittered_block({3, 3, 4}, {15.0, 15.0, 20.0}, 0.1, kMotionSeed);
   SolverOptions options;
   options.damping_per_s = 50.0;
   ExplicitSolver solver(mesh, material, options);

@@ -18,12 +18,6 @@ using Eigen::Vector3d;
 
 constexpr RelaxOptions kTight{1e-5, 40000, false};
 
-Material brain(Law law, double poisson) {
-  Material material = test::elastic(law, 2100.0, poisson);
-  material.ogden_alpha = -4.7;
-  return material;
-}
-
 // A block on a plate that holds it.
 class StandingBlock {
 public:
@@ -54,7 +48,7 @@ TEST(TissueRobustness, ANodePushedThroughTheOppositeFacesComesBack) {
     for (const double poisson : {0.45, 0.49}) {
       for (const int node : {kMiddle, kCorner}) {
         for (const double far_mm : {-8.0, 15.0}) {
-          StandingBlock block(brain(law, poisson));
+          StandingBlock block(test::brain(law, poisson));
           block.solver->set_displacement_mm(node, far_mm * Vector3d(0.9, 0.7, 1.0));
           if (law != Law::kLinear && node == kMiddle) {
             block.solver->advance(1);
@@ -71,7 +65,7 @@ TEST(TissueRobustness, ANodePushedThroughTheOppositeFacesComesBack) {
 }
 
 TEST(TissueRobustness, InMotionATurnedTetrahedronComesBackToo) {
-  StandingBlock block(brain(Law::kNeoHookean, 0.45));
+  StandingBlock block(test::brain(Law::kNeoHookean, 0.45));
   block.solver->set_displacement_mm(kMiddle, {12.0, -3.0, 9.0});
   block.solver->advance(3000);
   EXPECT_TRUE(block.solver->finite());
@@ -87,11 +81,11 @@ TEST(TissueRobustness, AnImpossibleJumpIsFlaggedAndForgotten) {
       block.solver->set_displacement_mm(node, {0.0, 0.0, -down_mm});
     }
   };
-  StandingBlock calm(brain(Law::kNeoHookean, 0.45));
+  StandingBlock calm(test::brain(Law::kNeoHookean, 0.45));
   push(calm, 2.0);
   ASSERT_TRUE(calm.solver->relax(kTight).converged);
 
-  StandingBlock block(brain(Law::kNeoHookean, 0.45));
+  StandingBlock block(test::brain(Law::kNeoHookean, 0.45));
   push(block, 60.0); // three times the block's height, for as long as one wrong sample of a tracker lasts
   int limited = 0;
   for (int i = 0; i < 10; ++i) {
@@ -109,7 +103,7 @@ TEST(TissueRobustness, AnImpossibleJumpIsFlaggedAndForgotten) {
 }
 
 TEST(TissueRobustness, ForcesWithoutMeasureStayFinite) {
-  StandingBlock block(brain(Law::kOgden, 0.49));
+  StandingBlock block(test::brain(Law::kOgden, 0.49));
   block.solver->set_force_N(kCorner, {1e6, -1e6, 1e6});
   block.solver->advance(300);
   EXPECT_TRUE(block.solver->finite());
@@ -123,7 +117,7 @@ TEST(TissueRobustness, ForcesWithoutMeasureStayFinite) {
 }
 
 TEST(TissueRobustness, AFreeBlockRelaxesInPeace) {
-  ExplicitSolver solver(block_mesh({2, 2, 2}, {10.0, 10.0, 10.0}), brain(Law::kNeoHookean, 0.45));
+  ExplicitSolver solver(block_mesh({2, 2, 2}, {10.0, 10.0, 10.0}), test::brain(Law::kNeoHookean, 0.45));
   EXPECT_TRUE(solver.relax().converged); // nothing acts
   solver.set_force_N(0, {1e-3, 0.0, 0.0});
   EXPECT_FALSE(solver.relax({1e-5, 1000, false}).converged); // nothing holds it
@@ -131,7 +125,7 @@ TEST(TissueRobustness, AFreeBlockRelaxesInPeace) {
 }
 
 TEST(TissueRobustness, RestHasNoEnergyAndResetBringsItBack) {
-  StandingBlock block(brain(Law::kNeoHookean, 0.45));
+  StandingBlock block(test::brain(Law::kNeoHookean, 0.45));
   EXPECT_EQ(block.solver->energies().elastic_J, 0.0);
   block.solver->set_displacement_mm(kCorner, {3.0, 0.0, 0.0});
   block.solver->advance(20);
@@ -145,7 +139,7 @@ TEST(TissueRobustness, RestHasNoEnergyAndResetBringsItBack) {
 
 // After relax() the stress is that of the answer: instantaneous, or with all relaxed.
 TEST(TissueRobustness, StressAfterRelaxIsThatOfItsModulus) {
-  Material material = brain(Law::kNeoHookean, 0.45);
+  Material material = test::brain(Law::kNeoHookean, 0.45);
   material.prony = {{0.45, 0.5}, {0.365, 50.0}};
   StandingBlock block(material);
   block.solver->fix(kCorner);

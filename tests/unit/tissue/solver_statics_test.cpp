@@ -11,12 +11,6 @@ namespace {
 
 using test::elastic;
 
-Material brain(Law law, double poisson) {
-  Material material = elastic(law, 2100.0, poisson);
-  material.ogden_alpha = -4.7;
-  return material;
-}
-
 Eigen::Matrix3d some_gradient() {
   Eigen::Matrix3d f;
   f << 1.10, 0.20, -0.05, //
@@ -28,7 +22,7 @@ Eigen::Matrix3d some_gradient() {
 TEST(TissuePatch, AnAffineSurfaceHasAnAffineInsideAndTheExactStress) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
     for (const double poisson : {0.3, 0.45, 0.49, 0.499}) {
-      const test::PatchAnswer answer = test::patch(brain(law, poisson), some_gradient());
+      const test::PatchAnswer answer = test::patch(test::brain(law, poisson), some_gradient());
       EXPECT_LT(answer.displacement_error, 1e-4) << poisson;
       EXPECT_LT(answer.stress_error, 1e-4) << poisson;
       EXPECT_LT((answer.nominal_Pa - answer.reference_Pa).norm(), 1e-4 * answer.reference_Pa.norm()) << poisson;
@@ -41,7 +35,7 @@ TEST(TissuePatch, HoldsInEveryKernelAndOnTwoThreads) {
     SolverOptions options;
     options.kernel = &kernel;
     options.threads = 2;
-    const test::PatchAnswer answer = test::patch(brain(Law::kNeoHookean, 0.45), some_gradient(), options);
+    const test::PatchAnswer answer = test::patch(test::brain(Law::kNeoHookean, 0.45), some_gradient(), options);
     EXPECT_LT(answer.displacement_error, 1e-4) << kernel.name;
     EXPECT_LT(answer.stress_error, 1e-4) << kernel.name;
   }
@@ -52,7 +46,7 @@ TEST(TissuePatch, SimpleShearOfANeoHookeanBlock) {
   constexpr double kGamma = 0.4;
   Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
   f(0, 1) = kGamma;
-  const Material material = brain(Law::kNeoHookean, 0.45);
+  const Material material = test::brain(Law::kNeoHookean, 0.45);
   const Eigen::Matrix3d nominal = test::patch(material, f).nominal_Pa;
   const Eigen::Matrix3d cauchy = nominal * f.transpose();
   EXPECT_NEAR(cauchy(0, 1), material.shear_Pa() * kGamma, 1e-3 * material.shear_Pa() * kGamma);
@@ -62,7 +56,7 @@ TEST(TissuePatch, SimpleShearOfANeoHookeanBlock) {
 TEST(TissuePatch, ARotationMakesNoForce) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
     const TetMesh mesh = block_mesh({3, 3, 3}, {15.0, 15.0, 15.0});
-    ExplicitSolver solver(mesh, brain(law, 0.49));
+    ExplicitSolver solver(mesh, test::brain(law, 0.49));
     Eigen::Matrix3d turn; // 90 degrees about x + y + z: a cyclic permutation, exact in floats but for the products
     turn << 0, 0, 1, 1, 0, 0, 0, 1, 0;
     for (int i = 0; i < solver.nodes(); ++i) {
@@ -84,7 +78,7 @@ TEST(TissueUniaxial, PressedAndPulledLikeTheExactBar) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
     for (const double poisson : {0.45, 0.49}) {
       for (const double stretch : {0.6, 0.8, 1.3, 1.8}) {
-        const test::UniaxialAnswer answer = test::uniaxial(brain(law, poisson), stretch);
+        const test::UniaxialAnswer answer = test::uniaxial(test::brain(law, poisson), stretch);
         EXPECT_LT(answer.force_N.error(), 1e-3) << "nu " << poisson << ", stretch " << stretch;
         EXPECT_LT(answer.across_mm.error(), 1e-3) << "nu " << poisson << ", stretch " << stretch;
       }
