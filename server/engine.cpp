@@ -9,7 +9,7 @@
 namespace bregma::server {
 namespace {
 
-enum Loop : std::size_t { kNavigation, kRegistration, kMonitoring, kDeformation, kPoseSearch, kTissueBuilder };
+enum Loop : std::size_t { kNavigation, kRegistration, kMonitoring, kDeformation, kPoseRecovery, kTissueBuilder };
 
 constexpr std::int64_t ns_of_ms(double milliseconds) { return static_cast<std::int64_t>(milliseconds * 1e6); }
 
@@ -119,7 +119,7 @@ casefile::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> lo
   to_registration_.send(change);
   to_monitoring_.send(change);
   to_deformation_.send(change);
-  to_pose_search_.send(change);
+  to_pose_recovery_.send(change);
   to_tissue_builder_.send(change);
   outlet_.case_changed(loaded.get());
   return {};
@@ -149,7 +149,7 @@ void Engine::poll(std::int64_t now_ns) {
   to_registration_.flush();
   to_monitoring_.flush();
   to_deformation_.flush();
-  to_pose_search_.flush();
+  to_pose_recovery_.flush();
   to_tissue_builder_.flush();
   free_unused_cases();
 }
@@ -257,7 +257,7 @@ const RegistrationPipeline &Engine::step_registration(std::int64_t now_ns) noexc
     registration_.on(answer_);
   }
   registration_.step(now_ns);
-  if (const PoseSearchRequest *wanted = registration_.wanted_search()) {
+  if (const PoseRecoveryRequest *wanted = registration_.wanted_search()) {
     search_request_.store(*wanted);
   }
   registration_state_.store(registration_.state());
@@ -319,16 +319,16 @@ std::string Engine::step_tissue_builder() {
   return line;
 }
 
-void Engine::step_pose_search() {
+void Engine::step_pose_recovery() {
   CaseChanged change{};
-  while (to_pose_search_.ring.try_pop(change)) {
-    pose_search_.handle(change);
+  while (to_pose_recovery_.ring.try_pop(change)) {
+    pose_recovery_.handle(change);
   }
-  taken_generation_[kPoseSearch].store(pose_search_.case_generation(), std::memory_order_release);
+  taken_generation_[kPoseRecovery].store(pose_recovery_.case_generation(), std::memory_order_release);
   request_waits_ = search_request_.load_newer(request_, seen_request_) || request_waits_;
-  if (request_waits_ && request_.generation <= pose_search_.case_generation()) {
+  if (request_waits_ && request_.generation <= pose_recovery_.case_generation()) {
     request_waits_ = false;
-    if (const auto answer = pose_search_.answer(request_)) {
+    if (const auto answer = pose_recovery_.answer(request_)) {
       search_answer_.store(*answer);
     }
   }

@@ -22,7 +22,7 @@
 #include "server/pipelines/deformation.hpp"
 #include "server/pipelines/monitoring.hpp"
 #include "server/pipelines/navigation.hpp"
-#include "server/pipelines/pose_search.hpp"
+#include "server/pipelines/pose_recovery.hpp"
 #include "server/pipelines/registration.hpp"
 #include "server/pipelines/tissue_builder.hpp"
 #include "server/runtime/latest_value.hpp"
@@ -91,7 +91,7 @@ public:
   std::string step_tissue_builder();
 
   // ---- pose search thread, which is no loop: it works as long as a search takes ----
-  void step_pose_search();
+  void step_pose_recovery();
 
   // ---- any thread ----
   void add_devices(wire::SystemHealth &health) const;
@@ -129,7 +129,7 @@ private:
   Outbox<RegistrationInput, 1024> to_registration_;
   Outbox<MonitoringInput, 1024> to_monitoring_;
   Outbox<CaseChanged, 16> to_deformation_;
-  Outbox<CaseChanged, 16> to_pose_search_;
+  Outbox<CaseChanged, 16> to_pose_recovery_;
   Outbox<CaseChanged, 16> to_tissue_builder_;
   NavigationEvents navigation_events_;
   AlarmEvents alarm_events_;
@@ -137,8 +137,8 @@ private:
   runtime::LatestValue<TrackingView> tracking_;
   runtime::LatestValue<inputs::StreamHealth> tracker_health_;
   runtime::LatestValue<inputs::StreamHealth> sensor_health_;
-  runtime::LatestValue<PoseSearchRequest> search_request_;
-  runtime::LatestValue<PoseSearchAnswer> search_answer_;
+  runtime::LatestValue<PoseRecoveryRequest> search_request_;
+  runtime::LatestValue<PoseRecoveryAnswer> search_answer_;
   runtime::LatestValue<ProbeView> probe_;
   runtime::LatestValue<ForceView> force_;
   runtime::LatestValue<TissueModelReady> tissue_model_;
@@ -152,10 +152,10 @@ private:
   inputs::Border<wire::RangeSample> range_border_;
   inputs::Border<wire::ForceSample> force_border_;
   RegistrationPipeline registration_;
-  PoseSearchAnswer answer_{};
+  PoseRecoveryAnswer answer_{};
   std::uint64_t seen_answer_ = 0;
-  PoseSearch pose_search_;
-  PoseSearchRequest request_{};
+  PoseRecovery pose_recovery_;
+  PoseRecoveryRequest request_{};
   std::uint64_t seen_request_ = 0;
   bool request_waits_ = false; // for the case that it is about, or for its turn
   MonitoringPipeline monitoring_;

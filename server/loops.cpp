@@ -175,7 +175,7 @@ void Loops::watch_sensors() noexcept {
 void Loops::search_poses() {
   log_limits("pose search", runtime::set_up_thread({.name = "pose search"}));
   while (!stopping_.load(std::memory_order_relaxed)) {
-    engine_.step_pose_search();
+    engine_.step_pose_recovery();
     std::this_thread::sleep_for(kSearchInterval);
   }
 }

@@ -7,8 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include <Eigen/Eigenvalues>
-
+#include "algorithms/registration/featureless_shape.hpp"
 #include "algorithms/registration/neighbours.hpp"
 #include "algorithms/registration/pose_search.hpp"
 #include "algorithms/uncertainty/tre.hpp"
@@ -21,7 +20,6 @@ constexpr double kOutlierRange_mm = 100.0; // over which an outlier may lie anyw
 constexpr double kInlierLimit = 3.0;       // standard deviations
 constexpr double kScaleSlack = 1.15;       // residuals may exceed the stated error by this, and by chance
 constexpr double kChance = 4.0;            // standard deviations of the scale's own scatter
-constexpr int kShapeIterations = 10;
 constexpr int kTouchCandidates = 400;
 
 } // namespace
@@ -156,36 +154,17 @@ void GlobalRegistration::Workspace::find_hypotheses() {
                         : std::numeric_limits<double>::infinity();
 }
 
-// The samples' own sphere, robustly, and their own plane: if one of them explains the samples about as well as the head
-// does, the fit to the head is no evidence that they come from this place of it.
+// If a plane, a sphere or a spheroid explains the samples about as well as the head does, the fit to the head is no
+// evidence that they come from this place of it. A spheroid has one parameter more than a pose, which a cloud without
+// features is not to be excused by: it is charged for as in the Bayesian information criterion.
 void GlobalRegistration::Workspace::test_shape() {
   const std::span<double> residual(residuals.data(), samples.size());
-  FittedSphere sphere = fit_sphere(samples);
-  for (int iteration = 0; iteration < kShapeIterations; ++iteration) {
-    Eigen::Matrix4d A = 1e-9 * Eigen::Matrix4d::Identity();
-    Eigen::Vector4d b = Eigen::Vector4d::Zero();
-    for (const Vector3d &p : samples) {
-      const Vector3d from = p - sphere.centre_mm;
-      const double r = from.norm() - sphere.radius_mm;
-      const double w = std::pow(9.0 * sigma * sigma / (9.0 * sigma * sigma + r * r), 2);
-      Eigen::Vector4d J;
-      J << -from.normalized(), -1.0;
-      A += w * J * J.transpose();
-      b += w * r * J;
-    }
-    const Eigen::Vector4d step = -A.ldlt().solve(b);
-    sphere.centre_mm += step.head<3>();
-    sphere.radius_mm += step[3];
-  }
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    residual[i] = (samples[i] - sphere.centre_mm).norm() - sphere.radius_mm;
-  }
-  const double of_sphere = log_likelihood(residual);
-  const Vector3d normal = Eigen::SelfAdjointEigenSolver<Matrix3d>(spread.covariance).eigenvectors().col(0);
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    residual[i] = normal.dot(samples[i] - spread.middle_mm);
-  }
-  const double best = std::max(std::isfinite(of_sphere) ? of_sphere : -1e300, log_likelihood(residual));
+  fit_plane(samples, residual);
+  double best = log_likelihood(residual);
+  fit_sphere(samples, sigma, residual);
+  best = std::fmax(best, log_likelihood(residual));
+  fit_spheroid(samples, sigma, residual);
+  best = std::fmax(best, log_likelihood(residual) - 0.5 * std::log(static_cast<double>(samples.size())));
   result.shape_log_odds = result.hypotheses[0].log_likelihood - best;
 }
 

@@ -7,9 +7,9 @@
 // the same answer, with any number of threads.
 //
 // Verdict: hypotheses are compared by the likelihood of their residuals, normal with a share of outliers. "Found" needs
-// all of: residuals as small as stated, no distinct pose nearly as likely, no free direction, and a shape that a sphere
-// or a plane does not explain as well. Everything else is ambiguous or refused, with the reason and the spot of the
-// surface whose touch would tell most.
+// all of: residuals as small as stated, no distinct pose nearly as likely, no free direction, and a shape that a plane,
+// a sphere or a spheroid does not explain as well. Everything else is ambiguous or refused, with the reason and the
+// spot of the surface whose touch would tell most.
 //
 // What it cannot know: whether the surface is this patient's, or its mirror image. A head that is nearly symmetric left
 // to right is no ambiguity here, because no rotation exchanges its sides without turning the face away.
@@ -46,7 +46,7 @@ enum class VerdictReason {
   kFitsBadly,          // refused: no pose explains the samples within the stated error
   kAnotherPose,        // ambiguous: a distinct pose is nearly as likely
   kDirectionNotFixed,  // ambiguous: the pose can slide or turn along the surface
-  kShapeWithoutFeature // ambiguous: a sphere or a plane explains the samples as well
+  kShapeWithoutFeature // ambiguous: a plane, sphere or spheroid explains the samples as well
 };
 
 struct PoseHypothesis {
@@ -70,7 +70,7 @@ struct GlobalResult {
   std::size_t hypothesis_count = 0;
   int count = 0;               // samples used
   double log_odds = 0.0;       // best against runner-up
-  double shape_log_odds = 0.0; // best against sphere or plane
+  double shape_log_odds = 0.0; // best against plane, sphere, spheroid
   double scale = 0.0;          // residuals over the stated error
   // Predicted RMS error on the samples, with what rivals too near to be distinct add.
   double uncertainty_mm = 0.0;

@@ -37,7 +37,7 @@ std::string describe(const GlobalResult &result) {
     return "ambiguous: the samples can slide along the surface, " + number(result.uncertainty_mm, 1) +
            " mm predicted on them, dilution " + number(result.dilution, 0) + "; " + touch;
   case VerdictReason::kShapeWithoutFeature:
-    return "ambiguous: a sphere or a plane explains the samples as well as the head does; " + touch +
+    return "ambiguous: a plane, a sphere or a spheroid explains the samples as well as the head does; " + touch +
            ", or trace the nose and the brows";
   }
   return {};

@@ -20,6 +20,7 @@ constexpr float kCutMemory_m = 0.5e-3F; // spacing of the remembered cut
 constexpr float kCutWidth_m = 1.5e-3F;  // tissue nearer to the cut than this is cut
 constexpr std::size_t kMostCut = 4096;  // two metres of cuts
 constexpr std::size_t kMostEntries = 64;
+constexpr float kTurn_m = 0.5e-3F; // of the tip's way back, from which it is no tremor: the phase is another
 constexpr double kNear_mm = 20.0;  // of the brain's box: a probe nearer than this wakes the model
 constexpr double kJump_mm = 5.0;   // between two looks at the probe, beyond what it can have moved
 constexpr double kSwinging = 0.05; // kinetic against elastic energy
@@ -146,7 +147,7 @@ const BrainState &BrainModel::update(const ProbeObservation &probe, double elaps
     const double modelled = state_.tip_force_N + state_.shaft_force_N;
     if (state_.phase == Phase::kIndentation) {
       correction_.indent(modelled / state_.stiffness_scale, *probe.force_N, elapsed_s);
-      if (correction_.dropped(*probe.force_N)) {
+      if (correction_.dropped()) {
         rupture();
       }
     } else if (state_.phase == Phase::kPenetration) {
@@ -206,6 +207,7 @@ void BrainModel::engage(const ProbeObservation &probe, double elapsed_s) noexcep
     surface_.set_active(false);
     cut_.begin(tip.tetrahedron);
     state_.phase = Phase::kPenetration;
+    back_m_ = 0.0F;
     path_known_ = false;
   }
 }
@@ -311,10 +313,10 @@ void BrainModel::change_phase(float step_s) noexcept {
       searched_at_mm_.setConstant(1e9);
       break;
     }
-    if (advance_m_ < -1e-7F) {
-      state_.phase = Phase::kWithdrawal;
-    } else if (advance_m_ > 1e-7F) {
-      state_.phase = Phase::kPenetration;
+    back_m_ = std::max(0.0F, back_m_ + (state_.phase == Phase::kPenetration ? -advance_m_ : advance_m_));
+    if (back_m_ > kTurn_m) {
+      state_.phase = state_.phase == Phase::kPenetration ? Phase::kWithdrawal : Phase::kPenetration;
+      back_m_ = 0.0F;
     }
     remember_cut();
     break;
@@ -333,6 +335,7 @@ void BrainModel::rupture() noexcept {
     }
   }
   state_.phase = Phase::kPenetration;
+  back_m_ = 0.0F;
   surface_.set_active(false);
   cut_.begin(surface_.touched_tetrahedron());
 }

@@ -137,6 +137,7 @@ private:
   bool path_known_ = true;
   Eigen::Vector3d searched_at_mm_ = Eigen::Vector3d::Constant(1e9);
   float advance_m_ = 0.0F;                      // of the tip along the shaft in the present step, into the tissue
+  float back_m_ = 0.0F;                         // of the tip, from its farthest in the present phase
   float tip_force_ = 0.0F, shaft_force_ = 0.0F; // smoothed
   float untouched_s_ = 0.0F;
   int held_nodes_ = 0, inverted_ = 0;

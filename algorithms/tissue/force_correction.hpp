@@ -13,12 +13,14 @@ namespace bregma::tissue {
 class ForceCorrection {
 public:
   void reset() noexcept { *this = {}; }
-  void touch() noexcept { peak_N_ = 0.0; } // a new indentation begins
+  void touch() noexcept { peak_N_ = smoothed_N_ = 0.0; } // a new indentation begins
 
-  // While the tip indents.
+  // While the tip indents. Where one of the two feels nothing yet, the surfaces do not lie where each takes them for,
+  // which says nothing about stiffness.
   void indent(double modelled_N, double measured_N, double elapsed_s) noexcept {
-    peak_N_ = std::max(peak_N_, measured_N);
-    if (modelled_N < kLeast_N) {
+    smoothed_N_ += std::min(1.0, elapsed_s / kSmoothing_s) * (measured_N - smoothed_N_);
+    peak_N_ = std::max(peak_N_, smoothed_N_);
+    if (modelled_N < kLeast_N || smoothed_N_ < kLeast_N) {
       return;
     }
     const double keep = 1.0 - std::min(1.0, elapsed_s / kMemory_s);
@@ -27,9 +29,9 @@ public:
     scale_ = std::clamp(cross_ / square_, kSmallest, kLargest);
   }
 
-  // The force has fallen from its peak as it does when a membrane gives way.
-  [[nodiscard]] bool dropped(double measured_N) const noexcept {
-    return peak_N_ > 3.0 * kLeast_N && measured_N < kDrop * peak_N_;
+  // The measured force has fallen from its peak as it does when a membrane gives way, and by more than noise does.
+  [[nodiscard]] bool dropped() const noexcept {
+    return peak_N_ - smoothed_N_ > std::max(3.0 * kLeast_N, (1.0 - kDrop) * peak_N_);
   }
 
   // While the tip cuts: the cutting force takes up what the model lacks or has too much.
@@ -43,12 +45,13 @@ public:
 private:
   static constexpr double kLeast_N = 0.01; // below, a sensor's noise is as large
   static constexpr double kMemory_s = 2.0;
+  static constexpr double kSmoothing_s = 0.05; // of the measured force
   static constexpr double kCutting_s = 0.5;
   static constexpr double kDrop = 0.7;
   static constexpr double kSmallest = 0.1, kLargest = 10.0;
 
   double cross_ = 0.0, square_ = 0.0, scale_ = 1.0;
-  double peak_N_ = 0.0;
+  double smoothed_N_ = 0.0, peak_N_ = 0.0;
   double extra_cutting_N_ = 0.0;
 };
 

@@ -31,6 +31,7 @@ constexpr std::uint64_t kSeed = 1;
 constexpr const char *kTool = "Probe";
 constexpr int kClients = 20;
 constexpr double kWarmUp_s = 2.0;
+constexpr int kElements = 20000; // of the tissue model
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();
@@ -124,8 +125,9 @@ public:
     return measure(1, -1);
   }
 
-  // The probe is navigated when this returns; the processes run until the next call.
-  void start_operation(double rate_hz) {
+  // The probe is navigated, its tip at the target, when this returns; the processes run until the next call. elements:
+  // of the tissue model that follows it; 0: none.
+  void start_operation(double rate_hz, int elements) {
     operation_room_.reset();
     operation_daemon_.reset();
     const auto a_case = casefile::load_case(case_folder_);
@@ -153,7 +155,8 @@ public:
                               << a_case->trajectories.front().name << "\"\n";
     operation_daemon_ = std::make_unique<test::Process>(
         std::vector<std::string>{(bin_ / "bregmad").string(), "--set", "domain_id=" + domain_text(), "--set",
-                                 "state.directory=" + config.state.directory},
+                                 "state.directory=" + config.state.directory, "--set",
+                                 "deformation.elements=" + std::to_string(elements)},
         log("bregmad"));
     operation_room_ = start_room(navigating, rate_hz);
     wait_until_live();
@@ -188,6 +191,36 @@ public:
       throw std::runtime_error("no state reached the clients");
     }
     return out;
+  }
+
+  // Answers of the tissue model a second, and the share of them that are valid, over so long.
+  struct TissueRate {
+    double updates_hz = 0.0;
+    double valid_percent = 0.0;
+  };
+  [[nodiscard]] TissueRate watch_tissue(double seconds) const {
+    const dds::Participant participant(domain_);
+    dds::Reader<wire::DeformationState> states(participant);
+    int valid = 0;
+    std::int64_t first_ns = 0;
+    std::int64_t last_ns = 0;
+    int updates = 0;
+    const std::int64_t end_ns = now_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    while (now_ns() < end_ns) {
+      states.take_each([&](const wire::DeformationState &state, const auto &) {
+        if (state.time_ns == last_ns) {
+          return; // another target of the same update
+        }
+        first_ns = first_ns == 0 ? state.time_ns : first_ns;
+        last_ns = state.time_ns;
+        ++updates;
+        valid += state.status == bregma_wire_DEFORMATION_VALID ? 1 : 0;
+      });
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    return updates < 2
+               ? TissueRate{}
+               : TissueRate{1e9 * (updates - 1) / static_cast<double>(last_ns - first_ns), 100.0 * valid / updates};
   }
 
 private:
@@ -232,11 +265,36 @@ private:
   std::unique_ptr<test::Process> operation_room_;
 };
 
+double share(std::vector<double> &values, double p) { return bench::percentile(values, p); }
+
+// The tissue model at work beside the navigation, against none. Either is measured twice, in turn, and the better
+// taken: on a busy machine one run is as likely to be disturbed as the other.
+void run_beside_tissue(Bench &bench, bench::Report &report) {
+  constexpr double kRate_hz = 250.0;
+  double p50[2] = {1e9, 1e9};
+  double p999[2] = {1e9, 1e9};
+  Bench::TissueRate tissue;
+  for (int turn = 0; turn < 4; ++turn) {
+    const int with = turn % 2;
+    bench.start_operation(kRate_hz, with * kElements);
+    auto latencies = bench.measure(1, -1);
+    p50[with] = std::min(p50[with], share(latencies, 0.5));
+    p999[with] = std::min(p999[with], share(latencies, 0.999));
+    if (with == 1) {
+      tissue = bench.watch_tissue(3.0);
+    }
+  }
+  report.add(bench::beside(bench::at_most("latency.beside_tissue.p50", p50[1], "us", 1.2 * p50[0]), p50[0],
+                           "no tissue model"));
+  report.add(bench::beside(bench::figure("latency.beside_tissue.p99.9", p999[1], "us"), p999[0], "no tissue model"));
+  report.add(bench::at_least("latency.beside_tissue.updates", tissue.updates_hz, "Hz", 59.0));
+  report.add(bench::figure("latency.beside_tissue.valid", tissue.valid_percent, "%"));
+}
+
 void run(Bench &bench, bench::Report &report) {
-  const auto share = [](std::vector<double> &values, double p) { return bench::percentile(values, p); };
   for (const double rate_hz : {250.0, 1000.0}) {
     auto floor = bench.through_relay(rate_hz);
-    bench.start_operation(rate_hz);
+    bench.start_operation(rate_hz, kElements);
     auto daemon = bench.measure(1, -1);
     const std::string name = "latency." + std::to_string(static_cast<int>(rate_hz)) + "hz";
     report.note(std::to_string(daemon.size()) + " frames through bregmad, " + std::to_string(floor.size()) +
@@ -287,6 +345,7 @@ int serve(int argc, char **argv) {
   Bench measuring(std::filesystem::canonical("/proc/self/exe").string(), case_folder, scenario, domain, length);
   bench::Report report(options.json);
   run(measuring, report);
+  run_beside_tissue(measuring, report);
   return report.all_hold() ? 0 : 1;
 }
 

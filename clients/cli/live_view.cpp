@@ -6,6 +6,7 @@
 #include "algorithms/geometry/angles.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
+#include "clients/cli/prediction_view.hpp"
 #include "clients/cli/wire_labels.hpp"
 
 namespace bregma::cli {
@@ -90,6 +91,7 @@ ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon,
   out.tre_95_mm = state.tre_95.semi_axes_mm[0];
   if (!out.trajectory.empty()) {
     out.distance_to_target_mm = state.distance_to_target_mm;
+    out.distance_to_predicted_mm = state.distance_to_predicted_target_mm;
     out.lateral_mm = state.lateral_deviation_mm;
     out.angle_deg = state.angle_rad / geometry::kRadiansPerDegree;
     out.remaining_depth_mm = state.remaining_depth_mm;
@@ -138,12 +140,12 @@ nlohmann::json alarm_json(const wire::Alarm &alarm) {
 }
 
 std::string tools_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
-  Table table({"Tool", "Status", "Tip R A S mm", "Age ms", "TRE 95 % mm", "To target mm", "Lateral mm", "Angle deg",
-               "Depth left mm", "Nearest structure mm"});
+  Table table({"Tool", "Status", "Tip R A S mm", "Age ms", "TRE 95 % mm", "To target mm", "To predicted mm",
+               "Lateral mm", "Angle deg", "Depth left mm", "Nearest structure mm"});
   each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {
     table.row({view.tool, view.status, tip_text(view), fixed(view.age_ms, 1), fixed(view.tre_95_mm, 2),
-               fixed(view.distance_to_target_mm, 1), fixed(view.lateral_mm, 2), fixed(view.angle_deg, 1),
-               fixed(view.remaining_depth_mm, 1), nearest_text(view)});
+               fixed(view.distance_to_target_mm, 1), fixed(view.distance_to_predicted_mm, 1), fixed(view.lateral_mm, 2),
+               fixed(view.angle_deg, 1), fixed(view.remaining_depth_mm, 1), nearest_text(view)});
   });
   if (table.empty()) {
     return tool.empty() ? "No tools yet\n" : "No tool '" + printable(tool) + "' yet\n";
@@ -154,6 +156,12 @@ std::string tools_table(const Snapshot &snapshot, std::string_view tool, std::in
 std::string watch_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
   std::string out = "Session " + view_daemon(snapshot, now_ns).text + ", " + consistency_text(snapshot) + "\n\n";
   out += tools_table(snapshot, tool, now_ns);
+  const DaemonView daemon = view_daemon(snapshot, now_ns);
+  for (const auto &[target, state] : snapshot.deformation) {
+    const PredictionView view = view_prediction(state, daemon, now_ns);
+    out += view.fresh && state.phase != bregma_wire_PROBE_OUTSIDE ? "\nTissue  " + prediction_line(view) : "";
+  }
+  out += out.ends_with("\n") ? "" : "\n";
   const auto alarms = standing_alarms(snapshot);
   out += alarms.empty() ? "\nAlarms: none\n" : "\nAlarms:\n";
   for (const auto &alarm : alarms) {
@@ -204,6 +212,7 @@ nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, std::
          {"tre_95_mm", json_number(view.tre_95_mm)},
          {"trajectory", view.trajectory},
          {"distance_to_target_mm", json_number(view.distance_to_target_mm)},
+         {"distance_to_predicted_target_mm", json_number(view.distance_to_predicted_mm)},
          {"lateral_deviation_mm", json_number(view.lateral_mm)},
          {"angle_deg", json_number(view.angle_deg)},
          {"remaining_depth_mm", json_number(view.remaining_depth_mm)},

@@ -38,7 +38,8 @@ struct ToolView {
   double tre_rms_mm = kUnknown; // predicted, at the tip
   double tre_95_mm = kUnknown;  // longest semi-axis of the 95 % ellipsoid
   std::string trajectory;
-  double distance_to_target_mm = kUnknown;
+  double distance_to_target_mm = kUnknown;    // as it was imaged
+  double distance_to_predicted_mm = kUnknown; // to the target where the tissue model predicts it
   double lateral_mm = kUnknown;
   double angle_deg = kUnknown;
   double remaining_depth_mm = kUnknown;

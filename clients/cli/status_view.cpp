@@ -8,6 +8,7 @@
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
+#include "clients/cli/prediction_view.hpp"
 #include "clients/cli/wire_labels.hpp"
 
 namespace bregma::cli {
@@ -171,44 +172,6 @@ json device_json(const wire::DeviceHealth &device, const wire::SystemHealth &hea
           {"connections", device.connections}};
 }
 
-// The target as imaged and as predicted stand beside each other, never one for the other.
-std::string deformation_text(const wire::DeformationState &state) {
-  std::string out(label(state.status));
-  if (state.reason != bregma_wire_DEFORMATION_REASON_NONE) {
-    out += " (" + std::string(label(state.reason)) + ")";
-  }
-  if (state.status == bregma_wire_DEFORMATION_NO_MODEL) {
-    return out;
-  }
-  double moved = 0.0;
-  for (int i = 0; i < 3; ++i) {
-    const double by = state.displaced_target_mm[i] - state.imaged_target_mm[i];
-    moved += by * by;
-  }
-  out += "; predicted " + fixed(std::sqrt(moved), 2, "mm") + " from where it was imaged, +/- " +
-         fixed(state.error_bound_mm, 2, "mm");
-  out += "; probe: " + std::string(label(state.phase)) + ", tip " + fixed(state.tip_force_N, 3, "N") + ", shaft " +
-         fixed(state.shaft_force_N, 3, "N") + ", depth " + fixed(state.depth_mm, 1, "mm");
-  return out;
-}
-
-json deformation_json(const wire::DeformationState &state) {
-  return {{"status", label(state.status)},
-          {"reason", label(state.reason)},
-          {"imaged_target_mm", state.imaged_target_mm},
-          {"predicted_target_mm", state.displaced_target_mm},
-          {"error_bound_mm", state.error_bound_mm},
-          {"von_mises_Pa", state.von_mises_Pa},
-          {"phase", label(state.phase)},
-          {"tip_force_N", state.tip_force_N},
-          {"shaft_force_N", state.shaft_force_N},
-          {"measured_force_N", state.measured_force_N},
-          {"depth_mm", state.depth_mm},
-          {"ruptures", state.ruptures},
-          {"rupture_force_N", state.rupture_force_N},
-          {"stiffness_scale", state.stiffness_scale}};
-}
-
 } // namespace
 
 std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns) {
@@ -232,7 +195,7 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
          std::to_string(health.record_dropped) + " dropped" + (health.recorder_failing ? ", FAILING" : "") + "\n";
   out += "Memory  " + fixed(static_cast<double>(health.resident_bytes) / 1e6, 1, "MB") + " resident\n";
   for (const auto &[target, state] : snapshot.deformation) {
-    out += "Deformation  " + printable(target) + ": " + deformation_text(state) + "\n";
+    out += "Deformation  " + prediction_line(view_prediction(state, daemon, now_ns)) + "\n";
   }
   const auto alarms = standing_alarms(snapshot);
   out += alarms.empty() ? "Alarms  none\n" : "Alarms\n";
@@ -243,6 +206,7 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
 }
 
 json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns) {
+  const DaemonView daemon = view_daemon(snapshot, now_ns);
   json out = watch_json(snapshot, {}, now_ns);
   out["domain"] = domain;
   if (snapshot.registration) {
@@ -253,7 +217,7 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t no
   }
   out["deformation"] = json::object();
   for (const auto &[target, state] : snapshot.deformation) {
-    out["deformation"][target] = deformation_json(state);
+    out["deformation"][target] = prediction_json(view_prediction(state, daemon, now_ns));
   }
   if (!snapshot.health) {
     return out;

@@ -76,9 +76,18 @@ struct RobotParameters {
   double encoder_noise_mrad = 0.01;
 };
 
+// Of the brain as the probe feels it.
+struct TissueParameters {
+  double young_Pa = 3000.0;   // stiffer than the daemon supposes (seed 000: 2100): its force correction has work
+  double tip_radius_mm = 3.0; // of the probe
+  double rupture_N = 0.12;    // at which the surface breaks
+  double cutting_N = 0.06;    // at the tip, afterwards
+  double friction_N_per_mm = 0.0006;
+};
+
 struct SensorParameters {
   double force_rate_hz = 200.0;
-  double force_noise_N = 0.02;
+  double force_noise_N = 0.005; // a six-axis cell of 12 N full scale resolves 0.003
   double range_rate_hz = 50.0;
   double range_noise_mm = 0.5;
 };
@@ -146,6 +155,7 @@ struct Scenario {
   OperatorParameters hand;
   PatientParameters patient;
   RobotParameters robot;
+  TissueParameters tissue;
   SensorParameters sensors;
   std::vector<Step> steps;
   std::vector<Fault> faults;

@@ -110,6 +110,14 @@ void read_parameters(TableReader &root, Scenario &scenario) {
       .number("placement_error_mm", robot.placement_error_mm, "mm", 0, 20)
       .number("encoder_noise_mrad", robot.encoder_noise_mrad, "mrad", 0, 10);
 
+  TissueParameters &tissue = scenario.tissue;
+  Numbers(root, "tissue")
+      .number("young_Pa", tissue.young_Pa, "Pa", 100, 100000)
+      .number("tip_radius_mm", tissue.tip_radius_mm, "mm", 0.1, 10)
+      .number("rupture_N", tissue.rupture_N, "N", 0.001, 100)
+      .number("cutting_N", tissue.cutting_N, "N", 0, 100)
+      .number("friction_N_per_mm", tissue.friction_N_per_mm, "N/mm", 0, 10);
+
   SensorParameters &sensors = scenario.sensors;
   Numbers(root, "sensors")
       .number("force_rate_hz", sensors.force_rate_hz, "Hz", 1, 2000)

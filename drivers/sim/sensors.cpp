@@ -9,9 +9,6 @@ namespace bregma::sim {
 
 namespace {
 
-constexpr double kCutting_N = 0.25;
-constexpr double kFriction_N_per_mm = 0.004;
-constexpr double kSlow_mm_s = 0.5;    // below it the force fades: static friction is not modelled
 constexpr double kSmoothing_s = 0.03; // of the speed: the tip trembles
 constexpr double kArm_mm = 12.0;      // of the sensor's bridges: force noise to torque noise
 
@@ -30,12 +27,7 @@ wire::ForceSample ForceSensor::sample(const TrueTool *probe, const T_ImageTip &T
     }
     last_tip_ = tip;
     last_ns_ = time_ns;
-    const double depth = std::max(0.0, -patient_->head.clearance_mm(tip));
-    if (depth > 0.0) {
-      const double against = speed_mm_s_ / (std::abs(speed_mm_s_) + kSlow_mm_s);
-      const double cutting = speed_mm_s_ > 0.0 ? kCutting_N : 0.0;
-      force -= against * (cutting + kFriction_N_per_mm * depth) * axis;
-    }
+    force -= brain_.force_N(tip, speed_mm_s_) * axis;
   }
   wire::ForceSample out{};
   for (int i = 0; i < 3; ++i) {

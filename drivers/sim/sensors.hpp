@@ -5,23 +5,24 @@
 #include <optional>
 
 #include "drivers/sim/patient.hpp"
+#include "drivers/sim/probed_brain.hpp"
 #include "drivers/sim/random.hpp"
 #include "drivers/sim/robot_arm.hpp"
 #include "idl/topics.hpp"
 
 namespace bregma::sim {
 
-// What tissue does to a needle: a cutting force at the tip and friction along the shaft, both against the motion
-// (after Okamura, Simone, O'Leary 2004). Forces in the probe's body frame.
+// What the brain does to the probe, and noise. Forces in the probe's body frame, on the probe.
 class ForceSensor {
 public:
-  ForceSensor(const Patient &patient, const SensorParameters &parameters, std::uint64_t seed)
-      : patient_(&patient), noise_N_(parameters.force_noise_N), noise_(seed, "force") {}
+  ForceSensor(const geometry::TriangleMesh &brain, const TissueParameters &tissue, const SensorParameters &parameters,
+              std::uint64_t seed)
+      : brain_(brain, tissue), noise_N_(parameters.force_noise_N), noise_(seed, "force") {}
   // probe may be null: then there is noise only. Times must not go back.
   [[nodiscard]] wire::ForceSample sample(const TrueTool *probe, const T_ImageTip &T_image_tip, std::int64_t time_ns);
 
 private:
-  const Patient *patient_;
+  ProbedBrain brain_;
   double noise_N_;
   Random noise_;
   Vector3d last_tip_ = Vector3d::Zero();

@@ -34,7 +34,7 @@ private:
   std::int64_t origin_ns_ = 0;
 };
 
-// What the operator needs of the case; meshes other than the scalp are not looked at in this room.
+// What the operator needs of the case; meshes other than the scalp are not looked at by him.
 casefile::Case without_structures(const casefile::Case &a_case) {
   casefile::Case out = a_case;
   out.brain = {};
@@ -64,9 +64,10 @@ struct SimulatedRoom::State {
   State(const casefile::Case &the_case, const Scenario &the_scenario, std::uint64_t seed)
       : a_case(without_structures(the_case)), scenario(the_scenario), patient(a_case, scenario.patient, seed),
         arm(patient, scenario.robot, seed), person(a_case, scenario, patient, arm, seed),
-        tracker(patient, scenario.tracker, seed), clock(scenario.tracker, seed), force(patient, scenario.sensors, seed),
-        range(patient, scenario.sensors, seed), faults(scenario.faults), delays(seed, "delays"), losses(seed, "losses"),
-        bumps(seed, "bumps"), probe(first_probe(patient)), tracker_ticker(scenario.tracker.rate_hz),
+        tracker(patient, scenario.tracker, seed), clock(scenario.tracker, seed),
+        force(the_case.brain.mesh, scenario.tissue, scenario.sensors, seed), range(patient, scenario.sensors, seed),
+        faults(scenario.faults), delays(seed, "delays"), losses(seed, "losses"), bumps(seed, "bumps"),
+        probe(first_probe(patient)), tracker_ticker(scenario.tracker.rate_hz),
         operator_ticker(1e9 / Operator::kTick_ns), robot_ticker(scenario.robot.rate_hz),
         force_ticker(scenario.sensors.force_rate_hz), range_ticker(scenario.sensors.range_rate_hz) {}
 

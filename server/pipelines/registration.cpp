@@ -148,7 +148,7 @@ void RegistrationPipeline::step(std::int64_t now_ns) noexcept {
   }
 }
 
-const PoseSearchRequest *RegistrationPipeline::wanted_search() noexcept {
+const PoseRecoveryRequest *RegistrationPipeline::wanted_search() noexcept {
   const bool needed = case_ != nullptr && sample_count_ < 3 && !located_ && surface_.size() >= kFewestSearchSamples;
   // After a search that found nothing, a tenth more skin has to be there for another.
   if (!needed || searching_ || 10 * surface_.size() < 11 * searched_count_) {
@@ -166,7 +166,7 @@ const PoseSearchRequest *RegistrationPipeline::wanted_search() noexcept {
   return &search_;
 }
 
-void RegistrationPipeline::on(const PoseSearchAnswer &answer) noexcept {
+void RegistrationPipeline::on(const PoseRecoveryAnswer &answer) noexcept {
   searching_ = false;
   // Of another case, or of a registration that was begun anew since.
   if (answer.generation != generation_ || surface_.size() < searched_count_ || searched_count_ == 0) {

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "server/pipelines/loaded_case.hpp"
-#include "server/pipelines/pose_search.hpp"
+#include "server/pipelines/pose_recovery.hpp"
 #include "server/session/messages.hpp"
 
 namespace bregma::server {
@@ -25,12 +25,12 @@ public:
   explicit RegistrationPipeline(std::size_t max_surface_samples);
 
   void handle(const RegistrationInput &input) noexcept;
-  void on(const PoseSearchAnswer &answer) noexcept;
+  void on(const PoseRecoveryAnswer &answer) noexcept;
   void step(std::int64_t now_ns) noexcept;
 
   // After a step: what has to be searched for, because there are too few fiducials and no pose to start from; null
   // when nothing has, or a search is under way.
-  [[nodiscard]] const PoseSearchRequest *wanted_search() noexcept;
+  [[nodiscard]] const PoseRecoveryRequest *wanted_search() noexcept;
 
   // As of the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
   [[nodiscard]] const wire::RegistrationState &state() const noexcept { return state_; }
@@ -70,7 +70,7 @@ private:
   std::array<char, 256> search_text_{};
   std::size_t searched_count_ = 0;
   bool searching_ = false;
-  PoseSearchRequest search_;
+  PoseRecoveryRequest search_;
 
   wire::RegistrationState state_{};
   wire::FiducialReport report_{};

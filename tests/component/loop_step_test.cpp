@@ -75,7 +75,7 @@ TEST(LoopStep, NoStepOfAnyLoopAllocatesThroughAWholeOperation) {
     });
     if ((now_ns - kBegin_ns) % 100'000'000 == 0) {
       counted(registration, [&] { (void)engine.step_registration(now_ns); });
-      engine.step_pose_search(); // no loop
+      engine.step_pose_recovery(); // no loop
       (void)engine.step_tissue_builder();
       counted(monitoring, [&] { (void)engine.step_monitoring({}, 0, now_ns); });
       counted(deformation, [&] { (void)engine.step_deformation(now_ns, 4); });

@@ -81,7 +81,7 @@ bool VirtualOperation::run(double limit_s) {
     }
     if (registration.take(now_ns_)) {
       const server::RegistrationPipeline &pipeline = engine_.step_registration(now_ns_);
-      engine_.step_pose_search();
+      engine_.step_pose_recovery();
       (void)engine_.step_tissue_builder();
       registration_ = pipeline.state();
       fiducials_ = pipeline.fiducials();

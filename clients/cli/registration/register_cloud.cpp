@@ -5,6 +5,7 @@
 #include <fstream>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include <CLI/App.hpp>
@@ -14,6 +15,7 @@
 
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/geometry/rigid3.hpp"
+#include "algorithms/registration/cloud_covariance.hpp"
 #include "algorithms/registration/cloud_pose.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/cloud_file.hpp"
@@ -41,6 +43,7 @@ struct CloudArguments {
   bool any_size = false;
   double outliers = 0.1;
   std::string correspondences; // a .csv to write
+  std::string targets;         // a file of points in target coordinates
 };
 
 Points3 columns(const std::vector<Eigen::Vector3d> &points) {
@@ -119,6 +122,20 @@ int write_correspondences(const CloudArguments &arguments, const Points3 &source
   return out ? static_cast<int>(kOk) : fail(arguments.correspondences + ": cannot be written");
 }
 
+// Of the rigid pose, where the points fix it.
+std::optional<geometry::Matrix6d> covariance_of(const Points3 &source, const Points3 &target, double outliers,
+                                                const CpdResult<3> &found) {
+  const Points3 sources = thinned(source);
+  const Points3 targets = thinned(target);
+  const double constant = registration::outlier_constant<3>(targets, found.sigma_mm, outliers, sources.cols());
+  auto covariance = registration::cloud_pose_covariance(found.transform * sources, targets, found.sigma_mm, constant);
+  if (covariance) {
+    // The targets that were left out would have told as much.
+    *covariance *= static_cast<double>(targets.cols()) / static_cast<double>(target.cols());
+  }
+  return covariance;
+}
+
 json details_json(const Drift &drift) {
   const CpdResult<3> &r = drift.result;
   return {{"method", "coherent point drift"},
@@ -140,6 +157,10 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
   const auto target = read_cloud(arguments.files.target, size);
   if (!target) {
     return fail(target.error());
+  }
+  const auto points = read_targets(arguments.targets, arguments.files.target);
+  if (!points) {
+    return fail(points.error());
   }
   const Points3 sources = columns(source->points_mm);
   const Points3 targets = columns(target->points_mm);
@@ -163,8 +184,19 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
                   context, details_json(drift));
   }
   const Eigen::Matrix4d T = matrix_of(r.transform);
+  const bool rigid = !arguments.affine && !arguments.scale;
+  const auto covariance = rigid ? covariance_of(sources, targets, arguments.outliers, r) : std::nullopt;
+  if (rigid && !covariance) {
+    return refuse("ambiguous", "the points do not fix the pose: they slide on each other", context,
+                  details_json(drift));
+  }
+  const auto errors = covariance ? errors_at(*points, *covariance) : std::vector<PointError>();
   if (context.json) {
     json out = transforms_json(T, arguments.files);
+    if (covariance) {
+      add_covariance(out, *covariance);
+      out["targets"] = errors_json(errors);
+    }
     out.update(details_json(drift));
     out.update({{"accepted", true}, {"verdict", "found"}, {"reason", ""}, {"remarks", remarks}});
     print_json(out);
@@ -172,7 +204,7 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
     print(remarks + transforms_text(T) + "\n" + std::to_string(sources.cols()) + " points onto " +
           std::to_string(targets.cols()) + ", " + fixed(100.0 * r.outlier_share, 1) +
           " % of these taken for outliers; what remains is " + fixed(r.sigma_mm, 3, "mm") + " a coordinate, scale " +
-          fixed(r.scale, 6) + "\nRegistered in " + fixed(drift.time_ms, 0, "ms") + "\n");
+          fixed(r.scale, 6) + "\n" + errors_text(errors) + "Registered in " + fixed(drift.time_ms, 0, "ms") + "\n");
   }
   if (!arguments.correspondences.empty()) {
     if (const int code = write_correspondences(arguments, sources, targets, r); code != kOk) {
@@ -195,6 +227,11 @@ void add_register_cloud(CLI::App &parent, Context &context) {
   command->add_option("--outliers", arguments->outliers, "Share of the target's points that belong to no source point")
       ->check(CLI::Range(0.0, 0.95))
       ->capture_default_str();
+  command
+      ->add_option("--targets", arguments->targets,
+                   "Points in the target's coordinates to predict the TRE at, of a rigid pose")
+      ->excludes(affine)
+      ->excludes("--scale");
   command->add_flag("--any-size", arguments->any_size, "The clouds need not be as large as parts of a head");
   command->add_option("--correspondences", arguments->correspondences,
                       "Writes the most probable partner of each source point (.csv; counted from 1, 0: none)");

@@ -12,7 +12,11 @@ namespace bregma::cli::report {
 [[nodiscard]] std::string error_figure(const SessionAnalysis &session);   // true error and predicted TRE over time
 [[nodiscard]] std::string honesty_figure(const SessionAnalysis &session); // predicted against true error
 [[nodiscard]] std::string latency_figure(const SessionAnalysis &session);
-[[nodiscard]] std::string residual_figure(const SessionAnalysis &session); // distribution of scalp residuals
+// The tissue under the probe, against depth.
+[[nodiscard]] std::string tissue_force_figure(const SessionAnalysis &session);
+[[nodiscard]] std::string tissue_stress_figure(const SessionAnalysis &session); // at the target
+[[nodiscard]] std::string tissue_motion_figure(const SessionAnalysis &session); // of the target
+[[nodiscard]] std::string residual_figure(const SessionAnalysis &session);      // distribution of scalp residuals
 // Four views of the head with the traced points coloured by residual.
 [[nodiscard]] casefile::Result<std::string> head_figure(const SessionAnalysis &session);
 

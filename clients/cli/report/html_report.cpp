@@ -172,6 +172,21 @@ std::string checks_table(const SessionAnalysis &session) {
   return table.any() ? table.text() : std::string();
 }
 
+std::string insertion_table(const Insertion &insertion) {
+  HtmlTable table({"Target", "#Tetrahedra", "#Ruptures", "#At a force of N", "#At a dent of mm", "#Largest motion mm",
+                   "#Measured : modelled stiffness", "Answers"});
+  std::string states;
+  for (const auto *list : {&insertion.states, &insertion.reasons}) {
+    for (const auto &[name, count] : *list) {
+      states += (states.empty() ? "" : ", ") + std::to_string(count) + " " + name;
+    }
+  }
+  table.row({insertion.target, std::to_string(insertion.elements), std::to_string(insertion.ruptures),
+             fixed(insertion.rupture_force_N, 3), fixed(insertion.rupture_depth_mm, 1),
+             fixed(insertion.largest_motion_mm, 2), fixed(insertion.stiffness_scale, 2), states});
+  return table.text();
+}
+
 std::string approaches_table(const SessionAnalysis &session) {
   HtmlTable table({"Structure", "Tool", "#At s", "#Shown mm", "#Truly at least mm"});
   for (const auto &approach : session.approaches) {
@@ -247,6 +262,10 @@ casefile::Result<std::string> html_report(const SessionAnalysis &session, const 
   out += section("Error of the shown tip", error_figure(session));
   out += columns(section("Predicted against true error", honesty_figure(session)),
                  section("Latency", latency_figure(session)));
+  if (session.insertion) {
+    out += section("The brain under the probe", insertion_table(*session.insertion) + tissue_motion_figure(session));
+    out += columns(section("Force", tissue_force_figure(session)), section("Stress", tissue_stress_figure(session)));
+  }
   const bool traced = session.registration && session.registration->surface_points > 0;
   const std::string missing =
       heads->empty() && traced

@@ -7,6 +7,7 @@
 
 #include "clients/cli/report/scalp_residuals.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
+#include "clients/cli/report/tissue_analysis.hpp"
 #include "clients/cli/wire_labels.hpp"
 #include "idl/names.hpp"
 
@@ -307,7 +308,8 @@ Result<SessionAnalysis> analyse(const SessionReader &reader) {
                         .and_then([&] { return read_accuracy(reader, out); })
                         .and_then([&] { return read_alarms(reader, out); })
                         .and_then([&] { return read_health(reader, out, talk); })
-                        .and_then([&] { return analyse_tips(reader, out); });
+                        .and_then([&] { return analyse_tips(reader, out); })
+                        .and_then([&] { return analyse_tissue(reader, out); });
   if (!read) {
     return tl::unexpected(read.error());
   }

@@ -98,6 +98,34 @@ struct Approach {
   double true_at_least_mm = kNotKnown; // shown distance less the true error of the tip, at its smallest
 };
 
+// One answer of the tissue model about a target, while the probe touched the tissue.
+struct TissueSample {
+  std::int64_t time_ns = 0;
+  std::string phase;  // indentation, penetration, withdrawal
+  std::string status; // valid, extrapolating, invalid
+  double depth_mm = kNotKnown;
+  double tip_force_N = kNotKnown;
+  double shaft_force_N = kNotKnown;
+  double measured_force_N = kNotKnown;
+  double von_mises_Pa = kNotKnown;   // at the target
+  double motion_mm = kNotKnown;      // of the target, as predicted
+  double error_bound_mm = kNotKnown; // of that
+};
+
+// Of the probe into the brain, as the tissue model followed it; of the target that it moved most.
+struct Insertion {
+  std::string target;
+  std::uint32_t elements = 0;
+  std::vector<TissueSample> samples; // in the order of publication
+  std::uint32_t ruptures = 0;
+  double rupture_force_N = kNotKnown;  // of the first
+  double rupture_depth_mm = kNotKnown; // of the dent before it
+  double largest_motion_mm = kNotKnown;
+  double stiffness_scale = kNotKnown;        // at the end: measured against modelled force
+  std::map<std::string, std::size_t> states; // samples by status
+  std::map<std::string, std::size_t> reasons;
+};
+
 struct AlarmChange {
   std::int64_t time_ns = 0;
   std::string kind;
@@ -158,6 +186,7 @@ struct SessionAnalysis {
   std::optional<RegistrationSummary> registration;
   std::optional<AtTarget> at_target;
   std::vector<Approach> approaches; // one a structure, nearest first
+  std::optional<Insertion> insertion;
   std::vector<CheckTouch> checks;
   std::vector<AlarmChange> alarms;
   std::size_t critical_alarms = 0;         // raised

@@ -98,6 +98,34 @@ json registration_json(const RegistrationSummary &registration) {
   return out;
 }
 
+std::string insertion_text(const Insertion &insertion) {
+  std::string out = "Tissue  " + printable(insertion.target) + " moves by up to " +
+                    known(insertion.largest_motion_mm, 2, "mm") + " as predicted (" +
+                    std::to_string(insertion.elements) + " tetrahedra; answers:";
+  for (const auto &[status, count] : insertion.states) {
+    out += " " + std::to_string(count) + " " + status;
+  }
+  out += ")\n";
+  if (insertion.ruptures > 0) {
+    out += "        " + std::to_string(insertion.ruptures) + " rupture" + (insertion.ruptures > 1 ? "s" : "") +
+           ", the first at " + known(insertion.rupture_force_N, 3, "N") + " after a dent of " +
+           known(insertion.rupture_depth_mm, 1, "mm") + "\n";
+  }
+  return out;
+}
+
+json insertion_json(const Insertion &insertion) {
+  return {{"target", insertion.target},
+          {"elements", insertion.elements},
+          {"ruptures", insertion.ruptures},
+          {"rupture_force_N", json_number(insertion.rupture_force_N)},
+          {"rupture_depth_mm", json_number(insertion.rupture_depth_mm)},
+          {"largest_motion_mm", json_number(insertion.largest_motion_mm)},
+          {"stiffness_scale", json_number(insertion.stiffness_scale)},
+          {"answers", insertion.states},
+          {"reasons", insertion.reasons}};
+}
+
 json at_target_json(const AtTarget &target) {
   return {{"tool", target.tool},
           {"trajectory", target.trajectory},
@@ -157,6 +185,7 @@ std::string summary_text(const SessionAnalysis &session, const std::vector<Judge
                                                      : std::string("true distance not known")) +
            ", at " + duration_text(session.seconds(approach.time_ns)) + "\n";
   }
+  out += session.insertion ? insertion_text(*session.insertion) : "Tissue  no model followed a probe into the brain\n";
   for (const auto &check : session.checks) {
     out += "Check of " + printable(check.landmark) + "  " + known(check.distance_mm, 2, "mm") + " (95 % bound " +
            known(check.limit_mm, 2, "mm") + ")\n";
@@ -194,6 +223,7 @@ json summary_json(const SessionAnalysis &session, const std::vector<Judgement> &
            {"verified_before_navigation", session.verified_before_navigation},
            {"registration", session.registration ? registration_json(*session.registration) : json()},
            {"at_target", session.at_target ? at_target_json(*session.at_target) : json()},
+           {"insertion", session.insertion ? insertion_json(*session.insertion) : json()},
            {"rejected", session.rejected_in_all()},
            {"unknown_device_samples", session.unknown_device_samples},
            {"critical_alarms", session.critical_alarms},

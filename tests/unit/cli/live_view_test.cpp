@@ -6,6 +6,7 @@
 
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/plain_text.hpp"
+#include "clients/cli/prediction_view.hpp"
 #include "clients/cli/wire_labels.hpp"
 
 namespace {
@@ -92,6 +93,52 @@ TEST(LiveView, FiguresOfEveryStatusButTwoAreDashes) {
     const bool shown = status == bregma_wire_POSE_LIVE || status == bregma_wire_POSE_UNVERIFIED;
     EXPECT_EQ(has(watch_table(snapshot, {}, kNow_ns), "11.5"), shown) << label(static_cast<wire::PoseStatus>(status));
   }
+}
+
+wire::DeformationState dented() {
+  wire::DeformationState state{};
+  EXPECT_TRUE(wire::set_name(state.target, "Deep"));
+  state.time_ns = kNow_ns - 20 * kMs;
+  state.status = bregma_wire_DEFORMATION_VALID;
+  state.phase = bregma_wire_PROBE_INDENTATION;
+  state.imaged_target_mm[0] = 10.0;
+  state.displaced_target_mm[0] = 10.3;
+  state.displaced_target_mm[1] = 0.4;
+  state.error_bound_mm = 0.11;
+  state.tip_force_N = 0.083;
+  state.depth_mm = 3.7;
+  return state;
+}
+
+TEST(LiveView, ThePredictedTargetStandsBesideTheImagedOne) {
+  auto snapshot = navigating();
+  snapshot.tools["Probe"].distance_to_predicted_target_mm = 27.9;
+  snapshot.deformation["Deep"] = dented();
+  const std::string table = watch_table(snapshot, {}, kNow_ns);
+  for (const char *shown : {"27.5", "27.9", "Deep: valid; predicted 0.50 mm from where it was imaged, +/- 0.11 mm",
+                            "indentation, tip 0.083 N", "depth 3.7 mm"}) {
+    EXPECT_TRUE(has(table, shown)) << shown << "\n" << table;
+  }
+  const auto json = status_json(snapshot, 0, kNow_ns);
+  EXPECT_NEAR(json["deformation"]["Deep"]["motion_mm"].get<double>(), 0.5, 1e-12);
+  EXPECT_EQ(json["tools"][0]["distance_to_predicted_target_mm"], 27.9);
+}
+
+TEST(LiveView, AnInvalidOrAnOldPredictionHasNoFigures) {
+  const auto daemon = view_daemon(navigating(), kNow_ns);
+  wire::DeformationState state = dented();
+  state.status = bregma_wire_DEFORMATION_INVALID;
+  state.reason = bregma_wire_DEFORMATION_REASON_TOO_SLOW;
+  const auto invalid = view_prediction(state, daemon, kNow_ns);
+  EXPECT_EQ(prediction_line(invalid), "Deep: invalid (too slow)");
+  EXPECT_TRUE(prediction_json(invalid)["motion_mm"].is_null());
+  const auto old = view_prediction(dented(), daemon, kNow_ns + kToolSilent_ns);
+  EXPECT_FALSE(old.fresh);
+  EXPECT_TRUE(std::isnan(old.motion_mm) && std::isnan(old.predicted_mm[0]));
+  EXPECT_EQ(old.imaged_mm[0], 10.0) << "where it was imaged stays known";
+  EXPECT_TRUE(has(prediction_line(old), "no news for")) << prediction_line(old);
+  const auto silent = view_prediction(dented(), view_daemon({}, kNow_ns), kNow_ns);
+  EXPECT_EQ(prediction_line(silent), "Deep: daemon silent");
 }
 
 TEST(LiveView, FiducialConsistencyIsNeverCalledAccuracy) {

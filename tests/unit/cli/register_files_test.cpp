@@ -164,10 +164,15 @@ TEST(RegisterCloud, APhantomIsFoundAndItsMarkersArePaired) {
   }
   folder.write("ct.csv", table_of(source));
   folder.write("mr.csv", table_of(target));
-  const auto run = run_bregma(folder, "register cloud ct.csv mr.csv --correspondences pairs.csv --tfm a.tfm --json");
+  folder.write("lesion.csv", table_of({kMoved * Vector3d(5.0, 10.0, -20.0)}));
+  const auto run = run_bregma(folder, "register cloud ct.csv mr.csv --correspondences pairs.csv --tfm a.tfm "
+                                      "--targets lesion.csv --json");
   ASSERT_EQ(run.exit_code, 0) << run.err << run.out << "seed " << kFilesSeed;
   EXPECT_LT(worst_mm(run.json()["T_target_source"], kMoved), 0.5) << "seed " << kFilesSeed;
   EXPECT_TRUE(std::filesystem::exists(folder.path() / "a.tfm"));
+  EXPECT_EQ(run.json()["covariance"].size(), 6U);
+  EXPECT_GT(run.json()["targets"][0]["tre_rms_mm"], 0.0);
+  EXPECT_LT(run.json()["targets"][0]["tre_rms_mm"], 0.5);
   const std::string pairs = bregma::tests::read_file(folder.path() / "pairs.csv");
   EXPECT_NE(pairs.find("\n1,60,"), std::string::npos) << pairs;
   EXPECT_NE(pairs.find("\n60,1,"), std::string::npos) << pairs;

@@ -308,6 +308,55 @@ TEST_F(Report, TracedPointsAreMeasuredAgainstTheScalpByTheAcceptedRegistration) 
   EXPECT_NEAR((session->trace[1].on_scalp_mm - Eigen::Vector3d(0, 0, 50)).norm(), 0.0, 1e-5);
 }
 
+// The tip dents by 4 mm, breaks through at 0.11 N, and goes on to 20 mm; near the target the answers are not valid.
+TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
+  const auto put_states = [](auto &writer) {
+    for (int k = 0; k <= 100; ++k) {
+      for (const char *target : {"Near", "Far"}) {
+        wire::DeformationState state{};
+        (void)wire::set_name(state.target, target);
+        state.time_ns = kStart_ns + k * 16 * kMs;
+        state.elements = 20'000;
+        state.ruptures = k > 20 ? 3 : 2; // two were before this recording
+        state.rupture_force_N = k > 20 ? 0.11 : 0.07;
+        state.phase = k == 0    ? bregma_wire_PROBE_OUTSIDE
+                      : k <= 20 ? bregma_wire_PROBE_INDENTATION
+                                : bregma_wire_PROBE_PENETRATION;
+        state.depth_mm = 0.2 * k;
+        state.status = k > 90 ? bregma_wire_DEFORMATION_INVALID : bregma_wire_DEFORMATION_VALID;
+        state.reason = k > 90 ? bregma_wire_DEFORMATION_REASON_TOO_SLOW : bregma_wire_DEFORMATION_REASON_NONE;
+        const double moved_mm = (target[0] == 'N' ? 0.01 : 0.002) * k;
+        state.displaced_target_mm[2] = k > 90 ? std::nan("") : moved_mm;
+        test::put(writer, state.time_ns, state);
+      }
+    }
+  };
+  const auto session = analysed([&](auto &writer) {
+    test::write_run(writer, {});
+    put_states(writer);
+  });
+  ASSERT_TRUE(session.has_value()) << session.error().message;
+  ASSERT_TRUE(session->insertion.has_value());
+  const auto &insertion = *session->insertion;
+  EXPECT_EQ(insertion.target, "Near");
+  EXPECT_EQ(insertion.samples.size(), 100U) << "outside there is nothing to tell";
+  EXPECT_EQ(insertion.ruptures, 1U);
+  EXPECT_EQ(insertion.rupture_force_N, 0.11);
+  EXPECT_NEAR(insertion.rupture_depth_mm, 4.0, 1e-12);
+  EXPECT_NEAR(insertion.largest_motion_mm, 0.9, 1e-12) << "invalid answers are not counted";
+  EXPECT_EQ(insertion.states, (std::map<std::string, std::size_t>{{"invalid", 10}, {"valid", 90}}));
+  EXPECT_EQ(insertion.reasons, (std::map<std::string, std::size_t>{{"too slow", 10}}));
+  const auto json = cli::report::summary_json(*session, {});
+  EXPECT_EQ(json["insertion"]["rupture_force_N"], 0.11);
+  EXPECT_NE(cli::report::summary_text(*session, {}).find("1 rupture, the first at 0.110 N after a dent of 4.0 mm"),
+            std::string::npos);
+
+  const auto without = analysed([](auto &writer) { test::write_run(writer, {}); });
+  ASSERT_TRUE(without.has_value());
+  EXPECT_FALSE(without->insertion);
+  EXPECT_TRUE(cli::report::summary_json(*without, {})["insertion"].is_null());
+}
+
 TEST_F(Report, EmptySessionIsAnErrorInWords) {
   const auto session = analysed([](auto &) {});
   ASSERT_FALSE(session.has_value());

@@ -116,6 +116,28 @@ TEST(Page, IsOneFileThatLoadsNothing) {
   EXPECT_NE(page->find("width=device-width"), std::string::npos);
 }
 
+TEST(Page, TheInsertionIsDrawnAgainstDepthWithoutItsInvalidAnswers) {
+  SessionAnalysis session = some_session();
+  EXPECT_EQ(tissue_force_figure(session) + tissue_stress_figure(session) + tissue_motion_figure(session), "");
+  Insertion insertion;
+  insertion.target = "Deep";
+  insertion.rupture_depth_mm = 4.0;
+  for (int k = 0; k < 50; ++k) {
+    insertion.samples.push_back({k, k < 20 ? "indentation" : "penetration", k == 30 ? "invalid" : "valid", 0.2 * k,
+                                 0.01 * k, 0.001 * k, 0.011 * k, 2.0 * k, 0.01 * k, 0.02});
+  }
+  session.insertion = insertion;
+  const std::string motion = tissue_motion_figure(session);
+  EXPECT_NE(motion.find("rupture"), std::string::npos);
+  const auto path = motion.substr(motion.find("<path d='"));
+  EXPECT_EQ(count_of(path.substr(0, path.find("fill")), "M"), 2U) << "the line is broken at the invalid answer";
+  const auto page = html_report(session, {});
+  ASSERT_TRUE(page.has_value());
+  EXPECT_NE(page->find("The brain under the probe"), std::string::npos);
+  EXPECT_NE(page->find("Force against depth"), std::string::npos);
+  EXPECT_EQ(page->find(">nan"), std::string::npos);
+}
+
 TEST(Page, AHeadThatCannotBeDrawnIsSaidToBeMissing) {
   auto session = some_session();
   session.registration->surface_points = 300;

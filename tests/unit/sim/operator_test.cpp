@@ -201,6 +201,19 @@ TEST(Operator, KeepsToolsOutOfTheHeadBeforeTheInsertion) {
 }
 
 // A hand: no jumps, bounded speed and acceleration, in every step of the script.
+// Up to the force at which the brain breaks, and on the way back against the other direction.
+TEST(Operator, TheProbesSensorFeelsTheBrain) {
+  double pushed_N = 0.0;
+  double held_N = 0.0;
+  for (const auto &sample : whole_run().all.force_samples) {
+    const double along = -Vector3d::Map(sample.force_N).dot(make_case().tool("Probe")->axis); // up the shaft
+    pushed_N = std::max(pushed_N, along);
+    held_N = std::min(held_N, along);
+  }
+  EXPECT_NEAR(pushed_N, TissueParameters().rupture_N, 0.02);
+  EXPECT_LT(held_N, -0.02);
+}
+
 TEST(Operator, MovesSmoothly) {
   const auto &truths = whole_run().all.truths;
   const double dt = 0.01;

@@ -70,29 +70,61 @@ TEST(RobotArm, HoldsTheGuideOnThePlannedLine) {
   }
 }
 
-TEST(ForceSensor, FeelsTissueOnlyInTheHeadAndAgainstTheMotion) {
-  const Patient patient(make_case(), {}, kRobotSeed);
-  SensorParameters parameters;
-  ForceSensor sensor(patient, parameters, kRobotSeed);
-  const TrueTool &probe = *patient.tool("Probe");
-  const Vector3d entry = bregma::test::on_head(Vector3d(0.45, 0.45, 0.75));
-  const Vector3d along = (bregma::test::kHeadCentre - entry).normalized();
-  const auto rotation = point_tool(probe.model, along, Vector3d::UnitX());
-  double outside = 0.0;
-  double inside = 0.0;
-  double back = 0.0;
-  std::int64_t now = kStart_ns;
-  for (int i = 0; i < 3000; ++i, now += 5'000'000) {
-    const double depth = i < 2000 ? -20.0 + 0.04 * i : 60.0 - 0.04 * (i - 2000); // 8 mm/s in, then out
-    const auto sample = sensor.sample(&probe, {rotation, entry + depth * along}, now);
-    const double axial = Vector3d(sample.force_N[0], sample.force_N[1], sample.force_N[2]).dot(probe.model.axis);
-    outside += depth < -1.0 && i < 2000 ? axial / 475.0 : 0.0;
-    inside += depth > 40.0 && i < 2000 ? axial / 500.0 : 0.0;
-    back += depth > 40.0 && i > 2100 ? axial / 400.0 : 0.0;
+// Hertz: 4/3 E / (1 - nu^2) sqrt(R) d^1.5, with a nu of 0.45.
+double hertz_N(const TissueParameters &tissue, double depth_mm) {
+  return 4.0 / 3.0 * 1e-6 * tissue.young_Pa / (1.0 - 0.45 * 0.45) * std::sqrt(tissue.tip_radius_mm) *
+         std::pow(depth_mm, 1.5);
+}
+
+// A probe pushed along a line into a ball of brain, and drawn back; forces up its shaft.
+class BallOfBrain {
+public:
+  static constexpr double kRadius_mm = 60.0;
+  ForceSensor sensor{bregma::test::make_sphere(4, kRadius_mm, Vector3d::Zero()), {}, {}, kRobotSeed};
+  TrueTool probe{*Patient(make_case(), {}, kRobotSeed).tool("Probe")};
+
+  // Mean force from one depth to the other, at 8 mm/s.
+  double drive(double from_mm, double to_mm, double aside_mm = 0.0) {
+    const Vector3d along(0, 0, -1);
+    const auto rotation = point_tool(probe.model, along, Vector3d::UnitX());
+    const Vector3d axis = probe.model.axis.normalized();
+    const double step_mm = from_mm < to_mm ? 0.04 : -0.04;
+    const int steps = static_cast<int>(std::lround((to_mm - from_mm) / step_mm));
+    double sum = 0.0;
+    for (int i = 0; i < steps; ++i, now += 5'000'000) {
+      const Vector3d tip(aside_mm, 0, kRadius_mm - from_mm - step_mm * i);
+      const auto sample = sensor.sample(&probe, {rotation, tip}, now);
+      sum -= Vector3d::Map(sample.force_N).dot(axis);
+    }
+    return sum / steps;
   }
-  EXPECT_NEAR(outside, 0.0, 0.01);
-  EXPECT_LT(inside, -0.3) << "pushed back while it goes in";
-  EXPECT_GT(back, 0.1) << "held while it comes out";
+
+private:
+  std::int64_t now = kStart_ns;
+};
+
+TEST(ForceSensor, FeelsADentThenACutThenFrictionBackwards) {
+  const TissueParameters truth;
+  BallOfBrain ball;
+  EXPECT_NEAR(ball.drive(-20.0, 0.0), 0.0, 0.002);
+  EXPECT_NEAR(ball.drive(0.0, 3.5), 0.4 * hertz_N(truth, 3.5), 0.003) << "the mean of d^1.5";
+  EXPECT_NEAR(ball.drive(3.5, 4.5), hertz_N(truth, 4.0), 0.003);
+  (void)ball.drive(4.5, 30.0);
+  const double slow = 8.0 / 8.5; // a little of it is lost to slowness
+  EXPECT_NEAR(ball.drive(30.0, 40.0), slow * (truth.cutting_N + 35.0 * truth.friction_N_per_mm), 0.002);
+  (void)ball.drive(40.0, 39.0); // the sensor smooths the speed
+  EXPECT_NEAR(ball.drive(39.0, 29.0), -slow * 34.0 * truth.friction_N_per_mm, 0.002);
+}
+
+TEST(ForceSensor, ABrokenSurfaceLetsTheProbeThroughAWholeOneDoesNot) {
+  BallOfBrain ball;
+  (void)ball.drive(-2.0, 20.0);
+  (void)ball.drive(20.0, -2.0);
+  const double again_N = ball.drive(4.5, 5.0);
+  (void)ball.drive(5.0, -2.0);
+  const double beside_N = ball.drive(4.5, 5.0, 12.0); // there the ball's surface lies 1.2 mm lower
+  EXPECT_LT(again_N, 0.065) << "through the hole: cutting, no dent";
+  EXPECT_NEAR(beside_N, hertz_N({}, 4.75 - 1.2), 0.01);
 }
 
 TEST(RangeSensor, MeasuresTheWayToTheSkin) {

@@ -15,6 +15,7 @@ casefile::Case make_case() {
   out.folder = "/cases/ellipsoid";
   out.id = "ellipsoid";
   out.scalp = {"scalp", bregma::test::make_head(4)};
+  out.brain = {"brain", bregma::test::make_sphere(3, 60.0, bregma::test::kHeadCentre)};
   const std::vector<Vector3d> around{{-0.6, 0.8, 0.1}, {0.6, 0.8, 0.1},  {-0.8, 0.5, 0.5}, {0.8, 0.5, 0.5},
                                      {0.1, 0.8, 0.6},  {-0.3, 0.5, 0.8}, {0.4, 0.3, 0.9},  {0.9, 0.4, 0.1}};
   for (const Vector3d &direction : around) {

@@ -1,4 +1,4 @@
-#include "server/pipelines/pose_search.hpp"
+#include "server/pipelines/pose_recovery.hpp"
 
 #include <algorithm>
 #include <exception>
@@ -16,7 +16,7 @@ template <std::size_t Size> void put_text(std::string_view text, std::array<char
 
 } // namespace
 
-struct PoseSearch::Prepared {
+struct PoseRecovery::Prepared {
   explicit Prepared(const LoadedCase &a_case)
       : field(a_case.scalp), registration(field, options(a_case), kMaxSearchSamples) {}
 
@@ -33,20 +33,20 @@ struct PoseSearch::Prepared {
   registration::GlobalRegistration registration;
 };
 
-PoseSearch::PoseSearch() = default;
-PoseSearch::~PoseSearch() = default;
+PoseRecovery::PoseRecovery() = default;
+PoseRecovery::~PoseRecovery() = default;
 
-void PoseSearch::handle(const CaseChanged &change) {
+void PoseRecovery::handle(const CaseChanged &change) {
   prepared_.reset();
   case_ = change.loaded;
   generation_ = change.generation;
 }
 
-std::optional<PoseSearchAnswer> PoseSearch::answer(const PoseSearchRequest &request) noexcept {
+std::optional<PoseRecoveryAnswer> PoseRecovery::answer(const PoseRecoveryRequest &request) noexcept {
   if (case_ == nullptr || request.generation != generation_) {
     return std::nullopt;
   }
-  PoseSearchAnswer out{};
+  PoseRecoveryAnswer out{};
   out.generation = request.generation;
   out.revision = request.revision;
   try {
@@ -57,7 +57,7 @@ std::optional<PoseSearchAnswer> PoseSearch::answer(const PoseSearchRequest &requ
   return out;
 }
 
-void PoseSearch::search(const PoseSearchRequest &request, PoseSearchAnswer &out) {
+void PoseRecovery::search(const PoseRecoveryRequest &request, PoseRecoveryAnswer &out) {
   if (!prepared_) {
     prepared_ = std::make_unique<Prepared>(*case_);
   }

@@ -18,14 +18,14 @@ namespace bregma::server {
 inline constexpr std::size_t kMaxSearchSamples = 2000;
 inline constexpr std::size_t kFewestSearchSamples = 60; // fewer are found too seldom to be worth the wait
 
-struct PoseSearchRequest {
+struct PoseRecoveryRequest {
   std::uint64_t generation = 0; // of the case
   std::uint64_t revision = 0;   // of the samples
   std::size_t count = 0;
   std::array<std::array<double, 3>, kMaxSearchSamples> reference_mm;
 };
 
-struct PoseSearchAnswer {
+struct PoseRecoveryAnswer {
   std::uint64_t generation = 0;
   std::uint64_t revision = 0;
   bool found = false;
@@ -34,20 +34,20 @@ struct PoseSearchAnswer {
   std::array<char, 256> text; // why not, and where to touch next; NUL-terminated
 };
 
-class PoseSearch {
+class PoseRecovery {
 public:
-  PoseSearch();
-  ~PoseSearch();
+  PoseRecovery();
+  ~PoseRecovery();
 
   void handle(const CaseChanged &change);
   // Nothing when the request is for another case. The field of the scalp is prepared for the first request of a case. A
   // search that fails (no memory) is an answer without a pose.
-  [[nodiscard]] std::optional<PoseSearchAnswer> answer(const PoseSearchRequest &request) noexcept;
+  [[nodiscard]] std::optional<PoseRecoveryAnswer> answer(const PoseRecoveryRequest &request) noexcept;
   [[nodiscard]] std::uint64_t case_generation() const noexcept { return generation_; }
 
 private:
   struct Prepared;
-  void search(const PoseSearchRequest &request, PoseSearchAnswer &out);
+  void search(const PoseRecoveryRequest &request, PoseRecoveryAnswer &out);
   LoadedCase *case_ = nullptr;
   std::uint64_t generation_ = 0;
   std::unique_ptr<Prepared> prepared_; // of the present case

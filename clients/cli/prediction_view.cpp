@@ -1,0 +1,85 @@
+#include "clients/cli/prediction_view.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+
+#include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
+#include "clients/cli/wire_labels.hpp"
+
+namespace bregma::cli {
+
+PredictionView view_prediction(const wire::DeformationState &state, const DaemonView &daemon, std::int64_t now_ns) {
+  PredictionView out;
+  out.target = printable(wire::view(state.target));
+  std::copy_n(state.imaged_target_mm, 3, out.imaged_mm);
+  const std::int64_t silent_ns = now_ns - state.time_ns;
+  if (daemon.presence != Presence::kAlive) {
+    out.status = "daemon silent";
+    return out;
+  }
+  if (silent_ns >= kToolSilent_ns) {
+    out.status = "no news for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+    return out;
+  }
+  out.status = label(state.status);
+  if (state.reason != bregma_wire_DEFORMATION_REASON_NONE) {
+    out.status += " (" + std::string(label(state.reason)) + ")";
+  }
+  out.fresh = state.status == bregma_wire_DEFORMATION_VALID || state.status == bregma_wire_DEFORMATION_EXTRAPOLATING;
+  if (!out.fresh) {
+    return out;
+  }
+  out.phase = label(state.phase);
+  std::copy_n(state.displaced_target_mm, 3, out.predicted_mm);
+  out.motion_mm = std::hypot(out.predicted_mm[0] - out.imaged_mm[0], out.predicted_mm[1] - out.imaged_mm[1],
+                             out.predicted_mm[2] - out.imaged_mm[2]);
+  out.error_bound_mm = state.error_bound_mm;
+  out.von_mises_Pa = state.von_mises_Pa;
+  out.tip_force_N = state.tip_force_N;
+  out.shaft_force_N = state.shaft_force_N;
+  out.measured_force_N = state.measured_force_N;
+  out.depth_mm = state.depth_mm;
+  out.ruptures = state.ruptures;
+  out.rupture_force_N = state.rupture_force_N;
+  out.stiffness_scale = state.stiffness_scale;
+  return out;
+}
+
+std::string prediction_line(const PredictionView &view) {
+  std::string out = view.target + ": " + view.status;
+  if (!view.fresh) {
+    return out;
+  }
+  out += "; predicted " + fixed(view.motion_mm, 2, "mm") + " from where it was imaged, +/- " +
+         fixed(view.error_bound_mm, 2, "mm") + "; probe: " + view.phase;
+  if (view.phase != label(bregma_wire_PROBE_OUTSIDE)) {
+    out += ", tip " + fixed(view.tip_force_N, 3, "N") + ", shaft " + fixed(view.shaft_force_N, 3, "N") + ", depth " +
+           fixed(view.depth_mm, 1, "mm");
+  }
+  return out;
+}
+
+nlohmann::json prediction_json(const PredictionView &view) {
+  const auto triple = [](const double(&v)[3]) {
+    return nlohmann::json{json_number(v[0]), json_number(v[1]), json_number(v[2])};
+  };
+  return {{"status", view.status},
+          {"fresh", view.fresh},
+          {"imaged_target_mm", triple(view.imaged_mm)},
+          {"predicted_target_mm", triple(view.predicted_mm)},
+          {"motion_mm", json_number(view.motion_mm)},
+          {"error_bound_mm", json_number(view.error_bound_mm)},
+          {"von_mises_Pa", json_number(view.von_mises_Pa)},
+          {"phase", view.phase},
+          {"tip_force_N", json_number(view.tip_force_N)},
+          {"shaft_force_N", json_number(view.shaft_force_N)},
+          {"measured_force_N", json_number(view.measured_force_N)},
+          {"depth_mm", json_number(view.depth_mm)},
+          {"ruptures", view.ruptures},
+          {"rupture_force_N", json_number(view.rupture_force_N)},
+          {"stiffness_scale", json_number(view.stiffness_scale)}};
+}
+
+} // namespace bregma::cli

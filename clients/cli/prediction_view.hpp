@@ -1,0 +1,36 @@
+// What may be shown of the tissue model's answer about a target at this moment; as live_view.hpp does for tools.
+// The target as imaged and as predicted stand beside each other, never one for the other.
+#pragma once
+
+#include "clients/cli/live_view.hpp"
+
+namespace bregma::cli {
+
+// Figures are NaN unless the answer is valid or extrapolating, and fresh.
+struct PredictionView {
+  static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  std::string target;
+  std::string status;                                      // with its reason
+  bool fresh = false;                                      // the figures are the present
+  std::string phase;                                       // of the probe
+  double imaged_mm[3] = {kUnknown, kUnknown, kUnknown};    // in Image; known always
+  double predicted_mm[3] = {kUnknown, kUnknown, kUnknown}; // in Image
+  double motion_mm = kUnknown;                             // from the one to the other
+  double error_bound_mm = kUnknown;                        // of the prediction
+  double von_mises_Pa = kUnknown;                          // in the tissue at the target
+  double tip_force_N = kUnknown;
+  double shaft_force_N = kUnknown;
+  double measured_force_N = kUnknown; // by the sensor
+  double depth_mm = kUnknown;
+  std::uint32_t ruptures = 0;
+  double rupture_force_N = kUnknown;
+  double stiffness_scale = kUnknown;
+};
+[[nodiscard]] PredictionView view_prediction(const wire::DeformationState &state, const DaemonView &daemon,
+                                             std::int64_t now_ns);
+
+// "Deep: valid; predicted 0.32 mm from where it was imaged, +/- 0.05 mm; probe: penetration, ..."
+[[nodiscard]] std::string prediction_line(const PredictionView &view);
+[[nodiscard]] nlohmann::json prediction_json(const PredictionView &view);
+
+} // namespace bregma::cli

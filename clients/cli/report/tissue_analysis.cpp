@@ -1,0 +1,70 @@
+#include "clients/cli/report/tissue_analysis.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "clients/cli/wire_labels.hpp"
+#include "idl/names.hpp"
+
+namespace bregma::cli::report {
+namespace {
+
+TissueSample sample_of(const wire::DeformationState &state) {
+  TissueSample out;
+  out.time_ns = state.time_ns;
+  out.phase = std::string(label(state.phase));
+  out.status = std::string(label(state.status));
+  out.depth_mm = state.depth_mm;
+  out.tip_force_N = state.tip_force_N;
+  out.shaft_force_N = state.shaft_force_N;
+  out.measured_force_N = state.measured_force_N;
+  out.von_mises_Pa = state.von_mises_Pa;
+  out.motion_mm =
+      (Eigen::Vector3d::Map(state.displaced_target_mm) - Eigen::Vector3d::Map(state.imaged_target_mm)).norm();
+  out.error_bound_mm = state.error_bound_mm;
+  return out;
+}
+
+} // namespace
+
+casefile::Result<void> analyse_tissue(const casefile::SessionReader &reader, SessionAnalysis &out) {
+  std::map<std::string, Insertion> by_target;
+  std::map<std::string, std::uint32_t> ruptures_before;
+  const auto read = reader.each<wire::DeformationState>([&](const wire::DeformationState &state, std::int64_t) {
+    if (state.status == bregma_wire_DEFORMATION_NO_MODEL) {
+      return;
+    }
+    const std::string target = wire::text(state.target);
+    const std::uint32_t before = ruptures_before.try_emplace(target, state.ruptures).first->second;
+    if (state.phase == bregma_wire_PROBE_OUTSIDE) {
+      return;
+    }
+    Insertion &insertion = by_target[target];
+    insertion.target = target;
+    insertion.elements = state.elements;
+    insertion.stiffness_scale = state.stiffness_scale;
+    if (insertion.ruptures == 0 && state.ruptures > before) {
+      insertion.rupture_force_N = state.rupture_force_N;
+      insertion.rupture_depth_mm = insertion.samples.empty() ? kNotKnown : insertion.samples.back().depth_mm;
+    }
+    insertion.ruptures = state.ruptures - std::min(state.ruptures, before);
+    insertion.samples.push_back(sample_of(state));
+    insertion.largest_motion_mm =
+        std::fmax(insertion.largest_motion_mm, insertion.samples.back().motion_mm); // NaN is passed over
+    ++insertion.states[insertion.samples.back().status];
+    if (state.reason != bregma_wire_DEFORMATION_REASON_NONE) {
+      ++insertion.reasons[std::string(label(state.reason))];
+    }
+  });
+  if (!read) {
+    return tl::unexpected(read.error());
+  }
+  for (auto &[target, insertion] : by_target) {
+    if (!out.insertion || insertion.largest_motion_mm > out.insertion->largest_motion_mm) {
+      out.insertion = std::move(insertion);
+    }
+  }
+  return {};
+}
+
+} // namespace bregma::cli::report

@@ -1,0 +1,89 @@
+#include <array>
+#include <cmath>
+
+#include "clients/cli/report/figure_layout.hpp"
+#include "clients/cli/report/figures.hpp"
+
+namespace bregma::cli::report {
+namespace {
+
+using Value = double (*)(const TissueSample &);
+
+double all_force_N(const TissueSample &sample) { return sample.tip_force_N + sample.shaft_force_N; }
+
+// Against depth, broken where the model's answer is invalid or the phase is another.
+Series course(const Insertion &insertion, const char *name, const char *paint, Value value, bool backwards) {
+  Series out;
+  out.name = name;
+  out.colour = paint;
+  out.dashed = backwards;
+  for (const TissueSample &sample : insertion.samples) {
+    const bool shown = (sample.phase == "withdrawal") == backwards && sample.status != "invalid";
+    out.points.push_back({sample.depth_mm, shown ? value(sample) : kNotKnown});
+  }
+  return out;
+}
+
+Plot plot_of(const Insertion &insertion, const char *title, const char *unit_label) {
+  Plot plot;
+  plot.title = title;
+  plot.x.label = "depth in the tissue, mm";
+  plot.x.from = 0.0;
+  plot.y.label = unit_label;
+  if (std::isfinite(insertion.rupture_depth_mm)) {
+    plot.rules.push_back({RuleKind::kVertical, insertion.rupture_depth_mm, "rupture", "#374151"});
+  }
+  return plot;
+}
+
+} // namespace
+
+std::string tissue_force_figure(const SessionAnalysis &session) {
+  if (!session.insertion) {
+    return {};
+  }
+  const Insertion &insertion = *session.insertion;
+  Plot plot = plot_of(insertion, "Force against depth", "force along the shaft, N");
+  Series measured = course(
+      insertion, "measured", colour::kGrey, [](const TissueSample &s) { return s.measured_force_N; }, false);
+  measured.mark = Mark::kPoints;
+  measured.size = 1.2;
+  plot.series.push_back(std::move(measured));
+  plot.series.push_back(course(insertion, "model: tip and shaft", colour::kBlue, all_force_N, false));
+  plot.series.push_back(course(
+      insertion, "model: tip", colour::kOrange, [](const TissueSample &s) { return s.tip_force_N; }, false));
+  plot.series.push_back(course(insertion, "model: drawn back", colour::kBlue, all_force_N, true));
+  return half_width(plot, "What the probe pushes the tissue with, as the model has it and as the sensor in its grip "
+                          "measures it. Before the rupture the depth is that of the dent.");
+}
+
+std::string tissue_stress_figure(const SessionAnalysis &session) {
+  if (!session.insertion) {
+    return {};
+  }
+  const Insertion &insertion = *session.insertion;
+  Plot plot = plot_of(insertion, "Stress at the target against depth", "von Mises stress, Pa");
+  plot.y.from = 0.0;
+  const Value stress = [](const TissueSample &s) { return s.von_mises_Pa; };
+  plot.series.push_back(course(insertion, "pushed in", colour::kBlue, stress, false));
+  plot.series.push_back(course(insertion, "drawn back", colour::kBlue, stress, true));
+  return half_width(plot, "Von Mises stress in the tissue at the target, which the probe comes nearer to.");
+}
+
+std::string tissue_motion_figure(const SessionAnalysis &session) {
+  if (!session.insertion) {
+    return {};
+  }
+  const Insertion &insertion = *session.insertion;
+  Plot plot = plot_of(insertion, "Motion of the target against depth", "predicted motion of the target, mm");
+  plot.y.from = 0.0;
+  const Value motion = [](const TissueSample &s) { return s.motion_mm; };
+  plot.series.push_back(course(insertion, "pushed in", colour::kBlue, motion, false));
+  plot.series.push_back(course(insertion, "drawn back", colour::kBlue, motion, true));
+  plot.series.push_back(course(
+      insertion, "its error bound", colour::kGrey, [](const TissueSample &s) { return s.error_bound_mm; }, false));
+  return full_width(plot, "How far the model predicts the target from where it was imaged, and what that is worth. "
+                          "Invalid answers are not drawn.");
+}
+
+} // namespace bregma::cli::report
