@@ -205,8 +205,10 @@ TEST(Operator, KeepsToolsOutOfTheHeadBeforeTheInsertion) {
 TEST(Operator, TheProbesSensorFeelsTheBrain) {
   double pushed_N = 0.0;
   double held_N = 0.0;
+  const casefile::Case the_case = make_case();
+  const Vector3d up_the_shaft = -the_case.tool("Probe")->axis.normalized();
   for (const auto &sample : whole_run().all.force_samples) {
-    const double along = -Vector3d::Map(sample.force_N).dot(make_case().tool("Probe")->axis); // up the shaft
+    const double along = Vector3d::Map(sample.force_N).dot(up_the_shaft);
     pushed_N = std::max(pushed_N, along);
     held_N = std::min(held_N, along);
   }
