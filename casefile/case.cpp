@@ -7,6 +7,7 @@
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
 #include "casefile/table_reader.hpp"
+#include "casefile/tissue_tables.hpp"
 
 namespace bregma::casefile {
 
@@ -127,6 +128,12 @@ PlanFiles read_table(TableReader &root, Case &c) {
   }
   if (auto limits = root.table("limits")) {
     c.limits = read_limits(*limits);
+  }
+  if (auto craniotomy = root.table("craniotomy")) {
+    c.craniotomy = detail::read_craniotomy(*craniotomy);
+  }
+  if (auto tissue = root.table("tissue")) {
+    c.tissue = detail::read_tissue(*tissue);
   }
   return files;
 }

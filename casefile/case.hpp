@@ -51,6 +51,20 @@ struct Limits {
   double max_target_tre_mm = 2.0; // predicted RMS TRE above which a registration is not accepted
 };
 
+// Where the skull is open, so that the brain is free there. The centre is taken to the brain's surface.
+struct CraniotomyPlan {
+  std::string trajectory;                              // its way into the brain is the centre; empty: centre_mm is
+  Eigen::Vector3d centre_mm = Eigen::Vector3d::Zero(); // at most 30 mm from the brain's surface
+  std::optional<double> radius_mm;                     // 0: the skull is closed; nothing: as the program is configured
+};
+
+// What the tissue model takes the brain for: a material by its name, and what this case knows better.
+struct TissueChoice {
+  std::string material; // of tissue::named_materials()
+  std::optional<double> young_Pa, poisson, density_kg_m3;
+  std::optional<double> ogden_alpha; // only of materials that have one
+};
+
 struct Case {
   std::filesystem::path folder;
   std::string id; // patient-free
@@ -64,6 +78,8 @@ struct Case {
   std::vector<Trajectory> trajectories;
   std::vector<ToolModel> tools;
   Limits limits;
+  std::optional<CraniotomyPlan> craniotomy;
+  std::optional<TissueChoice> tissue;
 
   [[nodiscard]] const ToolModel *tool(std::string_view name) const;
   [[nodiscard]] const ToolModel *reference() const;

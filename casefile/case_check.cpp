@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 
 #include "casefile/mesh_file.hpp"
+#include "casefile/tissue_tables.hpp"
 
 namespace bregma::casefile {
 
@@ -263,7 +264,8 @@ std::optional<CaseProblem> find_problem(const Case &c) {
     return CaseProblem{"id",
                        "must be 1 to " + std::to_string(kNameBytes) + " bytes without blanks, slashes and quotes"};
   }
-  for (const auto check : {surfaces_problem, points_problem, trajectories_problem, tools_problem}) {
+  for (const auto check :
+       {surfaces_problem, points_problem, trajectories_problem, tools_problem, detail::tissue_tables_problem}) {
     if (auto problem = check(c)) {
       return problem;
     }

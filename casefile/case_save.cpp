@@ -7,6 +7,7 @@
 #include "casefile/case.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
+#include "casefile/tissue_tables.hpp"
 #include "casefile/toml_values.hpp"
 
 namespace bregma::casefile {
@@ -136,7 +137,7 @@ Result<void> save_case(const Case &c) {
   for (const ToolModel &tool : c.tools) {
     toml += tool_text(tool);
   }
-  toml += limits_text(c.limits);
+  toml += limits_text(c.limits) + detail::tissue_tables_text(c);
   steps.run([&] { return replace_file(c.folder / "case.toml", toml); });
   return steps.result();
 }

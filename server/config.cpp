@@ -52,12 +52,13 @@ casefile::ParameterSet declare(Config &c) {
   for (const tissue::Material &material : tissue::named_materials()) {
     materials.push_back(material.name);
   }
-  set.choice("deformation.material", &c.deformation.material, materials, "What the brain is made of.");
+  set.choice("deformation.material", &c.deformation.material, materials,
+             "What the brain is made of, where the case does not say.");
   set.flag("deformation.sliding", &c.deformation.sliding,
            "The brain slides along the skull; else it is fixed to it except under the craniotomy.");
   set.number("deformation.gap_mm", &c.deformation.gap_mm, "mm", 0, 20, "Fluid between brain and skull.");
   set.number("deformation.craniotomy_radius_mm", &c.deformation.craniotomy_radius_mm, "mm", 0, 100,
-             "Of the opening around the first trajectory's way into the brain.");
+             "Of the opening around the first trajectory's way into the brain, where the case does not say.");
   set.number("deformation.probe_radius_mm", &c.deformation.probe_radius_mm, "mm", 0.2, 20, "Of the probe's shaft.");
   set.number("deformation.rupture_force_N", &c.deformation.rupture_force_N, "N", 0.001, 100,
              "Along the probe, at which the brain's surface breaks.");

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "algorithms/tissue/brain_model.hpp"
+#include "casefile/case_tissue.hpp"
 #include "casefile/parameters.hpp"
 #include "casefile/result.hpp"
 
@@ -55,7 +56,7 @@ struct Config {
     std::string material = "thesis";
     bool sliding = true;
     double gap_mm = 0.0;
-    double craniotomy_radius_mm = 15.0;
+    double craniotomy_radius_mm = casefile::kCraniotomyRadius_mm;
     double probe_radius_mm = 3.0;
     double rupture_force_N = tissue::InsertionParameters{}.rupture_force_N;
     double cutting_force_N = tissue::InsertionParameters{}.cutting_force_N;

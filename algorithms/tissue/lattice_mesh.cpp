@@ -103,6 +103,7 @@ LatticeMesh fill_surface(const geometry::TriangleMesh &surface, const LatticeMes
     throw std::invalid_argument("the surface is inside out: it encloses " + text("%g mm^3", volume));
   }
   LatticeMesh out;
+  out.surface_mm3 = volume;
   if (options.edge_mm) {
     if (!(*options.edge_mm > 0.0) || !std::isfinite(*options.edge_mm)) {
       throw std::invalid_argument("edge length " + text("%g mm", *options.edge_mm) + ": must be positive");

@@ -27,6 +27,7 @@ struct LatticeMeshOptions {
 struct LatticeMesh {
   TetMesh mesh;
   double edge_mm = 0.0;                  // of the lattice
+  double surface_mm3 = 0.0;              // that the surface encloses; the mesh's own volume is a little less
   double stuffed_stable_length_mm = 0.0; // before smoothing (mesh_quality.hpp); smoothing never lowers it
 };
 

@@ -57,6 +57,14 @@ double radius_ratio(const std::array<Vector3d, 4> &p, const Faces &faces) {
   return 3.0 * inradius / circumradius;
 }
 
+std::array<Vector3d, 4> corners_of(const TetMesh &mesh, const Eigen::Vector4i &t) {
+  std::array<Vector3d, 4> out;
+  for (std::size_t i = 0; i < 4; ++i) {
+    out[i] = mesh.nodes_mm[static_cast<std::size_t>(t[static_cast<Eigen::Index>(i)])];
+  }
+  return out;
+}
+
 class Survey {
 public:
   explicit Survey(const TetMesh &mesh) : mesh_(mesh) {
@@ -71,15 +79,10 @@ public:
   }
 
   MeshQuality run() {
-    std::vector<double> ratios;
-    ratios.reserve(mesh_.tetrahedra.size());
+    std::vector<double> ratios = radius_ratios(mesh_);
     for (const Eigen::Vector4i &t : mesh_.tetrahedra) {
-      std::array<Vector3d, 4> p;
-      for (std::size_t i = 0; i < 4; ++i) {
-        p[i] = mesh_.nodes_mm[static_cast<std::size_t>(t[static_cast<Eigen::Index>(i)])];
-      }
+      const std::array<Vector3d, 4> p = corners_of(mesh_, t);
       const Faces faces = faces_of(p[0], p[1], p[2], p[3]);
-      ratios.push_back(radius_ratio(p, faces));
       out_.stable_length_mm = std::min(out_.stable_length_mm, length_of(faces));
       for (std::size_t i = 0; i < 4; ++i) {
         out_.min_altitude_mm = std::min(out_.min_altitude_mm, faces.six_volumes / faces.normal[i].norm());
@@ -136,6 +139,16 @@ double stable_step_s(double stable_length_mm, const Material &material) {
   check(material);
   const double wave_speed_m_s = std::sqrt(material.wave_modulus_Pa() / material.density_kg_m3);
   return 1e-3 * stable_length_mm / wave_speed_m_s;
+}
+
+std::vector<double> radius_ratios(const TetMesh &mesh) {
+  std::vector<double> ratios;
+  ratios.reserve(mesh.tetrahedra.size());
+  for (const Eigen::Vector4i &t : mesh.tetrahedra) {
+    const std::array<Vector3d, 4> p = corners_of(mesh, t);
+    ratios.push_back(radius_ratio(p, faces_of(p[0], p[1], p[2], p[3])));
+  }
+  return ratios;
 }
 
 MeshQuality quality_of(const TetMesh &mesh) {

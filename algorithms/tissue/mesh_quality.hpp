@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <vector>
 
 #include "algorithms/tissue/material.hpp"
 #include "algorithms/tissue/tet_mesh.hpp"
@@ -28,6 +29,9 @@ namespace bregma::tissue {
 // does.
 [[nodiscard]] double stable_step_s(double stable_length_mm, const Material &material);
 
+// Of each tetrahedron 3 inradius / circumradius: 1 for a regular one, 0 for a flat one. The lattice's own have 0.95.
+[[nodiscard]] std::vector<double> radius_ratios(const TetMesh &mesh);
+
 struct MeshQuality {
   static constexpr int kBins = 18;
   static constexpr double kBin_deg = 10.0;
@@ -40,7 +44,6 @@ struct MeshQuality {
   double min_dihedral_deg = 0.0;
   double max_dihedral_deg = 0.0;
   std::array<int, kBins> dihedral_histogram{}; // six angles a tetrahedron
-  // 3 inradius / circumradius: 1 for a regular tetrahedron, 0 for a flat one. The lattice's own have 0.95.
   double min_radius_ratio = 0.0;
   double percentile5_radius_ratio = 0.0;
   double mean_radius_ratio = 0.0;

@@ -113,6 +113,9 @@ private:
         return tl::unexpected(read.error());
       }
       c.trajectories = std::move(*read);
+      if (!c.trajectories.empty()) {
+        c.craniotomy = {.trajectory = c.trajectories.front().name, .radius_mm = std::nullopt};
+      }
     }
     if (!sources_.tools.empty()) {
       auto read = read_tools(sources_.tools);

@@ -24,6 +24,7 @@ struct StructureRequest {
 // What is critical in the naming of the AAL atlas: precentral gyri, occipital lobes, Heschl's gyri, each side apart.
 [[nodiscard]] std::vector<StructureRequest> aal_critical_structures();
 
+// The craniotomy of the case is planned about the first trajectory, where there is one.
 struct CaseSources {
   std::string id;
   std::filesystem::path image;              // of the head: a file or a DICOM folder

@@ -1,4 +1,4 @@
-// `bregma case`: makes a case folder from images and plans, shows it, checks it, and draws it.
+// `bregma case`: makes a case folder from images and plans, shows it, checks it, draws it, and fills its brain.
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -16,6 +16,7 @@
 #include "casefile/volumes/case_picture.hpp"
 #include "clients/cli/case/case_facts.hpp"
 #include "clients/cli/case/load_command.hpp"
+#include "clients/cli/case/mesh_command.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
@@ -284,13 +285,14 @@ void add_picture(CLI::App &group, Context &context) {
 } // namespace
 
 void add_case_command(CLI::App &app, Context &context) {
-  auto *group = app.add_subcommand("case", "Makes, shows, checks, draws and loads case folders");
+  auto *group = app.add_subcommand("case", "Makes, shows, checks, draws, meshes and loads case folders");
   group->require_subcommand(1);
   add_create(*group, context);
   add_folder_command(*group, context, "show", "Surfaces, points, trajectories and their clearances", run_show);
   add_folder_command(*group, context, "check", "Says what is wrong with a case; exit code 1 if anything is", run_check);
   add_snap(*group, context);
   add_picture(*group, context);
+  add_mesh_command(*group, context);
   add_load_commands(*group, context);
 }
 

@@ -16,7 +16,8 @@ using bregma::cli::Context;
 
 constexpr void (*kCommands[])(CLI::App &, Context &) = {
     bregma::cli::add_live_commands,     bregma::cli::add_case_command,   bregma::cli::add_register_command,
-    bregma::cli::add_calibrate_command, bregma::cli::add_report_command, bregma::cli::add_doctor_command,
+    bregma::cli::add_calibrate_command, bregma::cli::add_tissue_command, bregma::cli::add_report_command,
+    bregma::cli::add_doctor_command,
 };
 
 // One sentence: what was wrong, and where the help is that says how it is right.

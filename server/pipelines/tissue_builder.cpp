@@ -6,22 +6,6 @@
 #include "algorithms/tissue/lattice_mesh.hpp"
 
 namespace bregma::server {
-namespace {
-
-// Where the line from entry to target enters the brain; the entry itself where it never does.
-Vector3d entry_into(const registration::SurfaceModel &brain, const casefile::Trajectory &trajectory) {
-  constexpr int kSteps = 2000;
-  for (int i = 0; i <= kSteps; ++i) {
-    const double share = static_cast<double>(i) / kSteps;
-    Vector3d at = trajectory.entry_mm + share * (trajectory.target_mm - trajectory.entry_mm);
-    if (brain.closest(at).signed_mm <= 0.0) {
-      return at;
-    }
-  }
-  return trajectory.entry_mm;
-}
-
-} // namespace
 
 void TissueBuilder::handle(const CaseChanged &change) noexcept {
   case_ = change.loaded;
@@ -45,10 +29,9 @@ std::optional<TissueModelReady> TissueBuilder::build() {
     meshing.tetrahedra = settings_.elements;
     const tissue::LatticeMesh filled = tissue::fill_surface(data.brain.mesh, meshing);
     tissue::BrainModelOptions options = settings_.model;
-    if (!data.trajectories.empty() && settings_.craniotomy_radius_mm > 0.0) {
-      options.skull.craniotomy = {entry_into(registration::SurfaceModel(data.brain.mesh), data.trajectories.front()),
-                                  settings_.craniotomy_radius_mm};
-    }
+    options.material = casefile::material_of(data, settings_.model.material);
+    options.skull.craniotomy =
+        casefile::craniotomy_of(data, registration::SurfaceModel(data.brain.mesh), settings_.craniotomy_radius_mm);
     std::vector<Vector3d> targets;
     for (const casefile::NamedPoint &target : data.targets) {
       targets.push_back(target.position_mm);

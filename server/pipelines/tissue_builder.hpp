@@ -8,14 +8,15 @@
 #include <string>
 #include <vector>
 
+#include "casefile/case_tissue.hpp"
 #include "server/pipelines/deformation.hpp"
 
 namespace bregma::server {
 
 struct TissueSettings {
-  int elements = 20000; // 0: no model
-  tissue::BrainModelOptions model;
-  double craniotomy_radius_mm = 15.0; // around where the first trajectory passes the brain's surface
+  int elements = 20000;                                         // 0: no model
+  tissue::BrainModelOptions model;                              // its material for cases that name none
+  double craniotomy_radius_mm = casefile::kCraniotomyRadius_mm; // for cases that do not say
 };
 
 class TissueBuilder {

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "algorithms/planning/critical_structures.hpp"
+#include "casefile/case_tissue.hpp"
 #include "casefile/volumes/surface.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/output.hpp"
@@ -56,6 +57,41 @@ bool image_holds(const casefile::Volume &image, const geometry::TriangleMesh &me
     }
   }
   return true;
+}
+
+std::string tissue_text(const Case &c) {
+  std::string out;
+  if (c.craniotomy) {
+    const bool by_name = !c.craniotomy->trajectory.empty();
+    out += "\nCraniotomy " +
+           (by_name ? "where " + c.craniotomy->trajectory + " enters the brain"
+                    : "at " + vector_text(c.craniotomy->centre_mm, 1)) +
+           (c.craniotomy->radius_mm ? ", radius " + fixed(*c.craniotomy->radius_mm, 1, "mm") : "") + "\n";
+  }
+  if (c.tissue) {
+    const tissue::Material material = casefile::material_of(*c.tissue);
+    out += "\nBrain of " + material.name + ": E " + fixed(material.young_Pa, 0, "Pa") + ", nu " +
+           fixed(material.poisson, 3) + ", " + fixed(material.density_kg_m3, 0, "kg/m^3") + "\n";
+  }
+  return out;
+}
+
+json tissue_json(const Case &c) {
+  json out{{"craniotomy", nullptr}, {"material", nullptr}};
+  if (c.craniotomy) {
+    const bool by_name = !c.craniotomy->trajectory.empty();
+    out["craniotomy"] = {{"trajectory", by_name ? json(c.craniotomy->trajectory) : json(nullptr)},
+                         {"centre_mm", by_name ? json(nullptr) : json_vector(c.craniotomy->centre_mm)},
+                         {"radius_mm", c.craniotomy->radius_mm ? json(*c.craniotomy->radius_mm) : json(nullptr)}};
+  }
+  if (c.tissue) {
+    const tissue::Material material = casefile::material_of(*c.tissue);
+    out["material"] = {{"name", material.name},
+                       {"young_Pa", material.young_Pa},
+                       {"poisson", material.poisson},
+                       {"density_kg_m3", material.density_kg_m3}};
+  }
+  return out;
 }
 
 } // namespace
@@ -116,7 +152,7 @@ std::string facts_text(const Case &c, const CaseFacts &facts) {
                                                                          : "probe";
     tools.row({tool.name, role, std::to_string(tool.markers_mm.size()), vector_text(tool.nominal_tip_mm, 1)});
   }
-  return out + tools.text();
+  return out + tools.text() + tissue_text(c);
 }
 
 json facts_json(const Case &c, const CaseFacts &facts) {
@@ -150,6 +186,7 @@ json facts_json(const Case &c, const CaseFacts &facts) {
   for (const casefile::ToolModel &tool : c.tools) {
     out["tools"].push_back({{"name", tool.name}, {"markers", tool.markers_mm.size()}});
   }
+  out.update(tissue_json(c));
   return out;
 }
 

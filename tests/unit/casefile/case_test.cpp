@@ -190,6 +190,80 @@ TEST_F(CaseOnDisk, DirectionsAreMadeUnitVectors) {
   EXPECT_TRUE(loaded->tools[1].normal.isApprox(Eigen::Vector3d(0, 0.6, 0.8), 1e-12));
 }
 
+TEST_F(CaseOnDisk, TablesOfTheTissueModelRoundTrip) {
+  EXPECT_EQ(toml_.find("[craniotomy]"), std::string::npos) << "a case need not have them";
+  EXPECT_EQ(toml_.find("[tissue]"), std::string::npos);
+  case_.craniotomy = {.trajectory = "Biopsy", .radius_mm = 17.5};
+  case_.tissue = {.material = "miller-chinzei",
+                  .young_Pa = 3100.0,
+                  .poisson = std::nullopt,
+                  .density_kg_m3 = 1040.0,
+                  .ogden_alpha = -3.0};
+  ASSERT_TRUE(save_case(case_));
+  auto loaded = load_case(folder_.path());
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  ASSERT_TRUE(loaded->craniotomy && loaded->tissue);
+  EXPECT_EQ(loaded->craniotomy->trajectory, "Biopsy");
+  EXPECT_EQ(loaded->craniotomy->radius_mm, 17.5);
+  EXPECT_EQ(loaded->tissue->material, "miller-chinzei");
+  EXPECT_EQ(loaded->tissue->young_Pa, 3100.0);
+  EXPECT_EQ(loaded->tissue->poisson, std::nullopt);
+  EXPECT_EQ(loaded->tissue->density_kg_m3, 1040.0);
+  EXPECT_EQ(loaded->tissue->ogden_alpha, -3.0);
+
+  case_.craniotomy = {.trajectory = "", .centre_mm = {10.0, 20.5, 70.0}, .radius_mm = std::nullopt};
+  case_.tissue.reset();
+  ASSERT_TRUE(save_case(case_));
+  loaded = load_case(folder_.path());
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  ASSERT_TRUE(loaded->craniotomy);
+  EXPECT_EQ(loaded->craniotomy->trajectory, "");
+  EXPECT_EQ(loaded->craniotomy->centre_mm, Eigen::Vector3d(10.0, 20.5, 70.0));
+  EXPECT_EQ(loaded->craniotomy->radius_mm, std::nullopt);
+  EXPECT_FALSE(loaded->tissue);
+}
+
+TEST_F(CaseOnDisk, WhatIsWrongInTheTablesOfTheTissueModelIsNamed) {
+  const int end = static_cast<int>(std::count(toml_.begin(), toml_.end(), '\n'));
+  // The message after "case.toml:", with the line counted from the table's own.
+  const auto error_of = [&](const std::string &table) {
+    folder_.write("case.toml", toml_ + table);
+    const std::string message = load_error();
+    const std::string file = "case.toml:";
+    EXPECT_EQ(message.rfind(file, 0), 0U) << message;
+    const std::string rest = message.substr(std::min(message.size(), file.size()));
+    return std::to_string(std::atoi(rest.c_str()) - end) + rest.substr(std::min(rest.size(), rest.find(':')));
+  };
+  EXPECT_EQ(error_of("[craniotomy]\nradius_mm = 15\n"),
+            "1: craniotomy.centre_mm: either this or trajectory says where the craniotomy is");
+  EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Biopsy\"\ncentre_mm = [0, 0, 75]\n"),
+            "3: craniotomy.centre_mm = [ 0, 0, 75 ]: either this or trajectory says where the craniotomy is");
+  EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Bipsy\"\n"),
+            "2: craniotomy.trajectory = \"Bipsy\": no such trajectory; there are \"Biopsy\"");
+  EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"\"\n"),
+            "2: craniotomy.trajectory = \"\": must be the name of a trajectory");
+  EXPECT_EQ(error_of("[craniotomy]\ncentre_mm = [0, 0, 110]\n"),
+            "2: craniotomy.centre_mm = [ 0, 0, 110 ]: lies more than 30 mm from the brain's surface: is it in the "
+            "coordinates of this image (RAS)?");
+  EXPECT_EQ(error_of("[craniotomy]\ncentre_mm = [0, 75]\n"),
+            "2: craniotomy.centre_mm = [ 0, 75 ]: must be three finite numbers, [x, y, z]");
+  EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Biopsy\"\nradius_mm = -1\n"),
+            "3: craniotomy.radius_mm = -1: must be between 0 and 100 mm");
+  EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Biopsy\"\nradus_mm = 1\n"),
+            "3: craniotomy.radus_mm = 1: unknown key; did you mean craniotomy.radius_mm?");
+  EXPECT_EQ(error_of("[tissue]\nyoung_Pa = 2100\n"), "1: tissue.material: is missing");
+  EXPECT_EQ(error_of("[tissue]\nmaterial = \"jelly\"\n"),
+            "2: tissue.material = \"jelly\": must be one of \"thesis\", \"miller-chinzei\", \"linear\"");
+  EXPECT_EQ(error_of("[tissue]\nmaterial = \"thesis\"\npoisson = 0.5\n"),
+            "3: tissue.poisson = 0.5: must be between 0 and 0.499");
+  EXPECT_EQ(error_of("[tissue]\nmaterial = \"thesis\"\nyoung_Pa = \"soft\"\n"),
+            "3: tissue.young_Pa = \"soft\": must be a number, in Pa");
+  EXPECT_EQ(error_of("[tissue]\nmaterial = \"thesis\"\nogden_alpha = 3.0\n"),
+            "3: tissue.ogden_alpha = 3.0: the material \"thesis\" has no alpha");
+  EXPECT_EQ(error_of("[tissue]\nmaterial = \"miller-chinzei\"\nogden_alpha = 0\n"),
+            "3: tissue.ogden_alpha = 0: must not be 0");
+}
+
 TEST(Case, AFolderWithoutCaseTomlIsNamed) {
   TempFolder folder;
   EXPECT_EQ(load_case(folder.path()).error().message,

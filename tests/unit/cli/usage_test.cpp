@@ -9,9 +9,11 @@ using bregma::tests::TempFolder;
 
 TEST(Usage, HelpIsAnAnswerAndNotAnError) {
   const TempFolder folder;
-  for (const char *arguments : {"--help", "calibrate --help", "calibrate pivot --help", "register --help",
-                                "register points --help", "register surface --help", "register cloud --help",
-                                "register curves --help", "register capture --help", "status --help"}) {
+  for (const char *arguments :
+       {"--help", "calibrate --help", "calibrate pivot --help", "register --help", "register points --help",
+        "register surface --help", "register cloud --help", "register curves --help", "register capture --help",
+        "status --help", "case --help", "case mesh --help", "tissue --help", "tissue materials --help",
+        "tissue insert --help"}) {
     const auto run = run_bregma(folder, arguments);
     EXPECT_EQ(run.exit_code, 0) << arguments;
     EXPECT_NE(run.out.find("Usage: bregma"), std::string::npos) << arguments << "\n" << run.out;

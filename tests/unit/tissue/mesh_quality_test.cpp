@@ -60,6 +60,20 @@ TEST(MeshQuality, APercentileIsOfAllTetrahedra) {
   EXPECT_NEAR(one_bad.percentile5_radius_ratio, even.min_radius_ratio, 1e-9);
 }
 
+TEST(MeshQuality, RadiusRatiosAreThoseOfTheTetrahedra) {
+  TetMesh block = block_mesh({2, 2, 2}, {2.0, 2.0, 2.0});
+  block.nodes_mm[0].x() = 0.8;
+  const std::vector<double> ratios = radius_ratios(block);
+  ASSERT_EQ(ratios.size(), block.tetrahedra.size());
+  for (std::size_t i = 0; i < ratios.size(); ++i) {
+    TetMesh one{{}, {{0, 1, 2, 3}}};
+    for (int k = 0; k < 4; ++k) {
+      one.nodes_mm.push_back(block.nodes_mm[static_cast<std::size_t>(block.tetrahedra[i][k])]);
+    }
+    EXPECT_NEAR(ratios[i], quality_of(one).mean_radius_ratio, 1e-12);
+  }
+}
+
 TEST(MeshQuality, ABadMeshIsRefused) { EXPECT_THROW((void)quality_of({}), std::invalid_argument); }
 
 // The largest frequency of one free element with lumped masses, by its stiffness matrix: the step is at most 2 / w, and

@@ -126,7 +126,21 @@ TEST(CreateCase, MakesAFolderThatLoads) {
   EXPECT_NEAR(33.5, check_mesh(loaded->scalp.mesh).volume_ml, 0.7); // 4/3 pi 20^3
   EXPECT_TRUE(loaded->fiducials[0].position_mm.isApprox(Eigen::Vector3d(22, 0, 0), 1e-9))
       << "not moved unless asked to";
+  ASSERT_TRUE(loaded->craniotomy);
+  EXPECT_EQ("P", loaded->craniotomy->trajectory);
+  EXPECT_EQ(std::nullopt, loaded->craniotomy->radius_mm) << "is for the configuration to say";
+  EXPECT_FALSE(loaded->tissue);
   EXPECT_EQ(0, head.hidden_entries());
+}
+
+TEST(CreateCase, WithoutATrajectoryThereIsNoCraniotomy) {
+  const SmallHead head;
+  CaseSources sources = head.sources();
+  sources.trajectories.clear();
+  ASSERT_TRUE(create_case(head.scratch / "case", sources, false));
+  const auto loaded = load_case(head.scratch / "case");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_FALSE(loaded->craniotomy);
 }
 
 TEST(CreateCase, SnapsPointsOntoTheScalp) {

@@ -1,0 +1,57 @@
+#include "casefile/case_tissue.hpp"
+
+#include "algorithms/planning/surface_entry.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+Eigen::Vector3d way_into(const registration::SurfaceModel &brain, const Trajectory &trajectory) {
+  // A way that never comes to the brain is open where it starts.
+  return planning::surface_entry(brain, trajectory.entry_mm, trajectory.target_mm).value_or(trajectory.entry_mm);
+}
+
+std::optional<Eigen::Vector3d> centre_of(const Case &c, const registration::SurfaceModel &brain) {
+  if (c.craniotomy && c.craniotomy->trajectory.empty()) {
+    return c.craniotomy->centre_mm;
+  }
+  const Trajectory *trajectory = c.craniotomy             ? c.trajectory(c.craniotomy->trajectory)
+                                 : c.trajectories.empty() ? nullptr
+                                                          : &c.trajectories.front();
+  return trajectory == nullptr ? std::nullopt : std::optional(way_into(brain, *trajectory));
+}
+
+} // namespace
+
+tissue::Material material_of(const TissueChoice &choice) {
+  tissue::Material material = tissue::named_material(choice.material);
+  std::string changed;
+  const auto change = [&](const char *name, double &value, const std::optional<double> &to) {
+    if (to) {
+      value = *to;
+      changed += (changed.empty() ? "" : ", ") + std::string(name);
+    }
+  };
+  change("young_Pa", material.young_Pa, choice.young_Pa);
+  change("poisson", material.poisson, choice.poisson);
+  change("density_kg_m3", material.density_kg_m3, choice.density_kg_m3);
+  change("ogden_alpha", material.ogden_alpha, choice.ogden_alpha);
+  if (!changed.empty()) {
+    material.source += "; of the case: " + changed;
+  }
+  return material;
+}
+
+tissue::Material material_of(const Case &c, const tissue::Material &otherwise) {
+  return c.tissue ? material_of(*c.tissue) : otherwise;
+}
+
+tissue::Craniotomy craniotomy_of(const Case &c, const registration::SurfaceModel &brain, double otherwise_radius_mm) {
+  const double radius_mm = c.craniotomy && c.craniotomy->radius_mm ? *c.craniotomy->radius_mm : otherwise_radius_mm;
+  const auto centre = centre_of(c, brain);
+  if (!centre || radius_mm <= 0.0) {
+    return {};
+  }
+  return {brain.closest(*centre).point_mm, radius_mm};
+}
+
+} // namespace bregma::casefile

@@ -1,0 +1,12 @@
+// `bregma case mesh`: fills a case's brain with tetrahedra and says how good they are.
+#pragma once
+
+#include <CLI/App.hpp>
+
+#include "clients/cli/commands.hpp"
+
+namespace bregma::cli {
+
+void add_mesh_command(CLI::App &group, Context &context);
+
+} // namespace bregma::cli

@@ -1,0 +1,47 @@
+// The mesh of a case's brain as a person asks for it, and what there is to say about it.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "algorithms/tissue/lattice_mesh.hpp"
+#include "algorithms/tissue/mesh_quality.hpp"
+#include "casefile/case.hpp"
+
+namespace CLI {
+class App;
+}
+
+namespace bregma::cli {
+
+// Fewer do not follow a brain's surface, more are not stepped in real time.
+inline constexpr int kFewestElements = 10'000;
+inline constexpr int kMostElements = 100'000;
+
+struct MeshRequest {
+  int elements = 20'000;         // about as many
+  std::optional<double> edge_mm; // of the lattice; stands instead of elements
+};
+
+// --elements and --edge, of which a person gives one at the most. The request must outlive the command.
+void add_mesh_options(CLI::App &command, MeshRequest &request);
+
+// Blocks for about a second. Refuses an edge that gives fewer or more tetrahedra than above, and says which ones do
+// not.
+[[nodiscard]] casefile::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request);
+
+struct MeshReport {
+  tissue::MeshQuality quality;
+  double edge_mm = 0.0;     // of the lattice
+  double surface_mm3 = 0.0; // that the brain's surface encloses
+  tissue::Material material;
+  double step_s = 0.0; // the longest that is stable in this material
+};
+
+[[nodiscard]] MeshReport report_of(const tissue::LatticeMesh &filled, const tissue::Material &material);
+[[nodiscard]] std::string report_text(const MeshReport &report);
+[[nodiscard]] nlohmann::json report_json(const MeshReport &report);
+
+} // namespace bregma::cli

@@ -1,0 +1,195 @@
+#include "clients/cli/tissue/insert_command.hpp"
+
+#include <fstream>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <CLI/Validators.hpp>
+
+#include "clients/cli/case/progress_line.hpp"
+#include "clients/cli/output.hpp"
+#include "clients/cli/tissue/case_model.hpp"
+#include "clients/cli/tissue/insertion.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using casefile::failure;
+using casefile::Result;
+
+struct InsertOptions {
+  std::string folder;
+  std::string trajectory; // empty: the first
+  double speed_mm_s = 5.0;
+  std::optional<double> depth_mm; // nothing: to the target
+  MeshRequest mesh;
+  std::string csv, vtu; // empty: not written
+};
+
+struct Insertion {
+  std::string trajectory;
+  double entry_to_target_mm = 0.0;
+  int elements = 0;
+  std::string material;
+  std::vector<InsertionUpdate> updates;
+  std::unique_ptr<tissue::BrainModel> model; // in its final state
+};
+
+Result<const casefile::Trajectory *> trajectory_of(const casefile::Case &c, const std::string &name) {
+  if (c.trajectories.empty()) {
+    return failure(c.folder.string() + ": the case has no trajectory to insert along");
+  }
+  if (name.empty()) {
+    return &c.trajectories.front();
+  }
+  if (const casefile::Trajectory *found = c.trajectory(name)) {
+    return found;
+  }
+  std::string names;
+  for (const casefile::Trajectory &trajectory : c.trajectories) {
+    names += (names.empty() ? "\"" : ", \"") + trajectory.name + "\"";
+  }
+  return failure("--trajectory \"" + name + "\": " + c.folder.string() + " has no such trajectory; there are " + names);
+}
+
+Result<Insertion> run_insertion(const InsertOptions &options) {
+  ProgressLine progress;
+  if (!progress.show(0.0, "case")) {
+    return failure("stopped");
+  }
+  const auto loaded = casefile::load_case(options.folder);
+  if (!loaded) {
+    return tl::unexpected(loaded.error());
+  }
+  const auto trajectory = trajectory_of(*loaded, options.trajectory);
+  if (!trajectory) {
+    return tl::unexpected(trajectory.error());
+  }
+  const auto way = InsertionWay::along(*loaded, **trajectory, tissue::ProbeShape{}.radius_mm);
+  if (!way) {
+    return tl::unexpected(way.error());
+  }
+  if (!progress.show(0.02, "tetrahedra")) {
+    return failure("stopped");
+  }
+  const auto filled = fill_brain(*loaded, options.mesh);
+  if (!filled) {
+    return tl::unexpected(filled.error());
+  }
+  auto model = make_model(*loaded, filled->mesh, {&(*trajectory)->target_mm, 1});
+  if (!model) {
+    return tl::unexpected(model.error());
+  }
+  Insertion out{.trajectory = (*trajectory)->name,
+                .entry_to_target_mm = way->target_depth_mm(),
+                .elements = (*model)->solver().elements(),
+                .material = (*model)->solver().material().name,
+                .updates = {},
+                .model = std::move(*model)};
+  const InsertionPlan plan{.speed_mm_s = options.speed_mm_s,
+                           .depth_mm = options.depth_mm.value_or(way->target_depth_mm())};
+  bool stopped = false;
+  out.updates = insert(*out.model, *way, plan, [&](const InsertionUpdate &update) {
+    const double gone = (update.depth_mm - way->start_depth_mm()) / (plan.depth_mm - way->start_depth_mm());
+    stopped = !progress.show(0.1 + 0.9 * gone, "insertion: " + fixed(update.depth_mm, 1, "mm"));
+    return !stopped;
+  });
+  return stopped ? failure("stopped") : Result<Insertion>(std::move(out));
+}
+
+Result<void> write_text(const std::string &file, const std::string &text) {
+  std::ofstream out(file, std::ios::binary);
+  out << text;
+  return out.flush() ? Result<void>() : failure(file + ": cannot be written");
+}
+
+nlohmann::json updates_json(const Insertion &insertion) {
+  nlohmann::json updates = nlohmann::json::array();
+  for (const InsertionUpdate &update : insertion.updates) {
+    updates.push_back({{"time_s", update.time_s},
+                       {"depth_mm", update.depth_mm},
+                       {"phase", tissue::name_of(update.state.phase)},
+                       {"status", tissue::name_of(update.state.status)},
+                       {"reason", tissue::sentence_of(update.state.reason)},
+                       {"tip_force_N", json_number(update.state.tip_force_N)},
+                       {"shaft_force_N", json_number(update.state.shaft_force_N)},
+                       {"largest_von_mises_Pa", json_number(update.largest_von_mises_Pa)},
+                       {"target_von_mises_Pa", json_number(update.target_von_mises_Pa)},
+                       {"target_motion_mm", json_number(update.target_motion_mm)}});
+  }
+  return updates;
+}
+
+void show(const Insertion &insertion, const InsertOptions &options, const Context &context) {
+  const int invalid = invalid_updates(insertion.updates);
+  const tissue::BrainState &last = insertion.updates.back().state;
+  if (context.json) {
+    print_json({{"trajectory", insertion.trajectory},
+                {"entry_to_target_mm", json_number(insertion.entry_to_target_mm)},
+                {"elements", insertion.elements},
+                {"material", insertion.material},
+                {"ruptures", last.ruptures},
+                {"rupture_force_N", last.ruptures > 0 ? json_number(last.rupture_force_N) : nlohmann::json(nullptr)},
+                {"invalid_updates", invalid},
+                {"updates", updates_json(insertion)}});
+    return;
+  }
+  std::string text = "Trajectory " + insertion.trajectory + ", " + fixed(insertion.entry_to_target_mm, 1, "mm") +
+                     " in the brain; " + std::to_string(insertion.elements) + " tetrahedra of " + insertion.material +
+                     "\n\n" + insertion_table(insertion.updates) + "\n";
+  text += last.ruptures > 0 ? "The surface broke at " + fixed(last.rupture_force_N, 3, "N") + ".\n"
+                            : "The surface did not break.\n";
+  text += std::to_string(insertion.updates.size()) + " updates, " + std::to_string(invalid) + " of them invalid.\n";
+  for (const std::string &file : {options.csv, options.vtu}) {
+    text += file.empty() ? "" : "Written: " + file + "\n";
+  }
+  print(text);
+}
+
+int run_insert(const InsertOptions &options, const Context &context) {
+  const auto insertion = run_insertion(options);
+  if (!insertion) {
+    return fail(insertion.error());
+  }
+  if (!options.csv.empty()) {
+    if (auto written = write_text(options.csv, insertion_csv(insertion->updates)); !written) {
+      return fail(written.error());
+    }
+  }
+  if (!options.vtu.empty()) {
+    if (auto written = write_state(options.vtu, insertion->model->solver()); !written) {
+      return fail(written.error());
+    }
+  }
+  show(*insertion, options, context);
+  return invalid_updates(insertion->updates) == 0 ? kOk : kRefused;
+}
+
+} // namespace
+
+void add_insert_command(CLI::App &group, Context &context) {
+  auto options = std::make_shared<InsertOptions>();
+  auto *command = group.add_subcommand("insert", "Drives a probe along a trajectory into a model of the case's brain");
+  command->add_option("folder", options->folder, "Case folder")->required();
+  command->add_option("--trajectory", options->trajectory, "Name of the trajectory (default: the first)");
+  command->add_option("--speed", options->speed_mm_s, "Of the probe, mm/s")
+      ->check(CLI::Range(0.1, 100.0))
+      ->capture_default_str();
+  command->add_option("--depth", options->depth_mm, "Of the tip beyond the brain's surface, mm (default: the target's)")
+      ->check(CLI::Range(0.1, 200.0));
+  add_mesh_options(*command, options->mesh);
+  command->add_option("--csv", options->csv, "Write all updates to this file");
+  command->add_option("--vtu", options->vtu, "Write displacement and stress at the end to this file");
+  add_json_flag(*command, context);
+  command->footer(
+      "The exit code is 1 when the model called any of its answers invalid.\n\n"
+      "Examples:\n  bregma tissue insert colin27\n"
+      "  bregma tissue insert colin27 --trajectory Biopsy --speed 2 --depth 30 --csv run.csv --vtu end.vtu");
+  command->callback(
+      [options, &context] { context.run = [options, &context] { return run_insert(*options, context); }; });
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,129 @@
+#include "clients/cli/tissue/insertion.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+
+#include "algorithms/planning/surface_entry.hpp"
+#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/tissue/constitutive.hpp"
+#include "clients/cli/output.hpp"
+
+namespace bregma::cli {
+namespace {
+
+constexpr double kStandoff_mm = 2.0; // between tip and surface at the start
+constexpr double kRowEvery_mm = 1.0;
+
+double largest_von_mises_Pa(const tissue::ExplicitSolver &solver) {
+  double largest = 0.0;
+  for (int element = 0; element < solver.elements(); ++element) {
+    largest = std::max(largest, tissue::von_mises_Pa(solver.cauchy_Pa(element)));
+  }
+  return largest;
+}
+
+InsertionUpdate seen_now(const tissue::BrainModel &model, double time_s, double depth_mm) {
+  const tissue::PointPrediction &target = model.points().front();
+  const double unknown = std::numeric_limits<double>::quiet_NaN();
+  return {.time_s = time_s,
+          .depth_mm = depth_mm,
+          .state = model.state(),
+          .target_motion_mm = target.inside ? target.displacement_mm.norm() : unknown,
+          .target_von_mises_Pa = target.inside ? target.von_mises_Pa : unknown,
+          .largest_von_mises_Pa = largest_von_mises_Pa(model.solver())};
+}
+
+std::string state_text(const tissue::BrainState &state) {
+  const std::string_view reason = tissue::sentence_of(state.reason);
+  return std::string(tissue::name_of(state.status)) + (reason.empty() ? "" : ": " + std::string(reason));
+}
+
+} // namespace
+
+casefile::Result<InsertionWay> InsertionWay::along(const casefile::Case &c, const casefile::Trajectory &trajectory,
+                                                   double probe_radius_mm) {
+  const auto entry =
+      planning::surface_entry(registration::SurfaceModel(c.brain.mesh), trajectory.entry_mm, trajectory.target_mm);
+  const std::string name = c.folder.string() + ": trajectory \"" + trajectory.name + "\" ";
+  if (!entry) {
+    return casefile::failure(name + "does not enter the brain");
+  }
+  if ((*entry - trajectory.entry_mm).norm() == 0.0) {
+    return casefile::failure(name + "begins inside the brain: where it enters is not known");
+  }
+  InsertionWay way;
+  way.entry_mm_ = *entry;
+  way.along_ = (trajectory.target_mm - trajectory.entry_mm).normalized();
+  way.target_depth_mm_ = (trajectory.target_mm - *entry).norm();
+  // Where the way is slanted the side of the tip comes to the surface before its end does.
+  way.start_depth_mm_ = -kStandoff_mm - 2.0 * probe_radius_mm;
+  return way;
+}
+
+std::vector<InsertionUpdate> insert(tissue::BrainModel &model, const InsertionWay &way, const InsertionPlan &plan,
+                                    const std::function<bool(const InsertionUpdate &)> &goes_on) {
+  const double elapsed_s = 1.0 / plan.rate_hz;
+  const double whole_way_mm = plan.depth_mm - way.start_depth_mm();
+  const int count = static_cast<int>(std::ceil(whole_way_mm / (plan.speed_mm_s * elapsed_s)));
+  std::vector<InsertionUpdate> updates;
+  updates.reserve(static_cast<std::size_t>(count) + 1);
+  for (int i = 0; i <= count; ++i) {
+    const double time_s = i * elapsed_s;
+    const double depth_mm = std::min(plan.depth_mm, way.start_depth_mm() + plan.speed_mm_s * time_s);
+    // All steps that the time asks for: simulated time waits.
+    (void)model.update({.seen = true, .pose = way.pose(depth_mm), .force_N = std::nullopt}, elapsed_s,
+                       std::numeric_limits<int>::max());
+    updates.push_back(seen_now(model, time_s, depth_mm));
+    if (!goes_on(updates.back())) {
+      break;
+    }
+  }
+  return updates;
+}
+
+int invalid_updates(std::span<const InsertionUpdate> updates) {
+  return static_cast<int>(std::count_if(updates.begin(), updates.end(), [](const InsertionUpdate &update) {
+    return update.state.status == tissue::ModelStatus::kInvalid;
+  }));
+}
+
+std::string insertion_table(std::span<const InsertionUpdate> updates) {
+  Table table({"depth mm", "phase", "tip N", "shaft N", "von Mises Pa", "at target Pa", "target moved mm", "state"});
+  const InsertionUpdate *last = nullptr;
+  for (const InsertionUpdate &update : updates) {
+    const bool due =
+        last == nullptr || &update == &updates.back() || update.depth_mm >= last->depth_mm + kRowEvery_mm ||
+        update.state.phase != last->state.phase ||
+        (update.state.status == tissue::ModelStatus::kInvalid) != (last->state.status == tissue::ModelStatus::kInvalid);
+    if (!due) {
+      continue;
+    }
+    table.row({fixed(update.depth_mm, 1), std::string(tissue::name_of(update.state.phase)),
+               fixed(update.state.tip_force_N, 4), fixed(update.state.shaft_force_N, 4),
+               fixed(update.largest_von_mises_Pa, 0), fixed(update.target_von_mises_Pa, 1),
+               fixed(update.target_motion_mm, 3), state_text(update.state)});
+    last = &update;
+  }
+  return table.text();
+}
+
+std::string insertion_csv(std::span<const InsertionUpdate> updates) {
+  std::string out = "time_s,depth_mm,phase,status,reason,tip_force_N,shaft_force_N,shaft_in_tissue_mm,ruptures,"
+                    "largest_von_mises_Pa,target_von_mises_Pa,target_motion_mm\n";
+  for (const InsertionUpdate &update : updates) {
+    const tissue::BrainState &state = update.state;
+    char numbers[256];
+    std::snprintf(numbers, sizeof numbers, "%.6g,%.6g,%.6g,%d,%.6g,%.6g,%.6g\n", state.tip_force_N, state.shaft_force_N,
+                  state.depth_mm, state.ruptures, update.largest_von_mises_Pa, update.target_von_mises_Pa,
+                  update.target_motion_mm);
+    char place[64];
+    std::snprintf(place, sizeof place, "%.5f,%.4f,", update.time_s, update.depth_mm);
+    out += place + std::string(tissue::name_of(state.phase)) + "," + std::string(tissue::name_of(state.status)) +
+           ",\"" + std::string(tissue::sentence_of(state.reason)) + "\"," + numbers;
+  }
+  return out;
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,151 @@
+#include <sstream>
+
+#include <gtest/gtest.h>
+
+#include "tests/unit/casefile/sample_case.hpp"
+#include "tests/unit/cli/run_bregma.hpp"
+
+namespace {
+
+using bregma::tests::read_file;
+using bregma::tests::run_bregma;
+using bregma::tests::TempFolder;
+
+// A probe in a ball, coarse and fast.
+constexpr const char *kInsert = "tissue insert ball --elements 10000 --speed 20 ";
+
+class TissueInsert : public testing::Test {
+protected:
+  void SetUp() override { save(bregma::tests::sample_case(folder_.path() / "ball")); }
+
+  void save(const bregma::casefile::Case &c) const {
+    folder_.write("ball/image.nii.gz", "not read here");
+    const auto saved = bregma::casefile::save_case(c);
+    ASSERT_TRUE(saved) << saved.error().message;
+  }
+
+  // The last line that begins with the program's name: progress stands before it.
+  std::string error_of(const std::string &arguments) const {
+    const auto run = run_bregma(folder_, arguments);
+    EXPECT_EQ(run.exit_code, 2) << arguments;
+    EXPECT_EQ(run.out, "") << arguments;
+    const auto at = run.err.find("bregma: ");
+    return at == std::string::npos ? run.err : run.err.substr(at);
+  }
+
+  TempFolder folder_;
+};
+
+TEST(TissueMaterials, TheTableHasModuliAndSources) {
+  const TempFolder folder;
+  const auto run = run_bregma(folder, "tissue materials");
+  EXPECT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_EQ(run.out.rfind("material", 0), 0U);
+  for (const char *text : {"thesis", "miller-chinzei", "linear", "Ogden, alpha -4.7", "J Biomech 35 (2002)",
+                           "1.24e8 Pa and 6.20e6 Pa beside its E and nu, which contradicts them"}) {
+    EXPECT_NE(run.out.find(text), std::string::npos) << text << "\n" << run.out;
+  }
+  const auto json = run_bregma(folder, "tissue materials --json").json()["materials"];
+  ASSERT_EQ(json.size(), 3U);
+  EXPECT_EQ(json[0]["name"], "thesis");
+  EXPECT_NEAR(json[0]["bulk_Pa"].get<double>(), 2100.0 / (3.0 * 0.1), 1e-6);
+  EXPECT_NEAR(json[0]["shear_Pa"].get<double>(), 2100.0 / (2.0 * 1.45), 1e-6);
+  EXPECT_TRUE(json[0]["ogden_alpha"].is_null());
+  EXPECT_NEAR(json[1]["shear_Pa"].get<double>(), 842.0, 1e-6);
+  EXPECT_NEAR(json[1]["relaxed_shear_Pa"].get<double>(), 842.0 * (1.0 - 0.450 - 0.365), 1e-6);
+}
+
+TEST_F(TissueInsert, TheProbeIndentsBreaksThroughAndPulls) {
+  const auto run = run_bregma(folder_, std::string(kInsert) + "--depth 25 --csv run.csv --vtu end.vtu --json");
+  ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
+  const auto json = run.json();
+  EXPECT_EQ(json["trajectory"], "Biopsy");
+  EXPECT_EQ(json["material"], "thesis");
+  EXPECT_EQ(json["invalid_updates"], 0);
+  EXPECT_EQ(json["ruptures"], 1);
+  EXPECT_GT(json["rupture_force_N"].get<double>(), 0.11);
+  const auto &updates = json["updates"];
+  EXPECT_EQ(updates.front()["phase"], "outside");
+  EXPECT_LT(updates.front()["depth_mm"].get<double>(), -5.0);
+  EXPECT_EQ(updates.back()["phase"], "penetration");
+  EXPECT_NEAR(updates.back()["depth_mm"].get<double>(), 25.0, 1e-9);
+  // Phases come in their order, and the target is pulled along.
+  int phase = 0;
+  for (const auto &update : updates) {
+    const std::string name = update["phase"];
+    const int now = name == "outside" ? 0 : name == "indentation" ? 1 : 2;
+    EXPECT_GE(now, phase) << update;
+    phase = now;
+  }
+  EXPECT_EQ(updates.front()["target_motion_mm"], 0.0);
+  EXPECT_GT(updates.back()["target_motion_mm"].get<double>(), 0.01);
+  EXPECT_LT(updates.back()["target_motion_mm"].get<double>(), 10.0);
+
+  std::istringstream csv(read_file(folder_.path() / "run.csv"));
+  std::string line;
+  std::size_t rows = 0;
+  ASSERT_TRUE(std::getline(csv, line));
+  const auto columns = std::count(line.begin(), line.end(), ',');
+  EXPECT_EQ(line.rfind("time_s,depth_mm,phase,status,reason,tip_force_N,", 0), 0U);
+  while (std::getline(csv, line)) {
+    ++rows;
+    EXPECT_EQ(std::count(line.begin(), line.end(), ','), columns) << line;
+  }
+  EXPECT_EQ(rows, updates.size());
+  const std::string vtu = read_file(folder_.path() / "end.vtu");
+  for (const char *field : {"displacement_mm", "von_mises_Pa", "cauchy_Pa"}) {
+    EXPECT_NE(vtu.find("Name=\"" + std::string(field) + "\""), std::string::npos) << field;
+  }
+}
+
+TEST_F(TissueInsert, TheTableHasARowAMillimetre) {
+  const auto run = run_bregma(folder_, std::string(kInsert) + "--depth 5");
+  EXPECT_EQ(run.exit_code, 0) << run.out << run.err;
+  EXPECT_EQ(run.out.rfind("Trajectory Biopsy, ", 0), 0U) << run.out;
+  EXPECT_NE(run.out.find("depth mm  phase"), std::string::npos) << run.out;
+  const auto lines = std::count(run.out.begin(), run.out.end(), '\n');
+  EXPECT_GE(lines, 13 + 5) << "13 mm in rows, and what stands about them\n" << run.out;
+  EXPECT_LE(lines, 13 + 12) << run.out;
+  EXPECT_NE(run.out.find(" updates, 0 of them invalid.\n"), std::string::npos) << run.out;
+  EXPECT_EQ(run.err, "  0 %  case\n  2 %  tetrahedra\n 10 %  insertion\n");
+}
+
+TEST_F(TissueInsert, ItIsTheCasesMaterial) {
+  bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "ball");
+  c.tissue = {.material = "linear",
+              .young_Pa = 1000.0,
+              .poisson = std::nullopt,
+              .density_kg_m3 = std::nullopt,
+              .ogden_alpha = std::nullopt};
+  save(c);
+  const std::string command = std::string(kInsert) + "--depth 1 --json";
+  const auto soft = run_bregma(folder_, command).json();
+  EXPECT_EQ(soft["material"], "linear");
+  c.tissue->young_Pa = 2000.0;
+  save(c);
+  const auto stiff = run_bregma(folder_, command).json();
+  EXPECT_GT(stiff["updates"].back()["tip_force_N"].get<double>(),
+            1.5 * soft["updates"].back()["tip_force_N"].get<double>());
+}
+
+TEST_F(TissueInsert, WhatCannotBeInsertedIsOneSentence) {
+  EXPECT_EQ(error_of("tissue insert ball --trajectory Bipsy"),
+            "bregma: --trajectory \"Bipsy\": ball has no such trajectory; there are \"Biopsy\"\n");
+  EXPECT_EQ(error_of("tissue insert ball --speed 0"),
+            "bregma: --speed: Value 0 not in range 0.100000 to 100.000000 (see bregma tissue insert --help)\n");
+  EXPECT_EQ(error_of("tissue insert ball --elements 5"),
+            "bregma: --elements: Value 5 not in range 10000 to 100000 (see bregma tissue insert --help)\n");
+  EXPECT_EQ(error_of(std::string(kInsert) + "--depth 0.5 --csv none/run.csv"),
+            "bregma: none/run.csv: cannot be written\n");
+
+  bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "ball");
+  c.trajectories[0].entry_mm = {0.0, 0.0, 60.0};
+  save(c);
+  EXPECT_EQ(error_of("tissue insert ball"),
+            "bregma: ball: trajectory \"Biopsy\" begins inside the brain: where it enters is not known\n");
+  c.trajectories.clear();
+  save(c);
+  EXPECT_EQ(error_of("tissue insert ball"), "bregma: ball: the case has no trajectory to insert along\n");
+}
+
+} // namespace
