@@ -67,9 +67,9 @@ int run_mesh(const MeshOptions &options, const Context &context) {
     return fail(report.error());
   }
   if (context.json) {
-    nlohmann::json json = report_json(*report);
-    json["file"] = file.string();
-    print_json(json);
+    nlohmann::json out = report_json(*report);
+    out["file"] = file.string();
+    print_json(out);
   } else {
     print(report_text(*report) + "\nWritten: " + file.string() + "\n");
   }
