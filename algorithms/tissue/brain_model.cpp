@@ -383,6 +383,9 @@ void BrainModel::judge(double elapsed_s) noexcept {
       return;
     }
     solver_.restore();
+    if (state_.phase == Phase::kIndentation && surface_.touched_tetrahedron() >= 0) {
+      rupture(); // a dent that would turn the tissue inside out has torn it, whatever the force
+    }
     say(ModelStatus::kInvalid, ModelReason::kStepRejected);
     return;
   }

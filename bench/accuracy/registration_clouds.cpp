@@ -383,11 +383,11 @@ void table_of(Report &report, const std::string &title, const std::string &label
   const PointSets<2> landmarks{on_reference.landmarks, on_floating.landmarks};
   const auto none = join<2>({Points2(2, 0), Points2(2, 0)}, std::span(&head, 1));
   const auto both = join<2>(landmarks, std::span(&head, 1));
-  struct Row {
+  struct Warped {
     const char *name;
     double rmse, mi;
   };
-  std::vector<Row> rows;
+  std::vector<Warped> rows;
   const auto add = [&](const char *name, const PointSets<2> *pairs) {
     std::vector<float> image;
     if (pairs == nullptr) {
@@ -412,11 +412,11 @@ void table_of(Report &report, const std::string &title, const std::string &label
   std::ostringstream lines;
   lines << title << std::fixed << "\n  registration quality        before     point     curve    hybrid";
   lines << "\n  error parameter (RMSE)  " << std::setprecision(4);
-  for (const Row &row : rows) {
+  for (const Warped &row : rows) {
     lines << std::setw(10) << row.rmse;
   }
   lines << "\n  degree of matching (MI) ";
-  for (const Row &row : rows) {
+  for (const Warped &row : rows) {
     lines << std::setw(10) << row.mi;
   }
   report.note(lines.str());
