@@ -252,10 +252,12 @@ void BrainModel::step(const PlacedProbe &probe) noexcept {
   cut_.place(probe);
   advance_m_ = -probe.tip_velocity_m_s.dot(probe.shaft) * static_cast<float>(solver_.step_s());
   const bool cuts = state_.phase == Phase::kPenetration && !cut_before();
-  const auto scale = static_cast<float>(state_.stiffness_scale);
+  // The measured scale is that of the dent, where it also takes up what the mesh makes too stiff under so small a tip:
+  // it does not say how far the tissue gives way to a force that is known, as at the cut.
+  const float scale = state_.phase == Phase::kIndentation ? static_cast<float>(state_.stiffness_scale) : 1.0F;
   const double cutting = std::max(0.0, options_.insertion.cutting_force_N + correction_.extra_cutting_N());
-  cut_.set_forces({cuts ? static_cast<float>(cutting) / scale : 0.0F,
-                   static_cast<float>(options_.insertion.shaft_friction_N_per_mm * kMetre) / scale});
+  cut_.set_forces({cuts ? static_cast<float>(cutting) : 0.0F,
+                   static_cast<float>(options_.insertion.shaft_friction_N_per_mm * kMetre)});
   solver_.advance(1);
   held_nodes_ += solver_.limited_nodes();
   inverted_ += solver_.inverted_elements();
@@ -415,7 +417,7 @@ void BrainModel::predict_points() noexcept {
     }
     prediction.displacement_mm = locator_.place(points_[i], [this](int node) { return solver_.displacement_mm(node); });
     prediction.error_bound_mm = kUnexplained * prediction.displacement_mm.norm();
-    prediction.von_mises_Pa = state_.stiffness_scale * von_mises_Pa(solver_.cauchy_Pa(points_[i].tetrahedron));
+    prediction.von_mises_Pa = von_mises_Pa(solver_.cauchy_Pa(points_[i].tetrahedron));
   }
 }
 

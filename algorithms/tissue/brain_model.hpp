@@ -80,7 +80,7 @@ struct BrainState {
   double depth_mm = 0.0;        // of the shaft inside the tissue; before the rupture, of the dent
   int ruptures = 0;             // so far
   double rupture_force_N = 0.0; // of the last one
-  double stiffness_scale = 1.0; // measured against modelled force
+  double stiffness_scale = 1.0; // measured against modelled force of the dent
   double behind_s = 0.0;        // time that was not simulated in this update
   int steps = 0;                // of this update
 };
