@@ -3,7 +3,6 @@
 #include "algorithms/simd/lanes.hpp"
 
 #include <array>
-#include <vector>
 
 namespace bregma::registration {
 
@@ -116,20 +115,14 @@ add_rows_16(const GaussBlock &block, GaussRow *rows, float inverse_two_sigma_squ
 } // namespace
 
 std::span<const GaussKernel> gauss_kernels() noexcept {
-  static const std::vector<GaussKernel> kernels = [] {
-    std::vector<GaussKernel> out;
 #if defined(__x86_64__)
-    if (simd::has_avx512()) {
-      out.push_back({"AVX-512", add_rows_16});
-    }
-    if (simd::has_avx2()) {
-      out.push_back({"AVX2", add_rows_8});
-    }
+  static constexpr std::array kKernels{GaussKernel{"AVX-512", add_rows_16}, GaussKernel{"AVX2", add_rows_8},
+                                       GaussKernel{"four floats", add_rows_4}};
+  return std::span(kKernels).subspan(simd::has_avx512() ? 0U : simd::has_avx2() ? 1U : 2U);
+#else
+  static constexpr std::array kKernels{GaussKernel{"four floats", add_rows_4}};
+  return kKernels;
 #endif
-    out.push_back({"four floats", add_rows_4});
-    return out;
-  }();
-  return kernels;
 }
 
 } // namespace bregma::registration

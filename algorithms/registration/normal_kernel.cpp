@@ -2,6 +2,8 @@
 
 #include "algorithms/simd/lanes.hpp"
 
+#include <array>
+
 namespace bregma::registration {
 
 using geometry::Matrix6d;
@@ -99,17 +101,13 @@ Vector6d NormalRows::jacobian(std::size_t i) const noexcept {
 }
 
 std::span<const NormalKernel> normal_kernels() noexcept {
-  static const std::vector<NormalKernel> kernels = [] {
-    std::vector<NormalKernel> out;
 #if defined(__x86_64__)
-    if (simd::has_avx2()) {
-      out.push_back({"AVX2", sums_4});
-    }
+  static constexpr std::array kKernels{NormalKernel{"AVX2", sums_4}, NormalKernel{"two doubles", sums_2}};
+  return std::span(kKernels).subspan(simd::has_avx2() ? 0U : 1U);
+#else
+  static constexpr std::array kKernels{NormalKernel{"two doubles", sums_2}};
+  return kKernels;
 #endif
-    out.push_back({"two doubles", sums_2});
-    return out;
-  }();
-  return kernels;
 }
 
 void add_rows(const NormalRows &rows, std::size_t count, Matrix6d &normal, Vector6d &gradient) noexcept {

@@ -2,8 +2,8 @@
 
 #include "algorithms/simd/lanes.hpp"
 
+#include <array>
 #include <limits>
-#include <vector>
 
 namespace bregma::registration {
 
@@ -227,17 +227,14 @@ __attribute__((target("avx2,fma"))) float ranked_8(const float *values, std::siz
 } // namespace
 
 std::span<const PlaneKernel> plane_kernels() noexcept {
-  static const std::vector<PlaneKernel> kernels = [] {
-    std::vector<PlaneKernel> out;
 #if defined(__x86_64__)
-    if (simd::has_avx2()) {
-      out.push_back({"AVX2", residuals_8, sums_8, cost_8, ranked_8});
-    }
+  static constexpr std::array kKernels{PlaneKernel{"AVX2", residuals_8, sums_8, cost_8, ranked_8},
+                                       PlaneKernel{"four floats", residuals_4, sums_4, cost_4, ranked_4}};
+  return std::span(kKernels).subspan(simd::has_avx2() ? 0U : 1U);
+#else
+  static constexpr std::array kKernels{PlaneKernel{"four floats", residuals_4, sums_4, cost_4, ranked_4}};
+  return kKernels;
 #endif
-    out.push_back({"four floats", residuals_4, sums_4, cost_4, ranked_4});
-    return out;
-  }();
-  return kernels;
 }
 
 } // namespace bregma::registration

@@ -1,8 +1,8 @@
 #include "algorithms/tissue/element_kernel.hpp"
 
-#include <vector>
-
 #include "algorithms/tissue/lanes.hpp"
+
+#include <array>
 
 namespace bregma::tissue {
 namespace {
@@ -431,17 +431,14 @@ __attribute__((target("avx2,fma"))) ElementSums add_forces_8(const ElementWork &
 } // namespace
 
 std::span<const ElementKernel> element_kernels() noexcept {
-  static const std::vector<ElementKernel> kernels = [] {
-    std::vector<ElementKernel> out;
 #if defined(__x86_64__)
-    if (simd::has_avx2()) {
-      out.push_back({"AVX2", add_volumes_8, add_forces_8});
-    }
+  static constexpr std::array kKernels{ElementKernel{"AVX2", add_volumes_8, add_forces_8},
+                                       ElementKernel{"four floats", add_volumes_4, add_forces_4}};
+  return std::span(kKernels).subspan(simd::has_avx2() ? 0U : 1U);
+#else
+  static constexpr std::array kKernels{ElementKernel{"four floats", add_volumes_4, add_forces_4}};
+  return kKernels;
 #endif
-    out.push_back({"four floats", add_volumes_4, add_forces_4});
-    return out;
-  }();
-  return kernels;
 }
 
 } // namespace bregma::tissue

@@ -315,7 +315,7 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
       for (const char *target : {"Near", "Far"}) {
         wire::DeformationState state{};
         (void)wire::set_name(state.target, target);
-        state.time_ns = kStart_ns + k * 16 * kMs;
+        state.time_ns = kStart_ns + std::int64_t{16} * k * kMs;
         state.elements = 20'000;
         state.ruptures = k > 20 ? 3 : 2; // two were before this recording
         state.rupture_force_N = k > 20 ? 0.11 : 0.07;

@@ -19,7 +19,7 @@ server::TissueSettings small_model() {
 
 class BuiltTissue {
 public:
-  explicit BuiltTissue(casefile::Case c, server::TissueSettings settings = small_model())
+  explicit BuiltTissue(casefile::Case c, const server::TissueSettings &settings = small_model())
       : loaded_(std::make_shared<const casefile::Case>(std::move(c)), 30.0, 100), builder_(settings) {
     builder_.handle({1, &loaded_});
     const auto ready = builder_.build();
