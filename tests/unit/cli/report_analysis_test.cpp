@@ -351,6 +351,7 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
   EXPECT_NE(cli::report::summary_text(*session, {}).find("1 rupture, the first at 0.110 N after a dent of 4.0 mm"),
             std::string::npos);
 
+  std::filesystem::remove(file_);
   const auto without = analysed([](auto &writer) { test::write_run(writer, {}); });
   ASSERT_TRUE(without.has_value());
   EXPECT_FALSE(without->insertion);
