@@ -91,16 +91,16 @@ public:
     const double step_mm = from_mm < to_mm ? 0.04 : -0.04;
     const int steps = static_cast<int>(std::lround((to_mm - from_mm) / step_mm));
     double sum = 0.0;
-    for (int i = 0; i < steps; ++i, now += 5'000'000) {
+    for (int i = 0; i < steps; ++i, now_ns_ += 5'000'000) {
       const Vector3d tip(aside_mm, 0, kRadius_mm - from_mm - step_mm * i);
-      const auto sample = sensor.sample(&probe, {rotation, tip}, now);
+      const auto sample = sensor.sample(&probe, {rotation, tip}, now_ns_);
       sum -= Vector3d::Map(sample.force_N).dot(axis);
     }
     return sum / steps;
   }
 
 private:
-  std::int64_t now = kStart_ns;
+  std::int64_t now_ns_ = kStart_ns;
 };
 
 TEST(ForceSensor, FeelsADentThenACutThenFrictionBackwards) {
