@@ -29,6 +29,7 @@ constexpr int kRelaxLongest = 60;        // more where it is slow, up to this
 constexpr int kRelaxFirstLook = 6;       // power iterations
 constexpr int kRelaxLooks = 5;           // intervals of relax() between two looks at the stiffest mode
 constexpr float kStiffestMargin = 1.15F; // of the stiffest eigenvalue: iterations come from below
+constexpr float kLimited = 1.0F;         // fourth component of a velocity that was cut
 constexpr float kNothing = 1e-6F;        // of an edge: what moves less has not moved
 constexpr float kRounding = 3e-8F;       // of a displacement, half the last digit of a float
 
@@ -324,8 +325,10 @@ void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_
     v.y = how.keep * v.y + how.pull * inverse.y * (force.y + push.y);
     v.z = how.keep * v.z + how.pull * inverse.z * (force.z + push.z);
     const float way_squared = how.step * how.step * dot(v, v);
+    v.w = 0.0F;
     if (!(way_squared <= how.longest_way * how.longest_way)) {
       limit(v, how.longest_way / how.step);
+      v.w = kLimited;
       ++share.limited;
     }
     NodeVector &remainder = remainder_[i];
@@ -504,7 +507,7 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
     const double way = way_left(how);
     out.residual = std::max({unbalanced(how), way, std::min(way_before, 1.0)});
     way_before = way;
-    if (out.residual < options.tolerance && limited_nodes() == 0) {
+    if (out.residual < options.tolerance && !runs_away(how)) {
       out.converged = inverted_elements() == 0; // a fold that stands is no answer
       break;
     }
@@ -560,6 +563,19 @@ double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
     rounding += static_cast<double>(noise * noise * dot(displacement_[i], displacement_[i]));
   }
   return rest > 0.0 ? std::sqrt(std::max(rest - rounding, 0.0) / acting) : 0.0;
+}
+
+// A node was held back, and not because it presses on a contact that then put it back where it was.
+bool ExplicitSolver::runs_away(const Integration &how) const noexcept {
+  const float far_squared = 0.25F * how.longest_way * how.longest_way;
+  for (std::size_t i = 0; i < velocity_.size(); ++i) {
+    const NodeVector &v = velocity_[i];
+    const bool pressed = std::isfinite(dot(elastic_[i], elastic_[i])) && how.step * how.step * dot(v, v) < far_squared;
+    if (v.w == kLimited && !pressed) {
+      return true;
+    }
+  }
+  return false;
 }
 
 // How far the tissue will still go at the rate at which this iteration converges, against how far it has gone.

@@ -170,6 +170,7 @@ private:
   [[nodiscard]] float slowest_mode() const noexcept;
   [[nodiscard]] double unbalanced(const Integration &how) const noexcept;
   [[nodiscard]] double way_left(const Integration &how) const noexcept;
+  [[nodiscard]] bool runs_away(const Integration &how) const noexcept;
 
   TetMesh mesh_;
   Material material_;

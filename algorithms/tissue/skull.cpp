@@ -3,14 +3,16 @@
 #include <cmath>
 #include <stdexcept>
 
+#include <Eigen/Geometry>
+
 #include "algorithms/registration/surface_model.hpp"
 #include "algorithms/tissue/units.hpp"
 
 namespace bregma::tissue {
 namespace {
 
-// A node that has slid less than this still has its own tangent plane before it: what a radius of 60 mm makes of it is
-// below 0.02 mm. Beyond, the surface is asked.
+// A node that has slid less than this from where its plane touches the skull keeps it: what a radius of 60 mm makes of
+// it is below 0.02 mm.
 constexpr float kPlane_m = 1.5e-3F;
 
 bool not_negative(double value) { return std::isfinite(value) && value >= 0.0; }
@@ -26,12 +28,16 @@ Skull::Skull(const TetMesh &mesh, const TetBoundary &boundary, const SkullOption
                                 ", must not be negative");
   }
   surface_ = std::make_unique<registration::SurfaceModel>(geometry::TriangleMesh{mesh.nodes_mm, boundary.triangles});
-  for (const int node : boundary.nodes) {
-    const Eigen::Vector3d &at = mesh.nodes_mm[static_cast<std::size_t>(node)];
-    if (!open_at(at)) {
-      const registration::SurfacePoint closest = surface_->closest(at);
-      supports_.push_back({node, closest.normal.cast<float>()});
-      triangle_.push_back(closest.triangle);
+  triangles_ = boundary.triangles;
+  nodes_mm_ = mesh.nodes_mm;
+  normals_.assign(mesh.nodes_mm.size(), Eigen::Vector3d::Zero());
+  for (const int on_surface : boundary.nodes) {
+    const auto node = static_cast<std::size_t>(on_surface);
+    const registration::SurfacePoint closest = surface_->closest(mesh.nodes_mm[node]);
+    normals_[node] = closest.normal;
+    if (!open_at(mesh.nodes_mm[node])) {
+      supports_.push_back({on_surface, closest.normal.cast<float>(), Eigen::Vector3f::Zero(), closest.triangle,
+                           /*open=*/false});
     }
   }
 }
@@ -50,31 +56,44 @@ void Skull::hold(ExplicitSolver &solver) const {
   }
 }
 
+// Through the closest point of the surface, across the normals of its triangle's corners, mixed: those of triangles
+// would jump at every edge.
+void Skull::find_plane(Support &support, const Eigen::Vector3d &rest_mm, const Eigen::Vector3d &now_mm) const noexcept {
+  const registration::SurfacePoint closest = surface_->closest(now_mm, support.triangle);
+  const Eigen::Vector3i &t = triangles_[static_cast<std::size_t>(closest.triangle)];
+  const auto corner = [&](int i) -> const Eigen::Vector3d & { return nodes_mm_[static_cast<std::size_t>(t[i])]; };
+  const Eigen::Vector3d area = (corner(1) - corner(0)).cross(corner(2) - corner(0));
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::Vector3d opposite =
+        (corner((i + 1) % 3) - closest.point_mm).cross(corner((i + 2) % 3) - closest.point_mm);
+    normal += opposite.dot(area) * normals_[static_cast<std::size_t>(t[i])];
+  }
+  support.triangle = closest.triangle;
+  support.at_m = to_metres(closest.point_mm - rest_mm);
+  support.open = open_at(closest.point_mm);
+  if (const double length = normal.norm(); length > 0.0) {
+    support.normal = (normal / length).cast<float>();
+  }
+}
+
 void Skull::apply(const NodeMotion &nodes) noexcept {
   force_N_.setZero();
   if (!options_.sliding) {
     return;
   }
   const float gap = static_cast<float>(options_.gap_mm) / kMetreFloat;
-  for (std::size_t i = 0; i < supports_.size(); ++i) {
-    const Support &support = supports_[i];
+  for (Support &support : supports_) {
     const auto node = static_cast<std::size_t>(support.node);
     const NodeVector &u = nodes.displacement_m[node];
     const Eigen::Vector3f moved(u.x, u.y, u.z);
-    Eigen::Vector3f normal = support.normal;
-    float beyond = normal.dot(moved);
-    if (moved.squaredNorm() - beyond * beyond > kPlane_m * kPlane_m) {
-      const Eigen::Vector3d at = kMetreFloat * nodes.position_m(support.node).cast<double>();
-      const registration::SurfacePoint closest = surface_->closest(at, triangle_[i]);
-      triangle_[i] = closest.triangle;
-      if (open_at(closest.point_mm)) {
-        continue; // it has slid into the opening
-      }
-      beyond = static_cast<float>(closest.signed_mm) / kMetreFloat;
-      normal = closest.normal.cast<float>();
+    const auto beyond = [&] { return support.normal.dot(moved - support.at_m); };
+    if ((moved - support.at_m).squaredNorm() - beyond() * beyond() > kPlane_m * kPlane_m) {
+      const Eigen::Vector3d &rest_mm = nodes_mm_[node];
+      find_plane(support, rest_mm, rest_mm + (kMetreFloat * moved).cast<double>());
     }
-    if (beyond > gap) {
-      const Eigen::Vector3f back = (gap - beyond) * normal;
+    if (const float out = beyond() - gap; !support.open && out > 0.0F) {
+      const Eigen::Vector3f back = -out * support.normal;
       nodes.move(support.node, back);
       const float inverse_mass = nodes.inverse_mass_per_kg[node].x;
       force_N_ += back * (inverse_mass > 0.0F ? 1.0F / (inverse_mass * nodes.step_s * nodes.step_s) : 0.0F);

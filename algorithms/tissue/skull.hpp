@@ -1,6 +1,9 @@
 // What the brain rests against: the inner skull, taken for the brain's own surface at rest plus a gap of fluid, open
 // where the craniotomy is. The brain slides along it without friction, or is fixed to it.
 //
+// Each node of the brain's surface has a plane before it that touches the skull, found anew when the node has slid by a
+// millimetre or two: a skull of flat triangles whose edges are felt would rattle, and no static answer be found.
+//
 // One thread at a time; apply() does not allocate or throw.
 #pragma once
 
@@ -46,12 +49,18 @@ public:
 private:
   struct Support {
     int node;
-    Eigen::Vector3f normal; // outward, at rest
+    Eigen::Vector3f normal; // outward
+    Eigen::Vector3f at_m;   // where the plane touches the surface, from the node at rest
+    int triangle;           // of the surface, there
+    bool open;              // it is in the craniotomy
   };
+  void find_plane(Support &support, const Eigen::Vector3d &rest_mm, const Eigen::Vector3d &now_mm) const noexcept;
+
   SkullOptions options_;
   std::unique_ptr<registration::SurfaceModel> surface_;
+  std::vector<Eigen::Vector3i> triangles_;
+  std::vector<Eigen::Vector3d> nodes_mm_, normals_; // of the surface, by node of the mesh; inside: zero
   std::vector<Support> supports_;
-  std::vector<int> triangle_; // of each support: where the last closest point was
   Eigen::Vector3f force_N_ = Eigen::Vector3f::Zero();
 };
 

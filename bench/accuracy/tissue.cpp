@@ -9,14 +9,15 @@
 int main(int argc, char **argv) {
   using namespace bregma;
   bench::TissueBenchOptions options;
-  std::string only, convergence;
+  std::string only, convergence, shift_picture;
   CLI::App app("Accuracy and speed of the tissue models");
   bench::add_options(app, options);
   app.add_option("--case", options.case_folder, "case folder whose brain is deformed")->capture_default_str();
   app.add_option("--thesis-picture", options.thesis_picture, "write the picture of the thesis' run (SVG) to this file");
   app.add_option("--convergence", convergence, "write the picture of the errors under refinement (SVG) to this file");
-  app.add_option("--only", only, "one part: analytic, speed, calculix or thesis")
-      ->check(CLI::IsMember({"analytic", "speed", "calculix", "thesis"}));
+  app.add_option("--shift-picture", shift_picture, "write the picture of the brain shift (SVG) to this file");
+  app.add_option("--only", only, "one part: analytic, speed, calculix, thesis or shift")
+      ->check(CLI::IsMember({"analytic", "speed", "calculix", "thesis", "shift"}));
   CLI11_PARSE(app, argc, argv);
 
   bench::Report report(options.json);
@@ -32,6 +33,9 @@ int main(int argc, char **argv) {
     }
     if (only.empty() || only == "thesis") {
       bench::thesis_figures(report, options);
+    }
+    if (only.empty() || only == "shift") {
+      bench::shift_figures(report, options, shift_picture);
     }
   } catch (const std::exception &e) {
     std::cerr << "bench_tissue: " << e.what() << '\n';

@@ -21,6 +21,10 @@ void speed_figures(Report &report, const TissueBenchOptions &options);
 // tissue_calculix.cpp: static indentation beside CalculiX, where it is installed.
 void calculix_figures(Report &report, const TissueBenchOptions &options);
 
+// tissue_shift.cpp: brain shift on the case's brain. Writes its picture (SVG) where a file is named; throws
+// std::runtime_error when that cannot be written, or the case has no trajectory.
+void shift_figures(Report &report, const TissueBenchOptions &options, const std::string &picture);
+
 // Errors of a problem against the edges of its meshes, both axes logarithmic.
 struct ErrorCurve {
   std::string name;
