@@ -1,13 +1,13 @@
 // How a probe and the tissue hold each other: pressing on the surface, and inside the tissue along a cut.
 //
 // Both work on the nodes that the solver has predicted, by impulses (Gauss-Seidel over the points of contact, each with
-// its own effective mass), so they are stable at any stiffness, and what they exert is known: impulse / step.
+// its own effective mass; on the surface what was pushed too far is taken back), so they are stable at any stiffness,
+// and what they exert is known: impulse / step.
 //
 // One thread at a time; apply() does not allocate or throw. Forces are those of the probe on the tissue.
 #pragma once
 
 #include <array>
-#include <cstdint>
 #include <vector>
 
 #include "algorithms/tissue/explicit_solver.hpp"
@@ -38,10 +38,12 @@ public:
   // Of the last step.
   [[nodiscard]] Eigen::Vector3f force_N() const noexcept { return force_N_; }
   [[nodiscard]] int touching() const noexcept { return touching_; } // points
-  // Of the point that was deepest inside the probe, as long as one touches: how far it lies behind its place at rest,
-  // where that place is, and the tetrahedron that it belongs to.
+  // As long as a point touches: the depth of the dent along the shaft.
   [[nodiscard]] double depth_mm() const noexcept { return depth_mm_; }
+  // Of the point that was deepest inside the probe: its place at rest, how far up the shaft from the tip it is now, and
+  // the tetrahedron that it belongs to.
   [[nodiscard]] const Eigen::Vector3f &touched_rest_m() const noexcept { return touched_rest_; }
+  [[nodiscard]] float touched_height_m() const noexcept { return touched_height_; }
   [[nodiscard]] int touched_tetrahedron() const noexcept { return touched_tetrahedron_; }
 
 private:
@@ -55,7 +57,16 @@ private:
     int triangle;
   };
 
-  float push_out(const NodeMotion &nodes, const Point &point) noexcept;
+  struct Push { // of a point in a step: out of the probe, and by friction along it
+    float out_m = 0.0F;
+    Eigen::Vector3f aside_m = Eigen::Vector3f::Zero();
+  };
+  struct NearPoint {
+    const Point *point;
+    Push push;
+  };
+
+  float push_out(const NodeMotion &nodes, const Point &point, Push &push) noexcept;
 
   const TetMesh *mesh_;
   const TetBoundary *boundary_;
@@ -65,11 +76,12 @@ private:
   std::vector<int> divisions_; // of each triangle's edges
   std::vector<Near> near_;
   std::vector<Point> points_;
-  std::vector<std::uint32_t> near_points_;
+  std::vector<NearPoint> near_points_;
   Eigen::Vector3f force_N_ = Eigen::Vector3f::Zero();
   int touching_ = 0;
   double depth_mm_ = 0.0;
   Eigen::Vector3f touched_rest_ = Eigen::Vector3f::Zero();
+  float touched_height_ = 0.0F;
   int touched_tetrahedron_ = -1;
 };
 

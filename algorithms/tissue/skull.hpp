@@ -42,6 +42,9 @@ public:
   // True where the craniotomy leaves the surface free.
   [[nodiscard]] bool open_at(const Eigen::Vector3d &rest_mm) const noexcept;
 
+  // The brain's surface at rest.
+  [[nodiscard]] const registration::SurfaceModel &surface() const noexcept { return *surface_; }
+
   void apply(const NodeMotion &nodes) noexcept override;
   // Of the skull on the brain, in the last step.
   [[nodiscard]] Eigen::Vector3d force_N() const noexcept { return force_N_.cast<double>(); }

@@ -9,7 +9,7 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr int kSurfaceSweeps = 4;  // of Gauss-Seidel in a step
+constexpr int kSurfaceSweeps = 8;  // of Gauss-Seidel in a step
 constexpr float kNear_m = 0.5e-3F; // a point that is pushed out can push a neighbour in by no more
 
 } // namespace
@@ -74,15 +74,16 @@ void SurfaceContact::search(const ExplicitSolver &solver) noexcept {
   }
 }
 
-// Moves the point's nodes so that it is not inside the probe; how deep it was (negative: how far off).
-float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point) noexcept {
+// Moves the point's nodes so that it is not inside the probe, or back as far as it was pushed too far out for the sake
+// of others; how deep it was (negative: how far off).
+float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point, Push &push) noexcept {
   Eigen::Vector3f p = Eigen::Vector3f::Zero();
   for (int i = 0; i < 3; ++i) {
     p += point.share[i] * nodes.position_m(point.node[i]);
   }
   const ProbeDistance distance = probe_.distance(p);
   const float depth = -distance.signed_m;
-  if (depth <= 0.0F) {
+  if (depth <= 0.0F && push.out_m <= 0.0F) {
     return depth;
   }
   Eigen::Vector3f velocity = Eigen::Vector3f::Zero();
@@ -91,24 +92,30 @@ float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point) noex
     const auto node = static_cast<std::size_t>(point.node[i]);
     const NodeVector &v = nodes.velocity_m_s[node];
     velocity += point.share[i] * Eigen::Vector3f(v.x, v.y, v.z);
-    mobility += point.share[i] * point.share[i] * nodes.inverse_mass_per_kg[node].x;
+    const Eigen::Vector3f &n = distance.normal;
+    const NodeVector &free = nodes.inverse_mass_per_kg[node]; // along the normal, as far as axes are not fixed
+    mobility +=
+        point.share[i] * point.share[i] * (free.x * n.x() * n.x() + free.y * n.y() * n.y() + free.z * n.z() * n.z());
   }
   if (mobility <= 0.0F) {
     return depth;
   }
-  Eigen::Vector3f way = depth * distance.normal;
+  const float out = std::max(-push.out_m, depth);
+  push.out_m += out;
   // Friction takes away what has slid in this step, up to Coulomb's share of what was pressed.
   const float height = (p - probe_.tip_m).dot(probe_.shaft);
   Eigen::Vector3f slid = (velocity - probe_.velocity_m_s(height)) * nodes.step_s;
   slid -= slid.dot(distance.normal) * distance.normal;
-  const float length = slid.norm();
-  if (length > 0.0F) {
-    way -= std::min(1.0F, static_cast<float>(options_.friction) * depth / length) * slid;
+  Eigen::Vector3f rubbed = push.aside_m - slid;
+  const float most = static_cast<float>(options_.friction) * push.out_m;
+  if (const float length = rubbed.norm(); length > most) {
+    rubbed *= most / length;
   }
-  const Eigen::Vector3f impulse = way / mobility;
+  const Eigen::Vector3f impulse = (out * distance.normal + rubbed - push.aside_m) / mobility;
+  push.aside_m = rubbed;
   for (int i = 0; i < 3; ++i) {
-    const float inverse_mass = nodes.inverse_mass_per_kg[static_cast<std::size_t>(point.node[i])].x;
-    nodes.move(point.node[i], (point.share[i] * inverse_mass) * impulse);
+    const NodeVector &free = nodes.inverse_mass_per_kg[static_cast<std::size_t>(point.node[i])];
+    nodes.move(point.node[i], point.share[i] * impulse.cwiseProduct(Eigen::Vector3f(free.x, free.y, free.z)));
   }
   force_N_ += impulse / (nodes.step_s * nodes.step_s);
   return depth;
@@ -124,33 +131,49 @@ void SurfaceContact::apply(const NodeMotion &nodes) noexcept {
   float deepest = 0.0F;
   // The first sweep finds the points that are near; the others see those alone.
   near_points_.clear();
-  for (std::size_t i = 0; i < points_.size(); ++i) {
-    const float depth = push_out(nodes, points_[i]);
+  for (const Point &point : points_) {
+    Push push;
+    const float depth = push_out(nodes, point, push);
     if (depth > -kNear_m) {
-      near_points_.push_back(static_cast<std::uint32_t>(i));
+      near_points_.push_back({&point, push});
     }
-    touching_ += depth > 0.0F ? 1 : 0;
     if (depth > deepest) {
       deepest = depth;
-      touched = &points_[i];
+      touched = &point;
     }
   }
   for (int sweep = 1; sweep < kSurfaceSweeps; ++sweep) {
-    for (const std::uint32_t i : near_points_) {
-      (void)push_out(nodes, points_[i]);
+    for (NearPoint &near : near_points_) {
+      (void)push_out(nodes, *near.point, near.push);
     }
   }
   if (touched == nullptr) {
     return;
   }
-  Eigen::Vector3f moved = Eigen::Vector3f::Zero();
-  touched_rest_.setZero();
-  for (int i = 0; i < 3; ++i) {
-    const Eigen::Vector3f &rest = nodes.rest_m[static_cast<std::size_t>(touched->node[i])];
-    touched_rest_ += touched->share[i] * rest;
-    moved += touched->share[i] * (nodes.position_m(touched->node[i]) - rest);
+  const auto at_rest = [&](const Point &point) {
+    Eigen::Vector3f rest = Eigen::Vector3f::Zero();
+    for (int i = 0; i < 3; ++i) {
+      rest += point.share[i] * nodes.rest_m[static_cast<std::size_t>(point.node[i])];
+    }
+    return rest;
+  };
+  const auto moved = [&](const Point &point) {
+    Eigen::Vector3f now = Eigen::Vector3f::Zero();
+    for (int i = 0; i < 3; ++i) {
+      now += point.share[i] * nodes.position_m(point.node[i]);
+    }
+    return Eigen::Vector3f(now - at_rest(point));
+  };
+  float dent_m = 0.0F;
+  for (const NearPoint &near : near_points_) {
+    if (near.push.out_m > 0.0F) {
+      ++touching_;
+      dent_m = std::max(dent_m, -moved(*near.point).dot(probe_.shaft));
+    }
   }
-  depth_mm_ = static_cast<double>(-kMetreFloat * moved.dot(probe_.shaft));
+  depth_mm_ = static_cast<double>(kMetreFloat * dent_m);
+  touched_rest_ = at_rest(*touched);
+  touched_height_ = (touched_rest_ + moved(*touched) - probe_.tip_m).dot(probe_.shaft);
   touched_tetrahedron_ = boundary_->tetrahedron[static_cast<std::size_t>(touched->triangle)];
 }
 

@@ -10,10 +10,9 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/registration/surface_model.hpp"
-#include "algorithms/tissue/lattice_mesh.hpp"
 #include "tests/support/tissue_meshes.hpp"
 #include "tests/support/tissue_problems.hpp"
-#include "tests/unit/algorithms/head.hpp"
+#include "tests/unit/tissue/egg.hpp"
 
 namespace bregma::tissue {
 namespace {
@@ -142,24 +141,14 @@ TEST(BrainShiftColumn, FreeOnItsFootSinksByItsWeightOverTwiceYoungsModulus) {
   }
 }
 
-// Egg-shaped, like a brain: longest from front to back. A ball would turn in its skull.
-const Vector3d kHalf_mm(42.0, 55.0, 36.0);
-
 const TetMesh &egg() {
-  static const TetMesh mesh = [] {
-    geometry::TriangleMesh surface = test::make_sphere(3, 1.0, Vector3d::Zero());
-    for (Vector3d &vertex : surface.vertices_mm) {
-      vertex = vertex.cwiseProduct(kHalf_mm);
-    }
-    LatticeMeshOptions options;
-    options.tetrahedra = 2500;
-    return fill_surface(surface, options).mesh;
-  }();
+  static const TetMesh mesh = test::make_egg(2500);
   return mesh;
 }
 
 Vector3d highest_mm(const Vector3d &down) {
-  return -kHalf_mm.cwiseProduct(kHalf_mm.cwiseProduct(down)) / kHalf_mm.cwiseProduct(down).norm();
+  return -test::kEggHalf_mm.cwiseProduct(test::kEggHalf_mm.cwiseProduct(down)) /
+         test::kEggHalf_mm.cwiseProduct(down).norm();
 }
 
 BrainShiftOptions opened_above(const Vector3d &down) {

@@ -1,0 +1,222 @@
+// What a probe and a block of tissue do to each other: pressing on the surface, and along a cut.
+#include "algorithms/tissue/probe_contact.hpp"
+
+#include <cmath>
+
+#include <gtest/gtest.h>
+
+#include "algorithms/tissue/units.hpp"
+#include "tests/support/tissue_hertz.hpp"
+#include "tests/support/tissue_meshes.hpp"
+
+namespace bregma::tissue {
+namespace {
+
+using Eigen::Vector3d;
+using Eigen::Vector3f;
+
+// On this mesh within an eighth; bench_tissue --only hertz shows that finer ones come within 5 %.
+TEST(SurfaceContactHertz, ASphereOnAHalfSpaceNeedsHertzForce) {
+  for (const double poisson : {0.3, 0.45}) {
+    const test::HertzAnswer answer =
+        test::hertz(20.0, 0.5, poisson, {.cell_mm = 0.8, .even_cells = 8, .growing_cells = 7, .growth = 1.6}, 2000);
+    EXPECT_LT(answer.unsettled, 0.01) << poisson;
+    EXPECT_LT(answer.contact_N.error(), 0.125) << answer.contact_N.value << " N, not " << answer.contact_N.reference;
+    EXPECT_NEAR(answer.support_N.value, answer.contact_N.value, 0.03 * answer.contact_N.value); // it goes to the foot
+  }
+}
+
+// A block of 40 x 40 x 20 mm on a plate that holds it.
+class HeldBlock {
+public:
+  HeldBlock()
+      : mesh(block_mesh({8, 8, 4}, {40.0, 40.0, 20.0})), boundary(boundary_of(mesh)), locator(mesh),
+        solver(mesh, test::brain(Law::kNeoHookean, 0.45), {.damping_per_s = 60.0}) {
+    for (const int node : test::nodes_at(mesh, 2, 0.0)) {
+      solver.fix(node);
+    }
+  }
+  [[nodiscard]] float step_s() const { return static_cast<float>(solver.step_s()); }
+
+  TetMesh mesh;
+  TetBoundary boundary;
+  TetLocator locator;
+  ExplicitSolver solver;
+};
+
+// ---- friction ----
+
+// A sphere so large that its pole is nearly flat rests on the block, and is then pulled aside.
+class Rubbed : public HeldBlock {
+public:
+  explicit Rubbed(double friction)
+      : contact_(mesh, boundary, {.friction = friction, .spacing_mm = 2.0, .reach_mm = 50.0, .capacity = 20'000}) {
+    solver.set_contacts({&contact_});
+    contact_.set_active(true);
+    probe_.radius_m = 0.4F;
+    probe_.tip_m = to_metres({20.0, 20.0, 20.0});
+    contact_.place(probe_);
+    contact_.search(solver);
+    move({0.0, 0.0, -5e-3F}, 0.2); // 1 mm
+    move(Vector3f::Zero(), 0.3);
+  }
+
+  void move(const Vector3f &velocity_m_s, double time_s) {
+    probe_.tip_velocity_m_s = velocity_m_s;
+    const int steps = static_cast<int>(time_s / solver.step_s());
+    mean_N_.setZero();
+    for (int i = 0; i < steps; ++i) {
+      probe_.tip_m += step_s() * velocity_m_s;
+      contact_.place(probe_);
+      solver.advance(1);
+      if (2 * i >= steps) {
+        mean_N_ += contact_.force_N() / static_cast<float>(steps - steps / 2);
+      }
+    }
+  }
+  // On the tissue, over the second half of the last move: impulses come and go.
+  [[nodiscard]] const Vector3f &mean_N() const { return mean_N_; }
+
+private:
+  SurfaceContact contact_;
+  PlacedProbe probe_;
+  Vector3f mean_N_ = Vector3f::Zero();
+};
+
+TEST(SurfaceContactFriction, WithoutFrictionNothingPullsAside) {
+  Rubbed block(0.0);
+  EXPECT_LT(block.mean_N().z(), -0.05F);
+  block.move({10e-3F, 0.0, 0.0}, 0.2);
+  EXPECT_LT(std::abs(block.mean_N().x()), 0.02F * std::abs(block.mean_N().z()));
+}
+
+TEST(SurfaceContactFriction, SlidingPullsWithItsShareOfThePressure) {
+  for (const double friction : {0.1, 0.3}) {
+    Rubbed block(friction);
+    block.move({40e-3F, 0.0, 0.0}, 0.3); // 12 mm: far more than the block can be sheared by
+    const auto share = static_cast<double>(block.mean_N().x() / -block.mean_N().z());
+    EXPECT_NEAR(share, friction, 0.2 * friction) << friction;
+  }
+}
+
+TEST(SurfaceContactFriction, ASmallPullSticks) {
+  Rubbed block(0.8);
+  block.move({2e-3F, 0.0, 0.0}, 0.1); // 0.2 mm
+  const float share = block.mean_N().x() / -block.mean_N().z();
+  EXPECT_GT(share, 0.02F);
+  EXPECT_LT(share, 0.7F);
+}
+
+TEST(SurfaceContactFriction, AProbeThatIsNotActiveTouchesNothing) {
+  HeldBlock block;
+  SurfaceContact contact(block.mesh, block.boundary, {});
+  block.solver.set_contacts({&contact});
+  PlacedProbe probe;
+  probe.tip_m = to_metres({20.0, 20.0, 10.0});
+  contact.place(probe);
+  contact.search(block.solver);
+  block.solver.advance(20);
+  EXPECT_EQ(contact.touching(), 0);
+  EXPECT_EQ(contact.force_N().norm(), 0.0F);
+  EXPECT_EQ(block.solver.energies().elastic_J, 0.0);
+}
+
+// ---- the cut ----
+
+// A thin probe that stands in the block from above.
+class CutBlock : public HeldBlock {
+public:
+  CutBlock(double depth_mm, const CutContact::Forces &forces) : contact(mesh, locator, 2.5, 2.5) {
+    solver.set_contacts({&contact});
+    contact.set_forces(forces);
+    probe_.radius_m = 1e-3F;
+    probe_.tip_m = to_metres({20.3, 19.6, 20.0 - depth_mm});
+    contact.place(probe_);
+    contact.begin(locator.locate({20.3, 19.6, 20.0 - depth_mm}).tetrahedron);
+    solver.advance(1);
+  }
+
+  void move(float down_m_s, double time_s) {
+    probe_.tip_velocity_m_s = {0.0F, 0.0F, -down_m_s};
+    const int steps = static_cast<int>(time_s / solver.step_s());
+    most_tip_N = 0.0F;
+    mean_tip_N = mean_shaft_N = 0.0F;
+    for (int i = 0; i < steps; ++i) {
+      probe_.tip_m.z() -= down_m_s * step_s();
+      contact.place(probe_);
+      solver.advance(1);
+      most_tip_N = std::max(most_tip_N, contact.tip_force_N());
+      if (2 * i >= steps) {
+        const float share = 1.0F / static_cast<float>(steps - steps / 2);
+        mean_tip_N += share * contact.tip_force_N();
+        mean_shaft_N -= share * contact.shaft_force_N().z(); // downwards
+      }
+    }
+  }
+
+  CutContact contact;
+  float most_tip_N = 0.0F, mean_tip_N = 0.0F, mean_shaft_N = 0.0F;
+
+private:
+  PlacedProbe probe_;
+};
+
+TEST(CutContact, TheTipPushesWithTheCuttingForceAndNoMore) {
+  CutBlock block(5.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.0F});
+  block.move(20e-3F, 0.4);
+  EXPECT_LE(block.most_tip_N, 0.0501F);
+  EXPECT_GT(block.mean_tip_N, 0.6F * 0.05F);
+  EXPECT_LT(std::abs(block.mean_shaft_N), 0.05F * 0.05F);
+  block.move(-5e-3F, 0.4);
+  EXPECT_LT(block.mean_tip_N, 0.01F * 0.05F); // it never pulls
+}
+
+TEST(CutContact, TissueThatIsCutAlreadyDoesNotResistTheTip) {
+  CutBlock block(5.0, {.cutting_N = 0.0F, .friction_N_per_m = 0.0F});
+  block.move(20e-3F, 0.4);
+  EXPECT_EQ(block.most_tip_N, 0.0F);
+}
+
+TEST(CutContact, FrictionIsInProportionToTheLengthInside) {
+  constexpr float kFriction_N_per_m = 2.0F;
+  for (const double depth_mm : {5.0, 10.0}) {
+    CutBlock block(depth_mm, {.cutting_N = 0.0F, .friction_N_per_m = kFriction_N_per_m});
+    block.move(20e-3F, 0.2); // 4 mm
+    // A point is held for every 2.5 mm, so the length counts in such pieces.
+    const float length_m = 1e-3F * static_cast<float>(depth_mm + 3.0);
+    EXPECT_NEAR(block.mean_shaft_N, kFriction_N_per_m * length_m, kFriction_N_per_m * 2.5e-3F) << depth_mm;
+    block.move(-20e-3F, 0.1); // back by 2 mm: the other way
+    EXPECT_LT(block.mean_shaft_N, -0.5F * kFriction_N_per_m * length_m) << depth_mm;
+  }
+}
+
+TEST(CutContact, TissueAlongTheCutStaysOnTheAxis) {
+  CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F});
+  block.move(10e-3F, 0.3);
+  // The probe does not move aside: nor does the tissue around it.
+  for (int i = 0; i < block.solver.nodes(); ++i) {
+    EXPECT_LT(block.solver.displacement_mm(i).head<2>().norm(), 1.5) << i;
+  }
+  EXPECT_EQ(block.solver.inverted_elements(), 0);
+}
+
+TEST(CutContact, WithdrawalGivesUpWhatWasHeldAndComesOut) {
+  CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F});
+  EXPECT_NEAR(block.contact.length_m(), 10e-3F, 2.6e-3F);
+  float before_m = block.contact.length_m();
+  for (int i = 0; i < 6; ++i) {
+    block.move(-20e-3F, 0.1); // 2 mm
+    EXPECT_LE(block.contact.length_m(), before_m);
+    before_m = block.contact.length_m();
+  }
+  EXPECT_EQ(block.contact.length_m(), 0.0F);
+  block.move(0.0F, 1.5);
+  double largest_mm = 0.0;
+  for (int i = 0; i < block.solver.nodes(); ++i) {
+    largest_mm = std::max(largest_mm, block.solver.displacement_mm(i).norm());
+  }
+  EXPECT_LT(largest_mm, 0.05); // nothing holds it any longer
+}
+
+} // namespace
+} // namespace bregma::tissue
