@@ -16,8 +16,8 @@ int main(int argc, char **argv) {
   app.add_option("--thesis-picture", options.thesis_picture, "write the picture of the thesis' run (SVG) to this file");
   app.add_option("--convergence", convergence, "write the picture of the errors under refinement (SVG) to this file");
   app.add_option("--shift-picture", shift_picture, "write the picture of the brain shift (SVG) to this file");
-  app.add_option("--only", only, "one part: analytic, speed, calculix, thesis or shift")
-      ->check(CLI::IsMember({"analytic", "speed", "calculix", "thesis", "shift"}));
+  app.add_option("--only", only, "one part: analytic, speed, calculix, thesis, shift, hertz or robustness")
+      ->check(CLI::IsMember({"analytic", "speed", "calculix", "thesis", "shift", "hertz", "robustness"}));
   CLI11_PARSE(app, argc, argv);
 
   bench::Report report(options.json);
@@ -36,6 +36,12 @@ int main(int argc, char **argv) {
     }
     if (only.empty() || only == "shift") {
       bench::shift_figures(report, options, shift_picture);
+    }
+    if (only.empty() || only == "hertz") {
+      bench::hertz_figures(report, options);
+    }
+    if (only.empty() || only == "robustness") {
+      bench::robustness_figures(report, options);
     }
   } catch (const std::exception &e) {
     std::cerr << "bench_tissue: " << e.what() << '\n';

@@ -25,6 +25,10 @@ void calculix_figures(Report &report, const TissueBenchOptions &options);
 // std::runtime_error when that cannot be written, or the case has no trajectory.
 void shift_figures(Report &report, const TissueBenchOptions &options, const std::string &picture);
 
+// tissue_probe.cpp: a sphere on a half space beside Hertz, and random insertions into a block of 20,000 tetrahedra.
+void hertz_figures(Report &report, const TissueBenchOptions &options);
+void robustness_figures(Report &report, const TissueBenchOptions &options);
+
 // Errors of a problem against the edges of its meshes, both axes logarithmic.
 struct ErrorCurve {
   std::string name;

@@ -1,0 +1,76 @@
+#include "algorithms/tissue/model_verdict.hpp"
+
+#include <cstddef>
+
+namespace bregma::tissue {
+namespace {
+
+constexpr double kRejected_s = 0.25;
+constexpr double kSwinging = 0.05;  // kinetic against elastic energy
+constexpr double kUnmoved_J = 1e-9; // kinetic energy that does not matter: 1 mm/s of a gram
+
+} // namespace
+
+std::string_view name_of(ModelStatus status) {
+  constexpr std::string_view kNames[] = {"valid", "extrapolating", "invalid"};
+  return kNames[static_cast<std::size_t>(status)];
+}
+
+std::string_view sentence_of(ModelReason reason) {
+  constexpr std::string_view kSentences[] = {"",
+                                             "the tissue still swings",
+                                             "the probe is not seen; the model holds it where it was",
+                                             "the probe has moved faster than the model may follow",
+                                             "the probe reappeared inside the brain; its path is not known",
+                                             "the model cannot keep up with the clock",
+                                             "the probe has left the mesh on its far side",
+                                             "the step was taken back: tissue would have been turned inside out",
+                                             "the model could not follow and was put back to rest"};
+  return kSentences[static_cast<std::size_t>(reason)];
+}
+
+void ModelVerdict::begin_update() noexcept {
+  status_ = ModelStatus::kValid;
+  reason_ = ModelReason::kNone;
+  went_wrong_ = false;
+}
+
+void ModelVerdict::say(ModelStatus status, ModelReason reason) noexcept {
+  if (status > status_) {
+    status_ = status;
+    reason_ = reason;
+  }
+}
+
+// Whatever else is wrong, this is the reason.
+void ModelVerdict::insist(ModelReason reason) noexcept {
+  status_ = ModelStatus::kInvalid;
+  reason_ = reason;
+}
+
+void ModelVerdict::look_at(const ExplicitSolver &solver) noexcept {
+  went_wrong_ = went_wrong_ || solver.limited_nodes() > 0 || solver.inverted_elements() > 0;
+}
+
+void ModelVerdict::keep_or_take_back(ExplicitSolver &solver, double elapsed_s) noexcept {
+  const bool finite = solver.finite();
+  if (finite && !went_wrong_) {
+    rejected_s_ = 0.0;
+    solver.save();
+    const Energies energies = solver.energies();
+    if (energies.kinetic_J > kUnmoved_J + kSwinging * energies.elastic_J) {
+      say(ModelStatus::kExtrapolating, ModelReason::kSettling);
+    }
+    return;
+  }
+  rejected_s_ += elapsed_s;
+  if (finite && rejected_s_ <= kRejected_s) {
+    solver.restore();
+    insist(ModelReason::kStepRejected);
+  } else {
+    rejected_s_ = 0.0;
+    insist(ModelReason::kDiverged);
+  }
+}
+
+} // namespace bregma::tissue

@@ -1,0 +1,55 @@
+// What an answer of the brain model is worth, and why: the worst of what is said in an update; and what becomes of
+// steps of the solver that went wrong.
+//
+// One thread at a time; nothing allocates or throws.
+#pragma once
+
+#include <string_view>
+
+#include "algorithms/tissue/explicit_solver.hpp"
+
+namespace bregma::tissue {
+
+enum class ModelStatus { kValid, kExtrapolating, kInvalid };
+enum class ModelReason {
+  kNone,
+  kSettling,      // the tissue still swings
+  kProbeNotSeen,  // the model holds the probe where it was last
+  kProbeJumped,   // the model follows at the fastest speed it may
+  kPathUnknown,   // the probe reappeared inside: how it came there was not seen
+  kTooSlow,       // fewer steps than the time that passed
+  kProbeLeftMesh, // the shaft goes through, and out again
+  kStepRejected,  // nodes were held or tetrahedra turned inside out: back to the last good state
+  kDiverged       // steps were rejected for too long: back to rest
+};
+
+[[nodiscard]] std::string_view name_of(ModelStatus status);
+[[nodiscard]] std::string_view sentence_of(ModelReason reason); // for a person
+
+class ModelVerdict {
+public:
+  void reset() noexcept { *this = {}; }
+  void begin_update() noexcept;
+  // The first of the worst stays.
+  void say(ModelStatus status, ModelReason reason) noexcept;
+
+  // After a step of the solver.
+  void look_at(const ExplicitSolver &solver) noexcept;
+  // After an update's steps: keeps the solver's state where all went well. Where not, puts back the last that was kept,
+  // and says so; after kRejected_s of that, says that the model has diverged, and leaves it to the caller to put all to
+  // rest.
+  void keep_or_take_back(ExplicitSolver &solver, double elapsed_s) noexcept;
+
+  [[nodiscard]] ModelStatus status() const noexcept { return status_; }
+  [[nodiscard]] ModelReason reason() const noexcept { return reason_; }
+
+private:
+  void insist(ModelReason reason) noexcept;
+
+  ModelStatus status_ = ModelStatus::kValid;
+  ModelReason reason_ = ModelReason::kNone;
+  bool went_wrong_ = false;
+  double rejected_s_ = 0.0; // of updates in a row
+};
+
+} // namespace bregma::tissue
