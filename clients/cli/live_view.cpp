@@ -64,6 +64,15 @@ DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns) {
   return out;
 }
 
+std::string stale_text(const DaemonView &daemon, std::int64_t published_ns, std::int64_t now_ns) {
+  if (daemon.presence != Presence::kAlive) {
+    return "daemon silent";
+  }
+  const std::int64_t silent_ns = now_ns - published_ns;
+  return silent_ns < kToolSilent_ns ? std::string()
+                                    : "no news for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+}
+
 ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns) {
   ToolView out;
   out.tool = printable(wire::view(state.tool));
@@ -71,13 +80,8 @@ ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon,
   if (state.acquired_time_ns > 0) {
     out.age_ms = seconds_between(state.acquired_time_ns, now_ns) * 1e3;
   }
-  const std::int64_t silent_ns = now_ns - state.published_time_ns;
-  if (daemon.presence != Presence::kAlive) {
-    out.status = "daemon silent";
-    return out;
-  }
-  if (silent_ns >= kToolSilent_ns) {
-    out.status = "no news for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+  out.status = stale_text(daemon, state.published_time_ns, now_ns);
+  if (!out.status.empty()) {
     return out;
   }
   out.status = label(state.status);

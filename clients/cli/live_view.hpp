@@ -26,6 +26,9 @@ struct DaemonView {
 };
 [[nodiscard]] DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns);
 
+// Why what was published at this time is no longer the present; empty where it is.
+[[nodiscard]] std::string stale_text(const DaemonView &daemon, std::int64_t published_ns, std::int64_t now_ns);
+
 // Figures are NaN unless the pose is live (or computed for a check touch: "unverified") and the news is fresh.
 struct ToolView {
   static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();

@@ -14,13 +14,8 @@ PredictionView view_prediction(const wire::DeformationState &state, const Daemon
   PredictionView out;
   out.target = printable(wire::view(state.target));
   std::copy_n(state.imaged_target_mm, 3, out.imaged_mm);
-  const std::int64_t silent_ns = now_ns - state.time_ns;
-  if (daemon.presence != Presence::kAlive) {
-    out.status = "daemon silent";
-    return out;
-  }
-  if (silent_ns >= kToolSilent_ns) {
-    out.status = "no news for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+  out.status = stale_text(daemon, state.time_ns, now_ns);
+  if (!out.status.empty()) {
     return out;
   }
   out.status = label(state.status);

@@ -130,8 +130,9 @@ std::optional<geometry::Matrix6d> covariance_of(const Points3 &source, const Poi
   const double constant = registration::outlier_constant<3>(targets, found.sigma_mm, outliers, sources.cols());
   auto covariance = registration::cloud_pose_covariance(found.transform * sources, targets, found.sigma_mm, constant);
   if (covariance) {
-    // The targets that were left out would have told as much.
-    *covariance *= static_cast<double>(targets.cols()) / static_cast<double>(target.cols());
+    // The pose was made from more of the targets, which told as much each.
+    const auto used = std::min<Eigen::Index>(registration::CloudPoseOptions{}.fine_points, target.cols());
+    *covariance *= static_cast<double>(targets.cols()) / static_cast<double>(used);
   }
   return covariance;
 }

@@ -173,8 +173,8 @@ std::string checks_table(const SessionAnalysis &session) {
 }
 
 std::string insertion_table(const Insertion &insertion) {
-  HtmlTable table({"Target", "#Tetrahedra", "#Ruptures", "#At a force of N", "#At a dent of mm", "#Largest motion mm",
-                   "#Measured : modelled stiffness", "Answers"});
+  HtmlTable table({"Target", "#Tetrahedra", "#Ruptures", "#At a modelled force of N", "#At a dent of mm",
+                   "#Largest motion mm", "#Measured : modelled stiffness", "Answers"});
   std::string states;
   for (const auto *list : {&insertion.states, &insertion.reasons}) {
     for (const auto &[name, count] : *list) {

@@ -118,7 +118,7 @@ struct Insertion {
   std::uint32_t elements = 0;
   std::vector<TissueSample> samples; // in the order of publication
   std::uint32_t ruptures = 0;
-  double rupture_force_N = kNotKnown;  // of the first
+  double rupture_force_N = kNotKnown;  // of the first, as the model has it
   double rupture_depth_mm = kNotKnown; // of the dent before it
   double largest_motion_mm = kNotKnown;
   double stiffness_scale = kNotKnown;        // at the end: measured against modelled force

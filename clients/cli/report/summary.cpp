@@ -108,7 +108,7 @@ std::string insertion_text(const Insertion &insertion) {
   out += ")\n";
   if (insertion.ruptures > 0) {
     out += "        " + std::to_string(insertion.ruptures) + " rupture" + (insertion.ruptures > 1 ? "s" : "") +
-           ", the first at " + known(insertion.rupture_force_N, 3, "N") + " after a dent of " +
+           ", the first at a modelled " + known(insertion.rupture_force_N, 3, "N") + " after a dent of " +
            known(insertion.rupture_depth_mm, 1, "mm") + "\n";
   }
   return out;

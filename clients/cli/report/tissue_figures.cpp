@@ -36,6 +36,15 @@ Plot plot_of(const Insertion &insertion, const char *title, const char *unit_lab
   return plot;
 }
 
+// What the model says of the target, from zero, on the way in and on the way out.
+Plot in_and_out(const Insertion &insertion, const char *title, const char *unit_label, Value value) {
+  Plot plot = plot_of(insertion, title, unit_label);
+  plot.y.from = 0.0;
+  plot.series.push_back(course(insertion, "pushed in", colour::kBlue, value, false));
+  plot.series.push_back(course(insertion, "drawn back", colour::kBlue, value, true));
+  return plot;
+}
+
 } // namespace
 
 std::string tissue_force_figure(const SessionAnalysis &session) {
@@ -58,32 +67,24 @@ std::string tissue_force_figure(const SessionAnalysis &session) {
 }
 
 std::string tissue_stress_figure(const SessionAnalysis &session) {
-  if (!session.insertion) {
-    return {};
-  }
-  const Insertion &insertion = *session.insertion;
-  Plot plot = plot_of(insertion, "Stress at the target against depth", "von Mises stress, Pa");
-  plot.y.from = 0.0;
-  const Value stress = [](const TissueSample &s) { return s.von_mises_Pa; };
-  plot.series.push_back(course(insertion, "pushed in", colour::kBlue, stress, false));
-  plot.series.push_back(course(insertion, "drawn back", colour::kBlue, stress, true));
-  return half_width(plot, "Von Mises stress in the tissue at the target, which the probe comes nearer to.");
+  return session.insertion
+             ? half_width(in_and_out(*session.insertion, "Stress at the target against depth", "von Mises stress, Pa",
+                                     [](const TissueSample &s) { return s.von_mises_Pa; }),
+                          "Von Mises stress in the tissue at the target, which the probe comes nearer to.")
+             : std::string();
 }
 
 std::string tissue_motion_figure(const SessionAnalysis &session) {
   if (!session.insertion) {
     return {};
   }
-  const Insertion &insertion = *session.insertion;
-  Plot plot = plot_of(insertion, "Motion of the target against depth", "predicted motion of the target, mm");
-  plot.y.from = 0.0;
-  const Value motion = [](const TissueSample &s) { return s.motion_mm; };
-  plot.series.push_back(course(insertion, "pushed in", colour::kBlue, motion, false));
-  plot.series.push_back(course(insertion, "drawn back", colour::kBlue, motion, true));
+  Plot plot = in_and_out(*session.insertion, "Motion of the target against depth", "predicted motion of the target, mm",
+                         [](const TissueSample &s) { return s.motion_mm; });
   plot.series.push_back(course(
-      insertion, "its error bound", colour::kGrey, [](const TissueSample &s) { return s.error_bound_mm; }, false));
+      *session.insertion, "its error bound", colour::kGrey, [](const TissueSample &s) { return s.error_bound_mm; },
+      false));
   return full_width(plot, "How far the model predicts the target from where it was imaged, and what that is worth. "
-                          "Invalid answers are not drawn.");
+                          "Answers that extrapolate are drawn too, and counted above; invalid ones are not.");
 }
 
 } // namespace bregma::cli::report

@@ -118,7 +118,8 @@ nlohmann::json updates_json(const Insertion &insertion) {
                        {"shaft_force_N", json_number(update.state.shaft_force_N)},
                        {"largest_von_mises_Pa", json_number(update.largest_von_mises_Pa)},
                        {"target_von_mises_Pa", json_number(update.target_von_mises_Pa)},
-                       {"target_motion_mm", json_number(update.target_motion_mm)}});
+                       {"target_motion_mm", json_number(update.target_motion_mm)},
+                       {"target_error_bound_mm", json_number(update.target_error_bound_mm)}});
   }
   return updates;
 }

@@ -27,11 +27,13 @@ double largest_von_mises_Pa(const tissue::ExplicitSolver &solver) {
 InsertionUpdate seen_now(const tissue::BrainModel &model, double time_s, double depth_mm) {
   const tissue::PointPrediction &target = model.points().front();
   const double unknown = std::numeric_limits<double>::quiet_NaN();
+  const bool known = target.inside && model.state().status != tissue::ModelStatus::kInvalid;
   return {.time_s = time_s,
           .depth_mm = depth_mm,
           .state = model.state(),
-          .target_motion_mm = target.inside ? target.displacement_mm.norm() : unknown,
-          .target_von_mises_Pa = target.inside ? target.von_mises_Pa : unknown,
+          .target_motion_mm = known ? target.displacement_mm.norm() : unknown,
+          .target_error_bound_mm = known ? target.error_bound_mm : unknown,
+          .target_von_mises_Pa = known ? target.von_mises_Pa : unknown,
           .largest_von_mises_Pa = largest_von_mises_Pa(model.solver())};
 }
 
@@ -90,7 +92,8 @@ int invalid_updates(std::span<const InsertionUpdate> updates) {
 }
 
 std::string insertion_table(std::span<const InsertionUpdate> updates) {
-  Table table({"depth mm", "phase", "tip N", "shaft N", "von Mises Pa", "at target Pa", "target moved mm", "state"});
+  Table table(
+      {"depth mm", "phase", "tip N", "shaft N", "von Mises Pa", "at target Pa", "target moved mm", "+/- mm", "state"});
   const InsertionUpdate *last = nullptr;
   for (const InsertionUpdate &update : updates) {
     const bool due =
@@ -103,7 +106,7 @@ std::string insertion_table(std::span<const InsertionUpdate> updates) {
     table.row({fixed(update.depth_mm, 1), std::string(tissue::name_of(update.state.phase)),
                fixed(update.state.tip_force_N, 4), fixed(update.state.shaft_force_N, 4),
                fixed(update.largest_von_mises_Pa, 0), fixed(update.target_von_mises_Pa, 1),
-               fixed(update.target_motion_mm, 3), state_text(update.state)});
+               fixed(update.target_motion_mm, 3), fixed(update.target_error_bound_mm, 3), state_text(update.state)});
     last = &update;
   }
   return table.text();
@@ -111,13 +114,13 @@ std::string insertion_table(std::span<const InsertionUpdate> updates) {
 
 std::string insertion_csv(std::span<const InsertionUpdate> updates) {
   std::string out = "time_s,depth_mm,phase,status,reason,tip_force_N,shaft_force_N,shaft_in_tissue_mm,ruptures,"
-                    "largest_von_mises_Pa,target_von_mises_Pa,target_motion_mm\n";
+                    "largest_von_mises_Pa,target_von_mises_Pa,target_motion_mm,target_error_bound_mm\n";
   for (const InsertionUpdate &update : updates) {
     const tissue::BrainState &state = update.state;
     char numbers[256];
-    std::snprintf(numbers, sizeof numbers, "%.6g,%.6g,%.6g,%d,%.6g,%.6g,%.6g\n", state.tip_force_N, state.shaft_force_N,
-                  state.depth_mm, state.ruptures, update.largest_von_mises_Pa, update.target_von_mises_Pa,
-                  update.target_motion_mm);
+    std::snprintf(numbers, sizeof numbers, "%.6g,%.6g,%.6g,%d,%.6g,%.6g,%.6g,%.6g\n", state.tip_force_N,
+                  state.shaft_force_N, state.depth_mm, state.ruptures, update.largest_von_mises_Pa,
+                  update.target_von_mises_Pa, update.target_motion_mm, update.target_error_bound_mm);
     char place[64];
     std::snprintf(place, sizeof place, "%.5f,%.4f,", update.time_s, update.depth_mm);
     out += place + std::string(tissue::name_of(state.phase)) + "," + std::string(tissue::name_of(state.status)) +

@@ -21,7 +21,8 @@ struct InsertionUpdate {
   double time_s = 0.0;
   double depth_mm = 0.0; // of the tip beyond the brain's surface at rest; negative before it
   tissue::BrainState state;
-  double target_motion_mm = 0.0; // of the trajectory's target; not a number where it lies outside the mesh
+  // Of the trajectory's target; not numbers where the answer is invalid, or the target lies outside the mesh.
+  double target_motion_mm = 0.0, target_error_bound_mm = 0.0;
   double target_von_mises_Pa = 0.0;
   double largest_von_mises_Pa = 0.0; // in the tissue
 };

@@ -79,6 +79,7 @@ TEST_F(TissueInsert, TheProbeIndentsBreaksThroughAndPulls) {
   }
   EXPECT_EQ(updates.front()["target_motion_mm"], 0.0);
   EXPECT_GT(updates.back()["target_motion_mm"].get<double>(), 0.01);
+  EXPECT_GT(updates.back()["target_error_bound_mm"].get<double>(), 0.002);
   EXPECT_LT(updates.back()["target_motion_mm"].get<double>(), 10.0);
 
   std::istringstream csv(read_file(folder_.path() / "run.csv"));
