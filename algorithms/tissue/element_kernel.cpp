@@ -54,6 +54,18 @@ template <class Float> BREGMA_INLINE void cofactors(const Float (&m)[3][3], Floa
   }
 }
 
+// J - 1, for Hooke's law the trace of the strain: no difference of numbers near one.
+template <class V, Law kLaw>
+BREGMA_INLINE void volume_change(const typename V::Float (&h)[3][3], typename V::Float &change) {
+  change = h[0][0] + h[1][1] + h[2][2];
+  if constexpr (kLaw != Law::kLinear) {
+    typename V::Float cof[3][3];
+    cofactors(h, cof);
+    change += cof[0][0] + cof[1][1] + cof[2][2];
+    change += h[0][0] * cof[0][0] + h[0][1] * cof[0][1] + h[0][2] * cof[0][2];
+  }
+}
+
 // ---- laws: the shear part ----
 
 // A symmetric matrix by its six numbers.
@@ -259,15 +271,8 @@ template <class V, Law kLaw> BREGMA_INLINE void add_volumes(const ElementWork &w
     for (int lane = 0; lane < kPack; lane += V::kLanes) {
       Element<V> e;
       read<V>(pack, lane, work.nodes, e);
-      const auto &h = e.h;
-      Float change = h[0][0] + h[1][1] + h[2][2];
-      if constexpr (kLaw != Law::kLinear) {
-        // J - 1 = the sums of H's principal minors: no difference of numbers near one.
-        Float cof[3][3];
-        cofactors(h, cof);
-        change += cof[0][0] + cof[1][1] + cof[2][2];
-        change += h[0][0] * cof[0][0] + h[0][1] * cof[0][1] + h[0][2] * cof[0][2];
-      }
+      Float change;
+      volume_change<V, kLaw>(e.h, change);
       Float quarter;
       load(quarter, pack.volume_m3 + lane);
       quarter *= change * 0.25F;
@@ -315,6 +320,11 @@ template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementW
       Float p[3][3]; // first Piola-Kirchhoff stress
       Symmetric<Float> s;
       Float energy;
+      Float own_change = zero;
+      if (work.own_bulk_Pa != 0.0F) {
+        volume_change<V, kLaw>(e.h, own_change);
+        e.pressure += work.own_bulk_Pa * own_change;
+      }
       if constexpr (kLaw == Law::kLinear) {
         linear<V>(e, work.shear_Pa, s, energy);
         if (relaxed != nullptr) {
@@ -368,7 +378,7 @@ template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementW
           inverted_sum += inverted_here != 0 ? zero + 1.0F : zero;
         }
       }
-      energy_sum += energy * volume;
+      energy_sum += (energy + (0.5F * work.own_bulk_Pa) * own_change * own_change) * volume;
 
       Float base[3] = {zero, zero, zero};
       for (int i = 0; i < 3; ++i) {

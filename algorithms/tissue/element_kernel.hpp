@@ -49,6 +49,7 @@ struct ElementWork {
   const NodeVector *nodes = nullptr; // displacement (m), and the pressure that add_forces reads
   float shear_Pa = 0.0F;
   float bulk_Pa = 0.0F;
+  float own_bulk_Pa = 0.0F; // of a pressure that a tetrahedron has by its own volume, beside its nodes'
   float ogden_alpha = 2.0F;
 
   float *volume_change_m3 = nullptr; // by node; add_volumes adds a quarter of each tetrahedron's
@@ -59,7 +60,7 @@ struct ElementWork {
 };
 
 struct ElementSums {
-  double elastic_J = 0.0; // of the shear part, as if nothing had relaxed
+  double elastic_J = 0.0; // of the shear part, as if nothing had relaxed, and of the tetrahedra's own pressures
   int inverted = 0;       // tetrahedra of less than kInvertedVolume of their volume at rest
 };
 

@@ -114,9 +114,10 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
                                 " Prony terms, at most " + std::to_string(kMaxPronyTerms));
   }
   if (options.threads < 1 || !(options.step_fraction > 0.0 && options.step_fraction <= 1.0) ||
-      !(options.minimum_step_s >= 0.0) || !(options.damping_per_s >= 0.0)) {
+      !(options.minimum_step_s >= 0.0) || !(options.damping_per_s >= 0.0) ||
+      !(options.own_pressure >= 0.0 && options.own_pressure <= 1.0)) {
     throw std::invalid_argument("solver options: threads at least 1, step_fraction in (0, 1], minimum_step_s and "
-                                "damping_per_s not negative");
+                                "damping_per_s not negative, own_pressure in [0, 1]");
   }
   const std::size_t nodes = mesh_.nodes_mm.size();
   team_ = std::make_unique<Team>(options.threads);
@@ -271,6 +272,7 @@ void ExplicitSolver::evaluate(int thread, std::vector<NodeVector> &nodes, bool v
   work.nodes = nodes.data();
   work.shear_Pa = shear_Pa;
   work.bulk_Pa = static_cast<float>(material_.bulk_Pa());
+  work.own_bulk_Pa = static_cast<float>(options_.own_pressure * material_.bulk_Pa());
   work.ogden_alpha = static_cast<float>(material_.ogden_alpha);
   work.volume_change_m3 = share.volume_change.data();
   work.force_N = share.force.data();
@@ -283,7 +285,7 @@ void ExplicitSolver::evaluate(int thread, std::vector<NodeVector> &nodes, bool v
   kernel_->add_volumes(work, material_.law);
   team_->barrier();
 
-  const auto bulk = static_cast<float>(material_.bulk_Pa());
+  const auto bulk = static_cast<float>((1.0 - options_.own_pressure) * material_.bulk_Pa());
   double energy = 0.0;
   for (std::size_t i = share.nodes.begin; i < share.nodes.end; ++i) {
     float change = 0.0F;
@@ -703,7 +705,7 @@ Eigen::Matrix3d ExplicitSolver::cauchy_Pa(int element) const noexcept {
     taken << s(0), s(5), s(4), s(5), s(1), s(3), s(4), s(3), s(2);
     shear -= taken;
   }
-  double pressure = 0.0;
+  double pressure = options_.own_pressure * pressure_Pa(material_, f);
   for (const auto &corner : packs_[pack].node) {
     pressure += 0.25 * static_cast<double>(displacement_[static_cast<std::size_t>(corner[lane])].w);
   }

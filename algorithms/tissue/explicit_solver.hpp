@@ -29,6 +29,9 @@ struct SolverOptions {
   double step_fraction = 0.85; // of the critical step; the rest is for what a contact stiffens between two looks
   double minimum_step_s = 0.0; // elements that need a shorter step are made heavier (mass scaling); 0: none
   double damping_per_s = 0.0;  // of the velocity, everywhere (mass-proportional)
+  // Of the pressure, what each tetrahedron's own volume makes instead of its nodes'. 1: the plain constant-strain
+  // tetrahedron of other programs, which locks; for comparison with them.
+  double own_pressure = 0.0;
   const ElementKernel *kernel = nullptr; // null: the fastest that this processor has
 };
 

@@ -72,6 +72,9 @@ public:
   }
 
 private:
+  [[nodiscard]] std::size_t pixel(int row, int column) const {
+    return static_cast<std::size_t>(row) * static_cast<std::size_t>(columns_) + static_cast<std::size_t>(column);
+  }
   [[nodiscard]] const Vector3d &rest(int node) const { return picture_.mesh->nodes_mm[static_cast<std::size_t>(node)]; }
   [[nodiscard]] Vector3d now(int node) const {
     return rest(node) + (*picture_.displacement_mm)[static_cast<std::size_t>(node)];
@@ -100,7 +103,7 @@ private:
 
   // Levels of displacement on the sunken section, by rows from the top; -1 without tissue.
   [[nodiscard]] std::vector<int> levels() const {
-    std::vector<int> out(static_cast<std::size_t>(rows_ * columns_), -1);
+    std::vector<int> out(pixel(rows_, 0), -1);
     for (const Eigen::Vector4i &t : picture_.mesh->tetrahedra) {
       Eigen::Matrix4d corners; // in homogeneous coordinates, by columns
       Vector2d low = Vector2d::Constant(INFINITY);
@@ -123,7 +126,7 @@ private:
           at[up_] = high_.y() - (row + 0.5) * kPixel_mm;
           const Eigen::Vector4d shares = shares_of * at.homogeneous();
           if (shares.minCoeff() >= 0.0) {
-            out[static_cast<std::size_t>(row * columns_ + column)] = level_of(moved_mm(t, shares));
+            out[pixel(row, column)] = level_of(moved_mm(t, shares));
           }
         }
       }
@@ -154,7 +157,7 @@ private:
     for (int level = 0; level < static_cast<int>(kShiftLevels.size()); ++level) {
       out << "<path fill='" << kShiftLevels[static_cast<std::size_t>(level)].colour << "' d='";
       for (int row = 0; row < rows_; ++row) {
-        const auto at = [&](int column) { return all[static_cast<std::size_t>(row * columns_ + column)]; };
+        const auto at = [&](int column) { return all[pixel(row, column)]; };
         for (int from = 0; from < columns_;) {
           int to = from;
           while (to < columns_ && at(to) == level) {

@@ -64,13 +64,14 @@ public:
   void move(const Vector3f &velocity_m_s, double time_s) {
     probe_.tip_velocity_m_s = velocity_m_s;
     const int steps = static_cast<int>(time_s / solver.step_s());
+    const int settling = steps / 2;
     mean_N_.setZero();
     for (int i = 0; i < steps; ++i) {
       probe_.tip_m += step_s() * velocity_m_s;
       contact_.place(probe_);
       solver.advance(1);
-      if (2 * i >= steps) {
-        mean_N_ += contact_.force_N() / static_cast<float>(steps - steps / 2);
+      if (i >= settling) {
+        mean_N_ += contact_.force_N() / static_cast<float>(steps - settling);
       }
     }
   }
@@ -139,6 +140,7 @@ public:
   void move(float down_m_s, double time_s) {
     probe_.tip_velocity_m_s = {0.0F, 0.0F, -down_m_s};
     const int steps = static_cast<int>(time_s / solver.step_s());
+    const int settling = steps / 2;
     most_tip_N = 0.0F;
     mean_tip_N = mean_shaft_N = 0.0F;
     for (int i = 0; i < steps; ++i) {
@@ -146,8 +148,8 @@ public:
       contact.place(probe_);
       solver.advance(1);
       most_tip_N = std::max(most_tip_N, contact.tip_force_N());
-      if (2 * i >= steps) {
-        const float share = 1.0F / static_cast<float>(steps - steps / 2);
+      if (i >= settling) {
+        const float share = 1.0F / static_cast<float>(steps - settling);
         mean_tip_N += share * contact.tip_force_N();
         mean_shaft_N -= share * contact.shaft_force_N().z(); // downwards
       }

@@ -219,7 +219,7 @@ TEST(TissueRefusals, SayWhatIsWrong) {
             }),
             "material 'thesis': 5 Prony terms, at most 4");
   const std::string options = "solver options: threads at least 1, step_fraction in (0, 1], minimum_step_s and "
-                              "damping_per_s not negative";
+                              "damping_per_s not negative, own_pressure in [0, 1]";
   EXPECT_EQ(refusal([](M &, P &, O &o) { o.threads = 0; }), options);
   EXPECT_EQ(refusal([](M &, P &, O &o) { o.step_fraction = 1.01; }), options);
   EXPECT_EQ(refusal([](M &, P &, O &o) { o.step_fraction = 0.0; }), options);
