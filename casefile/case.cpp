@@ -99,7 +99,7 @@ private:
 };
 
 struct PlanFiles {
-  std::string scalp, brain, fiducials, landmarks, targets, trajectories;
+  std::string scalp, brain, fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::vector<std::string> structures;
 };
 
@@ -109,6 +109,7 @@ PlanFiles read_table(TableReader &root, Case &c) {
   c.image = root.require_string("image");
   files.fiducials = root.require_string("fiducials");
   files.landmarks = root.string("landmarks", "");
+  files.brain_landmarks = root.string("brain_landmarks", "");
   files.targets = root.string("targets", "");
   files.trajectories = root.string("trajectories", "");
   if (auto surfaces = root.table("surfaces")) {
@@ -199,6 +200,7 @@ Result<Case> load_case(const fs::path &folder) {
   }
   loader.points("fiducials", files.fiducials, c.fiducials);
   loader.points("landmarks", files.landmarks, c.landmarks);
+  loader.points("brain_landmarks", files.brain_landmarks, c.brain_landmarks);
   loader.points("targets", files.targets, c.targets);
   loader.trajectories("trajectories", files.trajectories, c.trajectories);
   if (auto loaded = root.finish(); !loaded) {

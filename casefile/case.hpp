@@ -73,7 +73,8 @@ struct Case {
   Surface brain;
   std::vector<Surface> structures; // critical ones: never to be touched
   std::vector<NamedPoint> fiducials;
-  std::vector<NamedPoint> landmarks; // for checks, never part of the registration
+  std::vector<NamedPoint> landmarks;       // for checks, never part of the registration
+  std::vector<NamedPoint> brain_landmarks; // anatomical, followed by the tissue model; nobody touches them
   std::vector<NamedPoint> targets;
   std::vector<Trajectory> trajectories;
   std::vector<ToolModel> tools;

@@ -25,6 +25,7 @@ constexpr std::size_t kMaxTools = 8;
 constexpr std::size_t kMaxMarkers = 32;
 constexpr std::size_t kMaxFiducials = 64;
 constexpr std::size_t kMaxTargets = 16;
+constexpr std::size_t kMaxBrainLandmarks = 16;
 
 // Markers nearer to one line than this fix the turn about that line too badly to be a tool.
 constexpr double kMinMarkerSpread_mm = 5.0;
@@ -87,15 +88,36 @@ Problem on_head_problem(const Case &c, const std::vector<NamedPoint> &points, co
   return std::nullopt;
 }
 
-Problem inside_problem(const Case &c, const std::string &name, const Vector3d &point, const std::string &key) {
+Problem box_problem(const Surface &surface, const char *called, const std::string &name, const Vector3d &point,
+                    const std::string &key) {
   Eigen::AlignedBox3d box;
-  for (const Vector3d &vertex : c.scalp.mesh.vertices_mm) {
+  for (const Vector3d &vertex : surface.mesh.vertices_mm) {
     box.extend(vertex);
   }
   if (box.contains(point)) {
     return std::nullopt;
   }
-  return CaseProblem{key, quoted(name) + " lies outside the head"};
+  return CaseProblem{key, quoted(name) + " lies outside the " + called};
+}
+
+Problem brain_landmarks_problem(const Case &c) {
+  if (auto problem = names_problem(c.brain_landmarks, "brain_landmarks", "control point")) {
+    return problem;
+  }
+  if (c.brain_landmarks.size() > kMaxBrainLandmarks) {
+    return CaseProblem{"brain_landmarks", "holds " + std::to_string(c.brain_landmarks.size()) + " points, at most " +
+                                              std::to_string(kMaxBrainLandmarks) + " are allowed"};
+  }
+  for (const NamedPoint &landmark : c.brain_landmarks) {
+    const auto has_its_name = [&](const NamedPoint &target) { return target.name == landmark.name; };
+    if (std::any_of(c.targets.begin(), c.targets.end(), has_its_name)) {
+      return CaseProblem{"brain_landmarks", quoted(landmark.name) + " is also a target"};
+    }
+    if (auto problem = box_problem(c.brain, "brain", landmark.name, landmark.position_mm, "brain_landmarks")) {
+      return problem;
+    }
+  }
+  return std::nullopt;
 }
 
 double spread_about_best_line(const std::vector<Vector3d> &points) {
@@ -144,11 +166,11 @@ Problem points_problem(const Case &c) {
                                       std::to_string(kMaxTargets) + " are allowed"};
   }
   for (const NamedPoint &target : c.targets) {
-    if (auto problem = inside_problem(c, target.name, target.position_mm, "targets")) {
+    if (auto problem = box_problem(c.scalp, "head", target.name, target.position_mm, "targets")) {
       return problem;
     }
   }
-  return std::nullopt;
+  return brain_landmarks_problem(c);
 }
 
 Problem trajectories_problem(const Case &c) {

@@ -120,6 +120,9 @@ Result<void> save_case(const Case &c) {
   };
   points("fiducials", c.fiducials);
   points("landmarks", c.landmarks);
+  if (!c.brain_landmarks.empty()) {
+    points("brain_landmarks", c.brain_landmarks);
+  }
   points("targets", c.targets);
   toml += "trajectories = \"trajectories.mrk.json\"\n";
   steps.run([&] { return write_trajectories(c.folder / "trajectories.mrk.json", c.trajectories); });

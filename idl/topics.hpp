@@ -28,6 +28,7 @@ BREGMA_WIRE_TYPE(RegistrationStatus);
 BREGMA_WIRE_TYPE(RefusalReason);
 BREGMA_WIRE_TYPE(DeformationStatus);
 BREGMA_WIRE_TYPE(DeformationReason);
+BREGMA_WIRE_TYPE(FollowedKind);
 BREGMA_WIRE_TYPE(ProbePhase);
 BREGMA_WIRE_TYPE(CaptureKind);
 BREGMA_WIRE_TYPE(RejectReason);

@@ -97,6 +97,7 @@ private:
     Case &c = created_.value;
     for (const auto &[file, points] : {std::pair{&sources_.fiducials, &c.fiducials},
                                        {&sources_.landmarks, &c.landmarks},
+                                       {&sources_.brain_landmarks, &c.brain_landmarks},
                                        {&sources_.targets, &c.targets}}) {
       if (file->empty()) {
         continue;

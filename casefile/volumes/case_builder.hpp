@@ -33,8 +33,9 @@ struct CaseSources {
   std::filesystem::path labels;             // regions; may be empty, then there are no structures
   std::filesystem::path label_names;        // empty: beside the labels, with ".txt" for ".gz"
   std::vector<StructureRequest> structures; // empty: aal_critical_structures()
-  std::filesystem::path fiducials, landmarks, targets, trajectories; // Slicer markups; may be empty but the first
-  std::filesystem::path tools;                                       // TOML with [[tools]]
+  // Slicer markups; may be empty but the first.
+  std::filesystem::path fiducials, landmarks, brain_landmarks, targets, trajectories;
+  std::filesystem::path tools;           // TOML with [[tools]]
   int vertices = 10'000;                 // of scalp and brain; structures get at most half of it
   std::optional<double> scalp_threshold; // Otsu's where not given
   bool snap = false;                     // moves fiducials and landmarks onto the scalp, from at most kMaxSnap_mm

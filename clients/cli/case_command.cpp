@@ -217,6 +217,8 @@ void add_create(CLI::App &group, Context &context) {
   command->add_option("--fiducials", sources.fiducials, "Slicer markups (.mrk.json): points to register by")
       ->required();
   command->add_option("--landmarks", sources.landmarks, "Slicer markups: points to check by");
+  command->add_option("--brain-landmarks", sources.brain_landmarks,
+                      "Slicer markups: points in the brain that the tissue model follows, such as AC and PC");
   command->add_option("--targets", sources.targets, "Slicer markups: targets");
   command->add_option("--trajectories", sources.trajectories, "Slicer markups: lines, entry first");
   command->add_option("--tools", sources.tools, "TOML with [[tools]]")->required();

@@ -90,7 +90,7 @@ bool DaemonLink::take_all() {
   take(fiducials_, [&](const auto &sample) { snapshot_.fiducials = sample; });
   take(accuracy_, [&](const auto &sample) { snapshot_.accuracy = sample; });
   take(navigation_, [&](const auto &sample) { snapshot_.tools[wire::text(sample.tool)] = sample; });
-  take(deformation_, [&](const auto &sample) { snapshot_.deformation[wire::text(sample.target)] = sample; });
+  take(deformation_, [&](const auto &sample) { snapshot_.deformation[wire::text(sample.point)] = sample; });
   take(alarms_, [&](const auto &sample) {
     snapshot_.alarms[{wire::text(sample.kind), wire::text(sample.subject)}] = sample;
   });

@@ -25,7 +25,7 @@ struct Snapshot {
   std::optional<wire::FiducialReport> fiducials;
   std::optional<wire::AccuracyState> accuracy;
   std::map<std::string, wire::NavigationState> tools;                // by tool
-  std::map<std::string, wire::DeformationState> deformation;         // by target
+  std::map<std::string, wire::DeformationState> deformation;         // by point
   std::map<std::pair<std::string, std::string>, wire::Alarm> alarms; // by kind and subject
 };
 

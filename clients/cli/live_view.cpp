@@ -161,7 +161,7 @@ std::string watch_table(const Snapshot &snapshot, std::string_view tool, std::in
   std::string out = "Session " + view_daemon(snapshot, now_ns).text + ", " + consistency_text(snapshot) + "\n\n";
   out += tools_table(snapshot, tool, now_ns);
   const DaemonView daemon = view_daemon(snapshot, now_ns);
-  for (const auto &[target, state] : snapshot.deformation) {
+  for (const auto &[point, state] : snapshot.deformation) {
     const PredictionView view = view_prediction(state, daemon, now_ns);
     out += view.fresh && state.phase != bregma_wire_PROBE_OUTSIDE ? "\nTissue  " + prediction_line(view) : "";
   }

@@ -12,8 +12,9 @@ namespace bregma::cli {
 
 PredictionView view_prediction(const wire::DeformationState &state, const DaemonView &daemon, std::int64_t now_ns) {
   PredictionView out;
-  out.target = printable(wire::view(state.target));
-  std::copy_n(state.imaged_target_mm, 3, out.imaged_mm);
+  out.point = printable(wire::view(state.point));
+  out.kind = label(state.kind);
+  std::copy_n(state.imaged_mm, 3, out.imaged_mm);
   out.status = stale_text(daemon, state.time_ns, now_ns);
   if (!out.status.empty()) {
     return out;
@@ -27,7 +28,7 @@ PredictionView view_prediction(const wire::DeformationState &state, const Daemon
     return out;
   }
   out.phase = label(state.phase);
-  std::copy_n(state.displaced_target_mm, 3, out.predicted_mm);
+  std::copy_n(state.displaced_mm, 3, out.predicted_mm);
   out.motion_mm = std::hypot(out.predicted_mm[0] - out.imaged_mm[0], out.predicted_mm[1] - out.imaged_mm[1],
                              out.predicted_mm[2] - out.imaged_mm[2]);
   out.error_bound_mm = state.error_bound_mm;
@@ -43,7 +44,8 @@ PredictionView view_prediction(const wire::DeformationState &state, const Daemon
 }
 
 std::string prediction_line(const PredictionView &view) {
-  std::string out = view.target + ": " + view.status;
+  std::string out =
+      view.point + (view.kind == label(bregma_wire_FOLLOWED_LANDMARK) ? " (landmark): " : ": ") + view.status;
   if (!view.fresh) {
     return out;
   }
@@ -60,10 +62,11 @@ nlohmann::json prediction_json(const PredictionView &view) {
   const auto triple = [](const double(&v)[3]) {
     return nlohmann::json{json_number(v[0]), json_number(v[1]), json_number(v[2])};
   };
-  return {{"status", view.status},
+  return {{"kind", view.kind},
+          {"status", view.status},
           {"fresh", view.fresh},
-          {"imaged_target_mm", triple(view.imaged_mm)},
-          {"predicted_target_mm", triple(view.predicted_mm)},
+          {"imaged_mm", triple(view.imaged_mm)},
+          {"predicted_mm", triple(view.predicted_mm)},
           {"motion_mm", json_number(view.motion_mm)},
           {"error_bound_mm", json_number(view.error_bound_mm)},
           {"von_mises_Pa", json_number(view.von_mises_Pa)},

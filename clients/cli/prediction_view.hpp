@@ -1,5 +1,5 @@
-// What may be shown of the tissue model's answer about a target at this moment; as live_view.hpp does for tools.
-// The target as imaged and as predicted stand beside each other, never one for the other.
+// What may be shown of the tissue model's answer about a target or a landmark at this moment; as live_view.hpp does for
+// tools. The point as imaged and as predicted stand beside each other, never one for the other.
 #pragma once
 
 #include "clients/cli/live_view.hpp"
@@ -9,7 +9,8 @@ namespace bregma::cli {
 // Figures are NaN unless the answer is valid or extrapolating, and fresh.
 struct PredictionView {
   static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  std::string target;
+  std::string point;                                       // its name
+  std::string kind;                                        // target or landmark
   std::string status;                                      // with its reason
   bool fresh = false;                                      // the figures are the present
   std::string phase;                                       // of the probe
@@ -17,7 +18,7 @@ struct PredictionView {
   double predicted_mm[3] = {kUnknown, kUnknown, kUnknown}; // in Image
   double motion_mm = kUnknown;                             // from the one to the other
   double error_bound_mm = kUnknown;                        // of the prediction
-  double von_mises_Pa = kUnknown;                          // in the tissue at the target
+  double von_mises_Pa = kUnknown;                          // in the tissue at the point
   double tip_force_N = kUnknown;
   double shaft_force_N = kUnknown;
   double measured_force_N = kUnknown; // by the sensor

@@ -194,7 +194,7 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
   out += "Recorder  " + std::to_string(health.recorded) + " samples recorded, " +
          std::to_string(health.record_dropped) + " dropped" + (health.recorder_failing ? ", FAILING" : "") + "\n";
   out += "Memory  " + fixed(static_cast<double>(health.resident_bytes) / 1e6, 1, "MB") + " resident\n";
-  for (const auto &[target, state] : snapshot.deformation) {
+  for (const auto &[point, state] : snapshot.deformation) {
     out += "Deformation  " + prediction_line(view_prediction(state, daemon, now_ns)) + "\n";
   }
   const auto alarms = standing_alarms(snapshot);
@@ -216,8 +216,8 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t no
     out["accuracy"] = accuracy_json(*snapshot.accuracy);
   }
   out["deformation"] = json::object();
-  for (const auto &[target, state] : snapshot.deformation) {
-    out["deformation"][target] = prediction_json(view_prediction(state, daemon, now_ns));
+  for (const auto &[point, state] : snapshot.deformation) {
+    out["deformation"][point] = prediction_json(view_prediction(state, daemon, now_ns));
   }
   if (!snapshot.health) {
     return out;

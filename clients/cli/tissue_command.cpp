@@ -10,6 +10,7 @@
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/tissue/insert_command.hpp"
+#include "clients/cli/tissue/shift_command.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -71,13 +72,15 @@ int run_materials(const Context &context) {
 } // namespace
 
 void add_tissue_command(CLI::App &app, Context &context) {
-  auto *group = app.add_subcommand("tissue", "The brain as a deformable body: materials, a probe's insertion");
+  auto *group =
+      app.add_subcommand("tissue", "The brain as a deformable body: materials, a probe's insertion, brain shift");
   group->require_subcommand(1);
   auto *materials = group->add_subcommand("materials", "The materials that have a name, with their sources");
   add_json_flag(*materials, context);
   materials->footer("Example:\n  bregma tissue materials");
   materials->callback([&context] { context.run = [&context] { return run_materials(context); }; });
   add_insert_command(*group, context);
+  add_shift_command(*group, context);
 }
 
 } // namespace bregma::cli

@@ -59,7 +59,12 @@ std::string_view label(wire::DeformationReason value) {
                                                            "put back to rest",
                                                            "the model is being built",
                                                            "no model can be made of this brain",
-                                                           "the target is outside the mesh"};
+                                                           "the point is outside the mesh"};
+  return nth(kWords, value);
+}
+
+std::string_view label(wire::FollowedKind value) {
+  static constexpr std::array<std::string_view, 2> kWords{"target", "landmark"};
   return nth(kWords, value);
 }
 

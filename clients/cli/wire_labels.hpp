@@ -14,6 +14,7 @@ namespace bregma::cli {
 [[nodiscard]] std::string_view label(wire::RefusalReason value);
 [[nodiscard]] std::string_view label(wire::DeformationStatus value);
 [[nodiscard]] std::string_view label(wire::DeformationReason value);
+[[nodiscard]] std::string_view label(wire::FollowedKind value);
 [[nodiscard]] std::string_view label(wire::ProbePhase value);
 [[nodiscard]] std::string_view label(wire::RejectReason value);
 [[nodiscard]] std::string_view label(wire::DeviceKind value);

@@ -1,6 +1,7 @@
 #include "server/pipelines/deformation.hpp"
 
 #include <algorithm>
+#include <iterator>
 
 namespace bregma::server {
 namespace {
@@ -41,7 +42,7 @@ wire::ProbePhase phase_of(tissue::Phase phase) {
 void say_no_model(wire::DeformationState &state, wire::DeformationReason reason) {
   state.status = bregma_wire_DEFORMATION_NO_MODEL;
   state.reason = reason;
-  put_unknown(state.displaced_target_mm);
+  put_unknown(state.displaced_mm);
   for (double *value :
        {&state.error_bound_mm, &state.von_mises_Pa, &state.tip_force_N, &state.shaft_force_N, &state.measured_force_N,
         &state.depth_mm, &state.rupture_force_N, &state.stiffness_scale, &state.behind_ms}) {
@@ -54,19 +55,25 @@ void say_no_model(wire::DeformationState &state, wire::DeformationReason reason)
 void DeformationPipeline::handle(const CaseChanged &change) noexcept {
   generation_ = change.generation;
   model_ = nullptr;
-  count_ = 0;
+  count_ = targets_ = 0;
   steps_made_ = 0;
   if (change.loaded == nullptr) {
     return;
   }
-  for (const casefile::NamedPoint &target : change.loaded->data->targets) {
-    if (count_ == states_.size()) {
-      break;
-    }
+  follow(change.loaded->data->targets, bregma_wire_FOLLOWED_TARGET);
+  targets_ = std::min(count_, std::size(predicted_.status));
+  follow(change.loaded->data->brain_landmarks, bregma_wire_FOLLOWED_LANDMARK);
+}
+
+void DeformationPipeline::follow(const std::vector<casefile::NamedPoint> &points, wire::FollowedKind kind) noexcept {
+  // load_case has refused cases with more points than there is room for.
+  const std::size_t room = std::min(points.size(), states_.size() - count_);
+  for (const casefile::NamedPoint &point : std::span(points).first(room)) {
     wire::DeformationState &state = states_[count_++];
     state = {};
-    (void)wire::set_name(state.target, target.name);
-    put(target.position_mm, state.imaged_target_mm);
+    (void)wire::set_name(state.point, point.name);
+    state.kind = kind;
+    put(point.position_mm, state.imaged_mm);
     say_no_model(state, bregma_wire_DEFORMATION_REASON_BUILDING);
   }
 }
@@ -107,8 +114,10 @@ void DeformationPipeline::step(const ProbeView &probe, const ForceView &force, s
     if (model_ != nullptr) {
       fill(states_[i], model_->points()[i], measured_N);
     }
-    predicted_.status[i] = states_[i].status;
-    std::copy_n(states_[i].displaced_target_mm, 3, predicted_.position_mm[i]);
+    if (i < targets_) {
+      predicted_.status[i] = states_[i].status;
+      std::copy_n(states_[i].displaced_mm, 3, predicted_.position_mm[i]);
+    }
   }
 }
 
@@ -119,13 +128,13 @@ void DeformationPipeline::fill(wire::DeformationState &state, const tissue::Poin
   state.reason = kReasons[static_cast<std::size_t>(brain.reason)];
   if (!prediction.inside) {
     state.status = bregma_wire_DEFORMATION_INVALID;
-    state.reason = bregma_wire_DEFORMATION_REASON_TARGET_OUTSIDE;
+    state.reason = bregma_wire_DEFORMATION_REASON_POINT_OUTSIDE;
   }
   if (state.status == bregma_wire_DEFORMATION_INVALID) {
-    put_unknown(state.displaced_target_mm);
+    put_unknown(state.displaced_mm);
     state.error_bound_mm = state.von_mises_Pa = wire::kUnknown;
   } else {
-    put(prediction.rest_mm + prediction.displacement_mm, state.displaced_target_mm);
+    put(prediction.rest_mm + prediction.displacement_mm, state.displaced_mm);
     state.error_bound_mm = prediction.error_bound_mm;
     state.von_mises_Pa = prediction.von_mises_Pa;
   }

@@ -32,11 +32,13 @@ std::optional<TissueModelReady> TissueBuilder::build() {
     options.material = casefile::material_of(data, settings_.model.material);
     options.skull.craniotomy =
         casefile::craniotomy_of(data, registration::SurfaceModel(data.brain.mesh), settings_.craniotomy_radius_mm);
-    std::vector<Vector3d> targets;
-    for (const casefile::NamedPoint &target : data.targets) {
-      targets.push_back(target.position_mm);
+    std::vector<Vector3d> points; // in the order of DeformationPipeline::states()
+    for (const auto *named : {&data.targets, &data.brain_landmarks}) {
+      for (const casefile::NamedPoint &point : *named) {
+        points.push_back(point.position_mm);
+      }
     }
-    models_.emplace_back(generation_, std::make_unique<tissue::BrainModel>(filled.mesh, targets, options));
+    models_.emplace_back(generation_, std::make_unique<tissue::BrainModel>(filled.mesh, points, options));
     ready.model = models_.back().second.get();
   } catch (const std::invalid_argument &error) {
     why_ = data.folder.string() + ": no tissue model of the brain: " + error.what();

@@ -106,6 +106,7 @@ CaseFacts facts_of(const Case &c) {
   }
   add_points(c.fiducials, "fiducial", facts);
   add_points(c.landmarks, "landmark", facts);
+  add_points(c.brain_landmarks, "brain landmark", facts);
   add_points(c.targets, "target", facts);
   measure_to_scalp(c, facts);
   const planning::CriticalStructures structures(meshes);

@@ -184,7 +184,11 @@ std::string insertion_table(const Insertion &insertion) {
   table.row({insertion.target, std::to_string(insertion.elements), std::to_string(insertion.ruptures),
              fixed(insertion.rupture_force_N, 3), fixed(insertion.rupture_depth_mm, 1),
              fixed(insertion.largest_motion_mm, 2), fixed(insertion.stiffness_scale, 2), states});
-  return table.text();
+  HtmlTable landmarks({"Landmark in the brain", "#Largest motion mm", "#Its error bound mm"});
+  for (const FollowedLandmark &landmark : insertion.landmarks) {
+    landmarks.row({landmark.landmark, fixed(landmark.largest_motion_mm, 2), fixed(landmark.error_bound_mm, 2)});
+  }
+  return table.text() + (landmarks.any() ? landmarks.text() : std::string());
 }
 
 std::string approaches_table(const SessionAnalysis &session) {

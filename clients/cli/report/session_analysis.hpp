@@ -112,6 +112,12 @@ struct TissueSample {
   double error_bound_mm = kNotKnown; // of that
 };
 
+struct FollowedLandmark {
+  std::string landmark; // in the brain
+  double largest_motion_mm = kNotKnown;
+  double error_bound_mm = kNotKnown; // of it
+};
+
 // Of the probe into the brain, as the tissue model followed it; of the target that it moved most.
 struct Insertion {
   std::string target;
@@ -124,6 +130,7 @@ struct Insertion {
   double stiffness_scale = kNotKnown;        // at the end: measured against modelled force
   std::map<std::string, std::size_t> states; // samples by status
   std::map<std::string, std::size_t> reasons;
+  std::vector<FollowedLandmark> landmarks; // by name
 };
 
 struct AlarmChange {

@@ -111,10 +111,20 @@ std::string insertion_text(const Insertion &insertion) {
            ", the first at a modelled " + known(insertion.rupture_force_N, 3, "N") + " after a dent of " +
            known(insertion.rupture_depth_mm, 1, "mm") + "\n";
   }
+  for (const FollowedLandmark &landmark : insertion.landmarks) {
+    out += "        landmark " + printable(landmark.landmark) + " moves by up to " +
+           known(landmark.largest_motion_mm, 2, "mm") + "\n";
+  }
   return out;
 }
 
 json insertion_json(const Insertion &insertion) {
+  json landmarks = json::array();
+  for (const FollowedLandmark &landmark : insertion.landmarks) {
+    landmarks.push_back({{"landmark", landmark.landmark},
+                         {"largest_motion_mm", json_number(landmark.largest_motion_mm)},
+                         {"error_bound_mm", json_number(landmark.error_bound_mm)}});
+  }
   return {{"target", insertion.target},
           {"elements", insertion.elements},
           {"ruptures", insertion.ruptures},
@@ -123,7 +133,8 @@ json insertion_json(const Insertion &insertion) {
           {"largest_motion_mm", json_number(insertion.largest_motion_mm)},
           {"stiffness_scale", json_number(insertion.stiffness_scale)},
           {"answers", insertion.states},
-          {"reasons", insertion.reasons}};
+          {"reasons", insertion.reasons},
+          {"landmarks", std::move(landmarks)}};
 }
 
 json at_target_json(const AtTarget &target) {

@@ -19,24 +19,40 @@ TissueSample sample_of(const wire::DeformationState &state) {
   out.shaft_force_N = state.shaft_force_N;
   out.measured_force_N = state.measured_force_N;
   out.von_mises_Pa = state.von_mises_Pa;
-  out.motion_mm =
-      (Eigen::Vector3d::Map(state.displaced_target_mm) - Eigen::Vector3d::Map(state.imaged_target_mm)).norm();
+  out.motion_mm = (Eigen::Vector3d::Map(state.displaced_mm) - Eigen::Vector3d::Map(state.imaged_mm)).norm();
   out.error_bound_mm = state.error_bound_mm;
   return out;
+}
+
+void follow(const wire::DeformationState &state, FollowedLandmark &landmark) {
+  const TissueSample sample = sample_of(state);
+  landmark.landmark = wire::text(state.point);
+  if (sample.motion_mm > landmark.largest_motion_mm || std::isnan(landmark.largest_motion_mm)) {
+    landmark.largest_motion_mm = sample.motion_mm;
+    landmark.error_bound_mm = sample.error_bound_mm;
+  }
 }
 
 } // namespace
 
 casefile::Result<void> analyse_tissue(const casefile::SessionReader &reader, SessionAnalysis &out) {
   std::map<std::string, Insertion> by_target;
+  std::map<std::string, FollowedLandmark> landmarks;
   std::map<std::string, std::uint32_t> ruptures_before;
   const auto read = reader.each<wire::DeformationState>([&](const wire::DeformationState &state, std::int64_t) {
     if (state.status == bregma_wire_DEFORMATION_NO_MODEL) {
       return;
     }
-    const std::string target = wire::text(state.target);
+    const std::string target = wire::text(state.point);
+    const bool in_tissue = state.phase != bregma_wire_PROBE_OUTSIDE;
+    if (state.kind == bregma_wire_FOLLOWED_LANDMARK) {
+      if (in_tissue) {
+        follow(state, landmarks[target]);
+      }
+      return;
+    }
     const std::uint32_t before = ruptures_before.try_emplace(target, state.ruptures).first->second;
-    if (state.phase == bregma_wire_PROBE_OUTSIDE) {
+    if (!in_tissue) {
       return;
     }
     Insertion &insertion = by_target[target];
@@ -62,6 +78,11 @@ casefile::Result<void> analyse_tissue(const casefile::SessionReader &reader, Ses
   for (auto &[target, insertion] : by_target) {
     if (!out.insertion || insertion.largest_motion_mm > out.insertion->largest_motion_mm) {
       out.insertion = std::move(insertion);
+    }
+  }
+  for (auto &[name, landmark] : landmarks) {
+    if (out.insertion) {
+      out.insertion->landmarks.push_back(std::move(landmark));
     }
   }
   return {};

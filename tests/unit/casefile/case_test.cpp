@@ -74,6 +74,8 @@ TEST_F(CaseOnDisk, RoundTrips) {
   EXPECT_EQ(loaded->landmark("Nasion")->position_mm, case_.landmarks[0].position_mm);
   EXPECT_EQ(loaded->trajectory("Biopsy")->entry_mm, case_.trajectories[0].entry_mm);
   EXPECT_EQ(loaded->targets[0].name, "Lesion");
+  ASSERT_EQ(loaded->brain_landmarks.size(), 1U);
+  EXPECT_EQ(loaded->brain_landmarks[0].position_mm, case_.brain_landmarks[0].position_mm);
   EXPECT_EQ(loaded->reference()->name, "Reference");
   ASSERT_NE(loaded->tool("Probe"), nullptr);
   EXPECT_EQ(loaded->tool("Probe")->role, ToolRole::kProbe);
@@ -138,6 +140,17 @@ TEST_F(CaseOnDisk, APlanThatCannotBeMeantIsRefused) {
               c.targets[0].position_mm = {0, 0, -120};
             }),
             at("targets = ") + "targets = \"targets.mrk.json\": \"Lesion\" lies outside the head");
+  const std::string in_brain = at("brain_landmarks = ") + "brain_landmarks = \"brain_landmarks.mrk.json\": ";
+  EXPECT_EQ(error_after([](Case &c) { c.brain_landmarks[0].name = "Lesion"; }),
+            in_brain + "\"Lesion\" is also a target");
+  EXPECT_EQ(error_after([](Case &c) { c.brain_landmarks[0].position_mm.z() = -80; }),
+            in_brain + "\"Anterior commissure\" lies outside the brain");
+  EXPECT_EQ(error_after([](Case &c) {
+              for (int i = 0; i < 16; ++i) {
+                c.brain_landmarks.push_back({"L" + std::to_string(i), {0, 0, 0}});
+              }
+            }),
+            in_brain + "holds 17 points, at most 16 are allowed");
   const std::string trajectories = at("trajectories = ") + "trajectories = \"trajectories.mrk.json\": ";
   EXPECT_EQ(error_after([](Case &c) { c.trajectories[0].target_mm.x() += 3.0; }),
             trajectories + "\"Biopsy\" ends 3.0 mm from the nearest target, \"Lesion\"");
@@ -278,6 +291,7 @@ TEST(Case, LimitsAreThoseOfTheWire) {
   EXPECT_EQ(std::size(wire::TrackerFrame{}.tools), 8U);
   EXPECT_EQ(std::size(wire::FiducialReport{}.fiducials), 64U);
   EXPECT_EQ(std::size(wire::AccuracyState{}.targets), 16U);
+  EXPECT_EQ(bregma_wire_MAX_BRAIN_LANDMARKS, 16);
 }
 
 TEST(MeshFile, DamagedFilesAreRefused) {

@@ -52,6 +52,7 @@ inline casefile::Case sample_case(const std::filesystem::path &folder) {
   c.structures = {{"Precentral L", sphere({-40, 0, 30}, 10, 2)}, {"Precentral R", sphere({40, 0, 30}, 10, 2)}};
   c.fiducials = {{"F1", {90, 0, 0}}, {"F2", {-90, 0, 0}}, {"F3", {0, 90, 0}}, {"F4", {0, 0, 90}}};
   c.landmarks = {{"Nasion", {0, 85, -25}}};
+  c.brain_landmarks = {{"Anterior commissure", {0, 2, -4}}};
   c.targets = {{"Lesion", {10, -5, 20}}};
   c.trajectories = {{"Biopsy", {0, 40, 80}, {10, -5, 20}}};
   const std::vector<Eigen::Vector3d> markers{{0, 0, 0}, {0, 50, 0}, {60, -25, 0}, {-40, -10, 5}};

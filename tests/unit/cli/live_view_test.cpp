@@ -97,13 +97,13 @@ TEST(LiveView, FiguresOfEveryStatusButTwoAreDashes) {
 
 wire::DeformationState dented() {
   wire::DeformationState state{};
-  EXPECT_TRUE(wire::set_name(state.target, "Deep"));
+  EXPECT_TRUE(wire::set_name(state.point, "Deep"));
   state.time_ns = kNow_ns - 20 * kMs;
   state.status = bregma_wire_DEFORMATION_VALID;
   state.phase = bregma_wire_PROBE_INDENTATION;
-  state.imaged_target_mm[0] = 10.0;
-  state.displaced_target_mm[0] = 10.3;
-  state.displaced_target_mm[1] = 0.4;
+  state.imaged_mm[0] = 10.0;
+  state.displaced_mm[0] = 10.3;
+  state.displaced_mm[1] = 0.4;
   state.error_bound_mm = 0.11;
   state.tip_force_N = 0.083;
   state.depth_mm = 3.7;
@@ -121,6 +121,9 @@ TEST(LiveView, ThePredictedTargetStandsBesideTheImagedOne) {
   }
   const auto json = status_json(snapshot, 0, kNow_ns);
   EXPECT_NEAR(json["deformation"]["Deep"]["motion_mm"].get<double>(), 0.5, 1e-12);
+  EXPECT_EQ(json["deformation"]["Deep"]["kind"], "target");
+  snapshot.deformation["Deep"].kind = bregma_wire_FOLLOWED_LANDMARK;
+  EXPECT_TRUE(has(watch_table(snapshot, {}, kNow_ns), "Deep (landmark): valid; predicted 0.50 mm"));
   EXPECT_EQ(json["tools"][0]["distance_to_predicted_target_mm"], 27.9);
 }
 

@@ -312,9 +312,9 @@ TEST_F(Report, TracedPointsAreMeasuredAgainstTheScalpByTheAcceptedRegistration) 
 TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
   const auto put_states = [](auto &writer) {
     for (int k = 0; k <= 100; ++k) {
-      for (const char *target : {"Near", "Far"}) {
+      for (const char *target : {"Near", "Far", "Landmark"}) {
         wire::DeformationState state{};
-        (void)wire::set_name(state.target, target);
+        (void)wire::set_name(state.point, target);
         state.time_ns = kStart_ns + std::int64_t{16} * k * kMs;
         state.elements = 20'000;
         state.ruptures = k > 20 ? 3 : 2; // two were before this recording
@@ -325,8 +325,9 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
         state.depth_mm = 0.2 * k;
         state.status = k > 90 ? bregma_wire_DEFORMATION_INVALID : bregma_wire_DEFORMATION_VALID;
         state.reason = k > 90 ? bregma_wire_DEFORMATION_REASON_TOO_SLOW : bregma_wire_DEFORMATION_REASON_NONE;
-        const double moved_mm = (target[0] == 'N' ? 0.01 : 0.002) * k;
-        state.displaced_target_mm[2] = k > 90 ? std::nan("") : moved_mm;
+        state.kind = target[0] == 'L' ? bregma_wire_FOLLOWED_LANDMARK : bregma_wire_FOLLOWED_TARGET;
+        const double moved_mm = (target[0] == 'F' ? 0.002 : target[0] == 'N' ? 0.01 : 0.02) * k;
+        state.displaced_mm[2] = k > 90 ? std::nan("") : moved_mm;
         test::put(writer, state.time_ns, state);
       }
     }
@@ -346,8 +347,12 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
   EXPECT_NEAR(insertion.largest_motion_mm, 0.9, 1e-12) << "invalid answers are not counted";
   EXPECT_EQ(insertion.states, (std::map<std::string, std::size_t>{{"invalid", 10}, {"valid", 90}}));
   EXPECT_EQ(insertion.reasons, (std::map<std::string, std::size_t>{{"too slow", 10}}));
+  ASSERT_EQ(insertion.landmarks.size(), 1U);
+  EXPECT_EQ(insertion.landmarks[0].landmark, "Landmark");
+  EXPECT_NEAR(insertion.landmarks[0].largest_motion_mm, 1.8, 1e-12);
   const auto json = cli::report::summary_json(*session, {});
   EXPECT_EQ(json["insertion"]["rupture_force_N"], 0.11);
+  EXPECT_EQ(json["insertion"]["landmarks"][0]["landmark"], "Landmark");
   EXPECT_NE(
       cli::report::summary_text(*session, {}).find("1 rupture, the first at a modelled 0.110 N after a dent of 4.0 mm"),
       std::string::npos);

@@ -19,7 +19,7 @@ protected:
   void SetUp() override { save(bregma::tests::sample_case(folder_.path() / "ball")); }
 
   void save(const bregma::casefile::Case &c) const {
-    folder_.write("ball/image.nii.gz", "not read here");
+    folder_.write((c.folder.filename() / "image.nii.gz").string(), "not read here");
     const auto saved = bregma::casefile::save_case(c);
     ASSERT_TRUE(saved) << saved.error().message;
   }
@@ -147,6 +147,58 @@ TEST_F(TissueInsert, WhatCannotBeInsertedIsOneSentence) {
   c.trajectories.clear();
   save(c);
   EXPECT_EQ(error_of("tissue insert ball"), "bregma: ball: the case has no trajectory to insert along\n");
+}
+
+class TissueShift : public TissueInsert {
+protected:
+  // A ball would turn in its skull: what has lost its buoyancy is heavy, and on top.
+  void SetUp() override {
+    bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "egg");
+    for (Eigen::Vector3d &vertex : c.brain.mesh.vertices_mm) {
+      vertex.x() *= 0.8;
+      vertex.z() = 5.0 + 0.9 * (vertex.z() - 5.0);
+    }
+    save(c);
+  }
+};
+
+TEST_F(TissueShift, TheBrainSinksWithItsTargetsAndLandmarks) {
+  const auto run = run_bregma(folder_, "tissue shift egg --elements 10000 --fluid-drop 20 --vtu shift.vtu --json");
+  ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
+  const auto json = run.json();
+  EXPECT_EQ(json["converged"], true);
+  EXPECT_EQ(json["inverted_elements"], 0);
+  EXPECT_EQ(json["fluid_drop_mm"], 20.0);
+  ASSERT_EQ(json["points"].size(), 2U);
+  EXPECT_EQ(json["points"][0]["name"], "Lesion");
+  EXPECT_EQ(json["points"][1]["kind"], "landmark");
+  for (const auto &point : json["points"]) {
+    EXPECT_LT(point["displacement_mm"][1].get<double>(), -0.1) << "supine: things fall backwards";
+    EXPECT_GT(point["displacement_mm"][1].get<double>(), -30.0);
+  }
+  const std::string vtu = read_file(folder_.path() / "shift.vtu");
+  EXPECT_NE(vtu.find("Name=\"displacement_mm\""), std::string::npos);
+}
+
+TEST_F(TissueShift, WhereNothingIsNewNothingMoves) {
+  const auto run = run_bregma(folder_, "tissue shift egg --elements 10000 --fluid-drop 0");
+  ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
+  EXPECT_EQ(run.out.rfind("Head supine, imaged supine; fluid 0.0 mm below", 0), 0U) << run.out;
+  EXPECT_NE(run.out.find("Lesion"), std::string::npos) << run.out;
+  const auto turned =
+      run_bregma(folder_, "tissue shift egg --elements 10000 --fluid-drop 0 --posture left-down --json");
+  EXPECT_LT(turned.json()["points"][0]["displacement_mm"][0].get<double>(), 0.0) << "weight less buoyancy has turned";
+  const auto still = run_bregma(folder_, "tissue shift egg --elements 10000 --fluid-drop 0 --json").json();
+  for (const auto &along : still["points"][0]["displacement_mm"]) {
+    EXPECT_NEAR(along.get<double>(), 0.0, 1e-3);
+  }
+}
+
+TEST_F(TissueShift, WhatCannotBeIsOneSentence) {
+  EXPECT_EQ(error_of("tissue shift nowhere"), "bregma: nowhere: is not a folder; a case is a folder with case.toml\n");
+  EXPECT_NE(error_of("tissue shift egg --posture upside-down").find("--posture: upside-down not in {"),
+            std::string::npos);
+  EXPECT_NE(error_of("tissue shift egg --gap -1").find("--gap: Value -1 not in range"), std::string::npos);
 }
 
 } // namespace

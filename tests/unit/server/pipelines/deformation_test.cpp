@@ -68,8 +68,8 @@ TEST_F(Deformation, WithoutAModelItSaysWhyAndPredictsNothing) {
   const auto &building = step(probe_at(0.0));
   EXPECT_EQ(building.status, bregma_wire_DEFORMATION_NO_MODEL);
   EXPECT_EQ(building.reason, bregma_wire_DEFORMATION_REASON_BUILDING);
-  EXPECT_EQ(Vector3d::Map(building.imaged_target_mm), Vector3d(10, -5, 20));
-  EXPECT_TRUE(std::isnan(building.displaced_target_mm[0]) && std::isnan(building.tip_force_N));
+  EXPECT_EQ(Vector3d::Map(building.imaged_mm), Vector3d(10, -5, 20));
+  EXPECT_TRUE(std::isnan(building.displaced_mm[0]) && std::isnan(building.tip_force_N));
 
   pipeline_.handle(TissueModelReady{7, nullptr});
   EXPECT_EQ(step(probe_at(0.0)).reason, bregma_wire_DEFORMATION_REASON_BUILDING) << "another case's model";
@@ -96,13 +96,13 @@ TEST_F(Deformation, AnInsertionMovesTheTargetThroughItsPhases) {
     const auto &state = step(probe_at(before_mm));
     dented = dented || (state.phase == bregma_wire_PROBE_INDENTATION && state.ruptures == 0);
     if (state.status == bregma_wire_DEFORMATION_INVALID) {
-      ASSERT_TRUE(std::isnan(state.displaced_target_mm[0]));
+      ASSERT_TRUE(std::isnan(state.displaced_mm[0]));
       continue;
     }
-    const double moved_mm = (Vector3d::Map(state.displaced_target_mm) - Vector3d::Map(state.imaged_target_mm)).norm();
+    const double moved_mm = (Vector3d::Map(state.displaced_mm) - Vector3d::Map(state.imaged_mm)).norm();
     ASSERT_LT(moved_mm, 20.0);
     furthest_mm = std::max(furthest_mm, moved_mm);
-    ASSERT_EQ(pipeline_.predicted().position_mm[0][1], state.displaced_target_mm[1]);
+    ASSERT_EQ(pipeline_.predicted().position_mm[0][1], state.displaced_mm[1]);
   }
   const auto &state = pipeline_.states().front();
   EXPECT_TRUE(dented);
@@ -111,9 +111,18 @@ TEST_F(Deformation, AnInsertionMovesTheTargetThroughItsPhases) {
   EXPECT_NEAR(state.rupture_force_N, 0.12, 0.03);
   EXPECT_GT(furthest_mm, 0.02);
   const auto &neck = pipeline_.states()[1];
-  EXPECT_EQ(wire::view(neck.target), "In the neck");
+  EXPECT_EQ(wire::view(neck.point), "In the neck");
   EXPECT_EQ(neck.status, bregma_wire_DEFORMATION_INVALID);
-  EXPECT_EQ(neck.reason, bregma_wire_DEFORMATION_REASON_TARGET_OUTSIDE);
+  EXPECT_EQ(neck.reason, bregma_wire_DEFORMATION_REASON_POINT_OUTSIDE);
+  ASSERT_EQ(pipeline_.states().size(), 3U);
+  const auto &commissure = pipeline_.states()[2];
+  EXPECT_EQ(wire::view(commissure.point), "Anterior commissure");
+  EXPECT_EQ(commissure.kind, bregma_wire_FOLLOWED_LANDMARK);
+  EXPECT_NE(commissure.status, bregma_wire_DEFORMATION_INVALID);
+  const double landmark_moved_mm =
+      (Vector3d::Map(commissure.displaced_mm) - Vector3d::Map(commissure.imaged_mm)).norm();
+  EXPECT_GT(landmark_moved_mm, 0.001);
+  EXPECT_LT(landmark_moved_mm, 5.0);
 
   ProbeView lost = probe_at(5.0);
   lost.live = false;

@@ -60,7 +60,7 @@ TEST(TissueBuilder, WithoutTablesItDoesAsItIsConfigured) {
   EXPECT_TRUE(built.open_at({2.0, 30.9, 67.8})) << "where the trajectory enters";
   EXPECT_FALSE(built.open_at({70.0, 0.0, 5.0}));
   EXPECT_FALSE(built.open_at({0.0, 0.0, -65.0}));
-  ASSERT_EQ(built.model().points().size(), 1U);
+  ASSERT_EQ(built.model().points().size(), 2U) << "a target and a landmark";
   EXPECT_TRUE(built.model().points()[0].inside);
 }
 
