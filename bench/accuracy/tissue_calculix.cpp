@@ -158,8 +158,8 @@ void compare(Report &report, const std::string &shape, const Indentation &proble
                            std::to_string(problem.mesh.tetrahedra.size());
   report.add(at_most(name + ".same_element.field_to_c3d4",
                      field_difference(same_element.displacement_mm, linear.displacement_mm), "%", 2.0));
-  report.add(at_most(name + ".same_element.force_to_c3d4", force_difference(same_element.force_N, linear.force_N), "%",
-                     3.0));
+  report.add(
+      at_most(name + ".same_element.force_to_c3d4", force_difference(same_element.force_N, linear.force_N), "%", 3.0));
   report.add(figure(name + ".field_to_c3d4", field_difference(ours.displacement_mm, linear.displacement_mm), "%"));
   report.add(figure(name + ".force_to_c3d4", force_difference(ours.force_N, linear.force_N), "%"));
   report.add(beside(figure(name + ".wall", ours.wall_s, "s"), linear.wall_s, "CalculiX C3D4"));
