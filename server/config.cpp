@@ -47,6 +47,8 @@ casefile::ParameterSet declare(Config &c) {
   set.number("deformation.rate_hz", &c.deformation.rate_hz, "Hz", 0.5, 200, "Rate of the deformation loop.");
   set.integer("deformation.elements", &c.deformation.elements, "", 0, 200000,
               "About so many tetrahedra fill the brain; 0: no tissue model.");
+  set.number("deformation.entry_edge_mm", &c.deformation.entry_edge_mm, "mm", 0, 20,
+             "Longest edge of the tetrahedra where a trajectory enters the brain; those are on top. 0: as elsewhere.");
   set.integer("deformation.threads", &c.deformation.threads, "", 1, 16, "Threads that step the tissue model together.");
   std::vector<std::string> materials;
   for (const tissue::Material &material : tissue::named_materials()) {

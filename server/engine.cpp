@@ -55,6 +55,7 @@ TissueSettings tissue_settings(const Config &config) {
   const auto &from = config.deformation;
   TissueSettings out;
   out.elements = static_cast<int>(from.elements);
+  out.entry_edge_mm = from.entry_edge_mm;
   out.craniotomy_radius_mm = from.craniotomy_radius_mm;
   out.model.material = tissue::named_material(from.material);
   out.model.solver.threads = static_cast<int>(from.threads);

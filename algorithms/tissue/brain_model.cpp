@@ -120,7 +120,7 @@ const BrainState &BrainModel::update(const ProbeObservation &probe, double elaps
     verdict_.say(ModelStatus::kExtrapolating, ModelReason::kTooSlow);
   }
   verdict_.keep_or_take_back(solver_, elapsed_s);
-  if (verdict_.reason() == ModelReason::kStepRejected) {
+  if (verdict_.reason() == ModelReason::kStepRejected || verdict_.reason() == ModelReason::kTurnedOver) {
     insertion_.give_way();
   } else if (verdict_.reason() == ModelReason::kDiverged) {
     put_to_rest();

@@ -601,12 +601,14 @@ void ExplicitSolver::stop_motion() noexcept { std::fill(velocity_.begin(), veloc
 void ExplicitSolver::save() noexcept {
   saved_displacement_ = displacement_;
   saved_relaxed_ = relaxed_;
+  saved_step_s_ = step_s_;
 }
 
 void ExplicitSolver::restore() noexcept {
   displacement_ = saved_displacement_;
   std::fill(remainder_.begin(), remainder_.end(), NodeVector{});
   relaxed_ = saved_relaxed_;
+  step_s_ = saved_step_s_;
   stop_motion();
 }
 

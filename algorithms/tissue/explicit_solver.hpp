@@ -186,7 +186,7 @@ private:
   std::vector<ElementPack> packs_;
   std::vector<RelaxedPack> relaxed_, saved_relaxed_;
   std::vector<PronyStep> prony_;
-  float step_s_ = 0.0F, step_at_rest_s_ = 0.0F;
+  float step_s_ = 0.0F, step_at_rest_s_ = 0.0F, saved_step_s_ = 0.0F;
   float edge_m_ = 0.0F;
   double added_mass_share_ = 0.0;
   std::uint64_t steps_ = 0;

@@ -120,6 +120,7 @@ LatticeMesh fill_surface(const geometry::TriangleMesh &surface, const LatticeMes
   }
   out.stuffed_stable_length_mm = stable_length_mm(out.mesh);
   smooth(out.mesh, model, out.edge_mm, options.smoothing_sweeps);
+  out.lattice_stable_length_mm = stable_length_mm(out.mesh);
   return out;
 }
 

@@ -29,6 +29,7 @@ struct LatticeMesh {
   double edge_mm = 0.0;                  // of the lattice
   double surface_mm3 = 0.0;              // that the surface encloses; the mesh's own volume is a little less
   double stuffed_stable_length_mm = 0.0; // before smoothing (mesh_quality.hpp); smoothing never lowers it
+  double lattice_stable_length_mm = 0.0; // after it
 };
 
 // Throws std::invalid_argument that says what is wrong: a surface that is not closed, is inside out or that

@@ -6,6 +6,7 @@ namespace bregma::tissue {
 namespace {
 
 constexpr double kRejected_s = 0.25;
+constexpr double kMostGain = 2.0;   // of energy, by what snaps back; more comes from a solver that blows up
 constexpr double kSwinging = 0.05;  // kinetic against elastic energy
 constexpr double kUnmoved_J = 1e-9; // kinetic energy that does not matter: 1 mm/s of a gram
 
@@ -24,6 +25,7 @@ std::string_view sentence_of(ModelReason reason) {
                                              "the probe reappeared inside the brain; its path is not known",
                                              "the model cannot keep up with the clock",
                                              "the probe has left the mesh on its far side",
+                                             "tissue is turned inside out for a moment as it snaps back",
                                              "the step was taken back: tissue would have been turned inside out",
                                              "the model could not follow and was put back to rest"};
   return kSentences[static_cast<std::size_t>(reason)];
@@ -54,22 +56,28 @@ void ModelVerdict::look_at(const ExplicitSolver &solver) noexcept {
 
 void ModelVerdict::keep_or_take_back(ExplicitSolver &solver, double elapsed_s) noexcept {
   const bool finite = solver.finite();
-  if (finite && !went_wrong_) {
+  const Energies energies = solver.energies();
+  const double energy_J = energies.kinetic_J + energies.elastic_J;
+  if (finite && solver.limited_nodes() == 0 && solver.inverted_elements() == 0) {
     rejected_s_ = 0.0;
+    kept_J_ = energy_J;
     solver.save();
-    const Energies energies = solver.energies();
-    if (energies.kinetic_J > kUnmoved_J + kSwinging * energies.elastic_J) {
+    if (went_wrong_) {
+      insist(ModelReason::kTurnedOver);
+    } else if (energies.kinetic_J > kUnmoved_J + kSwinging * energies.elastic_J) {
       say(ModelStatus::kExtrapolating, ModelReason::kSettling);
     }
     return;
   }
   rejected_s_ += elapsed_s;
-  if (finite && rejected_s_ <= kRejected_s) {
-    solver.restore();
-    insist(ModelReason::kStepRejected);
-  } else {
+  if (!finite || rejected_s_ > kRejected_s) {
     rejected_s_ = 0.0;
     insist(ModelReason::kDiverged);
+  } else if (energy_J < kMostGain * kept_J_) {
+    insist(ModelReason::kTurnedOver);
+  } else {
+    solver.restore();
+    insist(ModelReason::kStepRejected);
   }
 }
 

@@ -19,7 +19,8 @@ enum class ModelReason {
   kPathUnknown,   // the probe reappeared inside: how it came there was not seen
   kTooSlow,       // fewer steps than the time that passed
   kProbeLeftMesh, // the shaft goes through, and out again
-  kStepRejected,  // nodes were held or tetrahedra turned inside out: back to the last good state
+  kTurnedOver,    // nodes were held or tetrahedra turned inside out, as when tissue snaps back after a rupture
+  kStepRejected,  // the same, with energy that comes from nowhere: back to the last good state
   kDiverged       // steps were rejected for too long: back to rest
 };
 
@@ -35,9 +36,10 @@ public:
 
   // After a step of the solver.
   void look_at(const ExplicitSolver &solver) noexcept;
-  // After an update's steps: keeps the solver's state where all went well. Where not, puts back the last that was kept,
-  // and says so; after kRejected_s of that, says that the model has diverged, and leaves it to the caller to put all to
-  // rest.
+  // After an update's steps: keeps the solver's state where it is sound. Where it is not, lets it go on while its
+  // energy could be that of tissue that snaps back (taken back, it would snap back again and again), and else puts back
+  // the last state that was kept. After kRejected_s of either, says that the model has diverged, and leaves it to the
+  // caller to put all to rest.
   void keep_or_take_back(ExplicitSolver &solver, double elapsed_s) noexcept;
 
   [[nodiscard]] ModelStatus status() const noexcept { return status_; }
@@ -50,6 +52,7 @@ private:
   ModelReason reason_ = ModelReason::kNone;
   bool went_wrong_ = false;
   double rejected_s_ = 0.0; // of updates in a row
+  double kept_J_ = 0.0;     // energy of the solver's state that was kept last
 };
 
 } // namespace bregma::tissue

@@ -3,6 +3,8 @@
 #include <chrono>
 #include <cstdio>
 
+#include "algorithms/tissue/mesh_quality.hpp"
+#include "algorithms/tissue/mesh_refinement.hpp"
 #include "bench/accuracy/tissue_parts.hpp"
 #include "tests/support/tissue_hertz.hpp"
 #include "tests/support/tissue_insertions.hpp"
@@ -58,11 +60,15 @@ void hertz_figures(Report &report, const TissueBenchOptions &options) {
 
 void robustness_figures(Report &report, const TissueBenchOptions &options) {
   const int insertions = options.quick ? kQuickInsertions : kInsertions;
-  // A block of 90 x 90 x 55 mm, fixed but for an opening above.
-  const tissue::TetMesh mesh = tissue::block_mesh({18, 18, 11}, {90.0, 90.0, 55.0});
+  // A block of 90 x 90 x 55 mm, fixed but for an opening above; finer where the probes enter, as a case's brain is.
   const Eigen::Vector3d top_mm(45.3, 44.6, 55.0);
+  const tissue::FinePlace entry{top_mm, 15.0, 5.0};
+  const tissue::TetMesh lattice = tissue::block_mesh({18, 18, 11}, {90.0, 90.0, 55.0});
+  const tissue::TetMesh mesh = tissue::refined(lattice, {&entry, 1});
   tissue::BrainModelOptions model_options;
   model_options.solver.threads = 2;
+  model_options.solver.minimum_step_s =
+      0.5 * tissue::stable_step_s(tissue::stable_length_mm(lattice), model_options.material);
   model_options.skull = {.sliding = false, .gap_mm = 0.0, .craniotomy = {top_mm, 40.0}};
   tissue::BrainModel model(mesh, std::vector<Eigen::Vector3d>{top_mm - Eigen::Vector3d(0.0, 0.0, 25.0)}, model_options);
   const test::InsertionSite site{

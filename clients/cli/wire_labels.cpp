@@ -48,13 +48,14 @@ std::string_view label(wire::DeformationStatus value) {
 }
 
 std::string_view label(wire::DeformationReason value) {
-  static constexpr std::array<std::string_view, 12> kWords{"none",
+  static constexpr std::array<std::string_view, 13> kWords{"none",
                                                            "the tissue still swings",
                                                            "the probe is not seen",
                                                            "the probe has jumped",
                                                            "the probe's path is not known",
                                                            "too slow",
                                                            "the probe has left the mesh",
+                                                           "tissue is turned inside out for a moment",
                                                            "a step was taken back",
                                                            "put back to rest",
                                                            "the model is being built",

@@ -18,6 +18,7 @@ constexpr wire::DeformationReason kReasons[] = {bregma_wire_DEFORMATION_REASON_N
                                                 bregma_wire_DEFORMATION_REASON_PATH_UNKNOWN,
                                                 bregma_wire_DEFORMATION_REASON_TOO_SLOW,
                                                 bregma_wire_DEFORMATION_REASON_PROBE_LEFT_MESH,
+                                                bregma_wire_DEFORMATION_REASON_TURNED_OVER,
                                                 bregma_wire_DEFORMATION_REASON_STEP_REJECTED,
                                                 bregma_wire_DEFORMATION_REASON_DIVERGED};
 

@@ -3,7 +3,6 @@
 #include <stdexcept>
 
 #include "algorithms/registration/surface_model.hpp"
-#include "algorithms/tissue/lattice_mesh.hpp"
 
 namespace bregma::server {
 
@@ -25,13 +24,15 @@ std::optional<TissueModelReady> TissueBuilder::build() {
     return ready;
   }
   try {
-    tissue::LatticeMeshOptions meshing;
-    meshing.tetrahedra = settings_.elements;
-    const tissue::LatticeMesh filled = tissue::fill_surface(data.brain.mesh, meshing);
+    const registration::SurfaceModel brain(data.brain.mesh);
     tissue::BrainModelOptions options = settings_.model;
     options.material = casefile::material_of(data, settings_.model.material);
-    options.skull.craniotomy =
-        casefile::craniotomy_of(data, registration::SurfaceModel(data.brain.mesh), settings_.craniotomy_radius_mm);
+    options.skull.craniotomy = casefile::craniotomy_of(data, brain, settings_.craniotomy_radius_mm);
+    casefile::BrainMeshOptions meshing;
+    meshing.lattice.tetrahedra = settings_.elements;
+    meshing.entry_edge_mm = settings_.entry_edge_mm;
+    const tissue::LatticeMesh filled = casefile::brain_mesh_of(data, brain, options.skull.craniotomy, meshing);
+    options.solver.minimum_step_s = casefile::least_step_s(filled, options.material);
     std::vector<Vector3d> points; // in the order of DeformationPipeline::states()
     for (const auto *named : {&data.targets, &data.brain_landmarks}) {
       for (const casefile::NamedPoint &point : *named) {

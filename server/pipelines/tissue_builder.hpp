@@ -14,7 +14,8 @@
 namespace bregma::server {
 
 struct TissueSettings {
-  int elements = 20000;                                         // 0: no model
+  int elements = 20000; // of the lattice; 0: no model
+  double entry_edge_mm = casefile::BrainMeshOptions{}.entry_edge_mm;
   tissue::BrainModelOptions model;                              // its material for cases that name none
   double craniotomy_radius_mm = casefile::kCraniotomyRadius_mm; // for cases that do not say
 };

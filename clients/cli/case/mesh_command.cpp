@@ -83,6 +83,7 @@ void add_mesh_command(CLI::App &group, Context &context) {
   auto *command = group.add_subcommand("mesh", "Fills a case's brain with tetrahedra and reports their quality");
   command->add_option("folder", options->folder, "Case folder")->required();
   add_mesh_options(*command, options->request);
+  add_entry_option(*command, options->request);
   command->add_option("--out", options->out, "VTU to write (default: tissue.vtu in the case folder)");
   add_json_flag(*command, context);
   command->footer("Examples:\n  bregma case mesh colin27\n"

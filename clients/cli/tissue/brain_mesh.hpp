@@ -23,13 +23,16 @@ inline constexpr int kMostElements = 100'000;
 struct MeshRequest {
   int elements = 20'000;         // about as many
   std::optional<double> edge_mm; // of the lattice; stands instead of elements
+  double entry_edge_mm = 0.0;    // where trajectories enter; 0: as elsewhere
 };
 
 // --elements and --edge, of which a person gives one at the most. The request must outlive the command.
 void add_mesh_options(CLI::App &command, MeshRequest &request);
+// --entry-edge, with the daemon's default.
+void add_entry_option(CLI::App &command, MeshRequest &request);
 
-// Blocks for about a second. Refuses an edge that gives fewer or more tetrahedra than above, and says which ones do
-// not.
+// Blocks for about a second. Refuses a lattice's edge that gives fewer or more tetrahedra than above, and says which
+// ones do not.
 [[nodiscard]] casefile::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request);
 
 struct MeshReport {

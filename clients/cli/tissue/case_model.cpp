@@ -8,14 +8,15 @@
 
 namespace bregma::cli {
 
-casefile::Result<std::unique_ptr<tissue::BrainModel>> make_model(const casefile::Case &c, const tissue::TetMesh &mesh,
-                                                                 std::span<const Eigen::Vector3d> points_mm) {
+casefile::Result<std::unique_ptr<tissue::BrainModel>>
+make_model(const casefile::Case &c, const tissue::LatticeMesh &filled, std::span<const Eigen::Vector3d> points_mm) {
   tissue::BrainModelOptions options;
   options.material = casefile::material_of(c, tissue::named_materials().front());
   options.skull.craniotomy =
       casefile::craniotomy_of(c, registration::SurfaceModel(c.brain.mesh), casefile::kCraniotomyRadius_mm);
+  options.solver.minimum_step_s = casefile::least_step_s(filled, options.material);
   try {
-    return std::make_unique<tissue::BrainModel>(mesh, points_mm, options);
+    return std::make_unique<tissue::BrainModel>(filled.mesh, points_mm, options);
   } catch (const std::invalid_argument &error) {
     return casefile::failure(c.folder.string() + ": no tissue model of the brain: " + error.what());
   }

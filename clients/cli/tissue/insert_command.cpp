@@ -79,7 +79,7 @@ Result<Insertion> run_insertion(const InsertOptions &options) {
   if (!filled) {
     return tl::unexpected(filled.error());
   }
-  auto model = make_model(*loaded, filled->mesh, {&(*trajectory)->target_mm, 1});
+  auto model = make_model(*loaded, *filled, {&(*trajectory)->target_mm, 1});
   if (!model) {
     return tl::unexpected(model.error());
   }
@@ -166,7 +166,7 @@ int run_insert(const InsertOptions &options, const Context &context) {
     }
   }
   show(*insertion, options, context);
-  return invalid_updates(insertion->updates) == 0 ? kOk : kRefused;
+  return lost(insertion->updates) ? kRefused : kOk;
 }
 
 } // namespace
@@ -182,11 +182,13 @@ void add_insert_command(CLI::App &group, Context &context) {
   command->add_option("--depth", options->depth_mm, "Of the tip beyond the brain's surface, mm (default: the target's)")
       ->check(CLI::Range(0.1, 200.0));
   add_mesh_options(*command, options->mesh);
+  add_entry_option(*command, options->mesh);
   command->add_option("--csv", options->csv, "Write all updates to this file");
   command->add_option("--vtu", options->vtu, "Write displacement and stress at the end to this file");
   add_json_flag(*command, context);
   command->footer(
-      "The exit code is 1 when the model called any of its answers invalid.\n\n"
+      "The exit code is 1 when the model lost the probe's way, or its last answer is invalid; at a rupture a few "
+      "are.\n\n"
       "Examples:\n  bregma tissue insert colin27\n"
       "  bregma tissue insert colin27 --trajectory Biopsy --speed 2 --depth 30 --csv run.csv --vtu end.vtu");
   command->callback(

@@ -91,6 +91,13 @@ int invalid_updates(std::span<const InsertionUpdate> updates) {
   }));
 }
 
+bool lost(std::span<const InsertionUpdate> updates) {
+  const bool diverged = std::any_of(updates.begin(), updates.end(), [](const InsertionUpdate &update) {
+    return update.state.reason == tissue::ModelReason::kDiverged;
+  });
+  return diverged || updates.back().state.status == tissue::ModelStatus::kInvalid;
+}
+
 std::string insertion_table(std::span<const InsertionUpdate> updates) {
   Table table(
       {"depth mm", "phase", "tip N", "shaft N", "von Mises Pa", "at target Pa", "target moved mm", "+/- mm", "state"});

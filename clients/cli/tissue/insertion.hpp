@@ -53,6 +53,8 @@ private:
 
 // Every update that was invalid counts.
 [[nodiscard]] int invalid_updates(std::span<const InsertionUpdate> updates);
+// The model was put back to rest, or is invalid at the end.
+[[nodiscard]] bool lost(std::span<const InsertionUpdate> updates);
 
 // Rows about every millimetre, and where phase or status change.
 [[nodiscard]] std::string insertion_table(std::span<const InsertionUpdate> updates);
