@@ -21,7 +21,8 @@ constexpr double kJump_mm = 5.0;    // between two looks at the probe, beyond wh
 constexpr double kLever_mm = 50.0;  // a turn moves the shaft there as fast as the probe may move
 constexpr double kShaft_mm = 400.0; // of a probe: where it could go through the brain
 constexpr double kQuiet_J = 1e-9;   // energy that does not matter: a gram at 1 mm/s
-// Biomechanical models explain 74 to 82 % of measured brain displacements (PMC2749709): the bound is what they do not.
+// Biomechanical models explain 74 to 82 % of measured brain displacements (PMC2749709): the bound is what they do not,
+// and what may be swing.
 constexpr double kUnexplained = 0.26;
 
 const BrainModelOptions &checked(const BrainModelOptions &options) {
@@ -241,7 +242,7 @@ void BrainModel::predict_points() noexcept {
       continue;
     }
     prediction.displacement_mm = locator_.place(points_[i], [this](int node) { return solver_.displacement_mm(node); });
-    prediction.error_bound_mm = kUnexplained * prediction.displacement_mm.norm();
+    prediction.error_bound_mm = std::hypot(kUnexplained, verdict_.swing()) * prediction.displacement_mm.norm();
     prediction.von_mises_Pa = von_mises_Pa(solver_.cauchy_Pa(points_[i].tetrahedron));
   }
 }

@@ -1,5 +1,7 @@
 #include "algorithms/tissue/model_verdict.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 
 namespace bregma::tissue {
@@ -7,7 +9,7 @@ namespace {
 
 constexpr double kRejected_s = 0.25;
 constexpr double kMostGain = 2.0;   // of energy, by what snaps back; more comes from a solver that blows up
-constexpr double kSwinging = 0.05;  // kinetic against elastic energy
+constexpr double kSwinging = 0.25;  // kinetic against elastic energy: half of the displacement may be swing
 constexpr double kUnmoved_J = 1e-9; // kinetic energy that does not matter: 1 mm/s of a gram
 
 } // namespace
@@ -35,6 +37,7 @@ void ModelVerdict::begin_update() noexcept {
   status_ = ModelStatus::kValid;
   reason_ = ModelReason::kNone;
   went_wrong_ = false;
+  swing_ = 0.0;
 }
 
 void ModelVerdict::say(ModelStatus status, ModelReason reason) noexcept {
@@ -62,6 +65,9 @@ void ModelVerdict::keep_or_take_back(ExplicitSolver &solver, double elapsed_s) n
     rejected_s_ = 0.0;
     kept_J_ = energy_J;
     solver.save();
+    if (energies.kinetic_J > kUnmoved_J) {
+      swing_ = std::sqrt(energies.kinetic_J / std::max(energies.elastic_J, kUnmoved_J));
+    }
     if (went_wrong_) {
       insist(ModelReason::kTurnedOver);
     } else if (energies.kinetic_J > kUnmoved_J + kSwinging * energies.elastic_J) {

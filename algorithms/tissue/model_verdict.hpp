@@ -44,6 +44,9 @@ public:
 
   [[nodiscard]] ModelStatus status() const noexcept { return status_; }
   [[nodiscard]] ModelReason reason() const noexcept { return reason_; }
+  // How far the tissue may swing beyond where it would rest, as a share of its displacement: if all of the kinetic
+  // energy became elastic.
+  [[nodiscard]] double swing() const noexcept { return swing_; }
 
 private:
   void insist(ModelReason reason) noexcept;
@@ -51,6 +54,7 @@ private:
   ModelStatus status_ = ModelStatus::kValid;
   ModelReason reason_ = ModelReason::kNone;
   bool went_wrong_ = false;
+  double swing_ = 0.0;
   double rejected_s_ = 0.0; // of updates in a row
   double kept_J_ = 0.0;     // energy of the solver's state that was kept last
 };
