@@ -108,7 +108,7 @@ struct Config {
     std::int64_t navigation_priority = 70; // SCHED_FIFO; 0: leave it to the ordinary scheduler
     std::int64_t registration_priority = 0;
     std::int64_t monitoring_priority = 40;
-    std::int64_t deformation_priority = 50;
+    std::int64_t deformation_priority = 0; // above it, the solver would take a core from DDS' own threads
   } realtime;
 };
 

@@ -19,6 +19,13 @@ runtime::LoopOptions periodic(const char *name, std::int64_t priority, double ra
   return {{.name = name, .fifo_priority = static_cast<int>(priority)}, period_ns(rate_hz)};
 }
 
+// The solver computes for most of its period, and what it hands on may come a millisecond later.
+runtime::LoopOptions computing(const char *name, std::int64_t priority, double rate_hz) {
+  runtime::LoopOptions options = periodic(name, priority, rate_hz);
+  options.thread.batch = true;
+  return options;
+}
+
 void log_limits(const char *loop, const std::vector<std::string> &sentences) {
   for (const std::string &sentence : sentences) {
     spdlog::warn("{} loop: {}", loop, sentence);
@@ -47,7 +54,7 @@ Loops::Loops(const Config &config, Engine &engine, const dds::Participant &parti
                          [this]() noexcept { step_registration(); }),
       monitoring_loop_(periodic("monitoring", config.realtime.monitoring_priority, config.monitoring.rate_hz),
                        [this]() noexcept { step_monitoring(); }),
-      deformation_loop_(periodic("deformation", config.realtime.deformation_priority, config.deformation.rate_hz),
+      deformation_loop_(computing("deformation", config.realtime.deformation_priority, config.deformation.rate_hz),
                         [this]() noexcept { step_deformation(); }) {
   navigation_wait_.attach(frames_);
   navigation_wait_.attach(stop_guard_);
@@ -173,7 +180,7 @@ void Loops::watch_sensors() noexcept {
 // ---- pose search ----
 
 void Loops::search_poses() {
-  log_limits("pose search", runtime::set_up_thread({.name = "pose search"}));
+  log_limits("pose search", runtime::set_up_thread({.name = "pose search", .batch = true}));
   while (!stopping_.load(std::memory_order_relaxed)) {
     engine_.step_pose_recovery();
     std::this_thread::sleep_for(kSearchInterval);
@@ -183,7 +190,7 @@ void Loops::search_poses() {
 // ---- tissue models ----
 
 void Loops::build_tissue_models() {
-  log_limits("tissue model", runtime::set_up_thread({.name = "tissue model"}));
+  log_limits("tissue model", runtime::set_up_thread({.name = "tissue model", .batch = true}));
   while (!stopping_.load(std::memory_order_relaxed)) {
     if (const std::string line = engine_.step_tissue_builder(); !line.empty()) {
       spdlog::info(line);

@@ -33,6 +33,11 @@ std::vector<std::string> set_up_thread(const ThreadOptions &options) {
                          std::to_string(options.fifo_priority) + ": " + reason(error) +
                          " (allow it by LimitRTPRIO= or CAP_SYS_NICE)");
     }
+  } else if (options.batch) {
+    const sched_param none{};
+    if (const int error = pthread_setschedparam(self, SCHED_BATCH, &none); error != 0) {
+      problems.push_back("thread " + options.name + " runs without SCHED_BATCH: " + reason(error));
+    }
   }
   if (options.cpu >= 0) {
     cpu_set_t cores;

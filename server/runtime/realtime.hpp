@@ -13,6 +13,9 @@ struct ThreadOptions {
   std::string name;      // shown by ps and top; at most 15 bytes, the kernel's limit
   int fifo_priority = 0; // SCHED_FIFO 1 to 99; 0 keeps the ordinary scheduler
   int cpu = -1;          // pin to this core; -1 leaves it to the kernel
+  // Computes for long and can wait: SCHED_BATCH, so that it never takes the core from what wakes up beside it. Not used
+  // with a fifo_priority. Threads that it starts inherit this.
+  bool batch = false;
 };
 
 // Sets up the calling thread. Returns one sentence for each thing that could not be set; the thread runs on regardless.

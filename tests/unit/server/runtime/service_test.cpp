@@ -4,10 +4,12 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <sched.h>
 #include <sstream>
 #include <string>
 #include <sys/socket.h>
 #include <sys/un.h>
+#include <thread>
 #include <unistd.h>
 
 #include <gtest/gtest.h>
@@ -124,6 +126,18 @@ TEST(Realtime, EveryCheckHasAFindingAndWhatIsNotGoodAnAdvice) {
     EXPECT_FALSE(check.finding.empty()) << check.name;
     EXPECT_EQ(check.advice.empty(), check.fitness == Fitness::kGood) << check.name;
   }
+}
+
+TEST(Realtime, AThreadThatComputesForLongStartsItsHelpersAsItIs) {
+  int own = -1;
+  int helpers = -1;
+  std::thread([&] {
+    EXPECT_TRUE(set_up_thread({.name = "computing", .batch = true}).empty());
+    own = sched_getscheduler(0);
+    std::thread([&] { helpers = sched_getscheduler(0); }).join();
+  }).join();
+  EXPECT_EQ(own, SCHED_BATCH);
+  EXPECT_EQ(helpers, SCHED_BATCH);
 }
 
 TEST(Realtime, TimerQualityIsOrdered) {
