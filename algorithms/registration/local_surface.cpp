@@ -32,6 +32,8 @@ constexpr double kWideReach = 3.0;    // of the first steps' loss, in their scal
 constexpr double kTukeyReach = 4.685; // 95 % efficient for normal errors, each
 constexpr double kHuberReach = 1.345;
 constexpr double kGemanReach = 3.648;
+constexpr double kHampelKnee = 2.5; // 99 % efficient
+constexpr double kHampelReach = 4.5;
 constexpr double kInlier = 3.0; // standard deviations
 constexpr double kScaleSettled = 0.05;
 constexpr int kScaledSteps = 6; // exact steps that may change the scale
@@ -50,6 +52,11 @@ double weight_of(RobustLoss loss, double z) {
   case RobustLoss::kGemanMcClure: {
     const double share = kGemanReach * kGemanReach / (kGemanReach * kGemanReach + z * z);
     return share * share;
+  }
+  case RobustLoss::kHampel: {
+    const double size = std::abs(z);
+    const double left = std::clamp((kHampelReach - size) / (kHampelReach - kHampelKnee), 0.0, 1.0);
+    return left * std::min(1.0, kHampelKnee / size);
   }
   case RobustLoss::kSquare:
     break;

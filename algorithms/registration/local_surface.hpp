@@ -20,11 +20,13 @@
 namespace bregma::registration {
 
 enum class SurfaceMetric { kPointToPlane, kPointToPoint };
-enum class RobustLoss { kSquare, kHuber, kTukey, kGemanMcClure };
+// Tukey's, Huber's, Geman and McClure's: 95 % efficient for normal errors; Hampel's, with full weight up to 2.5 sigma
+// and none beyond 4.5: 99 %.
+enum class RobustLoss { kSquare, kHuber, kTukey, kGemanMcClure, kHampel };
 
 struct LocalOptions {
   SurfaceMetric metric = SurfaceMetric::kPointToPlane;
-  RobustLoss loss = RobustLoss::kTukey;
+  RobustLoss loss = RobustLoss::kHampel;
   double trim = 0.0;                   // share of the samples, those farthest off, that take no part; below 0.9
   double sigma_mm = 1.0;               // error of a sample along the surface's normal, 1-sigma
   double correlation_length_mm = 12.0; // over which errors are alike, exp(-d^2 / 2 l^2); 0: independent

@@ -22,8 +22,17 @@ int main(int argc, char **argv) {
     if (options.wants("heads")) {
       bench::head_figures(report, options);
     }
+    if (options.wants("points")) {
+      bench::point_figures(report, options);
+    }
     if (options.wants("clouds")) {
       bench::cloud_figures(report, options);
+    }
+    if (options.wants("splines")) {
+      bench::spline_figures(report, options);
+    }
+    if (options.wants("curves")) {
+      bench::curve_figures(report);
     }
   } catch (const std::exception &e) {
     std::cerr << "bench_registration: " << e.what() << '\n';

@@ -19,8 +19,8 @@ struct RegistrationBenchOptions : Options {
     return only.empty() || std::find(only.begin(), only.end(), part) != only.end();
   }
 };
-inline const std::vector<std::string> kRegistrationParts{"local",    "global", "table",  "degenerate",
-                                                         "coverage", "heads",  "clouds", "basin"};
+inline const std::vector<std::string> kRegistrationParts{
+    "local", "global", "table", "degenerate", "coverage", "heads", "points", "clouds", "splines", "curves", "basin"};
 
 constexpr double kWrong_mm = 10.0; // RMSE from which a pose that was "found" is a wrong one
 constexpr int kThreads = 2;
@@ -29,7 +29,9 @@ constexpr int kThreads = 2;
 void surface_figures(Report &report, const RegistrationBenchOptions &options);
 // registration_heads.cpp: the verdict on heads that its thresholds were not set on.
 void head_figures(Report &report, const RegistrationBenchOptions &options);
-// registration_clouds.cpp: paired points, clouds, splines and curves.
+void point_figures(Report &report, const RegistrationBenchOptions &options);
 void cloud_figures(Report &report, const RegistrationBenchOptions &options);
+void spline_figures(Report &report, const RegistrationBenchOptions &options);
+void curve_figures(Report &report);
 
 } // namespace bregma::bench

@@ -240,7 +240,8 @@ TEST(LocalSurface, OutliersAreLeftOutByEveryRobustLossAndByTrimming) {
   trimmed.loss = RobustLoss::kSquare;
   trimmed.trim = 0.15;
   std::vector<LocalOptions> all{trimmed};
-  for (const RobustLoss loss : {RobustLoss::kHuber, RobustLoss::kTukey, RobustLoss::kGemanMcClure}) {
+  for (const RobustLoss loss :
+       {RobustLoss::kHuber, RobustLoss::kTukey, RobustLoss::kGemanMcClure, RobustLoss::kHampel}) {
     all.push_back(without_correlation());
     all.back().loss = loss;
   }
