@@ -2,13 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include "algorithms/tissue/constitutive.hpp"
+#include "algorithms/tissue/node_vector.hpp"
 #include "algorithms/tissue/team.hpp"
 #include "algorithms/tissue/units.hpp"
 
@@ -17,32 +16,9 @@ namespace {
 
 constexpr int kFirstLook = 20;              // iterations for the stiffest mode of the tissue at rest
 constexpr std::uint64_t kLookInterval = 50; // steps between two looks at the critical step
-constexpr float kProbeStrain = 1e-3F;       // amplitude of the iterations, in edge lengths
 // Of a node in one step, in edge lengths: what is pushed by a contact may want to spring back far, for the contact to
-// stop it; in relax() nothing springs.
+// stop it.
 constexpr float kLongestWay = 0.5F;
-constexpr float kLongestRelaxWay = 0.1F;
-constexpr float kLonger = 1.002F;        // by what a look may lengthen the step
-constexpr int kLook = 1;                 // iterations of a later look
-constexpr int kRelaxInterval = 10;       // steps of relax() between two looks at the slowest mode and the residual;
-constexpr int kRelaxLongest = 60;        // more where it is slow, up to this
-constexpr int kRelaxFirstLook = 6;       // power iterations
-constexpr int kRelaxLooks = 5;           // intervals of relax() between two looks at the stiffest mode
-constexpr float kStiffestMargin = 1.15F; // of the stiffest eigenvalue: iterations come from below
-constexpr float kLimited = 1.0F;         // fourth component of a velocity that was cut
-constexpr float kNothing = 1e-6F;        // of an edge: what moves less has not moved
-constexpr float kRounding = 3e-8F;       // of a displacement, half the last digit of a float
-
-float *axes(NodeVector &v) { return &v.x; }
-const float *axes(const NodeVector &v) { return &v.x; }
-
-float dot(const NodeVector &a, const NodeVector &b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-
-NodeVector sum(const NodeVector &a, const NodeVector &b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
-
-NodeVector difference(const NodeVector &a, const NodeVector &b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
-
-NodeVector scaled(const NodeVector &v, float by) { return {by * v.x, by * v.y, by * v.z}; }
 
 // To a length, or to nothing where the forces were not finite.
 void limit(NodeVector &v, float length) {
@@ -75,22 +51,6 @@ Eigen::Matrix3d gradients_per_mm(const TetMesh &mesh, const Eigen::Vector4i &t, 
   }
   volume_mm3 = edges.determinant() / 6.0;
   return edges.inverse();
-}
-
-// The mix of three directions for which Rayleigh's quotient is largest, of length 1, and that quotient. Directions that
-// floats cannot tell from the others are left out.
-Eigen::Vector3d stiffest_mix(const Eigen::Matrix3d &gram, const Eigen::Matrix3d &stiffness, double &quotient) {
-  constexpr double kSame = 1e-6;
-  Eigen::Vector3d size = gram.diagonal().cwiseSqrt();
-  size = (size.array() > 0.0).select(size.cwiseInverse(), 0.0);
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> own(size.asDiagonal() * gram * size.asDiagonal());
-  Eigen::Matrix3d basis = size.asDiagonal() * own.eigenvectors();
-  for (int k = 0; k < 3; ++k) {
-    basis.col(k) *= own.eigenvalues()[k] > kSame ? 1.0 / std::sqrt(own.eigenvalues()[k]) : 0.0;
-  }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> ritz(basis.transpose() * stiffness * basis);
-  quotient = ritz.eigenvalues()[2];
-  return basis * ritz.eigenvectors().col(2);
 }
 
 } // namespace
@@ -380,220 +340,6 @@ void ExplicitSolver::advance(int steps) noexcept {
   }
 }
 
-// ---- the critical step ----
-
-// out = M^-1 K direction, by the difference of the forces at the present displacements and beside them.
-void ExplicitSolver::apply_stiffness(const std::vector<NodeVector> &direction,
-                                     const std::vector<NodeVector> &inverse_mass, float shear_Pa,
-                                     std::vector<NodeVector> &out) noexcept {
-  float largest = 1e-30F;
-  for (const NodeVector &v : direction) {
-    largest = std::max(largest, dot(v, v));
-  }
-  const float scale = kProbeStrain * edge_m_ / std::sqrt(largest);
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    probe_[i] = sum(displacement_[i], scaled(direction[i], scale));
-  }
-  team_->run([&](int thread) { evaluate(thread, probe_, false, shear_Pa); });
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const NodeVector pull = scaled(difference(elastic_[i], total_force(i)), 1.0F / scale);
-    const NodeVector &inverse = inverse_mass[i];
-    out[i] = {inverse.x * pull.x, inverse.y * pull.y, inverse.z * pull.z};
-  }
-}
-
-// The largest eigenvalue of M^-1 K of the tissue as it is deformed now, from the mode that was found last time: the
-// locally optimal conjugate gradients of Knyazev (SIAM J Sci Comput 23 (2001) 517), upwards. In fewer evaluations than
-// power iteration, whose mode lags behind where the tissue stiffens in one place.
-float ExplicitSolver::largest_eigenvalue(int iterations, const std::vector<NodeVector> &inverse_mass,
-                                         std::vector<NodeVector> &mode, float shear_Pa) noexcept {
-  team_->run([&](int thread) { evaluate(thread, displacement_, false, shear_Pa); });
-  for (std::size_t i = 0; i < mode.size(); ++i) {
-    elastic_[i] = total_force(i);
-    for (int axis = 0; axis < 3; ++axis) {
-      axes(mode[i])[axis] *= axes(inverse_mass[i])[axis] > 0.0F ? 1.0F : 0.0F;
-    }
-  }
-  apply_stiffness(mode, inverse_mass, shear_Pa, mode_pull_);
-  std::fill(turn_.begin(), turn_.end(), NodeVector{});
-  std::fill(turn_pull_.begin(), turn_pull_.end(), NodeVector{});
-  const auto product = [&](const std::vector<NodeVector> &a, const std::vector<NodeVector> &b) { // in the norm of M
-    double out = 0.0;
-    for (std::size_t i = 0; i < a.size(); ++i) {
-      for (int axis = 0; axis < 3; ++axis) {
-        if (const float inverse = axes(inverse_mass[i])[axis]; inverse > 0.0F) {
-          out += static_cast<double>(axes(a[i])[axis]) * static_cast<double>(axes(b[i])[axis] / inverse);
-        }
-      }
-    }
-    return out;
-  };
-  double eigenvalue = product(mode, mode_pull_) / product(mode, mode);
-  for (int iteration = 0; iteration < iterations && std::isfinite(eigenvalue); ++iteration) {
-    for (std::size_t i = 0; i < mode.size(); ++i) {
-      ascent_[i] = difference(mode_pull_[i], scaled(mode[i], static_cast<float>(eigenvalue)));
-    }
-    apply_stiffness(ascent_, inverse_mass, shear_Pa, ascent_pull_);
-    const std::vector<NodeVector> *of[3] = {&mode, &ascent_, &turn_};
-    const std::vector<NodeVector> *pulls[3] = {&mode_pull_, &ascent_pull_, &turn_pull_};
-    Eigen::Matrix3d gram;
-    Eigen::Matrix3d stiffness;
-    for (int r = 0; r < 3; ++r) {
-      for (int c = 0; c <= r; ++c) {
-        gram(r, c) = gram(c, r) = product(*of[r], *of[c]);
-        stiffness(r, c) = stiffness(c, r) = 0.5 * (product(*of[r], *pulls[c]) + product(*of[c], *pulls[r]));
-      }
-    }
-    const Eigen::Vector3d mix = stiffest_mix(gram, stiffness, eigenvalue);
-    const auto part = [&](int k) { return static_cast<float>(mix[k]); };
-    for (std::size_t i = 0; i < mode.size(); ++i) {
-      turn_[i] = sum(scaled(ascent_[i], part(1)), scaled(turn_[i], part(2)));
-      turn_pull_[i] = sum(scaled(ascent_pull_[i], part(1)), scaled(turn_pull_[i], part(2)));
-      mode[i] = sum(scaled(mode[i], part(0)), turn_[i]);
-      mode_pull_[i] = sum(scaled(mode_pull_[i], part(0)), turn_pull_[i]);
-    }
-  }
-  return static_cast<float>(eigenvalue);
-}
-
-void ExplicitSolver::look_at_step() noexcept {
-  const float stiffest = largest_eigenvalue(kLook, inverse_mass_, mode_, static_cast<float>(material_.shear_Pa()));
-  const float now = static_cast<float>(options_.step_fraction) * 2.0F / std::sqrt(stiffest);
-  if (std::isfinite(now) && now > 0.0F) {
-    // Shorter at once, longer by and by: over a swing of the tissue it stays at its shortest.
-    step_s_ = std::min(now, kLonger * step_s_);
-  }
-}
-
-// ---- dynamic relaxation ----
-
-// Heavy-ball iteration: with eigenvalues of M^-1 K between a and L, v <- keep v + dt f / m, u <- u + dt v with
-// dt = 2 / (sqrt L + sqrt a), keep = ((sqrt L - sqrt a) / (sqrt L + sqrt a))^2 converges fastest (Polyak 1964; as
-// dynamic relaxation Underwood 1983). The masses make L about the same for all nodes (build_masses); L is looked at
-// while the tissue deforms, a is Rayleigh's quotient of the latest motion (Joldes, Wittek & Miller, Comput Methods Appl
-// Mech Eng 198 (2009) 2645).
-Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
-  const auto shear = static_cast<float>(material_.shear_Pa() * (options.relaxed ? material_.relaxed_share() : 1.0));
-  stop_motion();
-  Relaxation out;
-  float slowest = 1e-3F;
-  float stiffest = 4.0F;
-  double way_before = std::numeric_limits<double>::infinity();
-  for (int look = 0; out.steps < options.max_steps; ++look) {
-    if (look % kRelaxLooks == 0 || limited_nodes() > 0) {
-      const int iterations = look == 0 ? kRelaxFirstLook : kLook;
-      const float seen = kStiffestMargin * largest_eigenvalue(iterations, inverse_fictitious_, relax_mode_, shear);
-      stiffest = std::isfinite(seen) && seen > 0.0F ? seen : 4.0F;
-    }
-    const float high = std::sqrt(stiffest);
-    const float low = std::sqrt(std::min(slowest, 0.25F * stiffest));
-    const float ratio = (high - low) / (high + low);
-    const Integration how{2.0F / (high + low), ratio * ratio, 2.0F / (high + low), kLongestRelaxWay * edge_m_};
-    const auto run = [&](int steps) {
-      team_->run([&](int thread) {
-        for (int i = 0; i < steps; ++i) {
-          step(thread, inverse_fictitious_, how, false, shear);
-        }
-      });
-    };
-    run(1);
-    std::copy(elastic_.begin(), elastic_.end(), force_before_.begin());
-    std::copy(displacement_.begin(), displacement_.end(), displacement_before_.begin());
-    // As long as the slow modes take to be seen above what floats round off.
-    const int wanted = std::clamp(static_cast<int>(high / low), kRelaxInterval, kRelaxLongest);
-    const int interval = std::clamp(options.max_steps - out.steps, 2, wanted);
-    run(interval - 2);
-    std::copy(velocity_.begin(), velocity_.end(), velocity_before_.begin());
-    run(1);
-    out.steps += interval;
-    const double way = way_left(how);
-    out.residual = std::max({unbalanced(how), way, std::min(way_before, 1.0)});
-    way_before = way;
-    if (out.residual < options.tolerance && !runs_away(how)) {
-      out.converged = inverted_elements() == 0; // a fold that stands is no answer
-      break;
-    }
-    const float seen = slowest_mode(); // not positive: lost in what floats round off, or not yet a minimum's
-    slowest = seen > 0.0F ? std::clamp(seen, 0.5F * slowest, 4.0F * slowest) : 1.5F * slowest;
-    slowest = std::clamp(slowest, 1e-8F, 1.0F);
-  }
-  stop_motion();
-  settle_prony(options.relaxed);
-  return out;
-}
-
-// The history that belongs to the answer of relax(): nothing has relaxed yet, or all of it.
-void ExplicitSolver::settle_prony(bool relaxed) noexcept {
-  if (!relaxed || prony_.empty()) {
-    std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
-    return;
-  }
-  for (std::size_t k = 0; k < prony_.size(); ++k) {
-    prony_[k] = {0.0F, static_cast<float>(material_.prony[k].share)};
-  }
-  const auto shear = static_cast<float>(material_.shear_Pa());
-  team_->run([&](int thread) { evaluate(thread, displacement_, true, shear); });
-}
-
-// Rayleigh's quotient du K du / du M du of the motion du of the latest interval: what floats round off the forces would
-// hide the slow modes in the motion of one step.
-float ExplicitSolver::slowest_mode() const noexcept {
-  double work = 0.0;
-  double inertia = 0.0;
-  for (std::size_t i = 0; i < displacement_.size(); ++i) {
-    const NodeVector du = difference(displacement_[i], displacement_before_[i]);
-    work += static_cast<double>(dot(du, difference(force_before_[i], elastic_[i])));
-    inertia += static_cast<double>(0.25F * stiffness_bound_N_m_[i] * dot(du, du));
-  }
-  return inertia > 0.0 ? static_cast<float>(work / inertia) : 0.0F;
-}
-
-// What the last step still changed, as a force, against the forces that hold the tissue: contacts and supports
-// included, since what they balance does not move. Less what the rounding of displacements to floats makes of itself.
-double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
-  double rest = 0.0;
-  double rounding = 0.0;
-  double acting = 0.0;
-  for (std::size_t i = 0; i < velocity_.size(); ++i) {
-    const NodeVector &now = velocity_[i];
-    const float mass = 0.25F * stiffness_bound_N_m_[i] / how.pull;
-    const NodeVector push = difference(now, scaled(velocity_before_[i], how.keep));
-    rest += static_cast<double>(mass * mass * dot(push, push));
-    const float least = kNothing * edge_m_ * stiffness_bound_N_m_[i];
-    acting += static_cast<double>(dot(elastic_[i], elastic_[i]) + least * least);
-    const float noise = kRounding * stiffness_bound_N_m_[i];
-    rounding += static_cast<double>(noise * noise * dot(displacement_[i], displacement_[i]));
-  }
-  return rest > 0.0 ? std::sqrt(std::max(rest - rounding, 0.0) / acting) : 0.0;
-}
-
-// A node was held back, and not because it presses on a contact that then put it back where it was.
-bool ExplicitSolver::runs_away(const Integration &how) const noexcept {
-  const float far_squared = 0.25F * how.longest_way * how.longest_way;
-  for (std::size_t i = 0; i < velocity_.size(); ++i) {
-    const NodeVector &v = velocity_[i];
-    const bool pressed = std::isfinite(dot(elastic_[i], elastic_[i])) && how.step * how.step * dot(v, v) < far_squared;
-    if (v.w == kLimited && !pressed) {
-      return true;
-    }
-  }
-  return false;
-}
-
-// How far the tissue will still go at the rate at which this iteration converges, against how far it has gone.
-double ExplicitSolver::way_left(const Integration &how) const noexcept {
-  double left = 0.0;
-  double gone = 0.0;
-  for (std::size_t i = 0; i < velocity_.size(); ++i) {
-    left += static_cast<double>(mass_kg_[i] * dot(velocity_[i], velocity_[i]));
-    const float least = kNothing * edge_m_;
-    gone += static_cast<double>(mass_kg_[i] * (dot(displacement_[i], displacement_[i]) + least * least));
-  }
-  return left > 0.0
-             ? static_cast<double>(how.step) / (1.0 - std::sqrt(static_cast<double>(how.keep))) * std::sqrt(left / gone)
-             : 0.0;
-}
-
 // ---- state ----
 
 void ExplicitSolver::stop_motion() noexcept { std::fill(velocity_.begin(), velocity_.end(), NodeVector{}); }
@@ -624,12 +370,6 @@ void ExplicitSolver::reset() noexcept {
   }
   step_s_ = step_at_rest_s_;
 }
-
-namespace {
-Eigen::Vector3d to_double(const NodeVector &v) {
-  return {static_cast<double>(v.x), static_cast<double>(v.y), static_cast<double>(v.z)};
-}
-} // namespace
 
 Eigen::Vector3d ExplicitSolver::displacement_mm(int node) const noexcept {
   return kMetre * to_double(displacement_[static_cast<std::size_t>(node)]);

@@ -14,7 +14,8 @@ namespace {
 using Eigen::Vector3d;
 
 const double kEggTop_mm = test::kEggHalf_mm.z();
-constexpr RelaxOptions kStillEgg{1e-3, 20000, false};
+// Nodes that slide from one of the skull's triangles to the next keep about 0.002 of the forces unbalanced.
+constexpr RelaxOptions kStillEgg{5e-3, 20000, false};
 
 class Shaken {
 public:
