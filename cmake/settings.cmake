@@ -28,7 +28,11 @@ function(bregma_test)
   add_executable(${arg_NAME} ${arg_SOURCES})
   target_link_libraries(${arg_NAME} PRIVATE bregma_settings ${arg_LIBRARIES} GTest::gtest GTest::gtest_main)
   include(GoogleTest)
-  # Read by a thread-sanitized test and by the daemons that it starts; nobody else knows the variable.
+  # Read by a sanitized test and by the daemons that it starts; nobody else knows the variable.
+  set(environment LSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/lsan.supp)
+  if(BREGMA_SANITIZE MATCHES thread)
+    set(environment TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/tsan.supp)
+  endif()
   gtest_discover_tests(${arg_NAME} DISCOVERY_TIMEOUT 60 PROPERTIES LABELS ${arg_LABEL} TIMEOUT ${arg_TIMEOUT}
-    ENVIRONMENT TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/tsan.supp)
+    ENVIRONMENT ${environment})
 endfunction()

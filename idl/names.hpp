@@ -21,7 +21,7 @@ inline constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
     return false;
   }
   std::memset(name, 0, sizeof(Name));
-  std::memcpy(name, text.data(), text.size());
+  text.copy(name, kNameLength);
   return true;
 }
 

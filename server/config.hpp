@@ -52,7 +52,7 @@ struct Config {
   struct {
     double rate_hz = 60.0;
     std::int64_t elements = 20000; // 0: no tissue model
-    double entry_edge_mm = 5.0;
+    double entry_edge_mm = casefile::BrainMeshOptions{}.entry_edge_mm;
     std::int64_t threads = 1;
     std::string material = "thesis";
     bool sliding = true;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "server/session/session_core.hpp"
 
@@ -14,7 +15,9 @@ constexpr const char *kVerify = "verification";
 
 // What is wrong with a command from the wire; empty: nothing.
 std::string malformed(const wire::Command &command) {
-  const auto kind = static_cast<int>(command.body._d);
+  int kind = 0; // as it came: a foreign writer may send one that the enumeration does not have
+  static_assert(sizeof kind == sizeof command.body._d);
+  std::memcpy(&kind, &command.body._d, sizeof kind);
   if (kind < bregma_wire_COMMAND_LOAD_CASE || kind > bregma_wire_COMMAND_CLOSE_CASE) {
     return "command kind " + std::to_string(kind) + " is not known";
   }
@@ -59,11 +62,12 @@ void Session::Impl::handle(const wire::Command &command) {
     ports_.log("a command without a client's name was dropped: nobody can be answered");
     return;
   }
-  const Ticket ticket{wire::text(command.client), command.id, command.sent_time_ns, command.body._d};
+  Ticket ticket{wire::text(command.client), command.id, command.sent_time_ns};
   if (const std::string wrong = malformed(command); !wrong.empty()) {
     publish_reply(ticket, {bregma_wire_COMMAND_MALFORMED, wrong}, false);
     return;
   }
+  ticket.kind = command.body._d;
   switch (book_.enter(ticket)) {
   case ReplyBook::Seen::kUnderWay:
     return;
