@@ -174,21 +174,22 @@ std::string checks_table(const SessionAnalysis &session) {
 
 std::string insertion_table(const Insertion &insertion) {
   HtmlTable table({"Target", "#Tetrahedra", "#Ruptures", "#At a modelled force of N", "#At a dent of mm",
-                   "#Largest motion mm", "#Measured : modelled stiffness", "Answers"});
-  std::string states;
-  for (const auto *list : {&insertion.states, &insertion.reasons}) {
-    for (const auto &[name, count] : *list) {
-      states += (states.empty() ? "" : ", ") + std::to_string(count) + " " + name;
-    }
-  }
+                   "#Largest motion mm", "#Measured : modelled stiffness"});
   table.row({insertion.target, std::to_string(insertion.elements), std::to_string(insertion.ruptures),
              fixed(insertion.rupture_force_N, 3), fixed(insertion.rupture_depth_mm, 1),
-             fixed(insertion.largest_motion_mm, 2), fixed(insertion.stiffness_scale, 2), states});
+             fixed(insertion.largest_motion_mm, 2), fixed(insertion.stiffness_scale, 2)});
+  HtmlTable answers({"Answers of the model, and why not all are valid", "#Number"});
+  for (const auto *list : {&insertion.states, &insertion.reasons}) {
+    for (const auto &[name, count] : *list) {
+      answers.row({name, std::to_string(count)});
+    }
+  }
   HtmlTable landmarks({"Landmark in the brain", "#Largest motion mm", "#Its error bound mm"});
   for (const FollowedLandmark &landmark : insertion.landmarks) {
     landmarks.row({landmark.landmark, fixed(landmark.largest_motion_mm, 2), fixed(landmark.error_bound_mm, 2)});
   }
-  return table.text() + (landmarks.any() ? landmarks.text() : std::string());
+  return table.text() + (landmarks.any() ? landmarks.text() : std::string()) +
+         (answers.any() ? answers.text() : std::string());
 }
 
 std::string approaches_table(const SessionAnalysis &session) {

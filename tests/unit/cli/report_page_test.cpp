@@ -122,6 +122,7 @@ TEST(Page, TheInsertionIsDrawnAgainstDepthWithoutItsInvalidAnswers) {
   Insertion insertion;
   insertion.target = "Deep";
   insertion.rupture_depth_mm = 4.0;
+  insertion.states = {{"valid", 49}, {"invalid", 1}};
   for (int k = 0; k < 50; ++k) {
     insertion.samples.push_back({k, k < 20 ? "indentation" : "penetration", k == 30 ? "invalid" : "valid", 0.2 * k,
                                  0.01 * k, 0.001 * k, 0.011 * k, 2.0 * k, 0.01 * k, 0.02});
@@ -135,6 +136,7 @@ TEST(Page, TheInsertionIsDrawnAgainstDepthWithoutItsInvalidAnswers) {
   ASSERT_TRUE(page.has_value());
   EXPECT_NE(page->find("The brain under the probe"), std::string::npos);
   EXPECT_NE(page->find("Force against depth"), std::string::npos);
+  EXPECT_NE(page->find("<td class=''>invalid</td><td class='n '>1</td>"), std::string::npos);
   EXPECT_EQ(page->find(">nan"), std::string::npos);
 }
 
