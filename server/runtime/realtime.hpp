@@ -13,7 +13,7 @@ struct ThreadOptions {
   std::string name;      // shown by ps and top; at most 15 bytes, the kernel's limit
   int fifo_priority = 0; // SCHED_FIFO 1 to 99; 0 keeps the ordinary scheduler
   int cpu = -1;          // pin to this core; -1 leaves it to the kernel
-  // Computes for long and can wait: SCHED_BATCH, so that it never takes the core from what wakes up beside it. Not used
+  // Computes for long and can wait: SCHED_BATCH, so that it does not take a core from others when it wakes up. Not used
   // with a fifo_priority. Threads that it starts inherit this.
   bool batch = false;
 };
