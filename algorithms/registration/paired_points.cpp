@@ -148,11 +148,10 @@ PairedFit fit_paired(std::span<const PointPair> pairs, const PairedPose *start) 
   out.T_target_source = start != nullptr ? *start : *by_svd;
 
   const Vector3d centre = mean_target(pairs);
-  Matrix6d A;
-  Matrix6d A_inverse;
+  Eigen::LDLT<Matrix6d> solver;
   while (!out.converged && out.iterations < kMaxIterations) {
     ++out.iterations;
-    A.setZero();
+    Matrix6d A = Matrix6d::Zero();
     Vector6d g = Vector6d::Zero();
     out.chi_square = 0.0;
     const Matrix3d R = out.T_target_source.rotation_matrix();
@@ -169,18 +168,17 @@ PairedFit fit_paired(std::span<const PointPair> pairs, const PairedPose *start) 
       g += WJ.transpose() * residual;
       out.chi_square += residual.dot(S.solve(residual));
     }
-    const Eigen::LDLT<Matrix6d> solver(A);
+    solver.compute(A);
     const Vector6d step = -solver.solve(g);
     if (solver.info() != Eigen::Success || !step.allFinite()) {
       return out;
     }
-    A_inverse = solver.solve(Matrix6d::Identity());
     out.T_target_source = moved_about(centre, step, out.T_target_source);
     // A rotation step counts as the motion of a point 100 mm away.
     out.converged = 100.0 * step.head<3>().norm() + step.tail<3>().norm() < kRefinedStep_mm;
   }
 
-  out.covariance = covariance_at_origin(A_inverse, centre);
+  out.covariance = covariance_at_origin(solver.solve(Matrix6d::Identity()), centre);
   out.p_value = out.count > 2 ? uncertainty::chi_square_survival(out.chi_square, 3 * out.count - 6) : 1.0;
   double squares = 0.0;
   double expected = 0.0;
