@@ -95,9 +95,16 @@ void Progress::step() {
   }
 }
 
-void add_options(CLI::App &app, Options &options) {
+bool Options::wants(std::string_view part) const {
+  return only.empty() || std::find(only.begin(), only.end(), part) != only.end();
+}
+
+void add_options(CLI::App &app, Options &options, const std::vector<std::string> &parts) {
   app.add_flag("--json", options.json, "one JSON object a line");
   app.add_flag("--quick", options.quick, "a smaller sample, in under a minute");
+  if (!parts.empty()) {
+    app.add_option("--only", options.only, "these parts alone")->check(CLI::IsMember(parts));
+  }
 }
 
 double percentile(std::vector<double> &values, double p) {

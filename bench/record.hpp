@@ -62,8 +62,11 @@ private:
 struct Options {
   bool json = false;
   bool quick = false;
+  std::vector<std::string> only; // parts; empty: all
+  [[nodiscard]] bool wants(std::string_view part) const;
 };
-void add_options(CLI::App &app, Options &options);
+// parts: of the benchmark, for --only; it has no such option without them.
+void add_options(CLI::App &app, Options &options, const std::vector<std::string> &parts = {});
 
 // p in 0..1, by linear interpolation between ranks; sorts in place.
 [[nodiscard]] double percentile(std::vector<double> &values, double p);

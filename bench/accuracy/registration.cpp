@@ -9,11 +9,10 @@ int main(int argc, char **argv) {
   using namespace bregma;
   bench::RegistrationBenchOptions options;
   CLI::App app("Accuracy, robustness and time of the registrations");
-  bench::add_options(app, options);
+  bench::add_options(app, options, bench::kRegistrationParts);
   app.add_option("--case", options.case_folder, "case folder whose scalp is the head")->capture_default_str();
   app.add_option("--basin", options.basin_file, "write the picture of the convergence basin (SVG) to this file");
   app.add_option("--head", options.heads, "other heads: surfaces or images (those of ../shared/data that are there)");
-  app.add_option("--only", options.only, "these parts alone")->check(CLI::IsMember(bench::kRegistrationParts));
   CLI11_PARSE(app, argc, argv);
 
   bench::Report report(options.json);

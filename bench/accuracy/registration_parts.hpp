@@ -1,7 +1,6 @@
 // The parts of bench_registration, one source each.
 #pragma once
 
-#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -13,11 +12,6 @@ struct RegistrationBenchOptions : Options {
   std::string case_folder = "out/cases/colin27"; // its scalp is the head
   std::string basin_file;                        // SVG of the convergence basin; none when empty
   std::vector<std::string> heads;                // surfaces or images of other heads
-  std::vector<std::string> only;                 // parts; empty: all
-
-  [[nodiscard]] bool wants(const std::string &part) const {
-    return only.empty() || std::find(only.begin(), only.end(), part) != only.end();
-  }
 };
 inline const std::vector<std::string> kRegistrationParts{
     "local", "global", "table", "degenerate", "coverage", "heads", "points", "clouds", "splines", "curves", "basin"};

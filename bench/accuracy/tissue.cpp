@@ -9,38 +9,36 @@
 int main(int argc, char **argv) {
   using namespace bregma;
   bench::TissueBenchOptions options;
-  std::string only, convergence, shift_picture;
+  std::string convergence, shift_picture;
   CLI::App app("Accuracy and speed of the tissue models");
-  bench::add_options(app, options);
+  bench::add_options(app, options, {"analytic", "speed", "calculix", "thesis", "shift", "hertz", "robustness"});
   app.add_option("--case", options.case_folder, "case folder whose brain is deformed")->capture_default_str();
   app.add_option("--thesis-picture", options.thesis_picture, "write the picture of the thesis' run (SVG) to this file");
   app.add_option("--convergence", convergence, "write the picture of the errors under refinement (SVG) to this file");
   app.add_option("--shift-picture", shift_picture, "write the picture of the brain shift (SVG) to this file");
-  app.add_option("--only", only, "one part: analytic, speed, calculix, thesis, shift, hertz or robustness")
-      ->check(CLI::IsMember({"analytic", "speed", "calculix", "thesis", "shift", "hertz", "robustness"}));
   CLI11_PARSE(app, argc, argv);
 
   bench::Report report(options.json);
   try {
-    if (only.empty() || only == "analytic") {
+    if (options.wants("analytic")) {
       bench::analytic_figures(report, options, convergence);
     }
-    if (only.empty() || only == "speed") {
+    if (options.wants("speed")) {
       bench::speed_figures(report, options);
     }
-    if (only.empty() || only == "calculix") {
+    if (options.wants("calculix")) {
       bench::calculix_figures(report, options);
     }
-    if (only.empty() || only == "thesis") {
+    if (options.wants("thesis")) {
       bench::thesis_figures(report, options);
     }
-    if (only.empty() || only == "shift") {
+    if (options.wants("shift")) {
       bench::shift_figures(report, options, shift_picture);
     }
-    if (only.empty() || only == "hertz") {
+    if (options.wants("hertz")) {
       bench::hertz_figures(report, options);
     }
-    if (only.empty() || only == "robustness") {
+    if (options.wants("robustness")) {
       bench::robustness_figures(report, options);
     }
   } catch (const std::exception &e) {

@@ -325,17 +325,14 @@ int serve(int argc, char **argv) {
   std::string scenario = "demo/colin27/scenario.toml";
   std::uint32_t domain = 90;
   double seconds = 0.0;
-  std::vector<std::string> only;
   std::string client_file;
   bool relaying = false;
   CLI::App app("Latency from the write of a tracker frame to a client's take, beside a bare relay");
-  bench::add_options(app, options);
+  bench::add_options(app, options, {"relay", "clients", "tissue"});
   app.add_option("--case", case_folder, "case folder")->capture_default_str();
   app.add_option("--scenario", scenario, "scenario that registers the patient")->capture_default_str();
   app.add_option("--domain", domain, "DDS domain")->capture_default_str();
   app.add_option("--seconds", seconds, "length of each measurement; default 30, with --quick 4");
-  app.add_option("--only", only, "these parts alone")
-      ->check(CLI::IsMember(std::vector<std::string>{"relay", "clients", "tissue"}));
   // The roles that this program gives to copies of itself.
   app.add_flag("--relay", relaying)->group("");
   app.add_option("--client", client_file)->group("");
@@ -349,16 +346,13 @@ int serve(int argc, char **argv) {
   const double length = seconds > 0.0 ? seconds : (options.quick ? 4.0 : 30.0);
   Bench measuring(std::filesystem::canonical("/proc/self/exe").string(), case_folder, scenario, domain, length);
   bench::Report report(options.json);
-  const auto wanted = [&only](const char *part) {
-    return only.empty() || std::find(only.begin(), only.end(), part) != only.end();
-  };
-  if (wanted("relay")) {
+  if (options.wants("relay")) {
     run_beside_relay(measuring, report);
   }
-  if (wanted("clients")) {
+  if (options.wants("clients")) {
     run_many_clients(measuring, report);
   }
-  if (wanted("tissue")) {
+  if (options.wants("tissue")) {
     run_beside_tissue(measuring, report);
   }
   return report.all_hold() ? 0 : 1;
