@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 
 #include "algorithms/registration/surface_model.hpp"
+#include "algorithms/tissue/falx.hpp"
 #include "algorithms/tissue/units.hpp"
 
 namespace bregma::tissue {
@@ -200,7 +201,12 @@ BrainShift predict_shift(const TetMesh &mesh, const BrainShiftOptions &options) 
   skull.hold(solver);
   hold_stem(solver, options.stem_mm);
   Fluid fluid(load, solver);
-  solver.set_contacts({&skull, &fluid});
+  std::vector<Contact *> contacts{&skull, &fluid};
+  std::optional<Falx> falx;
+  if (options.falx) {
+    contacts.push_back(&falx.emplace(mesh, boundary, skull.surface()));
+  }
+  solver.set_contacts(std::move(contacts));
 
   BrainShift out;
   out.fluid_drop_mm = load.fluid_drop_mm();
@@ -211,11 +217,10 @@ BrainShift predict_shift(const TetMesh &mesh, const BrainShiftOptions &options) 
   }
 
   out.displacement_mm.reserve(mesh.nodes_mm.size());
-  const registration::SurfaceModel surface({mesh.nodes_mm, boundary.triangles});
   for (int i = 0; i < solver.nodes(); ++i) {
     const Vector3d &rest_mm = mesh.nodes_mm[static_cast<std::size_t>(i)];
     out.displacement_mm.push_back(solver.displacement_mm(i));
-    if (surface.closest(rest_mm).distance_mm >= options.deep_mm) {
+    if (skull.surface().closest(rest_mm).distance_mm >= options.deep_mm) {
       keep_farthest(out.deep, i, rest_mm, out.displacement_mm.back());
     }
   }

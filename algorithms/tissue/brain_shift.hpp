@@ -4,9 +4,9 @@
 // and what holds it are in balance. What deforms it is what changes after that: above the fluid's new level the
 // buoyancy is lost, and where the head lies otherwise than it was imaged, weight less buoyancy pulls another way. The
 // load is that of where the tissue is, the fluid's level stands still. The brain slides along the skull and may leave
-// it (skull.hpp), but for its stem, which is held; the static answer is by dynamic relaxation. Fluid level, sliding,
-// the free surface in the craniotomy and the fixed stem as in Dumpuri et al., Med Image Anal 11 (2007), PMC3819812.
-// Falx, tentorium, vessels and swelling are not modelled.
+// it (skull.hpp), slides along the falx (falx.hpp), and is held at its stem; the static answer is by dynamic
+// relaxation. Fluid level, sliding, the free surface in the craniotomy and the fixed stem as in Dumpuri et al., Med
+// Image Anal 11 (2007), PMC3819812. Tentorium, vessels and swelling are not modelled.
 //
 // Frame: that of the mesh (Image, RAS), mm; forces N. Pure functions, safe from any thread; predict_shift blocks for
 // seconds. Both throw std::invalid_argument with the name and value of what is wrong.
@@ -33,6 +33,7 @@ struct BrainShiftOptions {
   // Tissue within this of the brain's most caudal point (RAS: lowest z) is held: it goes on into the spine. 0: none;
   // with a gap, nothing then keeps a round brain from turning.
   double stem_mm = 15.0;
+  bool falx = true; // it is there (falx.hpp)
   double tissue_kg_m3 = 1040.0;
   double fluid_kg_m3 = 1007.0;
   double deep_mm = 30.0; // from the surface on, tissue is called deep

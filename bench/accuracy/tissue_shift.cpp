@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <stdexcept>
+#include <utility>
 
 #include "algorithms/registration/surface_model.hpp"
 #include "algorithms/tissue/brain_shift.hpp"
@@ -109,33 +110,40 @@ void shift_figures(Report &report, const TissueBenchOptions &options, const std:
   report.note("shift: the case's brain in " + std::to_string(mesh.tetrahedra.size()) +
               " tetrahedra, the thesis' material; craniotomy of 30 mm radius where '" +
               loaded->trajectories.front().name + "' enters; limits: the thesis' chapter 1");
-  const Timed run = timed(mesh, supine);
-  judge(report, "shift.supine", run, supine);
-  if (!picture.empty()) {
-    draw_shift(mesh, supine, run.shift, picture);
-  }
-
-  BrainShiftOptions lateral = supine; // on the left side, the opening up
+  BrainShiftOptions opening_up = supine; // the opening is the head's highest point
+  opening_up.gravity = -surface.closest(supine.skull.craniotomy.centre_mm).normal;
+  BrainShiftOptions lateral = supine; // on the left side
   lateral.gravity = -Vector3d::UnitX();
-  judge(report, "shift.lateral", timed(mesh, lateral), lateral);
+  const std::pair<std::string, BrainShiftOptions> postures[] = {
+      {"shift.supine", supine}, {"shift.opening_up", opening_up}, {"shift.lateral", lateral}};
+  for (const auto &[name, posture] : postures) {
+    judge(report, name, timed(mesh, posture), posture);
+  }
+  if (!picture.empty()) {
+    draw_shift(mesh, supine, tissue::predict_shift(mesh, supine), picture);
+  }
   if (options.quick) {
     return;
+  }
+  const auto add_figures = [&](const std::string &name, const BrainShiftOptions &how) {
+    const BrainShift shift = tissue::predict_shift(mesh, how);
+    report.add(figure(name + ".surface", shift.surface.displacement_mm.norm(), "mm"));
+    report.add(figure(name + ".deep", shift.deep.displacement_mm.norm(), "mm"));
+  };
+  for (const auto &[name, posture] : postures) {
+    BrainShiftOptions without = posture;
+    without.falx = false;
+    add_figures(name + ".no_falx", without);
   }
   for (const double drop_mm : {20.0, 40.0, 60.0, 80.0, 120.0}) {
     BrainShiftOptions lower = supine;
     lower.fluid_drop_mm = drop_mm;
-    const BrainShift shift = timed(mesh, lower).shift;
-    const std::string name = "shift.supine.drop" + std::to_string(static_cast<int>(drop_mm));
-    report.add(figure(name + ".surface", shift.surface.displacement_mm.norm(), "mm"));
-    report.add(figure(name + ".deep", shift.deep.displacement_mm.norm(), "mm"));
+    add_figures("shift.supine.drop" + std::to_string(static_cast<int>(drop_mm)), lower);
   }
   for (const double gap_mm : {1.0, 3.0}) {
     BrainShiftOptions looser = supine;
     looser.skull.gap_mm = gap_mm;
-    const BrainShift shift = timed(mesh, looser).shift;
-    const std::string name = "shift.supine.gap" + std::to_string(static_cast<int>(gap_mm));
-    report.add(figure(name + ".surface", shift.surface.displacement_mm.norm(), "mm"));
-    report.add(figure(name + ".deep", shift.deep.displacement_mm.norm(), "mm"));
+    add_figures("shift.supine.gap" + std::to_string(static_cast<int>(gap_mm)), looser);
   }
 }
 

@@ -43,6 +43,7 @@ struct ShiftOptions {
   std::string posture = "supine", imaged = "supine";
   std::optional<double> fluid_drop_mm; // nothing: to the craniotomy's lowest edge
   double gap_mm = 0.0;
+  bool without_falx = false;
   MeshRequest mesh;
   std::string vtu; // empty: not written
 };
@@ -104,6 +105,7 @@ Result<ShiftOfCase> run_model(const ShiftOptions &options) {
   how.material = casefile::material_of(*loaded, tissue::named_materials().front());
   how.solver.threads = 2;
   how.skull.gap_mm = options.gap_mm;
+  how.falx = !options.without_falx;
   how.skull.craniotomy =
       casefile::craniotomy_of(*loaded, registration::SurfaceModel(loaded->brain.mesh), casefile::kCraniotomyRadius_mm);
   how.gravity = postures().at(options.posture);
@@ -149,6 +151,7 @@ nlohmann::json shift_json(const ShiftOfCase &moved, const ShiftOptions &options)
           {"material", moved.material.name},
           {"posture", options.posture},
           {"imaged", options.imaged},
+          {"falx", !options.without_falx},
           {"fluid_drop_mm", json_number(shift.fluid_drop_mm)},
           {"converged", shift.relaxation.converged},
           {"steps", shift.relaxation.steps},
@@ -187,7 +190,8 @@ std::string shift_text(const ShiftOfCase &moved, const ShiftOptions &options) {
   }
   out += table.text();
   out += options.vtu.empty() ? "" : "\nWritten: " + options.vtu + "\n";
-  return out + "\nA model without falx, tentorium and vessels; docs/tissue.md says what it is worth.\n";
+  return out + "\nA model without " + (options.without_falx ? "falx, " : "") +
+         "tentorium and vessels; docs/tissue.md says what it is worth.\n";
 }
 
 int run_shift(const ShiftOptions &options, const Context &context) {
@@ -234,6 +238,7 @@ void add_shift_command(CLI::App &group, Context &context) {
   command->add_option("--gap", options->gap_mm, "Of fluid between brain and skull, mm")
       ->check(CLI::Range(0.0, 20.0))
       ->capture_default_str();
+  command->add_flag("--no-falx", options->without_falx, "Leave out the fold of dura between the hemispheres");
   add_mesh_options(*command, options->mesh);
   command->add_option("--vtu", options->vtu, "Write the displacements to this file");
   add_json_flag(*command, context);
