@@ -149,7 +149,14 @@ private:
   struct Range {
     std::size_t begin = 0, end = 0;
   };
-  struct Share; // of one thread: its range, its sums
+  struct Share { // of one thread
+    Range packs, nodes;
+    std::vector<float> volume_change;
+    std::vector<NodeVector> force;
+    ElementSums sums;
+    double volume_energy = 0.0;
+    int limited = 0;
+  };
   struct Integration {
     float step = 0.0F;
     float keep = 1.0F; // of the velocity

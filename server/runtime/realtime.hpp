@@ -13,8 +13,9 @@ struct ThreadOptions {
   std::string name;      // shown by ps and top; at most 15 bytes, the kernel's limit
   int fifo_priority = 0; // SCHED_FIFO 1 to 99; 0 keeps the ordinary scheduler
   int cpu = -1;          // pin to this core; -1 leaves it to the kernel
-  // Computes for long and can wait: SCHED_BATCH, so that it does not take a core from others when it wakes up. Not used
-  // with a fifo_priority. Threads that it starts inherit this.
+  // Computes for long and can wait: SCHED_BATCH with a long stretch, so that it does not take a core from others when
+  // it wakes up, and leaves its own to them when they do. Not used with a fifo_priority. Threads that it starts inherit
+  // this.
   bool batch = false;
 };
 
