@@ -283,9 +283,8 @@ bool ExplicitSolver::finite() const noexcept {
 }
 
 Eigen::Matrix3d ExplicitSolver::deformation_gradient(int element) const noexcept {
-  const auto e = static_cast<std::size_t>(element);
-  const ElementPack &pack = packs_[e / kPack];
-  const std::size_t lane = e % kPack;
+  const auto [slot, lane] = slot_of(static_cast<std::size_t>(element));
+  const ElementPack &pack = packs_[slot];
   const auto u = [&](int i) { return to_double(displacement_[static_cast<std::size_t>(pack.node[i][lane])]); };
   Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
   for (int i = 0; i < 3; ++i) {
@@ -297,9 +296,7 @@ Eigen::Matrix3d ExplicitSolver::deformation_gradient(int element) const noexcept
 }
 
 Eigen::Matrix3d ExplicitSolver::cauchy_Pa(int element) const noexcept {
-  const auto e = static_cast<std::size_t>(element);
-  const std::size_t pack = e / kPack;
-  const std::size_t lane = e % kPack;
+  const auto [pack, lane] = slot_of(static_cast<std::size_t>(element));
   const Eigen::Matrix3d f = deformation_gradient(element);
   Eigen::Matrix3d shear = shear_stress_Pa(material_, f);
   for (std::size_t k = 0; k < prony_.size(); ++k) {

@@ -164,6 +164,10 @@ private:
     float longest_way = 0.0F;
   };
 
+  struct Slot { // of a tetrahedron
+    std::size_t pack, lane;
+  };
+  [[nodiscard]] Slot slot_of(std::size_t element) const noexcept;
   void build_packs();
   void build_masses(double minimum_step_s);
   void evaluate(int thread, std::vector<NodeVector> &nodes, bool viscous, float shear_Pa) noexcept;

@@ -11,14 +11,27 @@ namespace bregma::tissue {
 namespace {
 
 constexpr float kLongestRelaxWay = 0.1F; // of a node in one step, in edge lengths: nothing springs here
-constexpr int kRelaxInterval = 10;       // steps between two looks at the slowest mode and the residual; more where it
-constexpr int kRelaxLongest = 60;        // is slow, up to this
+// Steps between two looks at the slowest mode and the residual: the time that this mode takes, within limits. Where it
+// is very slow a fifth of its time, and no more than a part of all steps so far: in fewer it moves less than what
+// floats round off the others.
+constexpr int kRelaxInterval = 10;
+constexpr int kRelaxLonger = 60;
+constexpr float kRelaxShare = 0.2F;
+constexpr int kRelaxPart = 16;
+// By what a look may raise the slowest eigenvalue. Rayleigh's quotient is never below it, and far above it once the
+// slowest mode has all but come to rest: what follows would then creep.
+constexpr float kRelaxRise = 2.0F;
 constexpr int kRelaxFirstLook = 6;       // iterations for the stiffest mode, at first
 constexpr int kRelaxLook = 1;            // and later
 constexpr int kRelaxLooks = 5;           // intervals between two looks at the stiffest mode
 constexpr float kStiffestMargin = 1.15F; // of the stiffest eigenvalue: iterations come from below
 constexpr float kNothing = 1e-6F;        // of an edge: what moves less has not moved
 constexpr float kRounding = 3e-8F;       // of a displacement, half the last digit of a float
+
+int interval_between_looks(float slowest_takes, int steps_so_far) {
+  const int most = std::min(static_cast<int>(kRelaxShare * slowest_takes), steps_so_far / kRelaxPart);
+  return std::clamp(static_cast<int>(slowest_takes), kRelaxInterval, std::max(most, kRelaxLonger));
+}
 
 } // namespace
 
@@ -54,9 +67,7 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
     run(1);
     std::copy(elastic_.begin(), elastic_.end(), force_before_.begin());
     std::copy(displacement_.begin(), displacement_.end(), displacement_before_.begin());
-    // As long as the slow modes take to be seen above what floats round off.
-    const int wanted = std::clamp(static_cast<int>(high / low), kRelaxInterval, kRelaxLongest);
-    const int interval = std::clamp(options.max_steps - out.steps, 2, wanted);
+    const int interval = std::clamp(options.max_steps - out.steps, 2, interval_between_looks(high / low, out.steps));
     run(interval - 2);
     std::copy(velocity_.begin(), velocity_.end(), velocity_before_.begin());
     run(1);
@@ -69,7 +80,7 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
       break;
     }
     const float seen = slowest_mode(); // not positive: lost in what floats round off, or not yet a minimum's
-    slowest = seen > 0.0F ? std::clamp(seen, 0.5F * slowest, 4.0F * slowest) : 1.5F * slowest;
+    slowest = seen > 0.0F ? std::clamp(seen, 0.5F * slowest, kRelaxRise * slowest) : kRelaxRise * slowest;
     slowest = std::clamp(slowest, 1e-8F, 1.0F);
   }
   stop_motion();

@@ -60,7 +60,8 @@ void relaxation(Report &report) {
 
 // A problem on finer and finer meshes.
 template <class Problem>
-ErrorCurve refine(Report &report, const std::string &name, const std::vector<int> &meshes, const Problem &problem) {
+ErrorCurve refine(Report &report, const std::string &name, const std::vector<int> &meshes, double limit,
+                  const Problem &problem) {
   ErrorCurve curve{name, {}, {}};
   for (const int mesh : meshes) {
     const test::FieldAnswer answer = problem(mesh);
@@ -74,7 +75,6 @@ ErrorCurve refine(Report &report, const std::string &name, const std::vector<int
         kPercent * answer.known.error(), answer.relaxation.converged ? "" : " (NOT converged)")));
     report.note(line);
     if (mesh == meshes.back()) {
-      const double limit = name.starts_with("bending") ? 5.0 : 1.0;
       report.add(at_most(name, kPercent * answer.known.error(), "%", limit));
     }
   }
@@ -98,18 +98,21 @@ void analytic_figures(Report &report, const TissueBenchOptions &options, const s
   const std::vector<int> rows = options.quick ? std::vector{4, 8} : std::vector{4, 8, 16};
   std::vector<ErrorCurve> curves;
   for (const double poisson : {0.45, 0.49, 0.499}) {
-    curves.push_back(
-        refine(report, with("sphere", poisson), layers, [&](int n) { return test::pressurised_sphere(poisson, n); }));
+    curves.push_back(refine(report, with("sphere", poisson), layers, 1.0,
+                            [&](int n) { return test::pressurised_sphere(poisson, n); }));
   }
   for (const double poisson : {0.45, 0.49, 0.499}) {
-    curves.push_back(refine(report, with("bending", poisson), rows,
+    // 5 %: it does not lock. On the finest mesh the thesis' brain keeps the 1 % of the other problems.
+    const double limit = poisson == 0.45 && !options.quick ? 1.0 : 5.0;
+    curves.push_back(refine(report, with("bending", poisson), rows, limit,
                             [&](int n) { return test::plane_strain_beam(Law::kNeoHookean, poisson, n); }));
   }
   if (!options.quick) {
     const test::Compared blown = test::blown_sphere(0.499, 8);
     report.note("blown sphere: inner radius times 1.5, neo-Hookean, nu 0.499 against the incompressible pressure");
     report.add(at_most("blown_sphere.pressure", kPercent * blown.error(), "%", 1.0));
-    report.add(at_most("cantilever", kPercent * test::slender_cantilever(0.45, 8).error(), "%", 1.0));
+    report.note("slender bar: ten times as long as high, 12 cells over its height; Timoshenko's beam");
+    report.add(figure("slender_bar", kPercent * test::slender_cantilever(0.45, 12).error(), "%"));
   }
   if (!convergence_picture.empty()) {
     draw_convergence(curves, convergence_picture);

@@ -31,6 +31,7 @@ constexpr std::uint64_t kSeed = 1;
 constexpr const char *kTool = "Probe";
 constexpr int kClients = 20;
 constexpr double kWarmUp_s = 2.0;
+constexpr double kAtTarget_mm = 3.0;
 constexpr int kElements = 20000; // of the tissue model
 
 std::int64_t now_ns() {
@@ -159,7 +160,7 @@ public:
                                  "deformation.elements=" + std::to_string(elements)},
         log("bregmad"));
     operation_room_ = start_room(navigating, rate_hz);
-    wait_until_live();
+    wait_until_at_target();
   }
 
   // Latencies of all clients but the stopped one (-1: none is stopped).
@@ -238,19 +239,21 @@ private:
                                            log("room"));
   }
 
-  void wait_until_live() {
+  void wait_until_at_target() {
     const dds::Participant participant(domain_);
     dds::Reader<wire::NavigationState> states(participant);
-    bool live = false;
-    for (int i = 0; i < 9000 && !live; ++i) {
+    bool there = false;
+    for (int i = 0; i < 9000 && !there; ++i) {
       states.take_each([&](const wire::NavigationState &state, const auto &) {
-        live = live || (wire::view(state.tool) == kTool && state.status == bregma_wire_POSE_LIVE &&
-                        state.session == bregma_wire_SESSION_NAVIGATING);
+        there =
+            there || (wire::view(state.tool) == kTool && state.status == bregma_wire_POSE_LIVE &&
+                      state.session == bregma_wire_SESSION_NAVIGATING && state.distance_to_target_mm < kAtTarget_mm);
       });
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
-    if (!live) {
-      throw std::runtime_error("the probe was never navigated\n" + operation_daemon_->log() + operation_room_->log());
+    if (!there) {
+      throw std::runtime_error("the probe did not come to its target\n" + operation_daemon_->log() +
+                               operation_room_->log());
     }
   }
 
