@@ -10,7 +10,16 @@ namespace {
 constexpr double kRejected_s = 0.25;
 constexpr double kMostGain = 2.0;   // of energy, by what snaps back; more comes from a solver that blows up
 constexpr double kSwinging = 0.25;  // kinetic against elastic energy: half of the displacement may be swing
+constexpr double kUnseen_mm = 0.25; // swing that a tracker would not see: a hand's tremor, and the tracker's own noise
 constexpr double kUnmoved_J = 1e-9; // kinetic energy that does not matter: 1 mm/s of a gram
+
+double farthest_mm(const ExplicitSolver &solver) noexcept {
+  double farthest = 0.0;
+  for (int i = 0; i < solver.nodes(); ++i) {
+    farthest = std::max(farthest, solver.displacement_mm(i).norm());
+  }
+  return farthest;
+}
 
 } // namespace
 
@@ -70,7 +79,8 @@ void ModelVerdict::keep_or_take_back(ExplicitSolver &solver, double elapsed_s) n
     }
     if (went_wrong_) {
       insist(ModelReason::kTurnedOver);
-    } else if (energies.kinetic_J > kUnmoved_J + kSwinging * energies.elastic_J) {
+    } else if (energies.kinetic_J > kUnmoved_J + kSwinging * energies.elastic_J &&
+               swing_ * farthest_mm(solver) > kUnseen_mm) {
       say(ModelStatus::kExtrapolating, ModelReason::kSettling);
     }
     return;
