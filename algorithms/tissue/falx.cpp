@@ -36,18 +36,6 @@ Vector3d mean(const std::vector<Vector3d> &points) {
   return sum / static_cast<double>(points.size());
 }
 
-double mean_edge_mm(const TetMesh &mesh) {
-  double sum = 0.0;
-  for (const Eigen::Vector4i &t : mesh.tetrahedra) {
-    for (int i = 0; i < 4; ++i) {
-      for (int k = i + 1; k < 4; ++k) {
-        sum += (mesh.nodes_mm[static_cast<std::size_t>(t[i])] - mesh.nodes_mm[static_cast<std::size_t>(t[k])]).norm();
-      }
-    }
-  }
-  return sum / (6.0 * static_cast<double>(mesh.tetrahedra.size()));
-}
-
 // Of a direction in the sagittal plane: 0 to the front, pi / 2 up, pi to the back, beyond it and below 0 down.
 double elevation_rad_of(const Vector3d &direction) {
   const double angle = std::atan2(direction.z(), direction.y());

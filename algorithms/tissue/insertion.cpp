@@ -57,8 +57,8 @@ Insertion::Insertion(const TetMesh &mesh, const TetBoundary &boundary, const Tet
                      const ProbeShape &probe, const SurfaceContact::Options &contact,
                      const InsertionParameters &parameters)
     : shape_((check(probe, parameters), probe)), parameters_(parameters), surface_(mesh, boundary, contact),
-      cut_(mesh, locator, std::max(kCutSpacing_mm, kHeldEdges * locator.mean_edge_mm()),
-           std::max(probe.radius_mm, kTipEdges * locator.mean_edge_mm())) {
+      cut_(mesh, locator, std::max(kCutSpacing_mm, kHeldEdges * mean_edge_mm(mesh)),
+           std::max(probe.radius_mm, kTipEdges * mean_edge_mm(mesh))) {
   cut_m_.reserve(kMostCut);
   entries_m_.reserve(kMostEntries);
 }

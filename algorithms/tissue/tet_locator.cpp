@@ -1,7 +1,6 @@
 #include "algorithms/tissue/tet_locator.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 namespace bregma::tissue {
 
@@ -20,13 +19,10 @@ TetLocator::TetLocator(const TetMesh &mesh) : mesh_(&mesh), neighbours_(mesh.tet
       faces.push_back(face);
       for (int j = 0; j < i; ++j) {
         const auto node = [&](int k) { return mesh.nodes_mm[static_cast<std::size_t>(t[k])]; };
-        const double squared = (node(i) - node(j)).squaredNorm();
-        longest_edge_squared_ = std::max(longest_edge_squared_, squared);
-        mean_edge_mm_ += std::sqrt(squared);
+        longest_edge_squared_ = std::max(longest_edge_squared_, (node(i) - node(j)).squaredNorm());
       }
     }
   }
-  mean_edge_mm_ /= static_cast<double>(6 * mesh.tetrahedra.size());
   std::sort(faces.begin(), faces.end(), [](const Face &a, const Face &b) { return a.nodes < b.nodes; });
   for (std::size_t i = 0; i + 1 < faces.size(); ++i) {
     const Face &a = faces[i];

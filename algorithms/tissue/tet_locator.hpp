@@ -77,8 +77,6 @@ public:
     return p;
   }
 
-  [[nodiscard]] double mean_edge_mm() const noexcept { return mean_edge_mm_; }
-
 private:
   static constexpr int kLongestWalk = 256;
   static constexpr double kOnFace = 1e-6;
@@ -103,7 +101,7 @@ private:
 
   const TetMesh *mesh_;
   std::vector<std::array<int, 4>> neighbours_; // opposite each node; -1 on the surface
-  double longest_edge_squared_ = 0.0, mean_edge_mm_ = 0.0;
+  double longest_edge_squared_ = 0.0;
 };
 
 } // namespace bregma::tissue

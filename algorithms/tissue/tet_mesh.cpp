@@ -65,6 +65,19 @@ double volume_mm3(const TetMesh &mesh) {
   return sum;
 }
 
+double mean_edge_mm(const TetMesh &mesh) {
+  double sum = 0.0;
+  for (const Eigen::Vector4i &t : mesh.tetrahedra) {
+    const auto node = [&](int i) -> const Eigen::Vector3d & { return mesh.nodes_mm[static_cast<std::size_t>(t[i])]; };
+    for (int i = 1; i < 4; ++i) {
+      for (int j = 0; j < i; ++j) {
+        sum += (node(i) - node(j)).norm();
+      }
+    }
+  }
+  return sum / (6.0 * static_cast<double>(mesh.tetrahedra.size()));
+}
+
 void check(const TetMesh &mesh) {
   if (mesh.tetrahedra.empty()) {
     throw std::invalid_argument("mesh without tetrahedra");

@@ -24,6 +24,9 @@ struct TetBoundary {
 
 [[nodiscard]] double volume_mm3(const TetMesh &mesh);
 
+// Over the edges of all tetrahedra; one that several share counts for each.
+[[nodiscard]] double mean_edge_mm(const TetMesh &mesh);
+
 // Throws std::invalid_argument with the index and value of what is wrong: no tetrahedra, a node that is not finite, a
 // tetrahedron that names a node that is not there or whose volume is not positive, a node of no tetrahedron.
 void check(const TetMesh &mesh);
