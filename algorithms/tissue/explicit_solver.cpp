@@ -283,31 +283,33 @@ bool ExplicitSolver::finite() const noexcept {
 }
 
 Eigen::Matrix3d ExplicitSolver::deformation_gradient(int element) const noexcept {
-  const auto [slot, lane] = slot_of(static_cast<std::size_t>(element));
-  const ElementPack &pack = packs_[slot];
-  const auto u = [&](int i) { return to_double(displacement_[static_cast<std::size_t>(pack.node[i][lane])]); };
+  const Slot at = slot_of(static_cast<std::size_t>(element));
+  const ElementPack &pack = packs_[at.pack];
+  const auto u = [&](int i) { return to_double(displacement_[static_cast<std::size_t>(pack.node[i][at.lane])]); };
   Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
   for (int i = 0; i < 3; ++i) {
     for (int d = 0; d < 3; ++d) {
-      f.col(d) += (u(i + 1) - u(0)) * static_cast<double>(pack.gradient[i][d][lane]);
+      f.col(d) += (u(i + 1) - u(0)) * static_cast<double>(pack.gradient[i][d][at.lane]);
     }
   }
   return f;
 }
 
 Eigen::Matrix3d ExplicitSolver::cauchy_Pa(int element) const noexcept {
-  const auto [pack, lane] = slot_of(static_cast<std::size_t>(element));
+  const Slot at = slot_of(static_cast<std::size_t>(element));
   const Eigen::Matrix3d f = deformation_gradient(element);
   Eigen::Matrix3d shear = shear_stress_Pa(material_, f);
   for (std::size_t k = 0; k < prony_.size(); ++k) {
-    const auto s = [&](int i) { return static_cast<double>(relaxed_[pack * prony_.size() + k].stress_Pa[i][lane]); };
+    const auto s = [&](int i) {
+      return static_cast<double>(relaxed_[at.pack * prony_.size() + k].stress_Pa[i][at.lane]);
+    };
     Eigen::Matrix3d taken;
     taken << s(0), s(5), s(4), s(5), s(1), s(3), s(4), s(3), s(2);
     shear -= taken;
   }
   double pressure = options_.own_pressure * pressure_Pa(material_, f);
-  for (const auto &corner : packs_[pack].node) {
-    pressure += 0.25 * static_cast<double>(displacement_[static_cast<std::size_t>(corner[lane])].w);
+  for (const auto &corner : packs_[at.pack].node) {
+    pressure += 0.25 * static_cast<double>(displacement_[static_cast<std::size_t>(corner[at.lane])].w);
   }
   return bregma::tissue::cauchy_Pa(material_, f, shear, pressure);
 }
