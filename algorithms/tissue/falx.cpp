@@ -5,7 +5,6 @@
 #include <numbers>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Geometry>
 
 #include "algorithms/registration/surface_model.hpp"
 
@@ -52,33 +51,31 @@ double depth_mm(double elevation_rad) {
 Plane symmetry_plane(const std::vector<Vector3d> &points_mm, const registration::SurfaceModel &surface,
                      const Vector3d &first_normal) {
   const Vector3d centre_mm = mean(points_mm);
-  Vector3d normal = first_normal.normalized();
-  double offset_mm = 0.0; // from the centre
+  Plane plane(first_normal.normalized(), centre_mm);
   for (int iteration = 0; iteration < kMostIterations; ++iteration) {
     Eigen::Matrix<double, 3, 2> aside; // in which the normal turns
-    aside.col(0) = normal.unitOrthogonal();
-    aside.col(1) = normal.cross(aside.col(0));
+    aside.col(0) = plane.normal().unitOrthogonal();
+    aside.col(1) = plane.normal().cross(aside.col(0));
     Matrix3d curvature = Matrix3d::Zero();
     Vector3d slope = Vector3d::Zero();
     for (const Vector3d &point_mm : points_mm) {
-      const Vector3d from_centre_mm = point_mm - centre_mm;
-      const double before_mm = normal.dot(from_centre_mm) - offset_mm;
-      const registration::SurfacePoint closest = surface.closest(point_mm - 2.0 * before_mm * normal);
-      const double facing = closest.normal.dot(normal);
-      Vector3d row; // change of the signed distance by a turn and by the offset
-      row << -2.0 * aside.transpose() * (facing * from_centre_mm + before_mm * closest.normal), 2.0 * facing;
+      const double before_mm = plane.signedDistance(point_mm);
+      const registration::SurfacePoint closest = surface.closest(point_mm - 2.0 * before_mm * plane.normal());
+      const double facing = closest.normal.dot(plane.normal());
+      Vector3d row; // change of the signed distance by a turn about the centre and by the offset
+      row << -2.0 * aside.transpose() * (facing * (point_mm - centre_mm) + before_mm * closest.normal), -2.0 * facing;
       curvature += row * row.transpose();
       slope += row * closest.signed_mm;
     }
     const Vector3d step = -curvature.ldlt().solve(slope);
-    normal += aside * step.head<2>();
-    offset_mm = (offset_mm + step.z()) / normal.norm();
-    normal.normalize();
+    const double offset_mm = plane.signedDistance(centre_mm) + step.z();
+    plane.normal() = (plane.normal() + aside * step.head<2>()).normalized();
+    plane.offset() = offset_mm - plane.normal().dot(centre_mm);
     if (!(step.norm() > kSettled)) {
       break;
     }
   }
-  return {normal, offset_mm + normal.dot(centre_mm)};
+  return plane;
 }
 
 Falx::Falx(const TetMesh &mesh, const TetBoundary &boundary, const registration::SurfaceModel &surface) {
@@ -92,7 +89,7 @@ Falx::Falx(const TetMesh &mesh, const TetBoundary &boundary, const registration:
   const double layer_mm = kLayerEdges * mean_edge_mm(mesh);
   for (std::size_t i = 0; i < mesh.nodes_mm.size(); ++i) {
     const Vector3d &at_mm = mesh.nodes_mm[i];
-    if (std::abs(plane_.signed_mm(at_mm)) > layer_mm) {
+    if (std::abs(plane_.signedDistance(at_mm)) > layer_mm) {
       continue;
     }
     const registration::SurfacePoint vault = surface.closest(at_mm);
@@ -105,7 +102,7 @@ Falx::Falx(const TetMesh &mesh, const TetBoundary &boundary, const registration:
 }
 
 void Falx::apply(const NodeMotion &nodes) noexcept {
-  const Eigen::Vector3f normal = plane_.normal.cast<float>();
+  const Eigen::Vector3f normal = plane_.normal().cast<float>();
   for (const int node : nodes_) {
     const NodeVector &u = nodes.displacement_m[static_cast<std::size_t>(node)];
     nodes.move(node, -normal.dot(Eigen::Vector3f(u.x, u.y, u.z)) * normal);

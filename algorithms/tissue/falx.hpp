@@ -11,6 +11,8 @@
 
 #include <vector>
 
+#include <Eigen/Geometry>
+
 #include "algorithms/tissue/explicit_solver.hpp"
 #include "algorithms/tissue/tet_mesh.hpp"
 
@@ -20,12 +22,7 @@ class SurfaceModel;
 
 namespace bregma::tissue {
 
-struct Plane {
-  Eigen::Vector3d normal = Eigen::Vector3d::UnitX(); // of length 1
-  double offset_mm = 0.0;                            // normal . x of its points
-
-  [[nodiscard]] double signed_mm(const Eigen::Vector3d &at_mm) const { return normal.dot(at_mm) - offset_mm; }
-};
+using Plane = Eigen::Hyperplane<double, 3>; // mm, its normal of length 1
 
 // Where a surface is most alike its own mirror image: closest points, point to plane, by Gauss and Newton on the
 // plane's normal and offset; from a first normal, through the points' centroid.

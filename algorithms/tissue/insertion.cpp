@@ -101,7 +101,7 @@ void Insertion::come_out() noexcept {
 }
 
 bool Insertion::left_mesh() const noexcept {
-  return inside() && !cut_.tip().inside() && depth_mm_ > 2.0 * shape_.radius_mm;
+  return inside() && !cut_.tip().inside() && static_cast<double>(cut_.length_m()) * kMetre > 2.0 * shape_.radius_mm;
 }
 
 // ---- a step ----

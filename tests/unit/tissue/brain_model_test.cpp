@@ -1,6 +1,4 @@
-// The model under a probe that goes in and comes out: phases, reasons, and what every answer has to be.
-#include "algorithms/tissue/brain_model.hpp"
-
+// The model under a probe: reasons, and what every answer has to be.
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -13,190 +11,12 @@
 
 #include "tests/support/allocation_counter.hpp"
 #include "tests/support/tissue_insertions.hpp"
+#include "tests/unit/tissue/guided_probe.hpp"
 
 namespace bregma::tissue {
 namespace {
 
 using Eigen::Vector3d;
-
-// A block, fixed but for an opening above, that is open for the probe.
-constexpr double kSide_mm = 60.0;
-constexpr double kTop_mm = 40.0;
-const Vector3d kEntry_mm(30.3, 29.6, kTop_mm);
-
-const TetMesh &block() {
-  static const TetMesh mesh = block_mesh({12, 12, 8}, {kSide_mm, kSide_mm, kTop_mm});
-  return mesh;
-}
-
-BrainModelOptions in_an_opening() {
-  BrainModelOptions options;
-  options.skull = {.sliding = false, .gap_mm = 0.0, .craniotomy = {{30.0, 30.0, kTop_mm}, 28.0}};
-  return options;
-}
-
-class Guided {
-public:
-  explicit Guided(const BrainModelOptions &options = in_an_opening())
-      : model(block(), std::vector<Vector3d>{kEntry_mm - Vector3d(0.0, 0.0, 20.0), {500.0, 0.0, 0.0}}, options) {}
-
-  // To a height over the entry, at a speed; false as soon as wanted(state) does not hold.
-  const BrainState &go_to(double to_mm, double speed_mm_s) {
-    while (std::abs(height_mm - to_mm) > 1e-9) {
-      const double most_mm = speed_mm_s * test::kUpdate_s;
-      height_mm += std::clamp(to_mm - height_mm, -most_mm, most_mm);
-      update(seen());
-    }
-    return model.state();
-  }
-  const BrainState &wait(double time_s) {
-    for (double t = 0.0; t < time_s; t += test::kUpdate_s) {
-      update(seen());
-    }
-    return model.state();
-  }
-  const BrainState &update(const ProbeObservation &probe, int most_steps = test::kManySteps) {
-    const BrainState &state = model.update(probe, test::kUpdate_s, most_steps);
-    if (phases.empty() || phases.back() != state.phase) {
-      phases.push_back(state.phase);
-    }
-    return state;
-  }
-  [[nodiscard]] ProbeObservation seen() const {
-    ProbeObservation probe;
-    probe.seen = true;
-    probe.pose.tip_mm = kEntry_mm + Vector3d(0.0, 0.0, height_mm);
-    return probe;
-  }
-  [[nodiscard]] double largest_mm() const {
-    double out = 0.0;
-    for (int i = 0; i < model.solver().nodes(); ++i) {
-      out = std::max(out, model.solver().displacement_mm(i).norm());
-    }
-    return out;
-  }
-
-  BrainModel model;
-  double height_mm = 10.0;
-  std::vector<Phase> phases; // as they followed each other
-};
-
-// ---- phases ----
-
-TEST(BrainModelPhases, FollowEachOtherAndTheTissueComesBack) {
-  Guided probe;
-  probe.go_to(5.0, 20.0);
-  EXPECT_EQ(probe.model.state().status, ModelStatus::kValid);
-  EXPECT_EQ(probe.largest_mm(), 0.0);
-  probe.go_to(-3.0, 10.0);
-  EXPECT_EQ(probe.model.state().phase, Phase::kIndentation);
-  EXPECT_EQ(probe.model.state().ruptures, 0);
-  EXPECT_NEAR(probe.model.state().depth_mm, 3.0, 0.3); // of the dent
-  EXPECT_GT(probe.model.state().tip_force_N, 0.01);
-  probe.go_to(-25.0, 10.0);
-  EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
-  EXPECT_EQ(probe.model.state().ruptures, 1);
-  EXPECT_NEAR(probe.model.state().rupture_force_N, InsertionParameters{}.rupture_force_N, 0.01);
-  EXPECT_NEAR(probe.model.state().depth_mm, 25.0, 6.0);
-  probe.go_to(10.0, 10.0);
-  EXPECT_EQ(probe.model.state().phase, Phase::kOutside);
-  EXPECT_EQ(probe.model.state().depth_mm, 0.0);
-  probe.wait(2.0);
-  EXPECT_LT(probe.largest_mm(), 0.1);
-  EXPECT_EQ(probe.model.state().status, ModelStatus::kValid);
-  EXPECT_EQ(probe.phases, (std::vector{Phase::kOutside, Phase::kIndentation, Phase::kPenetration, Phase::kWithdrawal,
-                                       Phase::kOutside}));
-}
-
-TEST(BrainModelPhases, ATouchWithoutARuptureIsForgottenAsTheProbeLeaves) {
-  Guided probe;
-  probe.go_to(-3.0, 10.0);
-  probe.go_to(10.0, 10.0);
-  probe.wait(1.0);
-  EXPECT_EQ(probe.phases, (std::vector{Phase::kOutside, Phase::kIndentation, Phase::kOutside}));
-  EXPECT_EQ(probe.model.state().ruptures, 0);
-  EXPECT_LT(probe.largest_mm(), 0.05);
-}
-
-TEST(BrainModelPhases, ATremblingHandDoesNotChangeThem) {
-  Guided probe;
-  probe.go_to(-15.0, 10.0);
-  for (int i = 0; i < 50; ++i) {
-    probe.height_mm += i % 2 == 0 ? 0.2 : -0.2;
-    probe.update(probe.seen());
-    EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
-  }
-}
-
-TEST(BrainModelPhases, TheSetForceDecidesWhenTheSurfaceBreaks) {
-  double before_mm = 0.0;
-  for (const double force_N : {0.03, 0.06, 0.12}) {
-    BrainModelOptions options = in_an_opening();
-    options.insertion.rupture_force_N = force_N;
-    Guided probe(options);
-    while (probe.model.state().ruptures == 0 && probe.height_mm > -20.0) {
-      probe.go_to(probe.height_mm - 0.1, 5.0);
-    }
-    ASSERT_EQ(probe.model.state().ruptures, 1);
-    EXPECT_NEAR(probe.model.state().rupture_force_N, force_N, 0.1 * force_N);
-    EXPECT_GT(-probe.height_mm, before_mm);
-    before_mm = -probe.height_mm;
-  }
-}
-
-TEST(BrainModelPhases, AStressCanBreakTheSurfaceToo) {
-  BrainModelOptions options = in_an_opening();
-  options.insertion.rupture_force_N = 100.0;
-  options.insertion.rupture_stress_Pa = 600.0;
-  Guided probe(options);
-  probe.go_to(-10.0, 5.0);
-  EXPECT_EQ(probe.model.state().ruptures, 1);
-  EXPECT_LT(probe.model.state().rupture_force_N, 1.0);
-}
-
-TEST(BrainModelPhases, AHoleThatWasMadeIsEnteredWithoutASecondRupture) {
-  Guided probe;
-  probe.go_to(-20.0, 10.0);
-  probe.go_to(10.0, 10.0);
-  probe.wait(1.0);
-  probe.go_to(-10.0, 10.0);
-  EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
-  EXPECT_EQ(probe.model.state().ruptures, 1);
-  EXPECT_LT(probe.model.state().tip_force_N, 0.5 * InsertionParameters{}.cutting_force_N); // the way is cut
-}
-
-TEST(BrainModelPhases, AMeasuredFallOfTheForceIsTheRupture) {
-  Guided probe;
-  probe.go_to(0.0, 10.0);
-  const auto measure = [&](double force_N) {
-    ProbeObservation touch = probe.seen();
-    touch.force_N = force_N;
-    probe.update(touch);
-  };
-  for (int i = 0; i < 40; ++i) {
-    probe.height_mm -= 0.1;
-    measure(0.002 * i);
-  }
-  ASSERT_EQ(probe.model.state().phase, Phase::kIndentation);
-  ASSERT_EQ(probe.model.state().ruptures, 0);
-  for (int i = 0; i < 10; ++i) {
-    measure(0.01);
-  }
-  EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
-  EXPECT_EQ(probe.model.state().ruptures, 1);
-}
-
-TEST(BrainModelPhases, AMeasuredForceCorrectsTheStiffnessAndTheForcesWithIt) {
-  Guided probe;
-  probe.go_to(0.0, 10.0);
-  for (int i = 0; i < 60; ++i) {
-    ProbeObservation touch = probe.seen();
-    probe.height_mm -= 0.05;
-    touch.force_N = 0.5 * probe.model.state().tip_force_N / probe.model.state().stiffness_scale; // half as stiff
-    probe.update(touch);
-  }
-  EXPECT_NEAR(probe.model.state().stiffness_scale, 0.5, 0.05);
-}
 
 // ---- reasons ----
 
@@ -321,6 +141,27 @@ TEST(BrainModelReasons, TissueThatStillSwingsIsSettling) {
     reasons.insert(probe.model.state().reason);
   }
   EXPECT_TRUE(reasons.contains(ModelReason::kSettling)); // after the rupture
+}
+
+// What it swings is in the bound.
+TEST(BrainModelReasons, ASwingThatNoTrackerWouldSeeIsNotSettling) {
+  for (const double swing_mm : {0.1, 3.0}) {
+    BrainModel model(block(), {}, in_an_opening());
+    const int middle = model.solver().nodes() / 2;
+    model.solver().set_displacement_mm(middle, {swing_mm, 0.0, 0.0});
+    bool settling = false;
+    double swing = 0.0;
+    ModelVerdict verdict;
+    for (int update = 0; update < 20; ++update) {
+      verdict.begin_update();
+      model.solver().advance(3);
+      verdict.keep_or_take_back(model.solver(), test::kUpdate_s);
+      settling = settling || verdict.reason() == ModelReason::kSettling;
+      swing = std::max(swing, verdict.swing());
+    }
+    EXPECT_EQ(settling, swing_mm > 1.0) << swing_mm;
+    EXPECT_GT(swing, 0.5);
+  }
 }
 
 TEST(BrainModelReasons, EveryReasonHasItsSentenceAndEveryPhaseAndStatusItsName) {

@@ -25,9 +25,9 @@ TEST(SymmetryPlane, OfAnEggThatIsTurnedAndMovedIsItsMiddle) {
     vertex = turn * vertex.cwiseProduct(Vector3d(55.0, vertex.y() < 0.0 ? 60.0 : 80.0, 45.0)) + moved_mm;
   }
   const Plane plane = symmetry_plane(egg.vertices_mm, registration::SurfaceModel(egg), Vector3d::UnitX());
-  EXPECT_NEAR(plane.normal.norm(), 1.0, 1e-12);
-  EXPECT_LT(std::acos(std::min(plane.normal.dot(turn.col(0)), 1.0)), 0.003);
-  EXPECT_NEAR(plane.signed_mm(moved_mm), 0.0, 0.05);
+  EXPECT_NEAR(plane.normal().norm(), 1.0, 1e-12);
+  EXPECT_LT(std::acos(std::min(plane.normal().dot(turn.col(0)), 1.0)), 0.003);
+  EXPECT_NEAR(plane.signedDistance(moved_mm), 0.0, 0.05);
 }
 
 class EggWithFalx : public testing::Test {
@@ -84,7 +84,7 @@ TEST_F(EggWithFalx, IsASickleInTheMiddleNarrowInFrontAndBroadBehind) {
 TEST_F(EggWithFalx, HoldsTissueAcrossItAndLetsItSlideAlong) {
   const double across_mm = farthest_mm(Vector3d::UnitX(), true);
   for (const int node : falx.nodes()) {
-    EXPECT_LT(std::abs(falx.plane().normal.dot(solver.displacement_mm(node))), 1e-3);
+    EXPECT_LT(std::abs(falx.plane().normal().dot(solver.displacement_mm(node))), 1e-3);
   }
   EXPECT_LT(across_mm, 0.7 * farthest_mm(Vector3d::UnitX(), false));
   const double along_mm = farthest_mm(Vector3d::UnitY(), true);
