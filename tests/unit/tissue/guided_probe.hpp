@@ -32,7 +32,7 @@ public:
       : model(block(), std::vector<Eigen::Vector3d>{kEntry_mm - Eigen::Vector3d(0.0, 0.0, 20.0), {500.0, 0.0, 0.0}},
               options) {}
 
-  // To a height over the entry, at a speed; false as soon as wanted(state) does not hold.
+  // To a height over the entry, at a speed.
   const BrainState &go_to(double to_mm, double speed_mm_s) {
     while (std::abs(height_mm - to_mm) > 1e-9) {
       const double most_mm = speed_mm_s * test::kUpdate_s;
