@@ -86,9 +86,10 @@ private:
 };
 
 // Tissue along the cut stays on the shaft's axis, and slides along it against friction; at the tip it is pushed with
-// the cutting force at the most, spread over the tip's cross section (DiMaio & Salcudean, IEEE Trans Robot Autom 19
-// (2003) 864: sticking and slipping along a needle). The points held are left behind by the tip as it advances, and
-// given up as it comes back past them.
+// the cutting force at the most (DiMaio & Salcudean, IEEE Trans Robot Autom 19 (2003) 864: sticking and slipping along
+// a needle). What is held and pushed are discs across the shaft, by their mean: a force on one point would turn the
+// tetrahedron around it inside out. The discs are left behind by the tip as it advances, and given up as it comes back
+// past them.
 class CutContact final : public Contact {
 public:
   struct Forces {
@@ -96,8 +97,8 @@ public:
     float friction_N_per_m = 0.0F; // along the shaft
   };
 
-  // spacing_mm: between held points. tip_radius_mm: over which the cutting force is spread.
-  CutContact(const TetMesh &mesh, const TetLocator &locator, double spacing_mm, double tip_radius_mm);
+  // spacing_mm: between held discs.
+  CutContact(const TetMesh &mesh, const TetLocator &locator, double spacing_mm, double disc_radius_mm);
 
   void place(const PlacedProbe &probe) noexcept { probe_ = probe; }
   void set_forces(const Forces &forces) noexcept { forces_ = forces; }
@@ -112,36 +113,47 @@ public:
   [[nodiscard]] Eigen::Vector3f tip_rest_m() const noexcept { return tip_rest_; }
   [[nodiscard]] float tip_force_N() const noexcept { return tip_force_; } // along the probe, into the tissue
   [[nodiscard]] Eigen::Vector3f shaft_force_N() const noexcept { return shaft_force_; }
-  [[nodiscard]] float length_m() const noexcept {
-    return length_;
-  } // of the shaft inside the tissue; 0: it has come out
+  // Of the shaft inside the tissue; 0: it has come out.
+  [[nodiscard]] float length_m() const noexcept { return length_; }
 
 private:
   static constexpr std::size_t kMostHeld = 256;
-  static constexpr std::size_t kTipPoints = 7; // the middle and six around it
+  static constexpr std::size_t kDiscPoints = 7;
 
-  struct Grip { // of the probe on one point of the tissue
+  struct Disc { // a weighted mean of nodes; the shares sum to one
+    std::array<int, 4 * kDiscPoints> node{};
+    std::array<float, 4 * kDiscPoints> share{};
+    int count = 0;
+    // From the axis to its mean when it was gripped: not zero where part of the disc lies outside the mesh.
+    Eigen::Vector3f beside = Eigen::Vector3f::Zero();
+
+    void add(const Eigen::Vector4i &tetrahedron, const MaterialPoint &point) noexcept;
+  };
+  struct Grip { // of the probe on a disc
     Eigen::Vector3f from_tip = Eigen::Vector3f::Zero();
     Eigen::Vector3f slip = Eigen::Vector3f::Zero(); // velocity against the probe
     float mobility = 0.0F;                          // 1 / effective mass; 0: cannot be moved
   };
 
-  [[nodiscard]] Grip grip(const NodeMotion &nodes, const MaterialPoint &point) const noexcept;
-  void push(const NodeMotion &nodes, const MaterialPoint &point, const Eigen::Vector3f &impulse) const noexcept;
+  [[nodiscard]] MaterialPoint find(const NodeMotion &nodes, const Eigen::Vector3f &at_m, int guess) const noexcept;
+  [[nodiscard]] Disc disc_around(const NodeMotion &nodes, const MaterialPoint &middle,
+                                 const Eigen::Vector3f &at_m) const noexcept;
+  [[nodiscard]] Grip grip(const NodeMotion &nodes, const Disc &disc) const noexcept;
+  void push(const NodeMotion &nodes, const Disc &disc, const Eigen::Vector3f &impulse) const noexcept;
   void find_tip(const NodeMotion &nodes) noexcept;
   void hold_and_give_up(const NodeMotion &nodes) noexcept;
 
   const TetMesh *mesh_;
   const TetLocator *locator_;
-  float spacing_m_, tip_radius_m_;
+  float spacing_m_, disc_radius_m_;
   PlacedProbe probe_;
   Forces forces_;
   bool active_ = false;
-  bool fresh_ = false;              // begin() was called: nothing is held yet
-  int guess_ = 0;                   // where the tip was last
-  std::vector<MaterialPoint> held_; // the lowest last
-  std::array<MaterialPoint, kTipPoints> tip_points_{};
+  bool fresh_ = false;     // begin() was called: nothing is held yet
+  int guess_ = 0;          // where the tip was last
+  std::vector<Disc> held_; // the lowest last
   MaterialPoint tip_;
+  Disc tip_disc_;
   Eigen::Vector3f tip_rest_ = Eigen::Vector3f::Zero();
   float tip_force_ = 0.0F;
   float length_ = 0.0F;

@@ -1,4 +1,7 @@
 // The model under a probe that goes in and comes out: phases and forces.
+#include <cmath>
+#include <random>
+
 #include <gtest/gtest.h>
 
 #include "tests/unit/tissue/guided_probe.hpp"
@@ -49,6 +52,28 @@ TEST(BrainModelPhases, ATremblingHandDoesNotChangeThem) {
     probe.update(probe.seen());
     EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
   }
+}
+
+// A hand's tremor of 0.1 mm (1-sigma a coordinate) about 10 Hz, and what the navigation's filter leaves of the
+// tracker's noise.
+TEST(BrainModelPhases, AProbeHeldByAHandStaysValid) {
+  Guided probe;
+  probe.go_to(-25.0, 10.0);
+  probe.wait(0.5);
+  std::mt19937 random(1);
+  std::normal_distribution<double> noise_mm(0.0, 0.03);
+  int valid = 0;
+  constexpr int kUpdates = 300;
+  for (int i = 0; i < kUpdates; ++i) {
+    ProbeObservation held = probe.seen();
+    for (int c = 0; c < 3; ++c) {
+      held.pose.tip_mm[c] += 0.14 * std::sin((58.0 + 5.0 * c) * i * test::kUpdate_s + c) + noise_mm(random);
+    }
+    probe.update(held);
+    EXPECT_NE(probe.model.state().status, ModelStatus::kInvalid) << i;
+    valid += probe.model.state().status == ModelStatus::kValid ? 1 : 0;
+  }
+  EXPECT_GT(valid, kUpdates * 9 / 10);
 }
 
 TEST(BrainModelPhases, TheSetForceDecidesWhenTheSurfaceBreaks) {

@@ -127,7 +127,8 @@ TEST(SurfaceContactFriction, AProbeThatIsNotActiveTouchesNothing) {
 // A thin probe that stands in the block from above.
 class CutBlock : public HeldBlock {
 public:
-  CutBlock(double depth_mm, const CutContact::Forces &forces) : contact(mesh, locator, 2.5, 2.5) {
+  CutBlock(double depth_mm, const CutContact::Forces &forces, double disc_radius_mm = 2.5)
+      : contact(mesh, locator, 2.5, disc_radius_mm) {
     solver.set_contacts({&contact});
     contact.set_forces(forces);
     probe_.radius_m = 1e-3F;
@@ -137,14 +138,15 @@ public:
     solver.advance(1);
   }
 
-  void move(float down_m_s, double time_s) {
-    probe_.tip_velocity_m_s = {0.0F, 0.0F, -down_m_s};
+  void move(float down_m_s, double time_s) { move({0.0F, 0.0F, -down_m_s}, time_s); }
+  void move(const Vector3f &velocity_m_s, double time_s) {
+    probe_.tip_velocity_m_s = velocity_m_s;
     const int steps = static_cast<int>(time_s / solver.step_s());
     const int settling = steps / 2;
     most_tip_N = 0.0F;
     mean_tip_N = mean_shaft_N = 0.0F;
     for (int i = 0; i < steps; ++i) {
-      probe_.tip_m.z() -= down_m_s * step_s();
+      probe_.tip_m += step_s() * velocity_m_s;
       contact.place(probe_);
       solver.advance(1);
       most_tip_N = std::max(most_tip_N, contact.tip_force_N());
@@ -200,6 +202,24 @@ TEST(CutContact, TissueAlongTheCutStaysOnTheAxis) {
     EXPECT_LT(block.solver.displacement_mm(i).head<2>().norm(), 1.5) << i;
   }
   EXPECT_EQ(block.solver.inverted_elements(), 0);
+}
+
+TEST(CutContact, AShaftMovedAsideTakesTissueWithItAndDiscsSpareTheTetrahedraAroundIt) {
+  const auto most_squeezed = [](double disc_radius_mm) {
+    CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F}, disc_radius_mm);
+    block.move({20e-3F, 0.0F, 0.0F}, 0.2); // 4 mm
+    double farthest_mm = 0.0;
+    for (int i = 0; i < block.solver.nodes(); ++i) {
+      farthest_mm = std::max(farthest_mm, block.solver.displacement_mm(i).x());
+    }
+    EXPECT_NEAR(farthest_mm, 4.0, 1.0) << disc_radius_mm;
+    double least = 1.0;
+    for (int e = 0; e < block.solver.elements(); ++e) {
+      least = std::min(least, block.solver.deformation_gradient(e).determinant());
+    }
+    return 1.0 - least;
+  };
+  EXPECT_LT(most_squeezed(3.0), 0.8 * most_squeezed(0.0)); // 0.0: single points
 }
 
 TEST(CutContact, WithdrawalGivesUpWhatWasHeldAndComesOut) {
