@@ -61,7 +61,7 @@ TEST(BrainModelPhases, AProbeHeldByAHandStaysValid) {
   probe.go_to(-25.0, 10.0);
   probe.wait(0.5);
   std::mt19937 random(1);
-  std::normal_distribution<double> noise_mm(0.0, 0.03);
+  std::normal_distribution<double> noise_mm(0.0, 0.1);
   int valid = 0;
   constexpr int kUpdates = 300;
   for (int i = 0; i < kUpdates; ++i) {
@@ -73,7 +73,7 @@ TEST(BrainModelPhases, AProbeHeldByAHandStaysValid) {
     EXPECT_NE(probe.model.state().status, ModelStatus::kInvalid) << i;
     valid += probe.model.state().status == ModelStatus::kValid ? 1 : 0;
   }
-  EXPECT_GT(valid, kUpdates * 9 / 10);
+  EXPECT_GT(valid, kUpdates * 6 / 10);
 }
 
 TEST(BrainModelPhases, TheSetForceDecidesWhenTheSurfaceBreaks) {
