@@ -19,9 +19,9 @@ constexpr float kSearchAgain_m = 2e-3F;   // of the tip's way, between two looks
 constexpr float kSearchAgainTurn = 0.02F; // of its turn, rad: 2 mm at the end of 100 mm
 constexpr float kTurn_m = 0.5e-3F;        // of the tip's way back, from which it is no tremor: the phase is another
 constexpr float kTipRadii = 2.0F;         // up the shaft, that is the tip
-constexpr double kTipEdges = 0.5;      // a point force on less than this many edges would tear the mesh, not the tissue
-constexpr double kHeldEdges = 0.5;     // between the points held along the shaft: no two in one tetrahedron
-constexpr double kCutSpacing_mm = 1.0; // of the points along the shaft
+constexpr double kDiscEdges = 0.5; // of the discs' radius: a force on fewer edges would tear the mesh, not the tissue
+constexpr double kHeldEdges = 0.5; // between the discs along the shaft: no two middles in one tetrahedron
+constexpr double kCutSpacing_mm = 1.0;  // of the discs along the shaft
 constexpr float kCutMemory_m = 0.5e-3F; // spacing of the remembered cut
 constexpr float kCutWidth_m = 1.5e-3F;  // tissue nearer to the cut than this is cut
 constexpr std::size_t kMostCut = 4096;  // two metres of cuts
@@ -58,7 +58,7 @@ Insertion::Insertion(const TetMesh &mesh, const TetBoundary &boundary, const Tet
                      const InsertionParameters &parameters)
     : shape_((check(probe, parameters), probe)), parameters_(parameters), surface_(mesh, boundary, contact),
       cut_(mesh, locator, std::max(kCutSpacing_mm, kHeldEdges * mean_edge_mm(mesh)),
-           std::max(probe.radius_mm, kTipEdges * mean_edge_mm(mesh))) {
+           std::max(probe.radius_mm, kDiscEdges * mean_edge_mm(mesh))) {
   cut_m_.reserve(kMostCut);
   entries_m_.reserve(kMostEntries);
 }
