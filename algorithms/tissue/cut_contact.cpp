@@ -165,16 +165,30 @@ void CutContact::apply(const NodeMotion &nodes) noexcept {
   constexpr float kShare = 1.0F / static_cast<float>(kCutSweeps); // of a step's friction, for one sweep
   const float most_rub = forces_.friction_N_per_m * spacing_m_ * dt * kShare;
   const float most_push = forces_.cutting_N * dt * kShare;
+  const float most_sideways = forces_.sideways_N_per_m * spacing_m_ * dt;
   for (int sweep = 0; sweep < kCutSweeps; ++sweep) {
-    for (const Disc &disc : held_) {
+    for (Disc &disc : held_) {
       const Grip held = grip(nodes, disc);
       if (held.mobility <= 0.0F) {
         continue;
       }
+      if (sweep == 0) {
+        disc.pushed_N_s.setZero();
+      }
       // Sideways back to where it was gripped, along the shaft what friction can.
       const Eigen::Vector3f aside = held.from_tip - held.from_tip.dot(probe_.shaft) * probe_.shaft - disc.beside;
+      Eigen::Vector3f pushed = disc.pushed_N_s - aside / (held.mobility * dt);
+      const bool cuts = pushed.norm() > most_sideways;
+      if (cuts) {
+        pushed *= most_sideways / pushed.norm();
+      }
+      const Eigen::Vector3f back = pushed - disc.pushed_N_s;
+      disc.pushed_N_s = pushed;
+      if (cuts && sweep == kCutSweeps - 1) {
+        disc.beside += aside + held.mobility * dt * back;
+      }
       const float rub = std::clamp(-held.slip.dot(probe_.shaft) / held.mobility, -most_rub, most_rub);
-      const Eigen::Vector3f impulse = rub * probe_.shaft - aside / (held.mobility * dt);
+      const Eigen::Vector3f impulse = rub * probe_.shaft + back;
       push(nodes, disc, impulse);
       shaft_force_ += impulse / dt;
     }

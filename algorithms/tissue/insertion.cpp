@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <stdexcept>
 #include <string>
 
@@ -119,8 +120,11 @@ void Insertion::begin_step(const PlacedProbe &probe, const ExplicitSolver &solve
   advance_m_ = -probe.tip_velocity_m_s.dot(probe.shaft) * static_cast<float>(solver.step_s());
   const bool cuts = phase_ == Phase::kPenetration && !cut_before();
   const double cutting_N = std::max(0.0, parameters_.cutting_force_N + correction_.extra_cutting_N());
-  cut_.set_forces(
-      {cuts ? static_cast<float>(cutting_N) : 0.0F, static_cast<float>(parameters_.shaft_friction_N_per_mm * kMetre)});
+  // The pressure that cuts before the tip cuts beside the shaft, too.
+  const double sideways_N_per_mm = 2.0 * cutting_N / (std::numbers::pi * shape_.radius_mm);
+  cut_.set_forces({.cutting_N = cuts ? static_cast<float>(cutting_N) : 0.0F,
+                   .friction_N_per_m = static_cast<float>(parameters_.shaft_friction_N_per_mm * kMetre),
+                   .sideways_N_per_m = static_cast<float>(sideways_N_per_mm * kMetre)});
 }
 
 void Insertion::end_step(const ExplicitSolver &solver) noexcept {

@@ -89,12 +89,13 @@ private:
 // the cutting force at the most (DiMaio & Salcudean, IEEE Trans Robot Autom 19 (2003) 864: sticking and slipping along
 // a needle). What is held and pushed are discs across the shaft, by their mean: a force on one point would turn the
 // tetrahedron around it inside out. The discs are left behind by the tip as it advances, and given up as it comes back
-// past them.
+// past them. A disc that is pushed sideways with more than the tissue bears stays behind where it is then.
 class CutContact final : public Contact {
 public:
   struct Forces {
     float cutting_N = 0.0F;        // at the tip, at the most; 0 where the tissue is cut already
     float friction_N_per_m = 0.0F; // along the shaft
+    float sideways_N_per_m = 1e9F; // across it: with more the shaft cuts its way sideways
   };
 
   // spacing_mm: between held discs.
@@ -124,8 +125,10 @@ private:
     std::array<int, 4 * kDiscPoints> node{};
     std::array<float, 4 * kDiscPoints> share{};
     int count = 0;
-    // From the axis to its mean when it was gripped: not zero where part of the disc lies outside the mesh.
+    // From the axis to its mean when it was gripped, and by what the shaft has cut sideways since: not zero where part
+    // of the disc lies outside the mesh.
     Eigen::Vector3f beside = Eigen::Vector3f::Zero();
+    Eigen::Vector3f pushed_N_s = Eigen::Vector3f::Zero(); // sideways, in this step
 
     void add(const Eigen::Vector4i &tetrahedron, const MaterialPoint &point) noexcept;
   };

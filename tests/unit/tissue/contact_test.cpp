@@ -145,6 +145,7 @@ public:
     const int settling = steps / 2;
     most_tip_N = 0.0F;
     mean_tip_N = mean_shaft_N = 0.0F;
+    mean_shaft_N_by_axis.setZero();
     for (int i = 0; i < steps; ++i) {
       probe_.tip_m += step_s() * velocity_m_s;
       contact.place(probe_);
@@ -154,12 +155,14 @@ public:
         const float share = 1.0F / static_cast<float>(steps - settling);
         mean_tip_N += share * contact.tip_force_N();
         mean_shaft_N -= share * contact.shaft_force_N().z(); // downwards
+        mean_shaft_N_by_axis += share * contact.shaft_force_N();
       }
     }
   }
 
   CutContact contact;
   float most_tip_N = 0.0F, mean_tip_N = 0.0F, mean_shaft_N = 0.0F;
+  Vector3f mean_shaft_N_by_axis = Vector3f::Zero();
 
 private:
   PlacedProbe probe_;
@@ -220,6 +223,20 @@ TEST(CutContact, AShaftMovedAsideTakesTissueWithItAndDiscsSpareTheTetrahedraArou
     return 1.0 - least;
   };
   EXPECT_LT(most_squeezed(3.0), 0.8 * most_squeezed(0.0)); // 0.0: single points
+}
+
+TEST(CutContact, AShaftPushedAsideWithMoreThanTissueBearsCutsIt) {
+  constexpr float kBears_N_per_m = 2.0F;
+  CutBlock block(10.0, {.cutting_N = 0.0F, .friction_N_per_m = 0.0F, .sideways_N_per_m = kBears_N_per_m});
+  block.move({20e-3F, 0.0F, 0.0F}, 0.4);                                                            // 8 mm
+  EXPECT_NEAR(block.mean_shaft_N_by_axis.x(), kBears_N_per_m * 12.5e-3F, kBears_N_per_m * 2.5e-3F); // of five discs
+  double farthest_mm = 0.0;
+  for (int i = 0; i < block.solver.nodes(); ++i) {
+    farthest_mm = std::max(farthest_mm, block.solver.displacement_mm(i).x());
+  }
+  EXPECT_LT(farthest_mm, 4.0);
+  block.move({-20e-3F, 0.0F, 0.0F}, 0.2); // what was cut pushes the other way only after the tissue has gone back
+  EXPECT_LT(block.mean_shaft_N_by_axis.x(), 0.5F * kBears_N_per_m * 12.5e-3F);
 }
 
 TEST(CutContact, WithdrawalGivesUpWhatWasHeldAndComesOut) {
