@@ -23,7 +23,7 @@ namespace bregma::tissue {
 struct BrainModelOptions {
   Material material;
   // What a viscosity of 6.6 Pa s (Herthum et al., Acta Biomater 121 (2021) 393: the living brain at 1 to 40 Hz) takes
-  // from modes of 13 Hz, in tissue of the thesis' stiffness. Slower modes lose less by it, so nothing lags by more.
+  // from modes of 13 Hz, in tissue of the thesis' stiffness; slower modes are damped more than by it, faster ones less.
   SolverOptions solver{.damping_per_s = 60.0};
   SkullOptions skull;
   ProbeShape probe;

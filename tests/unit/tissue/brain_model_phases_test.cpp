@@ -54,9 +54,9 @@ TEST(BrainModelPhases, ATremblingHandDoesNotChangeThem) {
   }
 }
 
-// A hand's tremor of 0.1 mm (1-sigma a coordinate) about 10 Hz, and what the navigation's filter leaves of the
-// tracker's noise.
-TEST(BrainModelPhases, AProbeHeldByAHandStaysValid) {
+// A hand's tremor of 0.1 mm (1-sigma a coordinate) about 10 Hz, and as much noise of the tracker, without the
+// navigation's filter: the tissue may count as swinging, but not most of the time.
+TEST(BrainModelPhases, AProbeHeldByAHandIsFollowed) {
   Guided probe;
   probe.go_to(-25.0, 10.0);
   probe.wait(0.5);
