@@ -166,7 +166,7 @@ void WaitSet::attach(const Guard &guard) {
   checked(dds_waitset_attach(entity_.handle(), guard.entity().handle(), 0), "cannot wait for a guard");
 }
 
-void WaitSet::attach_reader(const Entity &reader) {
+void WaitSet::attach(const Entity &reader) {
   checked(dds_set_status_mask(reader.handle(), DDS_DATA_AVAILABLE_STATUS | DDS_REQUESTED_DEADLINE_MISSED_STATUS |
                                                    DDS_LIVELINESS_CHANGED_STATUS),
           "cannot choose what to wait for");

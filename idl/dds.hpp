@@ -145,13 +145,13 @@ private:
 class WaitSet {
 public:
   explicit WaitSet(const Participant &participant);
-  template <class T> void attach(const Reader<T> &reader) { attach_reader(reader.entity()); }
+  template <class T> void attach(const Reader<T> &reader) { attach(reader.entity()); }
+  void attach(const Entity &reader);
   void attach(const Guard &guard);
   // True when something happened, false when the timeout ran out. Negative timeouts return at once.
   bool wait(std::chrono::nanoseconds timeout) const noexcept;
 
 private:
-  void attach_reader(const Entity &reader);
   Entity entity_;
 };
 

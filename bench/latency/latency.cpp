@@ -19,6 +19,7 @@
 #include "bench/record.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
+#include "server/stages/session/stage.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/virtual_operation.hpp"
 
@@ -140,8 +141,9 @@ public:
       return step.kind == sim::StepKind::kAcceptRegistration;
     });
     scenario->steps.erase(std::next(accepted), scenario->steps.end());
-    server::Config config;
-    config.state.directory = (folder_.path() / "state").string();
+    const std::string state_directory = (folder_.path() / "state").string();
+    server::Config config = test::quick_config();
+    config.stages.of<server::SessionParameters>().state_directory = state_directory;
     test::VirtualOperation registering(*a_case, *scenario, kSeed, config);
     if (!registering.run()) {
       throw std::runtime_error(registering.failure());
@@ -156,7 +158,7 @@ public:
                               << a_case->trajectories.front().name << "\"\n";
     operation_daemon_ = std::make_unique<test::Process>(
         std::vector<std::string>{(bin_ / "bregmad").string(), "--set", "domain_id=" + domain_text(), "--set",
-                                 "state.directory=" + config.state.directory, "--set",
+                                 "state.directory=" + state_directory, "--set",
                                  "deformation.elements=" + std::to_string(elements)},
         log("bregmad"));
     operation_room_ = start_room(navigating, rate_hz);

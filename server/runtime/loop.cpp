@@ -86,7 +86,8 @@ void PeriodicLoop::run() noexcept {
       const TimedStep timed(statistics_);
       step_();
     }
-    statistics_.count_overruns(ticker.advance(monotonic_ns()));
+    const std::uint64_t missed = ticker.advance(monotonic_ns());
+    statistics_.count_overruns(options_.count_overruns ? missed : 0);
   }
 }
 
