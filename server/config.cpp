@@ -4,8 +4,8 @@
 
 namespace bregma::server {
 
-casefile::ParameterSet declare(Config &c) {
-  casefile::ParameterSet set("bregmad");
+base::ParameterSet declare(Config &c) {
+  base::ParameterSet set("bregmad");
   set.integer("domain_id", &c.domain_id, "", 0, 230,
               "DDS domain. Processes on different domains do not see each other.");
   declare_stages(set, c.stages);
@@ -25,6 +25,6 @@ casefile::ParameterSet declare(Config &c) {
   return set;
 }
 
-casefile::Result<void> check(Config &config) { return check_stages(config.stages); }
+base::Result<void> check(Config &config) { return check_stages(config.stages); }
 
 } // namespace bregma::server

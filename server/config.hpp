@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <string>
 
-#include "casefile/parameters.hpp"
-#include "casefile/result.hpp"
+#include "base/parameters.hpp"
+#include "base/result.hpp"
 #include "server/stages/host.hpp"
 #include "server/stages/parameters.hpp"
 
@@ -34,8 +34,8 @@ struct Config {
 };
 
 // The declaration of all of them; config must outlive the set.
-[[nodiscard]] casefile::ParameterSet declare(Config &config);
+[[nodiscard]] base::ParameterSet declare(Config &config);
 // What ranges alone cannot say; errors name key and value.
-[[nodiscard]] casefile::Result<void> check(Config &config);
+[[nodiscard]] base::Result<void> check(Config &config);
 
 } // namespace bregma::server

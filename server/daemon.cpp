@@ -43,8 +43,8 @@ private:
   [[nodiscard]] std::uint64_t overruns() const noexcept override { return loops_.overruns(); }
   void log(LogLevel level, const std::string &line) override { spdlog::log(spdlog_level(level), "{}", line); }
   void run(std::function<void()> job) override { asio::post(workers_, std::move(job)); }
-  [[nodiscard]] casefile::Result<std::optional<std::filesystem::path>> case_changed(const casefile::Case *loaded,
-                                                                                    std::int64_t utc_ns) override;
+  [[nodiscard]] base::Result<std::optional<std::filesystem::path>> case_changed(const casefile::Case *loaded,
+                                                                                std::int64_t utc_ns) override;
   void add_loops(wire::SystemHealth &health) const override { loops_.add_health(health); }
 
   void record_truth();
@@ -135,8 +135,8 @@ void Daemon::Impl::feed(runtime::Watchdog &watchdog, asio::steady_timer &timer) 
   });
 }
 
-casefile::Result<std::optional<std::filesystem::path>> Daemon::Impl::case_changed(const casefile::Case *loaded,
-                                                                                  std::int64_t utc_ns) {
+base::Result<std::optional<std::filesystem::path>> Daemon::Impl::case_changed(const casefile::Case *loaded,
+                                                                              std::int64_t utc_ns) {
   if (!config_.recorder.enabled) {
     return std::nullopt;
   }

@@ -39,13 +39,13 @@ struct Wiring::Table : Stages {
   using Stages::Stages;
 };
 
-void declare_stages(casefile::ParameterSet &set, StageParameters &parameters) { Stages::declare_all(set, parameters); }
+void declare_stages(base::ParameterSet &set, StageParameters &parameters) { Stages::declare_all(set, parameters); }
 
-casefile::Result<void> check_stages(StageParameters &parameters) {
+base::Result<void> check_stages(StageParameters &parameters) {
   const auto &trackers = parameters.of<NavigationParameters>().trackers;
   const auto &sensors = parameters.of<SensorParameters>();
   if (inputs::split_names(trackers).empty()) {
-    return casefile::failure("devices.trackers = \"\": at least one tracker is needed");
+    return base::failure("devices.trackers = \"\": at least one tracker is needed");
   }
   return inputs::check_device_names({{"devices.trackers", trackers},
                                      {"devices.robots", sensors.robots},

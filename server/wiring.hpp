@@ -5,8 +5,8 @@
 #include <memory>
 #include <vector>
 
-#include "casefile/parameters.hpp"
-#include "casefile/result.hpp"
+#include "base/parameters.hpp"
+#include "base/result.hpp"
 #include "server/session/session.hpp"
 #include "server/stages/host.hpp"
 #include "server/stages/parameters.hpp"
@@ -16,9 +16,9 @@
 namespace bregma::server {
 
 // Declares the parameters of all stages; parameters outlives the set.
-void declare_stages(casefile::ParameterSet &set, StageParameters &parameters);
+void declare_stages(base::ParameterSet &set, StageParameters &parameters);
 // What ranges alone cannot say: device names. Errors name key and value.
-[[nodiscard]] casefile::Result<void> check_stages(StageParameters &parameters);
+[[nodiscard]] base::Result<void> check_stages(StageParameters &parameters);
 
 class Wiring {
 public:

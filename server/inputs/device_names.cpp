@@ -21,19 +21,19 @@ std::string name_problem(const std::string &name, const std::set<std::string> &s
 
 } // namespace
 
-casefile::Result<void> check_device_names(const std::vector<std::pair<const char *, std::string>> &lists) {
+base::Result<void> check_device_names(const std::vector<std::pair<const char *, std::string>> &lists) {
   std::set<std::string> seen;
   for (const auto &[key, list] : lists) {
     for (const std::string &name : split_names(list)) {
       if (const std::string problem = name_problem(name, seen); !problem.empty()) {
-        return casefile::failure(std::string(key) + " = \"" + list + "\": " + problem);
+        return base::failure(std::string(key) + " = \"" + list + "\": " + problem);
       }
       seen.insert(name);
     }
   }
   if (seen.size() > bregma_wire_MAX_DEVICES) {
-    return casefile::failure("devices: " + std::to_string(seen.size()) + " are named, at most " +
-                             std::to_string(bregma_wire_MAX_DEVICES) + " can be shown");
+    return base::failure("devices: " + std::to_string(seen.size()) + " are named, at most " +
+                         std::to_string(bregma_wire_MAX_DEVICES) + " can be shown");
   }
   return {};
 }

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::inputs {
 
@@ -15,6 +15,6 @@ namespace bregma::inputs {
 
 // lists: parameter key and its value. An error names key, value and name: empty between commas, too long for the wire,
 // named twice in any of the lists, or more devices than SystemHealth shows.
-[[nodiscard]] casefile::Result<void> check_device_names(const std::vector<std::pair<const char *, std::string>> &lists);
+[[nodiscard]] base::Result<void> check_device_names(const std::vector<std::pair<const char *, std::string>> &lists);
 
 } // namespace bregma::inputs

@@ -8,8 +8,8 @@
 #include <optional>
 #include <string>
 
+#include "base/result.hpp"
 #include "casefile/case.hpp"
-#include "casefile/result.hpp"
 #include "idl/topics.hpp"
 #include "server/recording/recorder.hpp"
 
@@ -34,7 +34,7 @@ public:
   virtual void run(std::function<void()> job) { job(); }
   // A case was loaded or closed (nullptr). The file that is recorded to from now on, empty for none; nullopt where
   // nothing is ever recorded.
-  [[nodiscard]] virtual casefile::Result<std::optional<std::filesystem::path>>
+  [[nodiscard]] virtual base::Result<std::optional<std::filesystem::path>>
   case_changed(const casefile::Case * /*loaded*/, std::int64_t /*utc_ns*/) {
     return std::nullopt;
   }

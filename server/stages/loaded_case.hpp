@@ -8,7 +8,7 @@
 
 #include "algorithms/planning/critical_structures.hpp"
 #include "algorithms/registration/registration.hpp"
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "casefile/case.hpp"
 #include "server/inputs/payload_check.hpp"
 
@@ -26,7 +26,7 @@ struct LoadedCase {
   LoadedCase &operator=(const LoadedCase &) = delete;
 
   std::shared_ptr<const casefile::Case> data;
-  registration::SurfaceModel scalp;
+  surface::SurfaceModel scalp;
   planning::CriticalStructures structures;
   inputs::KnownTools tools;
   registration::RegistrationEstimator estimator; // the registration stage's alone

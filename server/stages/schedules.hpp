@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <string>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 
 namespace bregma::server {
 
@@ -13,7 +13,7 @@ namespace bregma::server {
 }
 [[nodiscard]] constexpr std::int64_t period_ns(double rate_hz) { return static_cast<std::int64_t>(1e9 / rate_hz); }
 
-inline void declare_priority(casefile::ParameterSet &set, const std::string &stage, std::int64_t &priority) {
+inline void declare_priority(base::ParameterSet &set, const std::string &stage, std::int64_t &priority) {
   set.integer("realtime." + stage + "_priority", &priority, "", 0, 98,
               "SCHED_FIFO priority of the " + stage + " loop; 0: the ordinary scheduler.");
 }

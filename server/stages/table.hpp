@@ -11,7 +11,7 @@
 #include <tuple>
 #include <vector>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/stages/parameters.hpp"
 #include "server/stages/ports.hpp"
 #include "server/stages/stage.hpp"
@@ -30,7 +30,7 @@ template <class StageType, auto... Outputs> struct Reads {
 
 template <class... Rows> class StageTable {
 public:
-  static void declare_all(casefile::ParameterSet &set, StageParameters &parameters) {
+  static void declare_all(base::ParameterSet &set, StageParameters &parameters) {
     (declare(set, parameters.of<typename Rows::Type::Parameters>()), ...);
   }
 

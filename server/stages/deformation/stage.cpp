@@ -13,7 +13,7 @@ constexpr double kStepSmoothing = 0.1;
 
 } // namespace
 
-void declare(casefile::ParameterSet &set, DeformationParameters &p) {
+void declare(base::ParameterSet &set, DeformationParameters &p) {
   set.number("deformation.rate_hz", &p.rate_hz, "Hz", 0.5, 200, "Rate of the deformation loop.");
   set.number("deformation.field_rate_hz", &p.field_rate_hz, "Hz", 0, 60,
              "Rate at which the displacements of all nodes are published; 0: never.");

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/case_store.hpp"
 #include "server/stages/deformation/pipeline.hpp"
@@ -21,7 +21,7 @@ struct DeformationParameters {
   double field_rate_hz = 10.0; // 0: the displacements of the nodes are not published
   std::int64_t priority = 0;   // above it, the solver would take a core from DDS' own threads
 };
-void declare(casefile::ParameterSet &set, DeformationParameters &parameters);
+void declare(base::ParameterSet &set, DeformationParameters &parameters);
 
 // How many solver steps fit into a period. One thread.
 class SolverBudget {

@@ -2,7 +2,7 @@
 // output beside its input shows what one hop between two stages costs.
 #pragma once
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/stage.hpp"
 #include "server/stages/views.hpp"
@@ -12,7 +12,7 @@ namespace bregma::server {
 struct EchoParameters {
   double rate_hz = 0.0; // 0: off
 };
-inline void declare(casefile::ParameterSet &set, EchoParameters &p) {
+inline void declare(base::ParameterSet &set, EchoParameters &p) {
   set.number("echo.rate_hz", &p.rate_hz, "Hz", 0, 1000, "Rate of the example stage echo (docs/new-stage.md); 0: off.");
 }
 

@@ -5,7 +5,7 @@
 
 namespace bregma::server {
 
-void declare(casefile::ParameterSet &set, HealthParameters &p) {
+void declare(base::ParameterSet &set, HealthParameters &p) {
   set.number("health.rate_hz", &p.rate_hz, "Hz", 0.5, 50, "Rate at which the system's health is published.");
 }
 

@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/inputs/border.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/host.hpp"
@@ -19,7 +19,7 @@ namespace bregma::server {
 struct HealthParameters {
   double rate_hz = 2.0;
 };
-void declare(casefile::ParameterSet &set, HealthParameters &parameters);
+void declare(base::ParameterSet &set, HealthParameters &parameters);
 
 class HealthStage final : public Stage {
 public:

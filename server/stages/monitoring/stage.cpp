@@ -16,7 +16,7 @@ MonitoringSettings settings_of(const MonitoringParameters &parameters) {
 
 } // namespace
 
-void declare(casefile::ParameterSet &set, MonitoringParameters &p) {
+void declare(base::ParameterSet &set, MonitoringParameters &p) {
   set.number("monitoring.rate_hz", &p.rate_hz, "Hz", 0.5, 100, "Rate of the monitoring loop.");
   set.number("monitoring.false_alarm_rate", &p.false_alarm_rate, "", 1e-9, 0.1,
              "False-alarm probability of the drift test, per check touch.");

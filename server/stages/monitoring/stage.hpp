@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/runtime/mailbox.hpp"
 #include "server/stages/case_store.hpp"
@@ -22,7 +22,7 @@ struct MonitoringParameters {
   double max_age_ms = 50.0;       // of a pose when it is published; an older one is an alarm
   std::int64_t priority = 40;
 };
-void declare(casefile::ParameterSet &set, MonitoringParameters &parameters);
+void declare(base::ParameterSet &set, MonitoringParameters &parameters);
 
 class MonitoringStage final : public Stage {
 public:

@@ -26,7 +26,7 @@ inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
 
 } // namespace
 
-void declare(casefile::ParameterSet &set, NavigationParameters &p) {
+void declare(base::ParameterSet &set, NavigationParameters &p) {
   set.string("devices.trackers", &p.trackers,
              "Trackers that are listened to, by name, separated by commas. A sample of any other is rejected.");
   set.number("tracker.marker_sigma_lateral_mm", &p.marker_sigma_lateral_mm, "mm", 0.001, 5,

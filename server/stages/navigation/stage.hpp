@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <string>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/inputs/border.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/runtime/mailbox.hpp"
@@ -26,7 +26,7 @@ struct NavigationParameters {
   double filter_hz = 3.0; // motions of a tip up to this are followed; 0: no filter
   std::int64_t priority = 70;
 };
-void declare(casefile::ParameterSet &set, NavigationParameters &parameters);
+void declare(base::ParameterSet &set, NavigationParameters &parameters);
 
 class NavigationStage final : public Stage {
 public:

@@ -2,7 +2,7 @@
 // request at its rate, and a search takes as long as it takes; nothing waits for it.
 #pragma once
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/case_store.hpp"
 #include "server/stages/pose_search/pose_search.hpp"
@@ -11,7 +11,7 @@
 namespace bregma::server {
 
 struct PoseSearchParameters {};
-inline void declare(casefile::ParameterSet & /*set*/, PoseSearchParameters & /*none*/) {}
+inline void declare(base::ParameterSet & /*set*/, PoseSearchParameters & /*none*/) {}
 
 class PoseSearchStage final : public Stage {
 public:

@@ -4,7 +4,7 @@
 
 namespace bregma::server {
 
-void declare(casefile::ParameterSet &set, RegistrationParameters &p) {
+void declare(base::ParameterSet &set, RegistrationParameters &p) {
   set.number("registration.rate_hz", &p.rate_hz, "Hz", 0.5, 100, "Rate of re-estimation.");
   declare_priority(set, RegistrationStage::kName, p.priority);
 }

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/runtime/mailbox.hpp"
 #include "server/stages/case_store.hpp"
@@ -17,7 +17,7 @@ struct RegistrationParameters {
   double rate_hz = 10.0;
   std::int64_t priority = 0;
 };
-void declare(casefile::ParameterSet &set, RegistrationParameters &parameters);
+void declare(base::ParameterSet &set, RegistrationParameters &parameters);
 
 class RegistrationStage final : public Stage {
 public:

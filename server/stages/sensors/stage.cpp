@@ -11,7 +11,7 @@ constexpr double kShareRate_hz = 10.0; // of device health towards monitoring an
 
 } // namespace
 
-void declare(casefile::ParameterSet &set, SensorParameters &p) {
+void declare(base::ParameterSet &set, SensorParameters &p) {
   set.string("devices.robots", &p.robots, "Robots, by name, separated by commas.");
   set.string("devices.forces", &p.forces, "Force sensors, by name, separated by commas.");
   set.string("devices.ranges", &p.ranges, "Range sensors, by name, separated by commas.");

@@ -4,7 +4,7 @@
 
 #include <string>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/inputs/border.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/ports.hpp"
@@ -18,7 +18,7 @@ struct SensorParameters { // names, separated by commas
   std::string forces = "Force";
   std::string ranges = "Range";
 };
-void declare(casefile::ParameterSet &set, SensorParameters &parameters);
+void declare(base::ParameterSet &set, SensorParameters &parameters);
 
 class SensorStage final : public Stage {
 public:

@@ -46,7 +46,7 @@ const char *text_of(wire::AlarmState state) {
 
 } // namespace
 
-void declare(casefile::ParameterSet &set, SessionParameters &p) {
+void declare(base::ParameterSet &set, SessionParameters &p) {
   set.number("capture.window_ms", &p.capture_window_ms, "ms", 20, 5000,
              "A touch is the mean of the tip over this time.");
   set.number("capture.max_motion_mm", &p.capture_max_motion_mm, "mm", 0.05, 20,
@@ -115,14 +115,14 @@ void SessionStage::take_in() {
   }
 }
 
-casefile::Result<void> SessionStage::use_case(std::shared_ptr<const casefile::Case> loaded) {
+base::Result<void> SessionStage::use_case(std::shared_ptr<const casefile::Case> loaded) {
   std::unique_ptr<LoadedCase> fresh;
   if (loaded) {
     try {
       fresh = std::make_unique<LoadedCase>(loaded, parameters_.correlation_length_mm,
                                            static_cast<int>(parameters_.trace_max_samples));
     } catch (const std::invalid_argument &error) {
-      return casefile::failure((loaded->folder / "case.toml").string() + ": " + error.what());
+      return base::failure((loaded->folder / "case.toml").string() + ": " + error.what());
     }
   }
   const CaseChanged change = cases.add(std::move(fresh));

@@ -8,7 +8,7 @@
 #include <optional>
 #include <string>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/session/session.hpp"
 #include "server/stages/case_store.hpp"
@@ -33,7 +33,7 @@ struct SessionParameters {
   std::string state_directory; // empty: $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/bregma or ~/.local/state/bregma
   double correlation_length_mm = 12.0; // of the surface error: neighbouring samples share it
 };
-void declare(casefile::ParameterSet &set, SessionParameters &parameters);
+void declare(base::ParameterSet &set, SessionParameters &parameters);
 
 class SessionStage final : public Stage, private SessionPorts {
 public:
@@ -56,7 +56,7 @@ public:
   runtime::LatestValue<SessionView> view;
 
 private:
-  [[nodiscard]] casefile::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
+  [[nodiscard]] base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
   void send(const NavigationMessage &message) override { to_navigation.send(message); }
   void send(const RegistrationMessage &message) override { to_registration.send(message); }
   void send(const MonitoringMessage &message) override { to_monitoring.send(message); }
@@ -81,7 +81,7 @@ private:
   std::int64_t now_ns_ = 0; // UTC, of the step under way
   bool restored_ = false;
   // The file of a case that the session has just taken, for when the session is done with the command that brought it.
-  std::optional<casefile::Result<std::optional<std::filesystem::path>>> recording_;
+  std::optional<base::Result<std::optional<std::filesystem::path>>> recording_;
   std::string case_folder_;
   Session session_; // last: it calls the ports
 };

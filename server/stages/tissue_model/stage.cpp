@@ -27,7 +27,7 @@ TissueSettings settings_of(const TissueModelParameters &from) {
 
 } // namespace
 
-void declare(casefile::ParameterSet &set, TissueModelParameters &p) {
+void declare(base::ParameterSet &set, TissueModelParameters &p) {
   set.integer("deformation.elements", &p.elements, "", 0, 200000,
               "About so many tetrahedra fill the brain; 0: no tissue model.");
   set.number("deformation.entry_edge_mm", &p.entry_edge_mm, "mm", 0, 20,

@@ -6,8 +6,8 @@
 #include <string>
 
 #include "algorithms/tissue/brain_model.hpp"
-#include "casefile/case_tissue.hpp"
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
+#include "case_model/case_tissue.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/case_store.hpp"
 #include "server/stages/host.hpp"
@@ -19,18 +19,18 @@ namespace bregma::server {
 
 struct TissueModelParameters {
   std::int64_t elements = 20000; // 0: no tissue model
-  double entry_edge_mm = casefile::BrainMeshOptions{}.entry_edge_mm;
+  double entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
   std::int64_t threads = 1;
   std::string material = "thesis";
   bool sliding = true;
   double gap_mm = 0.0;
-  double craniotomy_radius_mm = casefile::kCraniotomyRadius_mm;
+  double craniotomy_radius_mm = case_model::kCraniotomyRadius_mm;
   double probe_radius_mm = 3.0;
   double rupture_force_N = tissue::InsertionParameters{}.rupture_force_N;
   double cutting_force_N = tissue::InsertionParameters{}.cutting_force_N;
   double shaft_friction_N_per_mm = tissue::InsertionParameters{}.shaft_friction_N_per_mm;
 };
-void declare(casefile::ParameterSet &set, TissueModelParameters &parameters);
+void declare(base::ParameterSet &set, TissueModelParameters &parameters);
 
 class TissueModelStage final : public Stage {
 public:

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "algorithms/tissue/brain_model.hpp"
-#include "casefile/case_tissue.hpp"
+#include "case_model/case_tissue.hpp"
 #include "server/stages/loaded_case.hpp"
 #include "server/stages/views.hpp"
 
@@ -14,9 +14,9 @@ namespace bregma::server {
 
 struct TissueSettings {
   int elements = 20000; // of the lattice; 0: no model
-  double entry_edge_mm = casefile::BrainMeshOptions{}.entry_edge_mm;
-  tissue::BrainModelOptions model;                              // its material for cases that name none
-  double craniotomy_radius_mm = casefile::kCraniotomyRadius_mm; // for cases that do not say
+  double entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
+  tissue::BrainModelOptions model;                                // its material for cases that name none
+  double craniotomy_radius_mm = case_model::kCraniotomyRadius_mm; // for cases that do not say
 };
 
 class TissueBuilder {
