@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "base/parameters.hpp"
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/host.hpp"
 #include "server/stages/monitoring/alarm_conditions.hpp"

@@ -9,7 +9,7 @@
 #include <variant>
 
 #include "algorithms/monitoring/drift_monitor.hpp"
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "server/recording/recorder.hpp"
 #include "server/stages/loaded_case.hpp"
 #include "server/stages/monitoring/alarm_conditions.hpp"

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "base/parameters.hpp"
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/runtime/mailbox.hpp"
 #include "server/stages/case_store.hpp"
@@ -51,7 +51,7 @@ private:
   void publish(const Moment &now) noexcept;
   void share(const Moment &now) noexcept;
 
-  inputs::Border<wire::TrackerFrame> guard_;
+  inputs::InputGuard<wire::TrackerFrame> guard_;
   NavigationPipeline pipeline_;
   Subscriber<wire::TrackerFrame> frames_;
   Publisher<wire::NavigationState> states_;

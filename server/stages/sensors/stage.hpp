@@ -5,7 +5,7 @@
 #include <string>
 
 #include "base/parameters.hpp"
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/ports.hpp"
 #include "server/stages/stage.hpp"
@@ -33,9 +33,9 @@ public:
   runtime::LatestValue<inputs::StreamHealth> devices; // robots, ranges, forces; with every tick
 
 private:
-  inputs::Border<wire::RobotState> robot_guard_;
-  inputs::Border<wire::RangeSample> range_guard_;
-  inputs::Border<wire::ForceSample> force_guard_;
+  inputs::InputGuard<wire::RobotState> robot_guard_;
+  inputs::InputGuard<wire::RangeSample> range_guard_;
+  inputs::InputGuard<wire::ForceSample> force_guard_;
   Subscriber<wire::RobotState> robots_;
   Subscriber<wire::RangeSample> ranges_;
   Subscriber<wire::ForceSample> forces_;
