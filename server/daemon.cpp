@@ -25,7 +25,7 @@ constexpr auto kPollInterval = 5ms; // of commands and of what the loops say
 
 } // namespace
 
-class Daemon::Impl final : private ControlOutlet {
+class Daemon::Impl final : private ControlSink {
 public:
   Impl(const Config &config, std::string config_toml);
   void run();
@@ -50,10 +50,10 @@ private:
   dds::Participant participant_;
   recording::Recorder recorder_;
   recording::Channel &channel_;
-  Outlet<wire::CommandReply> replies_;
-  Outlet<wire::Alarm> alarms_;
-  Outlet<wire::CapturedPoint> captures_;
-  Outlet<wire::SystemHealth> health_;
+  Publisher<wire::CommandReply> replies_;
+  Publisher<wire::Alarm> alarms_;
+  Publisher<wire::CapturedPoint> captures_;
+  Publisher<wire::SystemHealth> health_;
   dds::Reader<wire::Command> commands_;
   std::string case_folder_;
   Engine engine_;

@@ -89,12 +89,12 @@ template <class Message, std::size_t Capacity> void Engine::Outbox<Message, Capa
   }
 }
 
-Engine::Engine(const Config &config, ControlOutlet &outlet, Session::Executor executor)
-    : config_(checked(config)), outlet_(outlet),
-      tracker_border_(split_names(config_.devices.trackers), tracker_options(config_)),
+Engine::Engine(const Config &config, ControlSink &sink, Session::Executor executor)
+    : config_(checked(config)), sink_(sink),
+      tracker_guard_(split_names(config_.devices.trackers), tracker_options(config_)),
       navigation_(navigation_settings(config_), navigation_events_),
-      robot_border_(split_names(config_.devices.robots), {}), range_border_(split_names(config_.devices.ranges), {}),
-      force_border_(split_names(config_.devices.forces), {}),
+      robot_guard_(split_names(config_.devices.robots), {}), range_guard_(split_names(config_.devices.ranges), {}),
+      force_guard_(split_names(config_.devices.forces), {}),
       registration_(static_cast<std::size_t>(config_.trace.max_samples)),
       monitoring_(monitoring_settings(config_), alarm_events_), tissue_builder_(tissue_settings(config_)),
       session_(std::make_unique<Session>(session_config(config_), static_cast<SessionPorts &>(*this),
@@ -122,7 +122,7 @@ base::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> loaded
   to_deformation_.send(change);
   to_pose_recovery_.send(change);
   to_tissue_builder_.send(change);
-  outlet_.case_changed(loaded.get());
+  sink_.case_changed(loaded.get());
   return {};
 }
 
@@ -172,14 +172,14 @@ void Engine::receive_navigation() noexcept {
   while (to_navigation_.ring.try_pop(input)) {
     navigation_.handle(input);
     if (const auto *change = std::get_if<CaseChanged>(&input)) {
-      tracker_border_.set_tools(change->loaded != nullptr ? change->loaded->tools : inputs::KnownTools{});
+      tracker_guard_.set_tools(change->loaded != nullptr ? change->loaded->tools : inputs::KnownTools{});
       taken_generation_[kNavigation].store(change->generation, std::memory_order_release);
     }
   }
 }
 
 bool Engine::take(const wire::TrackerFrame &frame, std::uint64_t writer, std::int64_t now_ns) noexcept {
-  const inputs::Verdict verdict = tracker_border_.check(frame, writer, now_ns);
+  const inputs::Verdict verdict = tracker_guard_.check(frame, writer, now_ns);
   if (verdict.accepted) {
     share_predicted_targets();
     navigation_.on_frame(frame, verdict.acquired_time_ns, now_ns);
@@ -201,7 +201,7 @@ void Engine::share_predicted_targets() noexcept {
 }
 
 void Engine::share_tracker_health(std::int64_t now_ns) noexcept {
-  tracker_health_.store(tracker_border_.health(now_ns));
+  tracker_health_.store(tracker_guard_.health(now_ns));
   TrackingView view;
   view.reference_visible = navigation_.reference_visible();
   for (const wire::NavigationState &state : navigation_.states()) {
@@ -217,15 +217,15 @@ void Engine::share_tracker_health(std::int64_t now_ns) noexcept {
 // ---- sensors ----
 
 bool Engine::take(const wire::RobotState &sample, std::uint64_t writer, std::int64_t now_ns) noexcept {
-  return robot_border_.check(sample, writer, now_ns).accepted;
+  return robot_guard_.check(sample, writer, now_ns).accepted;
 }
 
 bool Engine::take(const wire::RangeSample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept {
-  return range_border_.check(sample, writer, now_ns).accepted;
+  return range_guard_.check(sample, writer, now_ns).accepted;
 }
 
 bool Engine::take(const wire::ForceSample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept {
-  const bool accepted = force_border_.check(sample, writer, now_ns).accepted;
+  const bool accepted = force_guard_.check(sample, writer, now_ns).accepted;
   if (accepted) {
     ForceView view{.arrived_ns = now_ns};
     std::copy_n(sample.force_N, 3, view.force_N);
@@ -235,15 +235,15 @@ bool Engine::take(const wire::ForceSample &sample, std::uint64_t writer, std::in
 }
 
 void Engine::sensor_writers(std::uint32_t robots, std::uint32_t ranges, std::uint32_t forces) noexcept {
-  robot_border_.set_writers_alive(robots);
-  range_border_.set_writers_alive(ranges);
-  force_border_.set_writers_alive(forces);
+  robot_guard_.set_writers_alive(robots);
+  range_guard_.set_writers_alive(ranges);
+  force_guard_.set_writers_alive(forces);
 }
 
 void Engine::share_sensor_health(std::int64_t now_ns) noexcept {
-  inputs::StreamHealth health = robot_border_.health(now_ns);
-  inputs::add_to(health, range_border_.health(now_ns));
-  inputs::add_to(health, force_border_.health(now_ns));
+  inputs::StreamHealth health = robot_guard_.health(now_ns);
+  inputs::add_to(health, range_guard_.health(now_ns));
+  inputs::add_to(health, force_guard_.health(now_ns));
   sensor_health_.store(health);
 }
 
@@ -283,7 +283,7 @@ const wire::AccuracyState &Engine::step_monitoring(const recording::RecorderStat
   return monitoring_.accuracy();
 }
 
-const DeformationPipeline &Engine::step_deformation(std::int64_t now_ns, int most_steps) noexcept {
+const DeformationPipeline &Engine::step_deformation(std::int64_t now_ns, int max_steps) noexcept {
   CaseChanged change{};
   while (to_deformation_.ring.try_pop(change)) {
     deformation_.handle(change);
@@ -297,7 +297,7 @@ const DeformationPipeline &Engine::step_deformation(std::int64_t now_ns, int mos
   (void)probe_.load_newer(probe_view_, seen_by_deformation_[1]);
   (void)force_.load_newer(force_view_, seen_by_deformation_[2]);
   taken_generation_[kDeformation].store(deformation_.case_generation(), std::memory_order_release);
-  deformation_.step(probe_view_, force_view_, now_ns, most_steps);
+  deformation_.step(probe_view_, force_view_, now_ns, max_steps);
   predicted_.store(deformation_.predicted());
   return deformation_;
 }

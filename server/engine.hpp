@@ -18,7 +18,7 @@
 #include <vector>
 
 #include "server/config.hpp"
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "server/pipelines/deformation.hpp"
 #include "server/pipelines/monitoring.hpp"
 #include "server/pipelines/navigation.hpp"
@@ -31,9 +31,9 @@
 namespace bregma::server {
 
 // What the control side says to the outside.
-class ControlOutlet {
+class ControlSink {
 public:
-  virtual ~ControlOutlet() = default;
+  virtual ~ControlSink() = default;
   virtual void publish(const wire::CommandReply &reply) = 0;
   virtual void publish(const wire::Alarm &alarm) = 0;
   virtual void publish(const wire::CapturedPoint &point) = 0;
@@ -45,7 +45,7 @@ public:
 class Engine final : private SessionPorts {
 public:
   // Throws std::invalid_argument for a configuration that check() refuses.
-  Engine(const Config &config, ControlOutlet &outlet, Session::Executor executor = {});
+  Engine(const Config &config, ControlSink &sink, Session::Executor executor = {});
   ~Engine() override;
   Engine(const Engine &) = delete;
   Engine &operator=(const Engine &) = delete;
@@ -63,7 +63,7 @@ public:
   // True when the frame passed the border; navigation().states() are then those of this frame.
   bool take(const wire::TrackerFrame &frame, std::uint64_t writer, std::int64_t now_ns) noexcept;
   void tick_navigation(std::int64_t now_ns) noexcept;
-  void tracker_writers(std::uint32_t alive) noexcept { tracker_border_.set_writers_alive(alive); }
+  void tracker_writers(std::uint32_t alive) noexcept { tracker_guard_.set_writers_alive(alive); }
   // A few times a second: what monitoring and health see of the tracker.
   void share_tracker_health(std::int64_t now_ns) noexcept;
   [[nodiscard]] const NavigationPipeline &navigation() const noexcept { return navigation_; }
@@ -83,8 +83,8 @@ public:
                                              std::int64_t now_ns) noexcept;
 
   // ---- deformation thread ----
-  // most_steps: of the tissue solver, that there is time for.
-  const DeformationPipeline &step_deformation(std::int64_t now_ns, int most_steps) noexcept;
+  // max_steps: of the tissue solver, that there is time for.
+  const DeformationPipeline &step_deformation(std::int64_t now_ns, int max_steps) noexcept;
 
   // ---- tissue builder thread, which is no loop either ----
   // What is to be logged, empty for nothing.
@@ -109,15 +109,15 @@ private:
   void send(const NavigationMessage &message) override;
   void send(const RegistrationMessage &message) override;
   void send(const MonitoringMessage &message) override;
-  void publish(const wire::CommandReply &reply) override { outlet_.publish(reply); }
-  void publish(const wire::Alarm &alarm) override { outlet_.publish(alarm); }
-  void publish(const wire::CapturedPoint &point) override { outlet_.publish(point); }
-  void log(const std::string &line) override { outlet_.log(line); }
+  void publish(const wire::CommandReply &reply) override { sink_.publish(reply); }
+  void publish(const wire::Alarm &alarm) override { sink_.publish(alarm); }
+  void publish(const wire::CapturedPoint &point) override { sink_.publish(point); }
+  void log(const std::string &line) override { sink_.log(line); }
   void free_unused_cases();
   void share_predicted_targets() noexcept;
 
   Config config_;
-  ControlOutlet &outlet_;
+  ControlSink &sink_;
 
   // Control thread.
   std::vector<std::pair<std::uint64_t, std::unique_ptr<LoadedCase>>> cases_; // by generation, the present one last
@@ -146,11 +146,11 @@ private:
   std::atomic<std::uint64_t> taken_generation_[6] = {}; // by who uses the case, in the order of enum Loop
 
   // Each its thread's alone.
-  inputs::Border<wire::TrackerFrame> tracker_border_;
+  inputs::InputGuard<wire::TrackerFrame> tracker_guard_;
   NavigationPipeline navigation_;
-  inputs::Border<wire::RobotState> robot_border_;
-  inputs::Border<wire::RangeSample> range_border_;
-  inputs::Border<wire::ForceSample> force_border_;
+  inputs::InputGuard<wire::RobotState> robot_guard_;
+  inputs::InputGuard<wire::RangeSample> range_guard_;
+  inputs::InputGuard<wire::ForceSample> force_guard_;
   RegistrationPipeline registration_;
   PoseRecoveryAnswer answer_{};
   std::uint64_t seen_answer_ = 0;

@@ -220,8 +220,8 @@ void Loops::step_deformation() noexcept {
   const std::int64_t began_ns = clock_.monotonic_ns();
   // As many steps as fit into most of the period; the model says when that is too few.
   const double budget_ns = kSolverShare * static_cast<double>(period_ns(config_.deformation.rate_hz));
-  const int most_steps = solver_step_ns_ > 0.0 ? static_cast<int>(budget_ns / solver_step_ns_) : 1;
-  const DeformationPipeline &deformation = engine_.step_deformation(now_ns, std::max(most_steps, 1));
+  const int max_steps = solver_step_ns_ > 0.0 ? static_cast<int>(budget_ns / solver_step_ns_) : 1;
+  const DeformationPipeline &deformation = engine_.step_deformation(now_ns, std::max(max_steps, 1));
   if (const int made = deformation.steps_made(); made > 0) {
     const double each_ns = static_cast<double>(clock_.monotonic_ns() - began_ns) / made;
     solver_step_ns_ = solver_step_ns_ > 0.0 ? solver_step_ns_ + kStepSmoothing * (each_ns - solver_step_ns_) : each_ns;

@@ -22,7 +22,7 @@
 
 #include "idl/dds.hpp"
 #include "server/engine.hpp"
-#include "server/outlet.hpp"
+#include "server/publisher.hpp"
 #include "server/runtime/clock.hpp"
 #include "server/runtime/loop.hpp"
 
@@ -65,7 +65,7 @@ private:
   std::atomic<bool> stopping_{false};
 
   recording::Channel &navigation_channel_;
-  Outlet<wire::NavigationState> navigation_states_;
+  Publisher<wire::NavigationState> navigation_states_;
   dds::Reader<wire::TrackerFrame> frames_;
   dds::WaitSet navigation_wait_;
   runtime::LoopStatistics navigation_statistics_;
@@ -78,10 +78,10 @@ private:
   dds::WaitSet sensor_wait_;
   runtime::LoopStatistics sensor_statistics_;
 
-  Outlet<wire::RegistrationState> registration_states_;
-  Outlet<wire::FiducialReport> fiducial_reports_;
-  Outlet<wire::AccuracyState> accuracy_states_;
-  Outlet<wire::DeformationState> deformation_states_;
+  Publisher<wire::RegistrationState> registration_states_;
+  Publisher<wire::FiducialReport> fiducial_reports_;
+  Publisher<wire::AccuracyState> accuracy_states_;
+  Publisher<wire::DeformationState> deformation_states_;
   dds::Writer<wire::DeformationField> fields_;
   std::vector<float> field_mm_; // x, y, z a node; grows when a model comes, the deformation loop's
   std::int64_t field_ns_ = 0;

@@ -8,7 +8,7 @@ namespace {
 
 constexpr std::int64_t kProbeAge_ns = 100'000'000; // an older pose is no pose
 constexpr std::int64_t kForceAge_ns = 100'000'000;
-constexpr double kLongestStep_s = 0.25; // after a pause of the loop the model does not make up for all of it
+constexpr double kMaxStep_s = 0.25; // after a pause of the loop the model does not make up for all of it
 
 // In the order of tissue::ModelReason.
 constexpr wire::DeformationReason kReasons[] = {bregma_wire_DEFORMATION_REASON_NONE,
@@ -91,7 +91,7 @@ void DeformationPipeline::handle(const TissueModelReady &ready) noexcept {
 }
 
 void DeformationPipeline::step(const ProbeView &probe, const ForceView &force, std::int64_t now_ns,
-                               int most_steps) noexcept {
+                               int max_steps) noexcept {
   double measured_N = wire::kUnknown;
   steps_made_ = 0;
   if (model_ != nullptr) {
@@ -105,7 +105,7 @@ void DeformationPipeline::step(const ProbeView &probe, const ForceView &force, s
     }
     const double elapsed_s = stepped_ns_ == 0 ? 0.0 : static_cast<double>(now_ns - stepped_ns_) * 1e-9;
     stepped_ns_ = now_ns;
-    (void)model_->update(seen, std::clamp(elapsed_s, 0.0, kLongestStep_s), most_steps);
+    (void)model_->update(seen, std::clamp(elapsed_s, 0.0, kMaxStep_s), max_steps);
     steps_made_ = model_->state().steps;
   }
   predicted_.generation = generation_;

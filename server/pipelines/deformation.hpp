@@ -49,8 +49,8 @@ public:
   void handle(const CaseChanged &change) noexcept;
   void handle(const TissueModelReady &ready) noexcept;
 
-  // most_steps: of the solver, that there is time for.
-  void step(const ProbeView &probe, const ForceView &force, std::int64_t now_ns, int most_steps) noexcept;
+  // max_steps: of the solver, that there is time for.
+  void step(const ProbeView &probe, const ForceView &force, std::int64_t now_ns, int max_steps) noexcept;
 
   // Of the case's targets, then of the landmarks in its brain, both in the case's order.
   [[nodiscard]] std::span<const wire::DeformationState> states() const noexcept { return {states_.data(), count_}; }

@@ -9,7 +9,7 @@
 #include <variant>
 
 #include "algorithms/monitoring/drift_monitor.hpp"
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "server/pipelines/alarm_conditions.hpp"
 #include "server/pipelines/loaded_case.hpp"
 #include "server/recording/recorder.hpp"

@@ -16,7 +16,7 @@
 namespace bregma::server {
 
 inline constexpr std::size_t kMaxSearchSamples = 2000;
-inline constexpr std::size_t kFewestSearchSamples = 60; // fewer are found too seldom to be worth the wait
+inline constexpr std::size_t kMinSearchSamples = 60; // fewer are found too seldom to be worth the wait
 
 struct PoseRecoveryRequest {
   std::uint64_t generation = 0; // of the case

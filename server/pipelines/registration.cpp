@@ -149,7 +149,7 @@ void RegistrationPipeline::step(std::int64_t now_ns) noexcept {
 }
 
 const PoseRecoveryRequest *RegistrationPipeline::wanted_search() noexcept {
-  const bool needed = case_ != nullptr && sample_count_ < 3 && !located_ && surface_.size() >= kFewestSearchSamples;
+  const bool needed = case_ != nullptr && sample_count_ < 3 && !located_ && surface_.size() >= kMinSearchSamples;
   // After a search that found nothing, a tenth more skin has to be there for another.
   if (!needed || searching_ || 10 * surface_.size() < 11 * searched_count_) {
     return nullptr;

@@ -32,7 +32,7 @@ std::optional<TissueModelReady> TissueBuilder::build() {
     meshing.lattice.tetrahedra = settings_.elements;
     meshing.entry_edge_mm = settings_.entry_edge_mm;
     const tissue::LatticeMesh filled = case_model::brain_mesh_of(data, brain, options.skull.craniotomy, meshing);
-    options.solver.minimum_step_s = case_model::least_step_s(filled, options.material);
+    options.solver.minimum_step_s = case_model::min_step_s(filled, options.material);
     std::vector<Vector3d> points; // in the order of DeformationPipeline::states()
     for (const auto *named : {&data.targets, &data.brain_landmarks}) {
       for (const casefile::NamedPoint &point : *named) {

@@ -55,7 +55,7 @@ std::string malformed(const wire::Command &command) {
 
 Session::Impl::Impl(SessionConfig config, SessionPorts &ports, Executor executor)
     : config_(std::move(config)), ports_(ports), executor_(std::move(executor)), file_(config_.state_directory),
-      board_([this](const wire::Alarm &alarm) { ports_.publish(alarm); }) {}
+      alarm_registry_([this](const wire::Alarm &alarm) { ports_.publish(alarm); }) {}
 
 void Session::Impl::handle(const wire::Command &command) {
   if (!wire::is_terminated(command.client) || wire::view(command.client).empty()) {
@@ -68,13 +68,13 @@ void Session::Impl::handle(const wire::Command &command) {
     return;
   }
   ticket.kind = command.body._d;
-  switch (book_.enter(ticket)) {
-  case ReplyBook::Seen::kUnderWay:
+  switch (reply_cache_.enter(ticket)) {
+  case ReplyCache::Seen::kUnderWay:
     return;
-  case ReplyBook::Seen::kAnswered:
-    ports_.publish(book_.reply(ticket));
+  case ReplyCache::Seen::kAnswered:
+    ports_.publish(reply_cache_.reply(ticket));
     return;
-  case ReplyBook::Seen::kNew:
+  case ReplyCache::Seen::kNew:
     break;
   }
   if (const auto refusal = machine_.refusal(ticket.kind)) {
@@ -102,7 +102,7 @@ void Session::Impl::publish_reply(const Ticket &ticket, const Answer &answer, bo
   reply.value_mm = answer.value_mm;
   wire::set_text(reply.text, answer.text);
   if (remember) {
-    book_.answer(ticket, reply);
+    reply_cache_.answer(ticket, reply);
     ports_.log(ticket.client + " " + std::string(command_name(ticket.kind)) + ": " +
                (answer.result == bregma_wire_COMMAND_DONE ? "" : "refused: ") + answer.text);
   }
@@ -150,11 +150,11 @@ void Session::Impl::condition(const char *kind, std::string_view subject, bool a
   out.severity = severity;
   out.time_ns = now_ns;
   wire::set_text(out.text, text);
-  board_.update(out);
+  alarm_registry_.update(out);
 }
 
 void Session::Impl::on_condition(const AlarmCondition &condition) {
-  const bool changed = board_.update(condition);
+  const bool changed = alarm_registry_.update(condition);
   const std::string text(condition.text, strnlen(condition.text, sizeof condition.text));
   const std::string subject = wire::text(condition.subject);
   const std::string cause = wire::text(condition.kind) + (subject.empty() ? "" : " " + subject);

@@ -1,8 +1,8 @@
 // What each command does, but for those of the registration.
 #include <algorithm>
 
-#include "server/session/sentences.hpp"
 #include "server/session/session_core.hpp"
+#include "server/session/session_text.hpp"
 
 namespace bregma::server {
 Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &body) {
@@ -182,7 +182,7 @@ Answer Session::Impl::start_navigation(const std::string &tool, const std::strin
 }
 
 Answer Session::Impl::acknowledge(const std::string &kind, const std::string &subject) {
-  if (const auto refusal = board_.acknowledge(kind, subject, now_ns)) {
+  if (const auto refusal = alarm_registry_.acknowledge(kind, subject, now_ns)) {
     return refused(*refusal);
   }
   if (kind == alarm::kDrift) {

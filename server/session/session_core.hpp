@@ -10,9 +10,9 @@
 #include <tl/expected.hpp>
 
 #include "idl/names.hpp"
-#include "server/session/alarm_board.hpp"
+#include "server/session/alarm_registry.hpp"
 #include "server/session/pivot_run.hpp"
-#include "server/session/reply_book.hpp"
+#include "server/session/reply_cache.hpp"
 #include "server/session/session.hpp"
 #include "server/session/state_machine.hpp"
 
@@ -101,8 +101,8 @@ private:
   Executor executor_;
   SnapshotFile file_;
   StateMachine machine_;
-  AlarmBoard board_;
-  ReplyBook book_;
+  AlarmRegistry alarm_registry_;
+  ReplyCache reply_cache_;
   SessionData data_;
   bool unsaved_ = false;
   std::int64_t saved_ns_ = 0;

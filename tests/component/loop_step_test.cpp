@@ -9,7 +9,7 @@ namespace bregma::test {
 namespace {
 
 // What is published to nobody.
-class Silence final : public server::ControlOutlet {
+class Silence final : public server::ControlSink {
 public:
   std::vector<wire::CommandReply> replies;
   void publish(const wire::CommandReply &reply) override { replies.push_back(reply); }
@@ -27,8 +27,8 @@ TEST(LoopStep, NoStepOfAnyLoopAllocatesThroughAWholeOperation) {
   const TemporaryFolder state;
   server::Config config;
   config.state.directory = state.path().string();
-  Silence outlet;
-  server::Engine engine(config, outlet);
+  Silence sink;
+  server::Engine engine(config, sink);
   sim::SimulatedRoom room(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps), kSeed);
 
   std::uint64_t navigation = 0;
@@ -84,7 +84,7 @@ TEST(LoopStep, NoStepOfAnyLoopAllocatesThroughAWholeOperation) {
       engine.session().handle(command, now_ns);
     }
     engine.poll(now_ns);
-    for (const auto &reply : std::exchange(outlet.replies, {})) {
+    for (const auto &reply : std::exchange(sink.replies, {})) {
       room.on_reply(reply);
     }
   }

@@ -28,7 +28,7 @@ private:
   std::filesystem::path path_;
 };
 
-class VirtualOperation final : private server::ControlOutlet {
+class VirtualOperation final : private server::ControlSink {
 public:
   // Called for every state that navigation publishes, with the truth of the same frame where the room told it.
   using Observer = std::function<void(const wire::NavigationState &, const wire::SimulatedTruth *)>;

@@ -24,7 +24,7 @@ std::string describe(const GlobalResult &result) {
   case VerdictReason::kNone:
     return "found, " + number(result.uncertainty_mm, 1) + " mm predicted on the samples";
   case VerdictReason::kTooFewSamples:
-    return "refused: " + std::to_string(result.count) + " samples, at least " + std::to_string(kFewestGlobalSamples) +
+    return "refused: " + std::to_string(result.count) + " samples, at least " + std::to_string(kMinGlobalSamples) +
            " are needed; trace more of the face and the forehead";
   case VerdictReason::kFitsBadly:
     return "refused: no pose fits, the best leaves residuals " + number(result.scale, 1) +
@@ -36,7 +36,7 @@ std::string describe(const GlobalResult &result) {
   case VerdictReason::kDirectionNotFixed:
     return "ambiguous: the samples can slide along the surface, " + number(result.uncertainty_mm, 1) +
            " mm predicted on them, dilution " + number(result.dilution, 0) + "; " + touch;
-  case VerdictReason::kShapeWithoutFeature:
+  case VerdictReason::kDegenerateShape:
     return "ambiguous: a plane, a sphere or a spheroid explains the samples as well as the head does; " + touch +
            ", or trace the nose and the brows";
   }

@@ -1,4 +1,4 @@
-#include "server/session/alarm_board.hpp"
+#include "server/session/alarm_registry.hpp"
 
 #include <algorithm>
 
@@ -6,7 +6,7 @@
 
 namespace bregma::server {
 
-bool AlarmBoard::update(const AlarmCondition &condition) {
+bool AlarmRegistry::update(const AlarmCondition &condition) {
   const Key key{wire::text(condition.kind), wire::text(condition.subject)};
   const auto found = alarms_.find(key);
   const bool was_active = found != alarms_.end() && found->second.state != bregma_wire_ALARM_CLEARED;
@@ -37,8 +37,8 @@ bool AlarmBoard::update(const AlarmCondition &condition) {
   return !was_active;
 }
 
-std::optional<std::string> AlarmBoard::acknowledge(std::string_view kind, std::string_view subject,
-                                                   std::int64_t now_ns) {
+std::optional<std::string> AlarmRegistry::acknowledge(std::string_view kind, std::string_view subject,
+                                                      std::int64_t now_ns) {
   const std::string name = std::string(kind) + (subject.empty() ? "" : " of " + std::string(subject));
   const auto found = alarms_.find(Key(kind, subject));
   if (found == alarms_.end() || found->second.state == bregma_wire_ALARM_CLEARED) {
@@ -58,13 +58,13 @@ std::optional<std::string> AlarmBoard::acknowledge(std::string_view kind, std::s
   return std::nullopt;
 }
 
-bool AlarmBoard::active(std::string_view kind) const {
+bool AlarmRegistry::active(std::string_view kind) const {
   return std::any_of(alarms_.begin(), alarms_.end(), [kind](const auto &entry) {
     return entry.first.first == kind && entry.second.state != bregma_wire_ALARM_CLEARED;
   });
 }
 
-bool AlarmBoard::unacknowledged(std::string_view kind) const {
+bool AlarmRegistry::unacknowledged(std::string_view kind) const {
   return std::any_of(alarms_.begin(), alarms_.end(), [kind](const auto &entry) {
     return entry.first.first == kind && entry.second.state == bregma_wire_ALARM_RAISED;
   });

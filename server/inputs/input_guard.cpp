@@ -1,10 +1,10 @@
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 
 #include <stdexcept>
 
 namespace bregma::inputs {
 
-template <class Sample> Border<Sample>::Border(std::span<const std::string> devices, DeviceOptions options) {
+template <class Sample> InputGuard<Sample>::InputGuard(std::span<const std::string> devices, DeviceOptions options) {
   if (options.deadline_ns == 0) {
     options.deadline_ns = wire::Topic<Sample>::kQos.deadline_ns;
   }
@@ -23,7 +23,7 @@ template <class Sample> Border<Sample>::Border(std::span<const std::string> devi
 }
 
 template <class Sample>
-Verdict Border<Sample>::check(const Sample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept {
+Verdict InputGuard<Sample>::check(const Sample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept {
   const std::string_view name = wire::view(sample.device);
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     if (wire::view(devices_[i].name()) == name) {
@@ -37,7 +37,7 @@ Verdict Border<Sample>::check(const Sample &sample, std::uint64_t writer, std::i
   return {.accepted = false, .reason = bregma_wire_REJECT_UNKNOWN_DEVICE};
 }
 
-template <class Sample> void Border<Sample>::set_writers_alive(std::uint32_t count) noexcept {
+template <class Sample> void InputGuard<Sample>::set_writers_alive(std::uint32_t count) noexcept {
   if (count == 0) {
     for (DeviceMonitor &device : devices_) {
       device.writers_gone();
@@ -45,7 +45,7 @@ template <class Sample> void Border<Sample>::set_writers_alive(std::uint32_t cou
   }
 }
 
-template <class Sample> StreamHealth Border<Sample>::health(std::int64_t now_ns) const noexcept {
+template <class Sample> StreamHealth InputGuard<Sample>::health(std::int64_t now_ns) const noexcept {
   StreamHealth out;
   for (const DeviceMonitor &device : devices_) {
     out.devices[out.device_count++] = device.health(now_ns);
@@ -54,9 +54,9 @@ template <class Sample> StreamHealth Border<Sample>::health(std::int64_t now_ns)
   return out;
 }
 
-template class Border<wire::TrackerFrame>;
-template class Border<wire::RobotState>;
-template class Border<wire::RangeSample>;
-template class Border<wire::ForceSample>;
+template class InputGuard<wire::TrackerFrame>;
+template class InputGuard<wire::RobotState>;
+template class InputGuard<wire::RangeSample>;
+template class InputGuard<wire::ForceSample>;
 
 } // namespace bregma::inputs

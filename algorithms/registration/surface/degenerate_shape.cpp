@@ -1,4 +1,4 @@
-#include "algorithms/registration/surface/featureless_shape.hpp"
+#include "algorithms/registration/surface/degenerate_shape.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -14,8 +14,8 @@ namespace {
 
 constexpr int kSphereIterations = 10;
 constexpr int kSpheroidIterations = 25;
-constexpr std::size_t kMostFitted = 400; // points of a spheroid's fit; more are thinned evenly
-constexpr double kSmallest_mm = 5.0, kLargest_mm = 500.0;
+constexpr std::size_t kMaxFittedPoints = 400; // points of a spheroid's fit; more are thinned evenly
+constexpr double kMinRadius_mm = 5.0, kMaxRadius_mm = 500.0;
 constexpr double kDamping = 1e-3; // share of the normal matrix' diagonal
 
 // Of the robust loss r^2 / (reach^2 + r^2): what least squares are weighted with, and the loss itself.
@@ -76,7 +76,7 @@ struct Spheroid {
 
 // Damped Gauss-Newton; the loss of what is returned is left in loss.
 Spheroid robust_spheroid(std::span<const Eigen::Vector3d> points, double sigma, Spheroid now, double &loss) {
-  const std::size_t stride = (points.size() + kMostFitted - 1) / kMostFitted;
+  const std::size_t stride = (points.size() + kMaxFittedPoints - 1) / kMaxFittedPoints;
   Spheroid best = now;
   loss = static_cast<double>(points.size()) + 1.0; // more than any
   for (int iteration = 0; iteration < kSpheroidIterations; ++iteration) {
@@ -104,8 +104,8 @@ Spheroid robust_spheroid(std::span<const Eigen::Vector3d> points, double sigma, 
     }
     now.centre_mm += step.head<3>();
     now.axis = (now.axis + step[3] * turn_1 + step[4] * turn_2).normalized();
-    now.equatorial_mm = std::clamp(now.equatorial_mm + step[5], kSmallest_mm, kLargest_mm);
-    now.polar_mm = std::clamp(now.polar_mm + step[6], kSmallest_mm, kLargest_mm);
+    now.equatorial_mm = std::clamp(now.equatorial_mm + step[5], kMinRadius_mm, kMaxRadius_mm);
+    now.polar_mm = std::clamp(now.polar_mm + step[6], kMinRadius_mm, kMaxRadius_mm);
   }
   return best;
 }
@@ -130,17 +130,17 @@ void fit_sphere(std::span<const Eigen::Vector3d> points_mm, double sigma_mm, std
 
 void fit_spheroid(std::span<const Eigen::Vector3d> points_mm, double sigma_mm, std::span<double> distance_mm) noexcept {
   const FittedSphere sphere = robust_sphere(points_mm, sigma_mm);
-  const double radius = std::clamp(sphere.radius_mm, kSmallest_mm, kLargest_mm);
+  const double radius = std::clamp(sphere.radius_mm, kMinRadius_mm, kMaxRadius_mm);
   const Eigen::Matrix3d principal =
       Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(spread_of(points_mm).covariance).eigenvectors();
   Spheroid best{sphere.centre_mm, principal.col(0), radius, radius};
-  double least = static_cast<double>(points_mm.size()) + 2.0;
+  double min_loss = static_cast<double>(points_mm.size()) + 2.0;
   for (Eigen::Index k = 0; k < 3; ++k) {
     double loss = 0.0;
     const Spheroid fitted =
         robust_spheroid(points_mm, sigma_mm, {sphere.centre_mm, principal.col(k), radius, radius}, loss);
-    if (loss < least) {
-      least = loss;
+    if (loss < min_loss) {
+      min_loss = loss;
       best = fitted;
     }
   }

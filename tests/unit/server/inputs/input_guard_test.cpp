@@ -5,7 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/server/inputs/samples.hpp"
 
@@ -38,14 +38,14 @@ TYPED_TEST_SUITE(EveryStream, Streams);
 
 TYPED_TEST(EveryStream, HeaderRulesHold) {
   const std::string device = wire::text(good<TypeParam>(0).device);
-  Border<TypeParam> border(std::vector<std::string>{device}, {});
+  InputGuard<TypeParam> guard(std::vector<std::string>{device}, {});
   for (std::uint64_t i = 0; i < 300; ++i) {
-    ASSERT_TRUE(border.check(good<TypeParam>(i), 1, at(i)).accepted);
+    ASSERT_TRUE(guard.check(good<TypeParam>(i), 1, at(i)).accepted);
   }
   const auto reason = [&](auto spoil) {
     TypeParam sample = good<TypeParam>(300);
     spoil(sample);
-    const auto verdict = border.check(sample, 1, at(300));
+    const auto verdict = guard.check(sample, 1, at(300));
     return verdict.accepted ? std::string("accepted") : std::string(describe(verdict.reason));
   };
   EXPECT_EQ(reason([](auto &s) { name(s.device, "Stranger"); }), "unknown device");
@@ -61,9 +61,9 @@ TYPED_TEST(EveryStream, HeaderRulesHold) {
   EXPECT_EQ(reason([](auto &s) { s.frame -= 1; }), "duplicate");
   EXPECT_EQ(reason([](auto &s) { s.device_time_ns -= 3 * kMs; }), "duplicate"); // a quarter of a period after the last
   EXPECT_EQ(reason([](auto &s) { s.frame += 1'000'000; }), "malformed");
-  EXPECT_TRUE(border.check(good<TypeParam>(301), 1, at(301)).accepted);
+  EXPECT_TRUE(guard.check(good<TypeParam>(301), 1, at(301)).accepted);
 
-  const auto health = border.health(at(301));
+  const auto health = guard.health(at(301));
   EXPECT_EQ(health.devices[0].taken, 301U);
   EXPECT_EQ(rejected(health.devices[0]), 12U);
   EXPECT_EQ(health.unknown_device_samples, 1U);
@@ -75,24 +75,24 @@ TYPED_TEST(EveryStream, ChecksWithoutAllocation) {
     GTEST_SKIP() << "allocations are not counted under sanitizers";
   }
   const std::string device = wire::text(good<TypeParam>(0).device);
-  Border<TypeParam> border(std::vector<std::string>{device}, {});
+  InputGuard<TypeParam> guard(std::vector<std::string>{device}, {});
   const auto first = good<TypeParam>(0);
   const test::AllocationScope scope;
   for (std::uint64_t i = 0; i < 3'000; ++i) {
     auto sample = first;
     sample.frame += i;
     sample.device_time_ns += static_cast<std::int64_t>(i) * kPeriod_ns;
-    static_cast<void>(border.check(sample, 1, at(i)));
-    static_cast<void>(border.check(sample, 2, at(i)));
+    static_cast<void>(guard.check(sample, 1, at(i)));
+    static_cast<void>(guard.check(sample, 2, at(i)));
   }
-  static_cast<void>(border.health(at(3'000)));
+  static_cast<void>(guard.health(at(3'000)));
   EXPECT_EQ(scope.count(), 0U);
 }
 
-TEST(Border, ConfigurationErrorsSayWhatIsWrong) {
+TEST(InputGuard, ConfigurationErrorsSayWhatIsWrong) {
   const auto message = [](const std::vector<std::string> &names) {
     try {
-      const Border<wire::TrackerFrame> border(names, {});
+      const InputGuard<wire::TrackerFrame> guard(names, {});
     } catch (const std::invalid_argument &error) {
       return std::string(error.what());
     }
@@ -104,22 +104,22 @@ TEST(Border, ConfigurationErrorsSayWhatIsWrong) {
   EXPECT_EQ(message(std::vector<std::string>(17, "T")), "more than 16 devices for topic TrackerFrame");
 }
 
-TEST(Border, ToolsAreThoseOfTheCase) {
-  Border<wire::TrackerFrame> border(kTrackers, {});
-  EXPECT_TRUE(border.check(tracker_frame(0), 1, at(0)).accepted);
-  border.set_tools(*known_tools(std::vector<std::string>{"Reference", "Probe"}));
-  EXPECT_EQ(border.check(tracker_frame(1), 1, at(1)).reason, bregma_wire_REJECT_UNKNOWN_TOOL);
-  border.set_tools(*known_tools(std::vector<std::string>{"Reference", "Stylus", "Probe"}));
-  EXPECT_TRUE(border.check(tracker_frame(2), 1, at(2)).accepted);
+TEST(InputGuard, ToolsAreThoseOfTheCase) {
+  InputGuard<wire::TrackerFrame> guard(kTrackers, {});
+  EXPECT_TRUE(guard.check(tracker_frame(0), 1, at(0)).accepted);
+  guard.set_tools(*known_tools(std::vector<std::string>{"Reference", "Probe"}));
+  EXPECT_EQ(guard.check(tracker_frame(1), 1, at(1)).reason, bregma_wire_REJECT_UNKNOWN_TOOL);
+  guard.set_tools(*known_tools(std::vector<std::string>{"Reference", "Stylus", "Probe"}));
+  EXPECT_TRUE(guard.check(tracker_frame(2), 1, at(2)).accepted);
 }
 
 // Ten copies of every frame, or ten frames a period: the device keeps its samples, and its neighbour every one.
 enum class Flood { kCopies, kDense, kAhead };
 
-class FloodedBorder : public testing::TestWithParam<Flood> {};
+class FloodedInputGuard : public testing::TestWithParam<Flood> {};
 
-TEST_P(FloodedBorder, CountsEverythingAndHarmsNobody) {
-  Border<wire::TrackerFrame> border(kTrackers, {});
+TEST_P(FloodedInputGuard, CountsEverythingAndHarmsNobody) {
+  InputGuard<wire::TrackerFrame> guard(kTrackers, {});
   std::uint64_t sent = 0;
   std::int64_t age_ns = 0;
   for (std::uint64_t i = 0; i < 2'000; ++i) {
@@ -135,13 +135,13 @@ TEST_P(FloodedBorder, CountsEverythingAndHarmsNobody) {
       } else if (!flooding && i >= 1'000 && GetParam() != Flood::kCopies) {
         frame.frame += 4'500;
       }
-      static_cast<void>(border.check(frame, 1, now_ns));
+      static_cast<void>(guard.check(frame, 1, now_ns));
       ++sent;
     }
-    ASSERT_TRUE(border.check(second_frame(i), 2, at(i)).accepted);
-    age_ns = at(i) - border.devices()[0].acquired_time_ns();
+    ASSERT_TRUE(guard.check(second_frame(i), 2, at(i)).accepted);
+    age_ns = at(i) - guard.devices()[0].acquired_time_ns();
   }
-  const auto health = border.health(at(2'000));
+  const auto health = guard.health(at(2'000));
   EXPECT_EQ(health.devices[0].taken + rejected(health.devices[0]), sent);
   EXPECT_GT(rejected(health.devices[0]), 3'900U);
   EXPECT_GE(health.devices[0].taken, 1'900U);
@@ -153,18 +153,18 @@ TEST_P(FloodedBorder, CountsEverythingAndHarmsNobody) {
   EXPECT_EQ(health.devices[1].late, 0U);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kinds, FloodedBorder, testing::Values(Flood::kCopies, Flood::kDense, Flood::kAhead));
+INSTANTIATE_TEST_SUITE_P(Kinds, FloodedInputGuard, testing::Values(Flood::kCopies, Flood::kDense, Flood::kAhead));
 
-TEST(Border, AClockJumpDoesNotLockTheDeviceOut) {
+TEST(InputGuard, AClockJumpDoesNotLockTheDeviceOut) {
   for (const std::int64_t by_ns : {10'000 * kMs, -10'000 * kMs, 40 * kMs, -40 * kMs}) {
     SCOPED_TRACE(by_ns);
-    Border<wire::TrackerFrame> border(kTrackers, {});
+    InputGuard<wire::TrackerFrame> guard(kTrackers, {});
     std::uint64_t refused = 0;
     std::int64_t last_acquired = 0;
     for (std::uint64_t i = 0; i < 1'000; ++i) {
       auto frame = tracker_frame(i);
       frame.device_time_ns += i >= 500 ? by_ns : 0;
-      const auto verdict = border.check(frame, 1, at(i));
+      const auto verdict = guard.check(frame, 1, at(i));
       refused += verdict.accepted ? 0 : 1;
       if (verdict.accepted) {
         EXPECT_GT(verdict.acquired_time_ns, last_acquired); // time behind the border goes forward
@@ -173,21 +173,21 @@ TEST(Border, AClockJumpDoesNotLockTheDeviceOut) {
     }
     EXPECT_GE(refused, 48U);
     EXPECT_LE(refused, 52U); // 200 ms
-    EXPECT_EQ(border.devices()[0].resyncs(), 1U);
-    EXPECT_EQ(border.health(at(999)).devices[0].lost, 0U);
-    EXPECT_EQ(border.devices()[0].status(at(999)), bregma_wire_DEVICE_LIVE);
+    EXPECT_EQ(guard.devices()[0].resyncs(), 1U);
+    EXPECT_EQ(guard.health(at(999)).devices[0].lost, 0U);
+    EXPECT_EQ(guard.devices()[0].status(at(999)), bregma_wire_DEVICE_LIVE);
   }
 }
 
 // Whatever arrives, in whatever order: every sample is taken or refused, and nothing bad gets through.
-TEST(Border, NothingGetsLostInRandomTraffic) {
+TEST(InputGuard, NothingGetsLostInRandomTraffic) {
   constexpr unsigned kSeed = 23;
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937_64 random(kSeed);
   const auto any = [&](std::uint64_t below) {
     return std::uniform_int_distribution<std::uint64_t>(0, below - 1)(random);
   };
-  Border<wire::TrackerFrame> border(kTrackers, {});
+  InputGuard<wire::TrackerFrame> guard(kTrackers, {});
   constexpr std::uint64_t kSamples = 50'000;
   std::int64_t last_acquired = 0;
   for (std::uint64_t i = 0; i < kSamples; ++i) {
@@ -198,7 +198,7 @@ TEST(Border, NothingGetsLostInRandomTraffic) {
         bytes[any(sizeof frame)] ^= static_cast<unsigned char>(1U << any(8));
       }
     }
-    const auto verdict = border.check(frame, any(500) == 0 ? 2 : 1, at(i));
+    const auto verdict = guard.check(frame, any(500) == 0 ? 2 : 1, at(i));
     if (verdict.accepted && verdict.device == 0) {
       EXPECT_GT(verdict.acquired_time_ns, last_acquired);
       EXPECT_LE(verdict.acquired_time_ns, at(i) + 10 * kMs);
@@ -206,16 +206,16 @@ TEST(Border, NothingGetsLostInRandomTraffic) {
       EXPECT_LE(frame.tool_count, 8U);
     }
   }
-  const auto health = border.health(at(kSamples));
+  const auto health = guard.health(at(kSamples));
   EXPECT_EQ(health.devices[0].taken + rejected(health.devices[0]) + health.devices[1].taken +
                 rejected(health.devices[1]) + health.unknown_device_samples,
             kSamples);
   EXPECT_GT(health.devices[0].taken, kSamples / 2);
 }
 
-TEST(Border, HealthGoesIntoTheSystemsWhole) {
-  Border<wire::TrackerFrame> trackers(kTrackers, {});
-  Border<wire::RangeSample> ranges(std::vector<std::string>{"Range"}, {});
+TEST(InputGuard, HealthGoesIntoTheSystemsWhole) {
+  InputGuard<wire::TrackerFrame> trackers(kTrackers, {});
+  InputGuard<wire::RangeSample> ranges(std::vector<std::string>{"Range"}, {});
   static_cast<void>(ranges.check(range_sample(0), 1, at(0)));
   static_cast<void>(trackers.check(stamped<wire::TrackerFrame>("Stranger", 0), 1, at(0)));
   wire::SystemHealth health{};

@@ -8,9 +8,10 @@
 
 namespace bregma::server {
 
-template <class T> class Outlet {
+template <class T> class Publisher {
 public:
-  Outlet(const dds::Participant &participant, recording::Channel &channel) : writer_(participant), channel_(channel) {}
+  Publisher(const dds::Participant &participant, recording::Channel &channel)
+      : writer_(participant), channel_(channel) {}
 
   // A sample that DDS or the recorder's ring did not take is counted by them (a sample that DDS refuses is a sample
   // that the next one replaces).

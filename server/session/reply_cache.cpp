@@ -1,15 +1,15 @@
-#include "server/session/reply_book.hpp"
+#include "server/session/reply_cache.hpp"
 
 #include <algorithm>
 
 namespace bregma::server {
 
-std::deque<ReplyBook::Entry>::const_iterator ReplyBook::find(const Ticket &ticket) const {
+std::deque<ReplyCache::Entry>::const_iterator ReplyCache::find(const Ticket &ticket) const {
   return std::find_if(entries_.begin(), entries_.end(),
                       [&ticket](const Entry &entry) { return entry.ticket.same_command(ticket); });
 }
 
-ReplyBook::Seen ReplyBook::enter(const Ticket &ticket) {
+ReplyCache::Seen ReplyCache::enter(const Ticket &ticket) {
   if (const auto found = find(ticket); found != entries_.end()) {
     return found->reply ? Seen::kAnswered : Seen::kUnderWay;
   }
@@ -20,12 +20,12 @@ ReplyBook::Seen ReplyBook::enter(const Ticket &ticket) {
   return Seen::kNew;
 }
 
-void ReplyBook::answer(const Ticket &ticket, const wire::CommandReply &reply) {
+void ReplyCache::answer(const Ticket &ticket, const wire::CommandReply &reply) {
   if (const auto found = find(ticket); found != entries_.end()) {
     entries_[static_cast<std::size_t>(found - entries_.cbegin())].reply = reply;
   }
 }
 
-const wire::CommandReply &ReplyBook::reply(const Ticket &ticket) const { return *find(ticket)->reply; }
+const wire::CommandReply &ReplyCache::reply(const Ticket &ticket) const { return *find(ticket)->reply; }
 
 } // namespace bregma::server

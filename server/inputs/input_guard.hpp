@@ -2,9 +2,9 @@
 // is either accepted with its time of exposure on the host's clock, or refused and counted by reason. What is behind
 // the border is finite, rotations are rotations, names end, counts are in range, and time goes forward.
 //
-//   Border<wire::TrackerFrame> border(names, options);
+//   InputGuard<wire::TrackerFrame> guard(names, options);
 //   reader.take_each([&](const wire::TrackerFrame &frame, const dds::SampleInfo &info) {
-//     if (const auto verdict = border.check(frame, info.writer, clock.now_ns()); verdict.accepted) ...
+//     if (const auto verdict = guard.check(frame, info.writer, clock.now_ns()); verdict.accepted) ...
 //   });
 //
 // A flood cannot hold up the others: a check costs about a µs, and the topic's depth bounds how many samples of a
@@ -46,10 +46,10 @@ template <class Health> void add_to(Health &health, const StreamHealth &stream) 
   health.unknown_device_samples += stream.unknown_device_samples;
 }
 
-template <class Sample> class Border {
+template <class Sample> class InputGuard {
 public:
   // devices: names of at most wire::kNameLength bytes (longer ones throw std::invalid_argument), at most MAX_DEVICES.
-  Border(std::span<const std::string> devices, DeviceOptions options);
+  InputGuard(std::span<const std::string> devices, DeviceOptions options);
 
   void set_tools(const KnownTools &tools) noexcept { tools_ = tools; }
 
@@ -68,9 +68,9 @@ private:
   std::uint64_t unknown_ = 0;
 };
 
-extern template class Border<wire::TrackerFrame>;
-extern template class Border<wire::RobotState>;
-extern template class Border<wire::RangeSample>;
-extern template class Border<wire::ForceSample>;
+extern template class InputGuard<wire::TrackerFrame>;
+extern template class InputGuard<wire::RobotState>;
+extern template class InputGuard<wire::RangeSample>;
+extern template class InputGuard<wire::ForceSample>;
 
 } // namespace bregma::inputs

@@ -19,11 +19,11 @@
 
 namespace bregma::server {
 
-class AlarmBoard {
+class AlarmRegistry {
 public:
   using Publish = std::function<void(const wire::Alarm &)>;
   // publish is called once for every change of state, severity or count.
-  explicit AlarmBoard(Publish publish) : publish_(std::move(publish)) {}
+  explicit AlarmRegistry(Publish publish) : publish_(std::move(publish)) {}
 
   // True when the condition began or ended by this message, false for a repetition.
   bool update(const AlarmCondition &condition);

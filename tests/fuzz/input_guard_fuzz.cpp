@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 
 namespace {
 
@@ -72,7 +72,7 @@ void require_usable(const wire::ForceSample &sample) {
 }
 
 template <class Sample> void run(Bytes bytes) {
-  inputs::Border<Sample> border(std::vector<std::string>{"D"}, {});
+  inputs::InputGuard<Sample> guard(std::vector<std::string>{"D"}, {});
   std::int64_t now_ns = kStart_ns;
   std::int64_t last_ns = 0;
   std::uint64_t sent = 0;
@@ -92,7 +92,7 @@ template <class Sample> void run(Bytes bytes) {
     if ((plan & 4U) != 0) {
       sample.frame = sent;
     }
-    const auto verdict = border.check(sample, plan >> 6U, now_ns);
+    const auto verdict = guard.check(sample, plan >> 6U, now_ns);
     ++sent;
     if (verdict.accepted) {
       require_usable(sample);
@@ -100,7 +100,7 @@ template <class Sample> void run(Bytes bytes) {
       last_ns = verdict.acquired_time_ns;
     }
   }
-  const auto health = border.health(now_ns);
+  const auto health = guard.health(now_ns);
   const auto &rejected = health.devices[0].rejected;
   require(health.devices[0].taken + std::accumulate(std::begin(rejected), std::end(rejected), std::uint64_t{0}) +
               health.unknown_device_samples ==

@@ -22,7 +22,7 @@ struct Ticket {
   }
 };
 
-class ReplyBook {
+class ReplyCache {
 public:
   static constexpr std::size_t kKept = 256; // answered commands that are remembered, of all clients
 
