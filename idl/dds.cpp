@@ -88,10 +88,13 @@ const char *default_configuration() {
          "</Domain></CycloneDDS>";
 }
 
-Participant::Participant(std::uint32_t domain_id) {
+Participant::Participant(std::uint32_t domain_id, const wire::Announcement &announced) {
   ensure_domain(domain_id);
-  entity_ = Entity(
-      checked(dds_create_participant(domain_id, nullptr, nullptr), "cannot join domain " + std::to_string(domain_id)));
+  const QosPtr qos(dds_create_qos(), &dds_delete_qos);
+  const std::string data = wire::to_user_data(announced);
+  dds_qset_userdata(qos.get(), data.data(), data.size());
+  entity_ = Entity(checked(dds_create_participant(domain_id, qos.get(), nullptr),
+                           "cannot join domain " + std::to_string(domain_id)));
 }
 
 namespace detail {

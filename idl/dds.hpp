@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "idl/topics.hpp"
+#include "idl/version.hpp"
 
 namespace bregma::dds {
 
@@ -42,9 +43,10 @@ private:
 [[nodiscard]] const char *default_configuration();
 
 // domain_id: 0 to 230; processes on different domains do not see each other.
+// announced: what the participant says of itself in its USER_DATA; tests alone say anything but the truth.
 class Participant {
 public:
-  explicit Participant(std::uint32_t domain_id);
+  explicit Participant(std::uint32_t domain_id, const wire::Announcement &announced = wire::own_announcement());
   [[nodiscard]] std::int32_t handle() const noexcept { return entity_.handle(); }
 
 private:

@@ -1,5 +1,6 @@
 #include "server/daemon.hpp"
 
+#include <array>
 #include <chrono>
 #include <csignal>
 #include <functional>
@@ -13,6 +14,7 @@
 #include <boost/asio/thread_pool.hpp>
 #include <spdlog/spdlog.h>
 
+#include "idl/peers.hpp"
 #include "server/dds_topics.hpp"
 #include "server/loops.hpp"
 #include "server/runtime/watchdog.hpp"
@@ -45,7 +47,8 @@ private:
   void run(std::function<void()> job) override { asio::post(workers_, std::move(job)); }
   [[nodiscard]] base::Result<std::optional<std::filesystem::path>> case_changed(const casefile::Case *loaded,
                                                                                 std::int64_t utc_ns) override;
-  void add_loops(wire::SystemHealth &health) const override { loops_.add_health(health); }
+  [[nodiscard]] std::array<std::uint8_t, 16> boot_id() const override { return runtime::boot_id(); }
+  void complete(wire::SystemHealth &health) override;
 
   void record_truth();
   void feed(runtime::Watchdog &watchdog, asio::steady_timer &timer);
@@ -56,6 +59,8 @@ private:
   asio::io_context io_;
   asio::thread_pool workers_{1}; // pivot calibrations
   dds::Participant participant_;
+  dds::Peers peers_;
+  std::string other_wire_; // as logged last
   recording::Recorder recorder_;
   DdsTopics topics_;
   Wiring wiring_;
@@ -69,6 +74,7 @@ void Daemon::run() { impl_->run(); }
 
 Daemon::Impl::Impl(const Config &config, std::string config_toml)
     : config_(config), config_toml_(std::move(config_toml)), participant_(static_cast<std::uint32_t>(config.domain_id)),
+      peers_(participant_),
       recorder_({.interval = std::chrono::milliseconds(static_cast<int>(config.recorder.commit_ms))}),
       topics_(participant_, recorder_), wiring_(config_.stages, topics_, *this),
       loops_(wiring_.stages(), topics_, clock_) {}
@@ -148,6 +154,18 @@ base::Result<std::optional<std::filesystem::path>> Daemon::Impl::case_changed(co
     return tl::unexpected(done.error());
   }
   return file;
+}
+
+// The loops, and who speaks another wire; a change of the latter is logged.
+void Daemon::Impl::complete(wire::SystemHealth &health) {
+  loops_.add_health(health);
+  peers_.update();
+  const auto others = peers_.of_another_wire();
+  health.other_wire = static_cast<std::uint32_t>(others.size());
+  if (std::string text = dds::other_wire_text(others); text != other_wire_) {
+    spdlog::warn("wire: {}", text.empty() ? "all participants speak this wire again" : text);
+    other_wire_ = std::move(text);
+  }
 }
 
 } // namespace bregma::server

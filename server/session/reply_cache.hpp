@@ -16,7 +16,7 @@ struct Ticket {
   std::string client;
   std::uint64_t id = 0;
   std::int64_t sent_time_ns = 0;
-  wire::CommandKind kind = bregma_wire_COMMAND_CLOSE_CASE;
+  wire::CommandKind kind = bregma_wire_COMMAND_UNKNOWN;
   [[nodiscard]] bool same_command(const Ticket &other) const {
     return client == other.client && id == other.id && sent_time_ns == other.sent_time_ns;
   }

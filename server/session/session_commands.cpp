@@ -9,7 +9,7 @@ Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &
   const auto &of = body._u;
   switch (ticket.kind) {
   case bregma_wire_COMMAND_LOAD_CASE:
-    return load_case(of.load_case.folder);
+    return load_case(of.folder.folder);
   case bregma_wire_COMMAND_START_PIVOT:
     return start_pivot(wire::text(of.tool.tool));
   case bregma_wire_COMMAND_FINISH_PIVOT:

@@ -76,7 +76,7 @@ private:
   [[nodiscard]] Outcome finish_pivot(const Ticket &ticket, const std::string &tool);
   [[nodiscard]] Answer take_pivot(const calibration::PivotResult &result);
   [[nodiscard]] Answer start_registration();
-  [[nodiscard]] Outcome touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_ToolAtPoint &body);
+  [[nodiscard]] Outcome touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_TouchBody &body);
   [[nodiscard]] Answer take_fiducial(const CaptureRequest &request, const CaptureResult &result);
   [[nodiscard]] Answer take_check(const CaptureRequest &request, const CaptureResult &result);
   [[nodiscard]] Answer remove_fiducial(const std::string &point);

@@ -18,7 +18,7 @@ Answer Session::Impl::start_registration() {
   return {.text = "touch the fiducials: " + names_of(case_->fiducials)};
 }
 
-Outcome Session::Impl::touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_ToolAtPoint &body) {
+Outcome Session::Impl::touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_TouchBody &body) {
   const bool check = kind == bregma_wire_CAPTURE_CHECK;
   const std::string point = wire::text(body.point);
   if (const auto tool = find_tool_with_tip(wire::text(body.tool)); !tool) {

@@ -2,6 +2,7 @@
 // the answer of a test, where nothing is recorded and no time passes in a step.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -28,7 +29,9 @@ public:
   // number, so that a run repeats.
   [[nodiscard]] virtual std::optional<int> fixed_solver_steps() const noexcept { return std::nullopt; }
 
-  // ---- workers only ----
+  // ---- workers, and any stage while it is made ----
+  // Of this run of the machine; see runtime::boot_id().
+  [[nodiscard]] virtual std::array<std::uint8_t, 16> boot_id() const { return {}; }
   virtual void log(LogLevel, const std::string & /*line*/) {}
   // Runs the job elsewhere; the base class at once.
   virtual void run(std::function<void()> job) { job(); }
@@ -38,8 +41,8 @@ public:
   case_changed(const casefile::Case * /*loaded*/, std::int64_t /*utc_ns*/) {
     return std::nullopt;
   }
-  // What the loops measured of themselves.
-  virtual void add_loops(wire::SystemHealth & /*health*/) const {}
+  // Adds what only the process knows: what the loops measured of themselves, participants that speak another wire.
+  virtual void complete(wire::SystemHealth & /*health*/) {}
 };
 
 } // namespace bregma::server

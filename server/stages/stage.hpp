@@ -25,6 +25,7 @@ class Link;
 struct Moment {
   std::int64_t utc_ns = 0;       // since the Unix epoch, host clock
   std::int64_t monotonic_ns = 0; // never steps; rates and deadlines
+  std::int64_t boot_ns = 0;      // never steps, and goes on during suspend
   bool tick = true;              // the rate has fallen due; false: a sample or wake_ns() asked for this step
 };
 

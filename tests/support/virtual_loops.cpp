@@ -15,7 +15,7 @@ VirtualLoops::VirtualLoops(const std::vector<server::Stage *> &stages, MemoryTop
 }
 
 server::Moment VirtualLoops::moment(std::int64_t utc_ns) const {
-  return {.utc_ns = utc_ns, .monotonic_ns = utc_ns - start_utc_ns_, .tick = false};
+  return {.utc_ns = utc_ns, .monotonic_ns = utc_ns - start_utc_ns_, .boot_ns = utc_ns - start_utc_ns_, .tick = false};
 }
 
 void VirtualLoops::advance(std::int64_t utc_ns) {

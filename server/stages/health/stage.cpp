@@ -1,6 +1,7 @@
 #include "server/stages/health/stage.hpp"
 
 #include "idl/names.hpp"
+#include "idl/version.hpp"
 #include "server/runtime/process_memory.hpp"
 
 namespace bregma::server {
@@ -30,14 +31,16 @@ void HealthStage::step(const Moment &now) noexcept {
   (void)session_.refresh();
   started_ns_ = started_ns_ == 0 ? now.utc_ns : started_ns_;
   wire::SystemHealth health{};
-  (void)wire::set_name(health.daemon, "bregmad");
+  (void)wire::set_name(health.daemon, wire::kDaemonName);
   health.time_ns = now.utc_ns;
   health.started_time_ns = started_ns_;
   health.session = session_.value().state;
   wire::set_text(health.case_folder, session_.value().case_folder);
   inputs::add_to(health, trackers_.value());
   inputs::add_to(health, sensors_.value());
-  host_.add_loops(health);
+  health.wire_generation = wire::kWireVersion.generation;
+  health.wire_revision = wire::kWireVersion.revision;
+  host_.complete(health);
   const recording::RecorderStatus recorder = host_.recorder();
   health.recorded = recorder.recorded;
   health.record_dropped = recorder.dropped + events_->dropped() + conditions_->dropped();

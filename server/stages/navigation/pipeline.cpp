@@ -27,6 +27,10 @@ void clear_pose(wire::NavigationState &state) noexcept {
   state.distance_to_predicted_target_mm = wire::kUnknown;
   (void)wire::set_name(state.nearest_structure, "");
   state.nearest_structure_mm = wire::kUnknown;
+  put_unknown(state.position_velocity_covariance_mm2_s);
+  put_unknown(state.velocity_covariance_mm2_s2);
+  state.acceleration_sigma_mm_s2 = wire::kUnknown;
+  state.plausibility_statistic = state.plausibility_threshold = wire::kUnknown;
 }
 
 } // namespace
@@ -136,6 +140,7 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, std::int64_t 
   any_frame_ = true;
   frame_ = frame.frame;
   frame_sent_ns_ = frame.sent_time_ns;
+  copy_name(source_, frame.device);
   acquired_ns_ = acquired_ns;
   period_ns_ = frame.period_ns;
   if (case_ != nullptr) {
@@ -261,6 +266,8 @@ void NavigationPipeline::publish(Tool &tool, wire::NavigationState &state, std::
   state.age_ns = any_frame_ ? now_ns - acquired_ns_ : 0;
   state.status = status_of(tool, now_ns);
   state.session = session_.state;
+  state.source_kind = any_frame_ ? bregma_wire_DEVICE_TRACKER : bregma_wire_DEVICE_UNKNOWN;
+  copy_name(state.source, source_);
   (void)wire::set_name(state.trajectory, tool.plan != nullptr ? std::string_view(tool.plan->name) : std::string_view());
   if (state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED) {
     fill_pose(tool, state);

@@ -110,6 +110,7 @@ private:
   bool any_frame_ = false;
   std::uint64_t frame_ = 0;
   std::int64_t frame_sent_ns_ = 0;
+  wire::Name source_{}; // the tracker
   std::int64_t acquired_ns_ = 0;
   std::int64_t period_ns_ = 0;
   std::int64_t evaluated_ns_ = 0; // when states_ were last brought up to date

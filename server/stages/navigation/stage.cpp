@@ -1,6 +1,9 @@
 #include "server/stages/navigation/stage.hpp"
 
+#include <algorithm>
+
 #include "server/inputs/device_names.hpp"
+#include "server/stages/host.hpp"
 #include "server/stages/schedules.hpp"
 #include "server/stages/wire_values.hpp"
 
@@ -48,7 +51,8 @@ NavigationStage::NavigationStage(const NavigationParameters &parameters, const S
                     .rate_hz = parameters.floor_rate_hz,
                     .triggered = true}),
       guard_(inputs::split_names(parameters.trackers), tracker_options(parameters)),
-      pipeline_(settings_of(parameters), events), frames_(context.link), states_(context.link) {}
+      pipeline_(settings_of(parameters), events), frames_(context.link), states_(context.link),
+      boot_id_(context.host.boot_id()) {}
 
 void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted) {
   inbox_ = &inbox;
@@ -102,7 +106,9 @@ void NavigationStage::take_messages() noexcept {
 }
 
 void NavigationStage::publish(const Moment &now) noexcept {
-  for (const wire::NavigationState &state : pipeline_.states()) {
+  for (wire::NavigationState state : pipeline_.states()) {
+    std::copy(boot_id_.begin(), boot_id_.end(), state.boot_id);
+    state.published_boot_ns = now.boot_ns;
     states_(state, now.utc_ns);
   }
   probe.store(pipeline_.probe());

@@ -1,6 +1,7 @@
 // Stage navigation: tracker frames in, NavigationState out, with every frame and at a floor rate where none comes.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <string>
 
@@ -58,6 +59,7 @@ private:
   Inbox *inbox_ = nullptr;
   CaseLease lease_;
   runtime::LatestInput<PredictedTargets> predicted_;
+  std::array<std::uint8_t, 16> boot_id_;
   std::int64_t frame_period_ns_ = 0;
   std::int64_t shared_ns_ = 0; // monotonic
   bool published_ = false;     // since the last tick

@@ -1,5 +1,6 @@
 #include "session_fakes.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <fstream>
@@ -8,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "idl/commands.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::server::testing {
@@ -182,28 +184,9 @@ wire::Command SessionHarness::command(wire::CommandKind kind, const std::string 
   EXPECT_TRUE(wire::set_name(out.client, "test"));
   out.id = next_id_++;
   out.sent_time_ns = now_ns;
-  out.body._d = kind;
-  auto &of = out.body._u;
-  switch (kind) {
-  case bregma_wire_COMMAND_LOAD_CASE:
-    wire::set_text(of.load_case.folder, first);
-    break;
-  case bregma_wire_COMMAND_START_NAVIGATION:
-    EXPECT_TRUE(wire::set_name(of.plan.tool, first) && wire::set_name(of.plan.trajectory, second));
-    break;
-  case bregma_wire_COMMAND_CAPTURE_FIDUCIAL:
-  case bregma_wire_COMMAND_CHECK_TOUCH:
-    EXPECT_TRUE(wire::set_name(of.touch.tool, first) && wire::set_name(of.touch.point, second));
-    break;
-  case bregma_wire_COMMAND_REMOVE_FIDUCIAL:
-    EXPECT_TRUE(wire::set_name(of.point.point, first));
-    break;
-  case bregma_wire_COMMAND_ACKNOWLEDGE_ALARM:
-    EXPECT_TRUE(wire::set_name(of.alarm.kind, first) && wire::set_name(of.alarm.subject, second));
-    break;
-  default:
-    EXPECT_TRUE(wire::set_name(of.tool.tool, first));
-  }
+  const auto fields = wire::fields_of(wire::find_command(kind)->form);
+  const std::array<std::string_view, 2> values{first, second};
+  EXPECT_EQ(wire::fill_command(out, kind, std::span(values).first(std::min(fields.size(), values.size()))), "");
   return out;
 }
 

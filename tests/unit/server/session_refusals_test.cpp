@@ -215,21 +215,47 @@ TEST_F(RefusalTest, AlarmsThatAreNotRaised) {
                  "drift");
 }
 
+TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
+  const auto expect = [&](const wire::Command &command, const std::string &text) {
+    const auto reply = harness.send(command);
+    ASSERT_TRUE(reply);
+    EXPECT_EQ(reply->result, bregma_wire_COMMAND_UNSUPPORTED);
+    EXPECT_EQ(reply->kind, command.kind);
+    EXPECT_EQ(reply->text, text);
+  };
+  auto command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
+  command.kind = 77; // of a later revision, with a body of its own
+  command.body._d = 40;
+  expect(command, "command kind 77 is not known: this daemon speaks wire 2.0");
+  command.kind = bregma_wire_COMMAND_UNKNOWN;
+  expect(command, "command kind 0 is not known: this daemon speaks wire 2.0");
+  expect(harness.command(bregma_wire_COMMAND_STOP_ROBOT, "Arm"),
+         "this daemon cannot stop the robot (STOP_ROBOT): it has no part that does it");
+}
+
+TEST_F(RefusalTest, ACommandToAnotherReceiverIsLeftToIt) {
+  auto command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
+  ASSERT_TRUE(wire::set_name(command.receiver, "Coils"));
+  EXPECT_FALSE(harness.send(command));
+  ASSERT_TRUE(wire::set_name(command.receiver, "bregmad"));
+  EXPECT_TRUE(harness.send(command));
+}
+
 TEST_F(RefusalTest, MalformedCommands) {
   const auto expect = [&](const wire::Command &command, const char *text) {
     const auto reply = harness.send(command);
     ASSERT_TRUE(reply);
     EXPECT_EQ(reply->result, bregma_wire_COMMAND_MALFORMED);
+    EXPECT_EQ(reply->kind, command.kind);
     EXPECT_STREQ(reply->text, text);
   };
   auto command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
-  const int unknown = 77;
-  std::memcpy(&command.body._d, &unknown, sizeof unknown); // as a foreign writer could send it
-  expect(command, "command kind 77 is not known");
+  command.body._d = bregma_wire_FORM_TOOL;
+  expect(command, "CLOSE_CASE has a body of form 3, not 1");
   command = harness.command(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L1");
   std::memset(command.body._u.touch.point, 'x', sizeof(wire::Name));
   expect(command, "point is longer than a name can be");
-  command = harness.command(bregma_wire_COMMAND_START_PIVOT);
+  command = harness.command(bregma_wire_COMMAND_START_PIVOT, "Stylus");
   std::memset(command.body._u.tool.tool, 'x', sizeof(wire::Name));
   expect(command, "tool is longer than a name can be");
   command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
