@@ -15,32 +15,31 @@ using Type = CommandField::Type;
 constexpr CommandField kFolder[] = {{"case folder", Type::kPath, BREGMA_FIELD(folder.folder)}};
 constexpr CommandField kTool[] = {{"tool", Type::kName, BREGMA_FIELD(tool.tool)}};
 constexpr CommandField kTouch[] = {{"tool", Type::kName, BREGMA_FIELD(touch.tool)},
-                                          {"point", Type::kName, BREGMA_FIELD(touch.point)}};
+                                   {"point", Type::kName, BREGMA_FIELD(touch.point)}};
 constexpr CommandField kPoint[] = {{"point", Type::kName, BREGMA_FIELD(point.point)}};
 constexpr CommandField kPlan[] = {{"tool", Type::kName, BREGMA_FIELD(plan.tool)},
-                                         {"trajectory", Type::kName, BREGMA_FIELD(plan.trajectory), true}};
+                                  {"trajectory", Type::kName, BREGMA_FIELD(plan.trajectory), true}};
 constexpr CommandField kAlarm[] = {{"alarm", Type::kName, BREGMA_FIELD(alarm.kind)},
-                                          {"subject", Type::kName, BREGMA_FIELD(alarm.subject), true}};
+                                   {"subject", Type::kName, BREGMA_FIELD(alarm.subject), true}};
 constexpr CommandField kDevice[] = {{"device", Type::kName, BREGMA_FIELD(device.device)}};
 constexpr CommandField kStep[] = {{"device", Type::kName, BREGMA_FIELD(step.device)},
-                                         {"step", Type::kName, BREGMA_FIELD(step.step)}};
+                                  {"step", Type::kName, BREGMA_FIELD(step.step)}};
 constexpr CommandField kSeries[] = {{"device", Type::kName, BREGMA_FIELD(series.device)},
-                                           {"protocol", Type::kName, BREGMA_FIELD(series.protocol)},
-                                           {"slices", Type::kCount, BREGMA_FIELD(series.slices), true}};
+                                    {"protocol", Type::kName, BREGMA_FIELD(series.protocol)},
+                                    {"slices", Type::kCount, BREGMA_FIELD(series.slices), true}};
 constexpr CommandField kCoils[] = {{"device", Type::kName, BREGMA_FIELD(coils.device)},
-                                          {"pattern", Type::kName, BREGMA_FIELD(coils.pattern)},
-                                          {"current_mA", Type::kNumber, BREGMA_FIELD(coils.current_mA)},
-                                          {"hold_s", Type::kNumber, BREGMA_FIELD(coils.hold_s)}};
+                                   {"pattern", Type::kName, BREGMA_FIELD(coils.pattern)},
+                                   {"current_mA", Type::kNumber, BREGMA_FIELD(coils.current_mA)},
+                                   {"hold_s", Type::kNumber, BREGMA_FIELD(coils.hold_s)}};
 constexpr CommandField kScan[] = {{"device", Type::kName, BREGMA_FIELD(scan.device)},
-                                         {"sensor", Type::kName, BREGMA_FIELD(scan.sensor)},
-                                         {"speed_mm_s", Type::kNumber, BREGMA_FIELD(scan.speed_mm_s)},
-                                         {"spacing_mm", Type::kNumber, BREGMA_FIELD(scan.spacing_mm)}};
+                                  {"sensor", Type::kName, BREGMA_FIELD(scan.sensor)},
+                                  {"speed_mm_s", Type::kNumber, BREGMA_FIELD(scan.speed_mm_s)},
+                                  {"spacing_mm", Type::kNumber, BREGMA_FIELD(scan.spacing_mm)}};
 constexpr CommandField kMotion[] = {{"device", Type::kName, BREGMA_FIELD(motion.device)},
-                                           {"trajectory", Type::kName, BREGMA_FIELD(motion.trajectory)},
-                                           {"standoff_mm", Type::kNumber, BREGMA_FIELD(motion.standoff_mm)},
-                                           {"speed_mm_s", Type::kNumber, BREGMA_FIELD(motion.speed_mm_s)}};
+                                    {"trajectory", Type::kName, BREGMA_FIELD(motion.trajectory)},
+                                    {"standoff_mm", Type::kNumber, BREGMA_FIELD(motion.standoff_mm)},
+                                    {"speed_mm_s", Type::kNumber, BREGMA_FIELD(motion.speed_mm_s)}};
 #undef BREGMA_FIELD
-
 
 constexpr std::array<std::span<const CommandField>, 14> kForms{
     {{}, {}, kFolder, kTool, kTouch, kPoint, kPlan, kAlarm, kDevice, kStep, kSeries, kCoils, kScan, kMotion}};

@@ -1,5 +1,5 @@
-// The table of commands: what each is called and which body it carries. Whoever makes, checks, names or prints a command
-// reads it here: command line, session, simulator, tests. A new command is one constant and perhaps one form in
+// The table of commands: what each is called and which body it carries. Whoever makes, checks, names or prints a
+// command reads it here: command line, session, simulator, tests. A new command is one constant and perhaps one form in
 // control.idl, one row below, and for a new form its fields in commands.cpp.
 //
 // Threads: any. The functions that return a sentence return an empty one when nothing is wrong.
@@ -34,7 +34,8 @@ struct CommandEntry {
   CommandForm form;
 };
 
-#define BREGMA_COMMAND(name, deed, form) CommandEntry{bregma_wire_COMMAND_##name, #name, deed, bregma_wire_FORM_##form}
+#define BREGMA_COMMAND(name, deed, form)                                                                               \
+  CommandEntry { bregma_wire_COMMAND_##name, #name, deed, bregma_wire_FORM_##form }
 inline constexpr std::array kCommands{
     BREGMA_COMMAND(LOAD_CASE, "load a case", FOLDER),
     BREGMA_COMMAND(START_PIVOT, "start a pivot calibration", TOOL),

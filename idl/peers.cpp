@@ -62,8 +62,7 @@ template <class Sample, class Visit> void take_builtin(const Entity &reader, Vis
     dds_sample_info_t infos[kBatch];
     count = dds_take(reader.handle(), samples, infos, kBatch, kBatch);
     for (int i = 0; i < count; ++i) {
-      visit(*static_cast<const Sample *>(samples[i]),
-            infos[i].valid_data && infos[i].instance_state == DDS_IST_ALIVE);
+      visit(*static_cast<const Sample *>(samples[i]), infos[i].valid_data && infos[i].instance_state == DDS_IST_ALIVE);
     }
     if (count > 0) {
       (void)dds_return_loan(reader.handle(), samples, count);
@@ -112,15 +111,15 @@ Peers::Peers(const Participant &participant) : impl_(std::make_unique<Impl>(part
 Peers::~Peers() = default;
 
 void Peers::update() {
-  take_builtin<dds_builtintopic_participant_t>(
-      impl_->participants, [this](const dds_builtintopic_participant_t &participant, bool alive) {
-        const Guid key = guid_of(participant.key);
-        if (alive) {
-          impl_->announced[key] = announcement_of(participant.qos);
-        } else {
-          impl_->announced.erase(key);
-        }
-      });
+  take_builtin<dds_builtintopic_participant_t>(impl_->participants,
+                                               [this](const dds_builtintopic_participant_t &participant, bool alive) {
+                                                 const Guid key = guid_of(participant.key);
+                                                 if (alive) {
+                                                   impl_->announced[key] = announcement_of(participant.qos);
+                                                 } else {
+                                                   impl_->announced.erase(key);
+                                                 }
+                                               });
   impl_->take_endpoints(impl_->publications, true);
   impl_->take_endpoints(impl_->subscriptions, false);
 }
@@ -158,9 +157,9 @@ std::string other_wire_text(const std::vector<Peer> &peers) {
       out += text + ", ";
     }
   }
-  return out.empty() ? out
-                     : out + "this program speaks wire " + wire::text_of(wire::kWireVersion) +
-                           ": install one release on both";
+  return out.empty()
+             ? out
+             : out + "this program speaks wire " + wire::text_of(wire::kWireVersion) + ": install one release on both";
 }
 
 } // namespace bregma::dds

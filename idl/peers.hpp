@@ -1,6 +1,6 @@
 // Who else is on the domain, and which wire it speaks: from what every participant announces in its USER_DATA and from
-// the topics that its endpoints use. Types of another generation do not match, so that without this both sides would see
-// silence and no reason for it.
+// the topics that its endpoints use. Types of another generation do not match, so that without this both sides would
+// see silence and no reason for it.
 //
 // Threads: one at a time. Errors: the constructor throws dds::Error; update() never throws for what is on the wire.
 #pragma once

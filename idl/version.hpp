@@ -1,5 +1,5 @@
-// The version of the wire, and how a participant announces it (docs/wire.md). Programs of one generation understand each
-// other; a later revision only adds.
+// The version of the wire, and how a participant announces it (docs/wire.md). Programs of one generation understand
+// each other; a later revision only adds.
 #pragma once
 
 #include <compare>

@@ -73,10 +73,8 @@ void Loops::stop() {
 }
 
 void Loops::step(Loop &loop, bool tick) noexcept {
-  loop.stage->step({.utc_ns = clock_.now_ns(),
-                    .monotonic_ns = clock_.monotonic_ns(),
-                    .boot_ns = clock_.boot_ns(),
-                    .tick = tick});
+  loop.stage->step(
+      {.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns(), .boot_ns = clock_.boot_ns(), .tick = tick});
 }
 
 void Loops::run(Loop &loop) noexcept {

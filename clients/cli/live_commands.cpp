@@ -153,7 +153,9 @@ void add_alarms_command(CLI::App &app, Context &context) {
   add_json_flag(*acknowledge, context);
   add_domain_option(*acknowledge, context);
   acknowledge->callback([name, &context] {
-    context.run = [name, &context] { return send_and_show(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {name->first, name->second}), context); };
+    context.run = [name, &context] {
+      return send_and_show(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {name->first, name->second}), context);
+    };
   });
 }
 
@@ -174,7 +176,9 @@ void add_target_command(CLI::App &app, Context &context) {
   add_json_flag(*navigate, context);
   add_domain_option(*navigate, context);
   navigate->callback([plan, &context] {
-    context.run = [plan, &context] { return send_and_show(make_command(bregma_wire_COMMAND_START_NAVIGATION, {plan->first, plan->second}), context); };
+    context.run = [plan, &context] {
+      return send_and_show(make_command(bregma_wire_COMMAND_START_NAVIGATION, {plan->first, plan->second}), context);
+    };
   });
 
   auto *stop = target->add_subcommand("stop", "Stops navigation");

@@ -81,10 +81,10 @@ int show_status(const Context &context) {
                 {"fiducials", fiducials_json(snapshot)}});
     return kOk;
   }
-  print("Registration " + std::string(registration_label(r.status)) + (*r.text == '\0' ? "" : ": " + printable(r.text)) + "\n" +
-        std::to_string(r.fiducial_count) + " fiducials, " + std::to_string(r.surface_count) + " surface points, FRE " +
-        fixed(r.fre_mm, 2, "mm") + ", surface RMS " + fixed(r.surface_rms_mm, 2, "mm") + "\n" +
-        fiducials_text(snapshot));
+  print("Registration " + std::string(registration_label(r.status)) +
+        (*r.text == '\0' ? "" : ": " + printable(r.text)) + "\n" + std::to_string(r.fiducial_count) + " fiducials, " +
+        std::to_string(r.surface_count) + " surface points, FRE " + fixed(r.fre_mm, 2, "mm") + ", surface RMS " +
+        fixed(r.surface_rms_mm, 2, "mm") + "\n" + fiducials_text(snapshot));
   return kOk;
 }
 
@@ -116,7 +116,8 @@ void add_touch_commands(CLI::App &parent, Context &context) {
 
   auto *remove = add_live(parent, "remove", "Forgets the touch of a fiducial", context);
   remove->add_option("fiducial", arguments->point, "Its name in the case")->required();
-  on_run(remove, context, [arguments] { return make_command(bregma_wire_COMMAND_REMOVE_FIDUCIAL, {arguments->point}); });
+  on_run(remove, context,
+         [arguments] { return make_command(bregma_wire_COMMAND_REMOVE_FIDUCIAL, {arguments->point}); });
 
   auto *trace = add_live(parent, "trace", "Starts or stops tracing the skin", context);
   trace->add_option("action", arguments->action, "start or stop")->required()->check(CLI::IsMember({"start", "stop"}));
@@ -129,8 +130,9 @@ void add_touch_commands(CLI::App &parent, Context &context) {
   auto *check = add_live(parent, "check", "Touches a check landmark: how far is what is shown?", context);
   check->add_option("landmark", arguments->point, "Its name in the case")->required();
   add_tool_option(*check, *arguments);
-  on_run(check, context,
-         [arguments] { return make_command(bregma_wire_COMMAND_CHECK_TOUCH, {arguments->tool, arguments->point}); });
+  on_run(check, context, [arguments] {
+    return make_command(bregma_wire_COMMAND_CHECK_TOUCH, {arguments->tool, arguments->point});
+  });
 }
 
 } // namespace

@@ -102,8 +102,8 @@ std::string devices_text(const wire::SystemHealth &health, std::int64_t now_ns) 
   std::string reasons;
   for (const auto &device : devices(health)) {
     const std::string name = printable(wire::view(device.device));
-    table.row({name, std::string(device_kind_label(device.kind)), std::string(device_status_label(device.status)), fixed(device.rate_hz, 1),
-               fixed(age_ms(device, health, now_ns), 1), fixed(device.latency_p50_ms, 2),
+    table.row({name, std::string(device_kind_label(device.kind)), std::string(device_status_label(device.status)),
+               fixed(device.rate_hz, 1), fixed(age_ms(device, health, now_ns), 1), fixed(device.latency_p50_ms, 2),
                fixed(device.latency_p99_ms, 2), std::to_string(device.taken), std::to_string(rejected(device)),
                std::to_string(device.lost), std::to_string(device.late), fixed(device.clock_offset_ms, 3),
                fixed(device.clock_drift_ppm, 1), std::to_string(device.connections)});

@@ -13,12 +13,15 @@ template <std::size_t N> std::string_view nth(const std::array<std::string_view,
 } // namespace
 
 std::string_view session_label(wire::SessionState value) {
-  static constexpr std::array<std::string_view, 9> kWords{"unknown", "idle", "case loaded", "registering", "registered", "verified", "navigating", "degraded", "fault"};
+  static constexpr std::array<std::string_view, 9> kWords{
+      "unknown", "idle", "case loaded", "registering", "registered", "verified", "navigating", "degraded", "fault"};
   return nth(kWords, value);
 }
 
 std::string_view pose_label(wire::PoseStatus value) {
-  static constexpr std::array<std::string_view, 9> kWords{"unknown", "live", "unverified", "stale", "lost", "tool hidden", "reference hidden", "not calibrated", "not registered"};
+  static constexpr std::array<std::string_view, 9> kWords{
+      "unknown",          "live",           "unverified",    "stale", "lost", "tool hidden",
+      "reference hidden", "not calibrated", "not registered"};
   return nth(kWords, value);
 }
 
@@ -28,7 +31,14 @@ std::string_view registration_label(wire::RegistrationStatus value) {
 }
 
 std::string_view refusal_label(wire::RefusalReason value) {
-  static constexpr std::array<std::string_view, 8> kWords{"unknown", "none", "too few fiducials", "collinear fiducials", "contradicting fiducial", "direction not fixed", "residual too large", "not converged"};
+  static constexpr std::array<std::string_view, 8> kWords{"unknown",
+                                                          "none",
+                                                          "too few fiducials",
+                                                          "collinear fiducials",
+                                                          "contradicting fiducial",
+                                                          "direction not fixed",
+                                                          "residual too large",
+                                                          "not converged"};
   return nth(kWords, value);
 }
 
@@ -38,7 +48,20 @@ std::string_view deformation_label(wire::DeformationStatus value) {
 }
 
 std::string_view deformation_reason_label(wire::DeformationReason value) {
-  static constexpr std::array<std::string_view, 14> kWords{"unknown", "none", "the tissue still swings", "the probe is not seen", "the probe has jumped", "the probe's path is not known", "too slow", "the probe has left the mesh", "tissue is turned inside out for a moment", "a step was taken back", "put back to rest", "the model is being built", "no model can be made of this brain", "the point is outside the mesh"};
+  static constexpr std::array<std::string_view, 14> kWords{"unknown",
+                                                           "none",
+                                                           "the tissue still swings",
+                                                           "the probe is not seen",
+                                                           "the probe has jumped",
+                                                           "the probe's path is not known",
+                                                           "too slow",
+                                                           "the probe has left the mesh",
+                                                           "tissue is turned inside out for a moment",
+                                                           "a step was taken back",
+                                                           "put back to rest",
+                                                           "the model is being built",
+                                                           "no model can be made of this brain",
+                                                           "the point is outside the mesh"};
   return nth(kWords, value);
 }
 
@@ -48,17 +71,21 @@ std::string_view followed_label(wire::FollowedKind value) {
 }
 
 std::string_view phase_label(wire::ProbePhase value) {
-  static constexpr std::array<std::string_view, 5> kWords{"unknown", "outside", "indentation", "penetration", "withdrawal"};
+  static constexpr std::array<std::string_view, 5> kWords{"unknown", "outside", "indentation", "penetration",
+                                                          "withdrawal"};
   return nth(kWords, value);
 }
 
 std::string_view reject_label(wire::RejectReason value) {
-  static constexpr std::array<std::string_view, 9> kWords{"unknown", "not finite", "not a rotation", "time backwards", "time in the future", "unknown device", "unknown tool", "duplicate", "malformed"};
+  static constexpr std::array<std::string_view, 9> kWords{"unknown",        "not finite",         "not a rotation",
+                                                          "time backwards", "time in the future", "unknown device",
+                                                          "unknown tool",   "duplicate",          "malformed"};
   return nth(kWords, value);
 }
 
 std::string_view device_kind_label(wire::DeviceKind value) {
-  static constexpr std::array<std::string_view, 7> kWords{"unknown", "tracker", "robot", "range", "force", "scanner", "coils"};
+  static constexpr std::array<std::string_view, 7> kWords{"unknown", "tracker", "robot", "range",
+                                                          "force",   "scanner", "coils"};
   return nth(kWords, value);
 }
 
@@ -78,7 +105,8 @@ std::string_view severity_label(wire::AlarmSeverity value) {
 }
 
 std::string_view result_label(wire::CommandResult value) {
-  static constexpr std::array<std::string_view, 6> kWords{"unknown", "done", "refused by state", "refused", "malformed", "unsupported"};
+  static constexpr std::array<std::string_view, 6> kWords{"unknown", "done",      "refused by state",
+                                                          "refused", "malformed", "unsupported"};
   return nth(kWords, value);
 }
 

@@ -86,8 +86,7 @@ Operator::Actions Operator::actions_of(const Step &step) {
   case StepKind::kWait:
     return {wait(step.duration_s)};
   case StepKind::kStartNavigation:
-    return {ask(bregma_wire_COMMAND_START_NAVIGATION, {step.tool, step.trajectory}),
-            judge()};
+    return {ask(bregma_wire_COMMAND_START_NAVIGATION, {step.tool, step.trajectory}), judge()};
   case StepKind::kStartRegistration:
     return {ask(bregma_wire_COMMAND_START_REGISTRATION), judge()};
   case StepKind::kAcceptRegistration:

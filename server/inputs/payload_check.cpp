@@ -137,8 +137,8 @@ Rejection check_payload(const wire::TrackerFrame &sample, const KnownTools &tool
 }
 
 Rejection check_payload(const wire::RobotState &sample, const KnownTools & /*tools*/) noexcept {
-  if (sample.joint_count > bregma_wire_MAX_JOINTS || !is_constant(sample.mode) ||
-      !wire::is_terminated(sample.tool) || !wire::is_terminated(sample.motion_client)) {
+  if (sample.joint_count > bregma_wire_MAX_JOINTS || !is_constant(sample.mode) || !wire::is_terminated(sample.tool) ||
+      !wire::is_terminated(sample.motion_client)) {
     return bregma_wire_REJECT_MALFORMED;
   }
   const std::size_t joints = sample.joint_count;

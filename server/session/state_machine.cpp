@@ -38,17 +38,21 @@ constexpr Row kTable[] = {
     {bregma_wire_COMMAND_REMOVE_FIDUCIAL, kRegistering, kRegistering, kSame, false, "start a new registration first"},
     {bregma_wire_COMMAND_START_TRACE, kRegistering, kNavigating, kSame, true, ""},
     {bregma_wire_COMMAND_STOP_TRACE, kRegistering, kNavigating, kSame, false, ""},
-    {bregma_wire_COMMAND_ACCEPT_REGISTRATION, kRegistering, kRegistering, kRegistered, false, "one is accepted; start a new registration to replace it"},
+    {bregma_wire_COMMAND_ACCEPT_REGISTRATION, kRegistering, kRegistering, kRegistered, false,
+     "one is accepted; start a new registration to replace it"},
     {bregma_wire_COMMAND_CHECK_TOUCH, kRegistered, kNavigating, kSame, true, ""},
-    {bregma_wire_COMMAND_CONFIRM_VERIFICATION, kRegistered, kRegistered, kVerified, true, "the registration is verified"},
-    {bregma_wire_COMMAND_START_NAVIGATION, kVerified, kVerified, kNavigating, true, "stop the present navigation first"},
+    {bregma_wire_COMMAND_CONFIRM_VERIFICATION, kRegistered, kRegistered, kVerified, true,
+     "the registration is verified"},
+    {bregma_wire_COMMAND_START_NAVIGATION, kVerified, kVerified, kNavigating, true,
+     "stop the present navigation first"},
     {bregma_wire_COMMAND_STOP_NAVIGATION, kNavigating, kNavigating, kVerified, false, ""},
     {bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, kIdle, kNavigating, kSame, false, ""},
     {bregma_wire_COMMAND_CLOSE_CASE, kCaseLoaded, kVerified, kIdle, false, "stop the navigation first"}};
 
 // nullptr: no command of the session.
 const Row *find_row(CommandKind kind) {
-  const auto *found = std::find_if(std::begin(kTable), std::end(kTable), [kind](const Row &row) { return row.kind == kind; });
+  const auto *found =
+      std::find_if(std::begin(kTable), std::end(kTable), [kind](const Row &row) { return row.kind == kind; });
   return found != std::end(kTable) ? found : nullptr;
 }
 

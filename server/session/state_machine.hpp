@@ -29,7 +29,8 @@ public:
 
   // False for a command that is no session's, such as one to a robot.
   [[nodiscard]] static bool carries_out(wire::CommandKind kind);
-  // Only for commands that a session carries out. Nothing when the command fits, else the sentence that refuses it and says what to do.
+  // Only for commands that a session carries out. Nothing when the command fits, else the sentence that refuses it and
+  // says what to do.
   [[nodiscard]] std::optional<std::string> refusal(wire::CommandKind kind) const;
   // The command was carried out: moves to the state it leads to. Only after refusal() returned nothing.
   void done(wire::CommandKind kind);

@@ -119,7 +119,8 @@ TEST(MakeCommand, NamesThatDoNotFitAreShownAndRefused) {
   EXPECT_EQ(long_name.error().message, "point '" + std::string(40, 'x') + "' is too long: 40 bytes, at most 31");
   EXPECT_EQ(make_command(bregma_wire_COMMAND_START_PIVOT).error().message, "tool is empty");
   EXPECT_FALSE(make_command(bregma_wire_COMMAND_LOAD_CASE, {std::string(2000, 'y')}).has_value());
-  EXPECT_TRUE(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {"drift"}).has_value()) << "an alarm may have no subject";
+  EXPECT_TRUE(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {"drift"}).has_value())
+      << "an alarm may have no subject";
 }
 
 } // namespace

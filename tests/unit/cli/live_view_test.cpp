@@ -91,7 +91,8 @@ TEST(LiveView, FiguresOfEveryStatusButTwoAreDashes) {
     auto snapshot = navigating();
     snapshot.tools["Probe"].status = static_cast<wire::PoseStatus>(status);
     const bool shown = status == bregma_wire_POSE_LIVE || status == bregma_wire_POSE_UNVERIFIED;
-    EXPECT_EQ(has(watch_table(snapshot, {}, kNow_ns), "11.5"), shown) << pose_label(static_cast<wire::PoseStatus>(status));
+    EXPECT_EQ(has(watch_table(snapshot, {}, kNow_ns), "11.5"), shown)
+        << pose_label(static_cast<wire::PoseStatus>(status));
   }
 }
 

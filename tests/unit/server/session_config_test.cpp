@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include "idl/topics.hpp"
 #include "server/inputs/device_names.hpp"
 #include "server/runtime/state_directory.hpp"
 #include "server/stages/navigation/stage.hpp"
@@ -73,7 +74,11 @@ TEST(Config, DeviceNamesAreChecked) {
   EXPECT_EQ(problem(longest, ""), "");
   EXPECT_EQ(problem(longest + "y", ""), "devices.trackers = \"" + longest + "y\": \"" + longest +
                                             "y\" is longer than 31 bytes, which the wire would have to cut");
-  EXPECT_EQ(problem("a,b,c,d,e,f,g,h,i,j,k,l,m,n,o", ""), "devices: 17 are named, at most 16 can be shown");
+  std::string many = "D1";
+  for (int i = 2; i <= bregma_wire_MAX_DEVICES - 1; ++i) {
+    many += ",D" + std::to_string(i);
+  }
+  EXPECT_EQ(problem(many, ""), "devices: 33 are named, at most 32 can be shown"); // a force and a range sensor beside
 }
 
 TEST(Config, NamesAreSplitAtCommas) {

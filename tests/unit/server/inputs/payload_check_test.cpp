@@ -147,14 +147,14 @@ TEST(PayloadCheck, AMissingReadingIsNoNumber) {
 
 TEST(PayloadCheck, RangesAndForces) {
   using Range = wire::RangeSample;
-  expect_refusals<Range>(range_sample(1), {},
-                         {{"no status", [](Range &r) { r.status = bregma_wire_RANGE_UNKNOWN; },
-                           bregma_wire_REJECT_MALFORMED},
-                          {"negative status", [](Range &r) { r.status = -1; }, bregma_wire_REJECT_MALFORMED},
-                          {"NaN range", [](Range &r) { r.range_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
-                          {"NaN sigma", [](Range &r) { r.sigma_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
-                          {"negative range", [](Range &r) { r.range_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
-                          {"negative sigma", [](Range &r) { r.sigma_mm = -0.1; }, bregma_wire_REJECT_MALFORMED}});
+  expect_refusals<Range>(
+      range_sample(1), {},
+      {{"no status", [](Range &r) { r.status = bregma_wire_RANGE_UNKNOWN; }, bregma_wire_REJECT_MALFORMED},
+       {"negative status", [](Range &r) { r.status = -1; }, bregma_wire_REJECT_MALFORMED},
+       {"NaN range", [](Range &r) { r.range_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN sigma", [](Range &r) { r.sigma_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"negative range", [](Range &r) { r.range_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
+       {"negative sigma", [](Range &r) { r.sigma_mm = -0.1; }, bregma_wire_REJECT_MALFORMED}});
   using Force = wire::ForceSample;
   expect_refusals<Force>(
       force_sample(1), {},
