@@ -14,7 +14,7 @@ constexpr double kFine_mm = 6.0; // around an entry
 constexpr double kFinest = 0.5;  // of the lattice's edge; with shorter ones, quick dents diverged
 // Of the step that the lattice is bound to allow. With all of it the small tetrahedra, whose step falls fastest as they
 // are pressed, went unstable before the solver looked again.
-constexpr double kLeastStep = 0.5;
+constexpr double kMinStepFraction = 0.5;
 
 Eigen::Vector3d way_into(const surface::SurfaceModel &brain, const casefile::Trajectory &trajectory) {
   // A way that never comes to the brain is open where it starts.
@@ -50,7 +50,7 @@ tissue::Craniotomy craniotomy_of(const casefile::Case &c, const surface::Surface
 tissue::LatticeMesh brain_mesh_of(const casefile::Case &c, const surface::SurfaceModel &brain,
                                   const tissue::Craniotomy &craniotomy, const BrainMeshOptions &options) {
   tissue::LatticeMesh out = tissue::fill_surface(c.brain.mesh, options.lattice);
-  std::vector<tissue::FinePlace> places;
+  std::vector<tissue::RefinementRegion> places;
   const double edge_mm = std::max(options.entry_edge_mm, kFinest * out.edge_mm);
   for (const casefile::Trajectory &trajectory : c.trajectories) {
     const auto entry = planning::surface_entry(brain, trajectory.entry_mm, trajectory.target_mm);
@@ -62,8 +62,8 @@ tissue::LatticeMesh brain_mesh_of(const casefile::Case &c, const surface::Surfac
   return out;
 }
 
-double least_step_s(const tissue::LatticeMesh &mesh, const tissue::Material &material) {
-  return kLeastStep * tissue::stable_step_s(mesh.lattice_stable_length_mm, material);
+double min_step_s(const tissue::LatticeMesh &mesh, const tissue::Material &material) {
+  return kMinStepFraction * tissue::stable_step_s(mesh.lattice_stable_length_mm, material);
 }
 
 } // namespace bregma::case_model

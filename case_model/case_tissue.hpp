@@ -33,6 +33,6 @@ struct BrainMeshOptions {
 
 // The step below which the model of such a mesh makes tetrahedra heavier: what was refined then costs no more steps
 // than the lattice, by a few grams of mass at the entry.
-[[nodiscard]] double least_step_s(const tissue::LatticeMesh &mesh, const tissue::Material &material);
+[[nodiscard]] double min_step_s(const tissue::LatticeMesh &mesh, const tissue::Material &material);
 
 } // namespace bregma::case_model

@@ -278,17 +278,17 @@ std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &
 }
 
 Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
-  const double share = static_cast<double>(r.outliers) / static_cast<double>(r.poses);
+  const double fraction = static_cast<double>(r.outliers) / static_cast<double>(r.poses);
   if (const double ratio = r.rms_mm / options.tracker_noise_mm; ratio > options.max_noise_ratio) {
     return {PivotVerdict::kResidualTooLarge,
             format("not fit for navigation: RMS %.2f mm (%.2f mm with outliers) is %.1f times the tracker's noise of "
                    "%.2f mm, at most %.1f times is allowed",
                    r.rms_mm, r.least_squares.rms_mm, ratio, options.tracker_noise_mm, options.max_noise_ratio)};
   }
-  if (share > options.max_outlier_share) {
+  if (fraction > options.max_outlier_fraction) {
     return {PivotVerdict::kTooManyOutliers,
             format("refused: %zu of %zu poses (%.0f %%) do not fit: did the tip stay in its dimple?", r.outliers,
-                   r.poses, 100.0 * share)};
+                   r.poses, 100.0 * fraction)};
   }
   const double sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(r.covariance_mm2).eigenvalues()[2]);
   return {PivotVerdict::kAccepted, format("accepted: tip known to %.2f mm (1 sigma, worst direction), RMS %.2f mm over "

@@ -25,7 +25,7 @@ template <int D>
 [[nodiscard]] float sample(const image::Grid<D> &grid, std::span<const float> values,
                            const Eigen::Matrix<double, D, 1> &index) noexcept {
   std::array<std::size_t, D> base{};
-  std::array<double, D> share{};
+  std::array<double, D> fraction{};
   for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
     const double at = index[static_cast<Eigen::Index>(d)];
     const int last = grid.size[d] - 1;
@@ -34,7 +34,7 @@ template <int D>
     }
     const int low = std::clamp(static_cast<int>(at), 0, std::max(last - 1, 0));
     base[d] = static_cast<std::size_t>(low);
-    share[d] = std::clamp(at - low, 0.0, 1.0);
+    fraction[d] = std::clamp(at - low, 0.0, 1.0);
   }
   double sum = 0.0;
   for (unsigned corner = 0; corner < (1U << D); ++corner) {
@@ -43,7 +43,7 @@ template <int D>
     std::size_t stride = 1;
     for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
       const bool upper = ((corner >> d) & 1U) != 0;
-      weight *= upper ? share[d] : 1.0 - share[d];
+      weight *= upper ? fraction[d] : 1.0 - fraction[d];
       offset += stride * (base[d] + (upper ? 1 : 0));
       stride *= static_cast<std::size_t>(grid.size[d]);
     }

@@ -158,8 +158,8 @@ int main(int argc, char **argv) {
   };
   const auto count = static_cast<double>(seeds);
   report.add(bench::at_least("chain.runs_completed", static_cast<double>(errors.size()), "", count));
-  report.add(bench::beside(bench::at_most("chain.error_at_target.median", bench::percentile(errors, 0.5), "mm", 0.8),
-                           bench::percentile(predicted, 0.5), "predicted RMS"));
+  report.add(bench::with_peer(bench::at_most("chain.error_at_target.median", bench::percentile(errors, 0.5), "mm", 0.8),
+                              bench::percentile(predicted, 0.5), "predicted RMS"));
   report.add(bench::at_most("chain.error_at_target.worst", bench::percentile(errors, 1.0), "mm", 1.6));
   report.add(bench::at_least("chain.inside_predicted_95", sum(inside), "runs", 0.9 * count));
   report.add(bench::figure("chain.inside_predicted_95.all_frames", 100.0 * sum(shares) / count, "%"));

@@ -119,10 +119,10 @@ void table_of(Report &report, const std::string &title, const std::string &label
   }
   report.note(lines.str());
   report.add(
-      beside(at_most("curves." + label + ".rmse.hybrid", rows[3].rmse, "grey", std::min(rows[1].rmse, rows[2].rmse)),
-             rows[0].rmse, "before"));
-  report.add(beside(at_least("curves." + label + ".mi.hybrid", rows[3].mi, "nats", std::max(rows[1].mi, rows[2].mi)),
-                    rows[0].mi, "before"));
+      with_peer(at_most("curves." + label + ".rmse.hybrid", rows[3].rmse, "grey", std::min(rows[1].rmse, rows[2].rmse)),
+                rows[0].rmse, "before"));
+  report.add(with_peer(at_least("curves." + label + ".mi.hybrid", rows[3].mi, "nats", std::max(rows[1].mi, rows[2].mi)),
+                       rows[0].mi, "before"));
 }
 
 // A smooth deformation of up to 9 mm from the reference's frame to the floating image's, and back.
@@ -140,7 +140,7 @@ Eigen::Vector2d undeformed(const Eigen::Vector2d &q) {
 } // namespace
 
 void curve_figures(Report &report) {
-  if (!is_here(report, kShared / "images/mni")) {
+  if (!is_present(report, kShared / "images/mni")) {
     return;
   }
   const Slice one = middle_slice(kShared / "images/mni/single_subj_T1.nii.gz");

@@ -53,8 +53,8 @@ void paired_figures(Report &report, bool quick) {
     allocations += scope.count();
     right += with_outlier.found && with_outlier.outliers == 1 && !with_outlier.inlier[3] ? 1 : 0;
   }
-  report.add(beside(at_most("points.paired_8_anisotropic.median", percentile(ours, 0.5), "us", 20.0),
-                    percentile(plain, 0.5), "least squares"));
+  report.add(with_peer(at_most("points.paired_8_anisotropic.median", percentile(ours, 0.5), "us", 20.0),
+                       percentile(plain, 0.5), "least squares"));
   report.add(figure("points.robust_8_one_outlier.median", percentile(robust, 0.5), "us"));
   report.add(at_least("points.robust_outlier_named", 100.0 * right / runs, "%", 95.0));
   if (test::AllocationScope::available()) {

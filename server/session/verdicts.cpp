@@ -11,7 +11,7 @@
 #include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "idl/names.hpp"
-#include "server/session/sentences.hpp"
+#include "server/session/session_text.hpp"
 
 namespace bregma::server {
 namespace {

@@ -24,16 +24,16 @@ std::string count_text(int count) {
 std::string edge_problem(const casefile::Case &c, double edge_mm, int count, double surface_mm3) {
   const auto edge_for = [&](int wanted) { return std::cbrt(12.0 * surface_mm3 / wanted); };
   return "--edge " + fixed(edge_mm, 2) + ": gives " + count_text(count) + " tetrahedra in the brain of " +
-         c.folder.string() + "; " + count_text(kFewestElements) + " to " + count_text(kMostElements) +
-         " are made, by edges of about " + fixed(edge_for(kMostElements), 1) + " to " +
-         fixed(edge_for(kFewestElements), 1) + " mm";
+         c.folder.string() + "; " + count_text(kMinElements) + " to " + count_text(kMaxElements) +
+         " are made, by edges of about " + fixed(edge_for(kMaxElements), 1) + " to " +
+         fixed(edge_for(kMinElements), 1) + " mm";
 }
 
 } // namespace
 
 void add_mesh_options(CLI::App &command, MeshRequest &request) {
   auto *elements = command.add_option("--elements", request.elements, "About as many tetrahedra")
-                       ->check(CLI::Range(kFewestElements, kMostElements))
+                       ->check(CLI::Range(kMinElements, kMaxElements))
                        ->capture_default_str();
   command.add_option("--edge", request.edge_mm, "Edge of the lattice that fills the brain, mm, instead")
       ->check(CLI::Range(0.5, 50.0))
@@ -58,7 +58,7 @@ base::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const Mesh
     tissue::LatticeMesh filled = case_model::brain_mesh_of(
         c, brain, case_model::craniotomy_of(c, brain, case_model::kCraniotomyRadius_mm), options);
     const auto count = static_cast<int>(filled.mesh.tetrahedra.size());
-    if (request.edge_mm && (count < kFewestElements || count > kMostElements)) {
+    if (request.edge_mm && (count < kMinElements || count > kMaxElements)) {
       return base::failure(edge_problem(c, *request.edge_mm, count, filled.surface_mm3));
     }
     return filled;

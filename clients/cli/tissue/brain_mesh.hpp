@@ -17,8 +17,8 @@ class App;
 namespace bregma::cli {
 
 // Fewer do not follow a brain's surface, more are not stepped in real time.
-inline constexpr int kFewestElements = 10'000;
-inline constexpr int kMostElements = 100'000;
+inline constexpr int kMinElements = 10'000;
+inline constexpr int kMaxElements = 100'000;
 
 struct MeshRequest {
   int elements = 20'000;         // about as many

@@ -14,7 +14,7 @@ base::Result<std::unique_ptr<tissue::BrainModel>> make_model(const casefile::Cas
   options.material = case_model::material_of(c, tissue::named_materials().front());
   options.skull.craniotomy =
       case_model::craniotomy_of(c, surface::SurfaceModel(c.brain.mesh), case_model::kCraniotomyRadius_mm);
-  options.solver.minimum_step_s = case_model::least_step_s(filled, options.material);
+  options.solver.minimum_step_s = case_model::min_step_s(filled, options.material);
   try {
     return std::make_unique<tissue::BrainModel>(filled.mesh, points_mm, options);
   } catch (const std::invalid_argument &error) {

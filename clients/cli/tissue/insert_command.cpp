@@ -68,9 +68,9 @@ Result<Insertion> run_insertion(const InsertOptions &options) {
   if (!trajectory) {
     return tl::unexpected(trajectory.error());
   }
-  const auto way = InsertionWay::along(*loaded, **trajectory, tissue::ProbeShape{}.radius_mm);
-  if (!way) {
-    return tl::unexpected(way.error());
+  const auto path = InsertionPath::along(*loaded, **trajectory, tissue::ProbeShape{}.radius_mm);
+  if (!path) {
+    return tl::unexpected(path.error());
   }
   if (!progress.show(0.02, "tetrahedra")) {
     return failure("stopped");
@@ -84,16 +84,16 @@ Result<Insertion> run_insertion(const InsertOptions &options) {
     return tl::unexpected(model.error());
   }
   Insertion out{.trajectory = (*trajectory)->name,
-                .entry_to_target_mm = way->target_depth_mm(),
+                .entry_to_target_mm = path->target_depth_mm(),
                 .elements = (*model)->solver().elements(),
                 .material = (*model)->solver().material().name,
                 .updates = {},
                 .model = std::move(*model)};
   const InsertionPlan plan{.speed_mm_s = options.speed_mm_s,
-                           .depth_mm = options.depth_mm.value_or(way->target_depth_mm())};
+                           .depth_mm = options.depth_mm.value_or(path->target_depth_mm())};
   bool stopped = false;
-  out.updates = insert(*out.model, *way, plan, [&](const InsertionUpdate &update) {
-    const double gone = (update.depth_mm - way->start_depth_mm()) / (plan.depth_mm - way->start_depth_mm());
+  out.updates = insert(*out.model, *path, plan, [&](const InsertionUpdate &update) {
+    const double gone = (update.depth_mm - path->start_depth_mm()) / (plan.depth_mm - path->start_depth_mm());
     stopped = !progress.show(0.1 + 0.9 * gone, "insertion: " + fixed(update.depth_mm, 1, "mm"));
     return !stopped;
   });
