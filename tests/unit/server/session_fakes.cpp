@@ -57,19 +57,6 @@ casefile::NamedPoint on_ball(const std::string &name, const Vector3d &direction)
 
 } // namespace
 
-TemporaryFolder::TemporaryFolder() {
-  std::string pattern = (fs::temp_directory_path() / "bregma_session_XXXXXX").string();
-  if (::mkdtemp(pattern.data()) == nullptr) {
-    throw std::runtime_error("no temporary folder: " + pattern);
-  }
-  path_ = pattern;
-}
-
-TemporaryFolder::~TemporaryFolder() {
-  std::error_code ignored;
-  fs::remove_all(path_, ignored);
-}
-
 fs::path write_case(const fs::path &parent, const std::string &id) {
   casefile::Case c;
   c.folder = parent / id;
