@@ -13,6 +13,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "algorithms/geometry/angles.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::calibration {
 
@@ -26,7 +27,7 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // Median of |e| when each coordinate has sigma one (root of the median of chi-square with 3 degrees of freedom).
-constexpr double kMedianOfNorm = 1.538172;
+const double kMedianOfNorm = std::sqrt(uncertainty::chi_square_upper_quantile(0.5, 3));
 // Where the biweight reaches zero, in sigmas of a coordinate. Wide on purpose: the errors of real pivots are systematic
 // (the tip creeps, the tracker errs by region), and an estimate that redescends at the usual 5 to 6 sigmas locks on to
 // one part of the recording; the halves of the public recording then disagree far beyond their covariance. At 14 only
@@ -37,9 +38,10 @@ constexpr int kMaxIterations = 50;
 constexpr double kConverged_mm = 1e-7;
 
 constexpr std::size_t kBlocks = 16;
-// The 95 % bound of Hotelling's T-square with 3 and 15 degrees of freedom (11.81) over that of chi-square with 3
-// (7.81).
-constexpr double kFewBlocks = 1.511;
+// The 95 % bound of Hotelling's T-square of 3 variables and kBlocks - 1 degrees of freedom (11.81) over that of
+// chi-square (7.81).
+const double kFewBlocks =
+    uncertainty::hotelling_upper_quantile(0.05, 3, kBlocks - 1) / uncertainty::chi_square_upper_quantile(0.05, 3);
 
 constexpr unsigned kSeed = 5;
 constexpr int kStarts = 150;

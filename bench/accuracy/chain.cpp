@@ -12,6 +12,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/record.hpp"
 #include "idl/names.hpp"
@@ -71,8 +72,8 @@ Outcome operate(const casefile::Case &a_case, const sim::Scenario &scenario, std
     return out;
   }
   const auto inside = [](const Reading &reading) {
-    constexpr double kChiSquare95 = 7.814727903; // three degrees of freedom
-    return uncertainty::mahalanobis_squared(reading.covariance, reading.error_mm) <= kChiSquare95;
+    return uncertainty::mahalanobis_squared(reading.covariance, reading.error_mm) <=
+           uncertainty::chi_square_upper_quantile(0.05, 3);
   };
   const Reading &reading = readings[readings.size() / 2];
   out.error_mm = reading.error_mm.norm();

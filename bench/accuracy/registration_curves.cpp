@@ -27,7 +27,7 @@ using geometry::Points2;
 
 // A sagittal slice, grey values 0-255 of its 99.5th percentile; first axis anterior, second superior.
 struct Slice {
-  intensity::Grid<2> grid;
+  image::Grid<2> grid;
   std::vector<float> grey;
 };
 Slice middle_slice(const std::filesystem::path &file) {
@@ -37,9 +37,9 @@ Slice middle_slice(const std::filesystem::path &file) {
   }
   Slice out;
   out.grid.size = {volume->size[1], volume->size[2]};
-  out.grid.axes = volume->T_image_index.block<2, 2>(1, 1);
+  out.grid.T_image_index.topLeftCorner<2, 2>() = volume->T_image_index.block<2, 2>(1, 1);
   const int i = static_cast<int>(std::lround(-volume->T_image_index(0, 3) / volume->T_image_index(0, 0))); // x = 0
-  out.grid.origin_mm = volume->T_image_index.block<2, 1>(1, 3);
+  out.grid.T_image_index.topRightCorner<2, 1>() = volume->T_image_index.block<2, 1>(1, 3);
   std::vector<double> sorted;
   for (int k = 0; k < volume->size[2]; ++k) {
     for (int j = 0; j < volume->size[1]; ++j) {

@@ -11,7 +11,7 @@
 
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/registration/surface/global_surface.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/accuracy/registration_basin.hpp"
 #include "bench/accuracy/registration_parts.hpp"
@@ -329,7 +329,8 @@ void coverage(Report &report, const Head &head, const surface::SurfaceField &fie
       const LocalFit &fit = local.fit(trace.source_mm, start);
       const Vector3d error = fit.T_target_source * (trace.T_target_source.inverse() * target) - target;
       const Matrix3d predicted = uncertainty::tre_covariance(fit.covariance, target);
-      inside += uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+      inside +=
+          uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::chi_square_upper_quantile(0.05, 3) ? 1 : 0;
       squared_true += error.squaredNorm() / runs;
       squared_predicted += predicted.trace() / runs;
     }

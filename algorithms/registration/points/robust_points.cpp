@@ -6,7 +6,7 @@
 
 #include <Eigen/Cholesky>
 
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::registration {
 

@@ -15,6 +15,7 @@
 #include "algorithms/registration/surface/plane_step.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/surface/neighbours.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::registration {
 
@@ -27,7 +28,8 @@ constexpr std::size_t kMinSamples = 6;
 constexpr std::size_t kCoarseSamples = 256; // that the first steps look at
 constexpr double kCoarseSettled_mm = 0.05;
 constexpr double kSettled_mm = 5e-3;
-constexpr double kMadToNormal = 1.4826;
+const double kMadToNormal = 1.0 / uncertainty::normal_quantile(0.75);
+const double kMedianOfNorm = std::sqrt(uncertainty::chi_square_upper_quantile(0.5, 3)); // in space, sigma 1 per axis
 constexpr double kWideReach = 3.0;    // of the first steps' loss, in their scale
 constexpr double kTukeyReach = 4.685; // 95 % efficient for normal errors, each
 constexpr double kHuberReach = 1.345;
@@ -191,9 +193,8 @@ void LocalRegistration::Workspace::linearise(const PairedPose &T, bool rescale) 
     magnitudes[i] = static_cast<float>(std::abs(residuals[i]));
   }
   if (rescale && options.loss != RobustLoss::kSquare) {
-    // The median distance of a normal error in space is 1.538 sigma; along the normal alone, 1 / 1.4826.
     const auto middle = static_cast<double>(ranked(magnitudes, count, count / 2));
-    sigma = std::max(options.sigma_mm, middle * (plane ? kMadToNormal : 1.0 / 1.538));
+    sigma = std::max(options.sigma_mm, middle * (plane ? kMadToNormal : 1.0 / kMedianOfNorm));
   }
   float trimmed_at = std::numeric_limits<float>::infinity();
   if (options.trim > 0.0) {

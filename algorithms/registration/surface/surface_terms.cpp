@@ -3,14 +3,17 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algorithms/uncertainty/distributions.hpp"
+
 namespace bregma::registration {
 
 using geometry::Vector6d;
 
 namespace {
-constexpr double kTukey = 4.685;       // 95 % efficient for normal errors
-constexpr double kMadToSigma = 1.4826; // median of |x| to standard deviation, normal errors
-constexpr double kOnSurface_mm = 1e-6; // nearer than this, only the surface knows its normal
+constexpr double kTukey = 4.685; // 95 % efficient for normal errors
+const double kMadToSigma =
+    1.0 / uncertainty::normal_quantile(0.75); // median of |x| to standard deviation, normal errors
+constexpr double kOnSurface_mm = 1e-6;        // nearer than this, only the surface knows its normal
 } // namespace
 
 SurfaceTerms::SurfaceTerms(const surface::SurfaceModel *surface, double sigma_mm, double correlation_length_mm,

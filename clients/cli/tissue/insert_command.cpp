@@ -9,10 +9,12 @@
 #include <CLI/Formatter.hpp>
 #include <CLI/Validators.hpp>
 
+#include "case_model/brain.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
-#include "clients/cli/tissue/case_model.hpp"
+#include "clients/cli/tissue/brain_mesh.hpp"
 #include "clients/cli/tissue/insertion.hpp"
+#include "clients/cli/tissue/tissue_state.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -75,11 +77,11 @@ Result<Insertion> run_insertion(const InsertOptions &options) {
   if (!progress.show(0.02, "tetrahedra")) {
     return failure("stopped");
   }
-  const auto filled = fill_brain(*loaded, options.mesh);
-  if (!filled) {
-    return tl::unexpected(filled.error());
+  const auto brain = fill_brain(*loaded, options.mesh);
+  if (!brain) {
+    return tl::unexpected(brain.error());
   }
-  auto model = make_model(*loaded, *filled, {&(*trajectory)->target_mm, 1});
+  auto model = case_model::brain_model_of(*loaded, *brain, {&(*trajectory)->target_mm, 1});
   if (!model) {
     return tl::unexpected(model.error());
   }

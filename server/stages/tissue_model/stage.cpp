@@ -11,10 +11,11 @@ constexpr double kLookRate_hz = 20.0;
 
 TissueSettings settings_of(const TissueModelParameters &from) {
   TissueSettings out;
-  out.elements = static_cast<int>(from.elements);
-  out.entry_edge_mm = from.entry_edge_mm;
-  out.craniotomy_radius_mm = from.craniotomy_radius_mm;
-  out.model.material = tissue::named_material(from.material);
+  out.model_wanted = from.elements > 0;
+  out.brain.mesh.lattice.tetrahedra = static_cast<int>(from.elements);
+  out.brain.mesh.entry_edge_mm = from.entry_edge_mm;
+  out.brain.craniotomy_radius_mm = from.craniotomy_radius_mm;
+  out.brain.material = tissue::named_material(from.material);
   out.model.solver.threads = static_cast<int>(from.threads);
   out.model.skull.sliding = from.sliding;
   out.model.skull.gap_mm = from.gap_mm;

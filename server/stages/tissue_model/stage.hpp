@@ -7,7 +7,7 @@
 
 #include "algorithms/tissue/brain_model.hpp"
 #include "base/parameters.hpp"
-#include "case_model/case_tissue.hpp"
+#include "case_model/brain.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/case_store.hpp"
 #include "server/stages/host.hpp"

@@ -6,17 +6,16 @@
 #include <string>
 
 #include "algorithms/tissue/brain_model.hpp"
-#include "case_model/case_tissue.hpp"
+#include "case_model/brain.hpp"
 #include "server/stages/loaded_case.hpp"
 #include "server/stages/views.hpp"
 
 namespace bregma::server {
 
 struct TissueSettings {
-  int elements = 20000; // of the lattice; 0: no model
-  double entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
-  tissue::BrainModelOptions model;                                // its material for cases that name none
-  double craniotomy_radius_mm = case_model::kCraniotomyRadius_mm; // for cases that do not say
+  bool model_wanted = true;
+  case_model::BrainSettings brain;
+  tissue::BrainModelOptions model; // without what the brain says
 };
 
 class TissueBuilder {

@@ -11,8 +11,8 @@ using geometry::Vector3d;
 
 server::TissueSettings small_model() {
   server::TissueSettings settings;
-  settings.elements = 2000;
-  settings.model.material = tissue::named_material("linear");
+  settings.brain.mesh.lattice.tetrahedra = 2000;
+  settings.brain.material = tissue::named_material("linear");
   settings.model.skull.sliding = false; // so that what is not open is held
   return settings;
 }
@@ -83,9 +83,9 @@ TEST(TissueBuilder, TheConfiguredRadiusHoldsWhereTheTableHasNone) {
   casefile::Case c = tests::sample_case("somewhere");
   c.craniotomy = {.trajectory = "Biopsy", .radius_mm = std::nullopt};
   server::TissueSettings settings = small_model();
-  settings.craniotomy_radius_mm = 0.0;
+  settings.brain.craniotomy_radius_mm = 0.0;
   EXPECT_FALSE(BuiltTissue(c, settings).open_at({2.0, 30.9, 67.8}));
-  settings.craniotomy_radius_mm = 25.0;
+  settings.brain.craniotomy_radius_mm = 25.0;
   EXPECT_TRUE(BuiltTissue(c, settings).open_at({2.0, 30.9, 67.8}));
 }
 

@@ -1,26 +1,11 @@
-#include "clients/cli/tissue/case_model.hpp"
+#include "clients/cli/tissue/tissue_state.hpp"
 
-#include <stdexcept>
+#include <utility>
 
-#include "algorithms/surface/surface_model.hpp"
 #include "algorithms/tissue/material/constitutive.hpp"
-#include "case_model/case_tissue.hpp"
+#include "casefile/tissue_files/tet_file.hpp"
 
 namespace bregma::cli {
-
-base::Result<std::unique_ptr<tissue::BrainModel>> make_model(const casefile::Case &c, const tissue::LatticeMesh &filled,
-                                                             std::span<const Eigen::Vector3d> points_mm) {
-  tissue::BrainModelOptions options;
-  options.material = case_model::material_of(c, tissue::named_materials().front());
-  options.skull.craniotomy =
-      case_model::craniotomy_of(c, surface::SurfaceModel(c.brain.mesh), case_model::kCraniotomyRadius_mm);
-  options.solver.minimum_step_s = case_model::min_step_s(filled, options.material);
-  try {
-    return std::make_unique<tissue::BrainModel>(filled.mesh, points_mm, options);
-  } catch (const std::invalid_argument &error) {
-    return base::failure(c.folder.string() + ": no tissue model of the brain: " + error.what());
-  }
-}
 
 base::Result<void> write_state(const std::filesystem::path &file, const tissue::ExplicitSolver &solver) {
   casefile::TetField displacement{"displacement_mm", 3, {}};

@@ -1,4 +1,4 @@
-#include "case_model/case_tissue.hpp"
+#include "case_model/brain.hpp"
 
 #include <stdexcept>
 

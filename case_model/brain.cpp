@@ -1,6 +1,9 @@
-#include "case_model/case_tissue.hpp"
+#include "case_model/brain.hpp"
 
 #include <algorithm>
+#include <stdexcept>
+#include <utility>
+#include <vector>
 
 #include "algorithms/planning/surface_entry.hpp"
 #include "algorithms/tissue/mesh/mesh_quality.hpp"
@@ -29,6 +32,12 @@ std::optional<Eigen::Vector3d> centre_of(const casefile::Case &c, const surface:
                                            : c.trajectories.empty() ? nullptr
                                                                     : &c.trajectories.front();
   return trajectory == nullptr ? std::nullopt : std::optional(way_into(brain, *trajectory));
+}
+
+// Below this step the model makes tetrahedra heavier: what was refined then costs no more steps than the lattice, by a
+// few grams of mass at the entry.
+double min_step_s(const Brain &brain) {
+  return kMinStepFraction * tissue::stable_step_s(brain.filled.lattice_stable_length_mm, brain.material);
 }
 
 } // namespace
@@ -62,8 +71,27 @@ tissue::LatticeMesh brain_mesh_of(const casefile::Case &c, const surface::Surfac
   return out;
 }
 
-double min_step_s(const tissue::LatticeMesh &mesh, const tissue::Material &material) {
-  return kMinStepFraction * tissue::stable_step_s(mesh.lattice_stable_length_mm, material);
+base::Result<Brain> brain_of(const casefile::Case &c, const BrainSettings &settings) {
+  try {
+    const surface::SurfaceModel surface(c.brain.mesh);
+    const tissue::Craniotomy craniotomy = craniotomy_of(c, surface, settings.craniotomy_radius_mm);
+    return Brain{brain_mesh_of(c, surface, craniotomy, settings.mesh), craniotomy, material_of(c, settings.material)};
+  } catch (const std::invalid_argument &error) {
+    return base::failure(c.folder.string() + ": the brain's surface: " + error.what());
+  }
+}
+
+base::Result<std::unique_ptr<tissue::BrainModel>> brain_model_of(const casefile::Case &c, const Brain &brain,
+                                                                 std::span<const Eigen::Vector3d> points_mm,
+                                                                 tissue::BrainModelOptions options) {
+  options.material = brain.material;
+  options.skull.craniotomy = brain.craniotomy;
+  options.solver.minimum_step_s = min_step_s(brain);
+  try {
+    return std::make_unique<tissue::BrainModel>(brain.filled.mesh, points_mm, options);
+  } catch (const std::invalid_argument &error) {
+    return base::failure(c.folder.string() + ": no tissue model of the brain: " + error.what());
+  }
 }
 
 } // namespace bregma::case_model
