@@ -278,7 +278,7 @@ void SessionHarness::up_to(wire::SessionState stage, const fs::path &case_folder
       },
       [&] { done(bregma_wire_COMMAND_START_NAVIGATION, "Stylus", "Plan"); }};
   for (int step = session->state() + 1; step <= stage; ++step) {
-    steps[static_cast<std::size_t>(step)]();
+    steps[static_cast<std::size_t>(step - bregma_wire_SESSION_IDLE)]();
     ASSERT_EQ(session->state(), step);
   }
 }
