@@ -83,7 +83,8 @@ inline constexpr Qos kControl{true, false, 0, 0, 0};
   X(Alarm, kState)                                                                                                     \
   X(Command, kControl)                                                                                                 \
   X(CommandReply, kControl)                                                                                            \
-  X(SimulatedTruth, kTruth)
+  X(SimulatedTruth, kTruth)                                                                                            \
+  X(DriverHealth, kState)
 
 template <class T> struct Topic;
 
