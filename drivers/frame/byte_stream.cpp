@@ -98,8 +98,7 @@ struct ByteStream::State {
     }
     if (!ended) {
       cancel();
-      while (!ended) {
-        context.run_one();
+      while (!ended && context.run_one() > 0) {
       }
     }
     return result;

@@ -63,7 +63,7 @@ Ending DriverLoop::run() {
 Outcome<void> DriverLoop::connect() {
   enter(State::kConnecting);
   io_->start_connection();
-  const auto outcome = guarded([this] { return device_->connect(*io_); });
+  auto outcome = guarded([this] { return device_->connect(*io_); });
   if (outcome) {
     connected_ns_ = io_->now_ns();
     const bool again = status_->values().connections > 0;
