@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <system_error>
 
+#include "base/table_reader.hpp"
 #include "casefile/case_check.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
-#include "casefile/table_reader.hpp"
 #include "casefile/tissue_tables.hpp"
 
 namespace bregma::casefile {
@@ -32,7 +32,7 @@ Eigen::Vector3d direction(const Eigen::Vector3d &v) {
   return v.norm() > 1e-6 ? v.normalized() : Eigen::Vector3d::Zero();
 }
 
-ToolModel read_tool(TableReader &reader) {
+ToolModel read_tool(base::TableReader &reader) {
   ToolModel tool;
   tool.name = reader.require_string("name");
   tool.role = role_of(reader.require_choice("role", {"reference", "pointer", "probe"}));
@@ -47,7 +47,7 @@ ToolModel read_tool(TableReader &reader) {
   return tool;
 }
 
-Limits read_limits(TableReader &reader) {
+Limits read_limits(base::TableReader &reader) {
   Limits limits;
   const auto length = [&reader](std::string_view key, double &value, double max) {
     value = reader.number(key, value, "mm", 0.01, max);
@@ -65,26 +65,26 @@ Limits read_limits(TableReader &reader) {
 // Reads the files that case.toml names. The message of a file that is wrong follows the line that names it.
 class FileLoader {
 public:
-  FileLoader(const fs::path &folder, TableReader &root) : folder_(folder), root_(root) {}
+  FileLoader(const fs::path &folder, base::TableReader &root) : folder_(folder), root_(root) {}
 
   fs::path path(const std::string &file) const { return folder_ / file; }
 
-  void mesh(const std::string &key, const std::string &file, geometry::TriangleMesh &out) {
-    take(key, good_ ? read_mesh(path(file)) : Result<geometry::TriangleMesh>(), out);
+  void mesh(const std::string &key, const std::string &file, surface::TriangleMesh &out) {
+    take(key, good_ ? read_mesh(path(file)) : base::Result<surface::TriangleMesh>(), out);
   }
   void points(const std::string &key, const std::string &file, std::vector<NamedPoint> &out) {
     if (!file.empty()) {
-      take(key, good_ ? read_points(path(file)) : Result<std::vector<NamedPoint>>(), out);
+      take(key, good_ ? read_points(path(file)) : base::Result<std::vector<NamedPoint>>(), out);
     }
   }
   void trajectories(const std::string &key, const std::string &file, std::vector<Trajectory> &out) {
     if (!file.empty()) {
-      take(key, good_ ? read_trajectories(path(file)) : Result<std::vector<Trajectory>>(), out);
+      take(key, good_ ? read_trajectories(path(file)) : base::Result<std::vector<Trajectory>>(), out);
     }
   }
 
 private:
-  template <class T> void take(const std::string &key, Result<T> read, T &out) {
+  template <class T> void take(const std::string &key, base::Result<T> read, T &out) {
     if (!read) {
       root_.refuse(key, read.error().message);
       good_ = false;
@@ -94,7 +94,7 @@ private:
   }
 
   fs::path folder_;
-  TableReader &root_;
+  base::TableReader &root_;
   bool good_ = true;
 };
 
@@ -103,7 +103,7 @@ struct PlanFiles {
   std::vector<std::string> structures;
 };
 
-PlanFiles read_table(TableReader &root, Case &c) {
+PlanFiles read_table(base::TableReader &root, Case &c) {
   PlanFiles files;
   c.id = root.require_string("id");
   c.image = root.require_string("image");
@@ -119,12 +119,12 @@ PlanFiles read_table(TableReader &root, Case &c) {
   } else {
     root.refuse("surfaces", "is missing");
   }
-  for (TableReader &structure : root.tables("structures")) {
+  for (base::TableReader &structure : root.tables("structures")) {
     c.structures.push_back({structure.require_string("name"), {}});
     files.structures.push_back(structure.require_string("file"));
     static_cast<void>(structure.finish());
   }
-  for (TableReader &tool : root.tables("tools")) {
+  for (base::TableReader &tool : root.tables("tools")) {
     c.tools.push_back(read_tool(tool));
   }
   if (auto limits = root.table("limits")) {
@@ -153,14 +153,14 @@ const Trajectory *Case::trajectory(std::string_view name) const { return find_by
 const NamedPoint *Case::fiducial(std::string_view name) const { return find_by_name(fiducials, name); }
 const NamedPoint *Case::landmark(std::string_view name) const { return find_by_name(landmarks, name); }
 
-Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
-  const auto document = TomlDocument::read(file);
+base::Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
+  const auto document = base::TomlDocument::read(file);
   if (!document) {
     return tl::unexpected(document.error());
   }
-  TableReader root = document->root();
+  base::TableReader root = document->root();
   std::vector<ToolModel> tools;
-  for (TableReader &tool : root.tables("tools")) {
+  for (base::TableReader &tool : root.tables("tools")) {
     tools.push_back(read_tool(tool));
   }
   if (auto whole = root.finish(); !whole) {
@@ -169,16 +169,16 @@ Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
   return tools;
 }
 
-Result<Case> load_case(const fs::path &folder) {
+base::Result<Case> load_case(const fs::path &folder) {
   std::error_code error;
   if (!fs::is_directory(folder, error)) {
-    return failure(folder.string() + ": is not a folder; a case is a folder with case.toml");
+    return base::failure(folder.string() + ": is not a folder; a case is a folder with case.toml");
   }
-  const auto document = TomlDocument::read(folder / "case.toml");
+  const auto document = base::TomlDocument::read(folder / "case.toml");
   if (!document) {
     return tl::unexpected(document.error());
   }
-  TableReader root = document->root();
+  base::TableReader root = document->root();
   Case c;
   c.folder = folder;
   const PlanFiles files = read_table(root, c);

@@ -9,8 +9,8 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
@@ -38,7 +38,7 @@ struct ToolModel {
 
 struct Surface {
   std::string name;
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
 };
 
 // Limits that a registration has to keep before it can be accepted, and a check before it can be confirmed.
@@ -90,17 +90,17 @@ struct Case {
 };
 
 // Reads the folder whole; the first thing that is wrong is the error.
-[[nodiscard]] Result<Case> load_case(const std::filesystem::path &folder);
+[[nodiscard]] base::Result<Case> load_case(const std::filesystem::path &folder);
 
 // The [[tools]] of a TOML file, as case.toml has them, with nothing else in it. Whether they make a set is for
 // check_case.
-[[nodiscard]] Result<std::vector<ToolModel>> read_tools(const std::filesystem::path &file);
+[[nodiscard]] base::Result<std::vector<ToolModel>> read_tools(const std::filesystem::path &file);
 
 // Writes the whole folder but the image: surfaces, plans and case.toml, the last one last. c.image is taken relative to
 // the folder where it lies inside. Existing files of these names are replaced; sessions/ is left alone.
-[[nodiscard]] Result<void> save_case(const Case &c);
+[[nodiscard]] base::Result<void> save_case(const Case &c);
 
 // The checks that load_case makes on what was read, with the case's id in the message: for a case made in memory.
-[[nodiscard]] Result<void> check_case(const Case &c);
+[[nodiscard]] base::Result<void> check_case(const Case &c);
 
 } // namespace bregma::casefile

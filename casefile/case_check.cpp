@@ -69,7 +69,7 @@ template <class Item> Problem names_problem(const std::vector<Item> &items, cons
   return std::nullopt;
 }
 
-double distance_to_vertices(const geometry::TriangleMesh &mesh, const Vector3d &point) {
+double distance_to_vertices(const surface::TriangleMesh &mesh, const Vector3d &point) {
   double best = std::numeric_limits<double>::infinity();
   for (const Vector3d &vertex : mesh.vertices_mm) {
     best = std::min(best, (vertex - point).squaredNorm());
@@ -297,9 +297,9 @@ std::optional<CaseProblem> find_problem(const Case &c) {
 
 } // namespace detail
 
-Result<void> check_case(const Case &c) {
+base::Result<void> check_case(const Case &c) {
   if (auto problem = detail::find_problem(c)) {
-    return failure("case \"" + c.id + "\": " + problem->key + ": " + problem->what);
+    return base::failure("case \"" + c.id + "\": " + problem->key + ": " + problem->what);
   }
   return {};
 }

@@ -4,11 +4,11 @@
 #include <set>
 #include <system_error>
 
+#include "base/toml_values.hpp"
 #include "casefile/case.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
 #include "casefile/tissue_tables.hpp"
-#include "casefile/toml_values.hpp"
 
 namespace bregma::casefile {
 
@@ -16,8 +16,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-std::string text(const std::string &value) { return detail::to_toml_text(value); }
-std::string number(double value) { return detail::to_toml_text(value); }
+std::string text(const std::string &value) { return base::detail::to_toml_text(value); }
+std::string number(double value) { return base::detail::to_toml_text(value); }
 
 std::string vector(const Eigen::Vector3d &v) {
   return "[" + number(v.x()) + ", " + number(v.y()) + ", " + number(v.z()) + "]";
@@ -75,7 +75,7 @@ std::string limits_text(const Limits &limits) {
 }
 
 // Beside the old file first, so that a case.toml is whole whenever it is there.
-Result<void> replace_file(const fs::path &file, const std::string &content) {
+base::Result<void> replace_file(const fs::path &file, const std::string &content) {
   const fs::path fresh = file.string() + ".new";
   std::ofstream out(fresh, std::ios::binary);
   out << content;
@@ -85,7 +85,7 @@ Result<void> replace_file(const fs::path &file, const std::string &content) {
     fs::rename(fresh, file, error);
   }
   if (!out || error) {
-    return failure(file.string() + ": cannot be written" + (error ? ": " + error.message() : ""));
+    return base::failure(file.string() + ": cannot be written" + (error ? ": " + error.message() : ""));
   }
   return {};
 }
@@ -98,19 +98,19 @@ public:
       result_ = step();
     }
   }
-  [[nodiscard]] const Result<void> &result() const { return result_; }
+  [[nodiscard]] const base::Result<void> &result() const { return result_; }
 
 private:
-  Result<void> result_;
+  base::Result<void> result_;
 };
 
 } // namespace
 
-Result<void> save_case(const Case &c) {
+base::Result<void> save_case(const Case &c) {
   std::error_code error;
   fs::create_directories(c.folder / "surfaces", error);
   if (error) {
-    return failure((c.folder / "surfaces").string() + ": cannot be made: " + error.message());
+    return base::failure((c.folder / "surfaces").string() + ": cannot be made: " + error.message());
   }
   std::string toml = "id = " + text(c.id) + "\nimage = " + image_text(c) + "\n\n# Slicer markups.\n";
   Steps steps;

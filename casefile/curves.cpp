@@ -3,8 +3,8 @@
 #include <fstream>
 #include <map>
 
+#include "base/text.hpp"
 #include "casefile/markups.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -16,7 +16,8 @@ namespace fs = std::filesystem;
 constexpr double kSameMark_mm = 1e-6;
 
 // What the points of one curve are, or why they are none.
-Result<MarkedCurve> curve_of(const fs::path &file, std::string name, std::vector<Eigen::Vector3d> points, bool closed) {
+base::Result<MarkedCurve> curve_of(const fs::path &file, std::string name, std::vector<Eigen::Vector3d> points,
+                                   bool closed) {
   const std::string place = file.string() + ": curve \"" + name + "\": ";
   const auto same = [&points](std::size_t a, std::size_t b) { return (points[a] - points[b]).norm() < kSameMark_mm; };
   if (points.size() > 3 && same(0, points.size() - 1)) {
@@ -24,12 +25,12 @@ Result<MarkedCurve> curve_of(const fs::path &file, std::string name, std::vector
     points.pop_back();
   }
   if (const std::size_t needed = closed ? 3 : 2; points.size() < needed) {
-    return failure(place + "has " + std::to_string(points.size()) + " points, a " + (closed ? "closed " : "") +
-                   "curve has at least " + std::to_string(needed));
+    return base::failure(place + "has " + std::to_string(points.size()) + " points, a " + (closed ? "closed " : "") +
+                         "curve has at least " + std::to_string(needed));
   }
   for (std::size_t i = 1; i < points.size(); ++i) {
     if (same(i - 1, i)) {
-      return failure(place + "points " + std::to_string(i) + " and " + std::to_string(i + 1) + " are the same");
+      return base::failure(place + "points " + std::to_string(i) + " and " + std::to_string(i + 1) + " are the same");
     }
   }
   return MarkedCurve{std::move(name), std::move(points), closed};
@@ -40,11 +41,11 @@ struct TableCurve {
   std::vector<Eigen::Vector3d> points;
 };
 
-Result<std::vector<TableCurve>> read_table(const fs::path &file) {
+base::Result<std::vector<TableCurve>> read_table(const fs::path &file) {
   std::error_code error;
   std::ifstream in(file);
   if (!in || fs::is_directory(file, error)) {
-    return failure(file.string() + ": no such file, or it cannot be read");
+    return base::failure(file.string() + ": no such file, or it cannot be read");
   }
   std::vector<TableCurve> out;
   std::map<std::string, std::size_t, std::less<>> index;
@@ -52,24 +53,24 @@ Result<std::vector<TableCurve>> read_table(const fs::path &file) {
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
     const std::string place = file.string() + ":" + std::to_string(number) + ": ";
-    const auto row = cells(line, ',');
-    if (trimmed(line).empty() || line.starts_with('#')) {
+    const auto row = base::cells(line, ',');
+    if (base::trimmed(line).empty() || line.starts_with('#')) {
       continue;
     }
     if (row.size() != 4) {
-      return failure(place + "must be \"curve,x,y,z\", this line has " + std::to_string(row.size()) + " cells");
+      return base::failure(place + "must be \"curve,x,y,z\", this line has " + std::to_string(row.size()) + " cells");
     }
-    const bool header =
-        !parsed_number<double>(row[1]) && !parsed_number<double>(row[2]) && !parsed_number<double>(row[3]);
+    const bool header = !base::parsed_number<double>(row[1]) && !base::parsed_number<double>(row[2]) &&
+                        !base::parsed_number<double>(row[3]);
     if (std::exchange(header_allowed, false) && header) {
       continue;
     }
     Eigen::Vector3d position;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto value = parsed_number<double>(row[axis + 1]);
+      const auto value = base::parsed_number<double>(row[axis + 1]);
       if (!value || !std::isfinite(*value)) {
-        return failure(place + "curve " + std::string(row[0]) + ": " + static_cast<char>('x' + axis) + " = \"" +
-                       std::string(row[axis + 1]) + "\": must be a finite number");
+        return base::failure(place + "curve " + std::string(row[0]) + ": " + static_cast<char>('x' + axis) + " = \"" +
+                             std::string(row[axis + 1]) + "\": must be a finite number");
       }
       position[static_cast<Eigen::Index>(axis)] = *value;
     }
@@ -84,12 +85,12 @@ Result<std::vector<TableCurve>> read_table(const fs::path &file) {
 
 } // namespace
 
-Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
+base::Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
   std::vector<MarkedCurve> out;
   std::map<std::string, int, std::less<>> names;
-  const auto keep = [&](std::string name, std::vector<Eigen::Vector3d> points, bool closed) -> Result<void> {
+  const auto keep = [&](std::string name, std::vector<Eigen::Vector3d> points, bool closed) -> base::Result<void> {
     if (++names[name] > 1) {
-      return failure(file.string() + ": two curves are called \"" + name + "\"");
+      return base::failure(file.string() + ": two curves are called \"" + name + "\"");
     }
     auto curve = curve_of(file, std::move(name), std::move(points), closed);
     if (!curve) {
@@ -115,7 +116,7 @@ Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
     }
     for (const Markup &markup : *markups) {
       if (markup.kind == Markup::Kind::kPoints) {
-        return failure(file.string() + ": \"" + markup.name + "\" is a list of points where curves are expected");
+        return base::failure(file.string() + ": \"" + markup.name + "\" is a list of points where curves are expected");
       }
       std::vector<Eigen::Vector3d> points;
       for (const NamedPoint &point : markup.points) {
@@ -128,7 +129,7 @@ Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
       }
     }
   }
-  return out.empty() ? Result<std::vector<MarkedCurve>>(failure(file.string() + ": holds no curve")) : out;
+  return out.empty() ? base::Result<std::vector<MarkedCurve>>(base::failure(file.string() + ": holds no curve")) : out;
 }
 
 } // namespace bregma::casefile

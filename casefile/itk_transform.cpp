@@ -11,8 +11,8 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
+#include "base/text.hpp"
 #include "casefile/pose_text.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -43,46 +43,47 @@ struct Content {
   int type_line = 0, parameters_line = 0, fixed_line = 0;
 };
 
-Result<Content> read_content(const fs::path &file) {
+base::Result<Content> read_content(const fs::path &file) {
   std::error_code error;
   std::ifstream in(file);
   if (!in || fs::is_directory(file, error)) {
-    return failure(file.string() + ": no such file, or it cannot be read");
+    return base::failure(file.string() + ": no such file, or it cannot be read");
   }
   Content out;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {
     const std::string place = file.string() + ":" + std::to_string(number) + ": ";
-    const std::string_view text = trimmed(line);
+    const std::string_view text = base::trimmed(line);
     if (number == 1 && !text.starts_with(kFirstLine)) {
-      return failure(place + "is not an ITK transform file: it must begin with \"" + std::string(kFirstLine) + "\"");
+      return base::failure(place + "is not an ITK transform file: it must begin with \"" + std::string(kFirstLine) +
+                           "\"");
     }
     if (text.empty() || text.front() == '#') {
       continue;
     }
     const std::size_t colon = text.find(':');
-    const std::string_view key = trimmed(text.substr(0, colon));
-    const std::string_view value = colon == std::string_view::npos ? "" : trimmed(text.substr(colon + 1));
+    const std::string_view key = base::trimmed(text.substr(0, colon));
+    const std::string_view value = colon == std::string_view::npos ? "" : base::trimmed(text.substr(colon + 1));
     if (key == "Transform") {
       if (!out.type.empty()) {
-        return failure(place + "is a second transform (" + std::string(value) + "), only one is read");
+        return base::failure(place + "is a second transform (" + std::string(value) + "), only one is read");
       }
       out.type = value;
       out.type_line = number;
     } else if (key == "Parameters" || key == "FixedParameters") {
       auto numbers = detail::parse_numbers(value);
       if (!numbers) {
-        return failure(place + std::string(key) + ": " + numbers.error());
+        return base::failure(place + std::string(key) + ": " + numbers.error());
       }
       const bool fixed = key == "FixedParameters";
       (fixed ? out.fixed : out.parameters) = std::move(*numbers);
       (fixed ? out.fixed_line : out.parameters_line) = number;
     } else {
-      return failure(place + "\"" + std::string(key) + "\" is not part of a transform");
+      return base::failure(place + "\"" + std::string(key) + "\" is not part of a transform");
     }
   }
   if (out.type.empty()) {
-    return failure(file.string() + ": holds no transform");
+    return base::failure(file.string() + ": holds no transform");
   }
   return out;
 }
@@ -127,10 +128,10 @@ std::optional<LinearPart> linear_part(const Content &content, std::string_view k
 
 } // namespace
 
-Result<void> write_itk_transform(const fs::path &file, const Matrix4d &T_target_source) {
+base::Result<void> write_itk_transform(const fs::path &file, const Matrix4d &T_target_source) {
   if (!T_target_source.allFinite() || T_target_source.row(3) != Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0) ||
       !(std::abs(T_target_source.determinant()) > kSmallestDeterminant)) {
-    return failure(file.string() + ": not written: the transform has no inverse");
+    return base::failure(file.string() + ": not written: the transform has no inverse");
   }
   const Matrix4d moving_fixed = flip() * T_target_source.inverse() * flip();
   std::string out = std::string(kFirstLine) + "\n#Transform 0\nTransform: AffineTransform_double_3_3\nParameters:";
@@ -145,10 +146,10 @@ Result<void> write_itk_transform(const fs::path &file, const Matrix4d &T_target_
   std::ofstream stream(file, std::ios::binary);
   stream << out << "\nFixedParameters: 0 0 0\n";
   stream.close();
-  return stream ? Result<void>() : failure(file.string() + ": cannot be written");
+  return stream ? base::Result<void>() : base::failure(file.string() + ": cannot be written");
 }
 
-Result<Matrix4d> read_itk_transform(const fs::path &file) {
+base::Result<Matrix4d> read_itk_transform(const fs::path &file) {
   const auto content = read_content(file);
   if (!content) {
     return tl::unexpected(content.error());
@@ -162,37 +163,37 @@ Result<Matrix4d> read_itk_transform(const fs::path &file) {
   const bool known = kind == "AffineTransform" || kind == "MatrixOffsetTransformBase" || kind == "Euler3DTransform" ||
                      kind == "VersorRigid3DTransform";
   if (!known || (scalars != "_double_3_3" && scalars != "_float_3_3")) {
-    return failure(place(content->type_line) + "Transform: " + content->type +
-                   ": only affine and rigid transforms of three dimensions are read");
+    return base::failure(place(content->type_line) + "Transform: " + content->type +
+                         ": only affine and rigid transforms of three dimensions are read");
   }
   if (content->fixed.size() != 3 && !(kind == "Euler3DTransform" && content->fixed.size() == 4)) {
-    return failure(place(content->fixed_line) + "FixedParameters: " + std::to_string(content->fixed.size()) +
-                   " numbers, the centre has 3");
+    return base::failure(place(content->fixed_line) + "FixedParameters: " + std::to_string(content->fixed.size()) +
+                         " numbers, the centre has 3");
   }
   const auto linear = linear_part(*content, kind);
   if (!linear) {
-    return failure(place(content->parameters_line) + "Parameters: " + std::to_string(content->parameters.size()) +
-                   " numbers that are no " + std::string(kind));
+    return base::failure(place(content->parameters_line) + "Parameters: " + std::to_string(content->parameters.size()) +
+                         " numbers that are no " + std::string(kind));
   }
   const Vector3d centre(content->fixed.data());
   Matrix4d moving_fixed = Matrix4d::Identity();
   moving_fixed.topLeftCorner<3, 3>() = linear->matrix;
   moving_fixed.topRightCorner<3, 1>() = linear->translation + centre - linear->matrix * centre;
   if (!(std::abs(linear->matrix.determinant()) > kSmallestDeterminant) || !moving_fixed.allFinite()) {
-    return failure(place(content->parameters_line) + "Parameters: the matrix has no inverse");
+    return base::failure(place(content->parameters_line) + "Parameters: the matrix has no inverse");
   }
   return Matrix4d(flip() * moving_fixed.inverse() * flip());
 }
 
-Result<TargetFromSource> read_itk_rigid(const fs::path &file) {
+base::Result<TargetFromSource> read_itk_rigid(const fs::path &file) {
   const auto T = read_itk_transform(file);
   if (!T) {
     return tl::unexpected(T.error());
   }
   const Matrix3d A = T->topLeftCorner<3, 3>();
   if ((A * A.transpose() - Matrix3d::Identity()).norm() > kRigidTolerance || A.determinant() < 0.0) {
-    return failure(file.string() + ": the transform is not rigid: it scales, shears or mirrors (determinant " +
-                   exact(A.determinant()) + ")");
+    return base::failure(file.string() + ": the transform is not rigid: it scales, shears or mirrors (determinant " +
+                         exact(A.determinant()) + ")");
   }
   return TargetFromSource(A, T->topRightCorner<3, 1>());
 }

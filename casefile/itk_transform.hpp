@@ -11,7 +11,7 @@
 #include <Eigen/Core>
 
 #include "algorithms/geometry/rigid3.hpp"
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
@@ -19,15 +19,15 @@ using TargetFromSource = geometry::Rigid3<geometry::frame::Target, geometry::fra
 
 // Written as AffineTransform_double_3_3, which Slicer shows as a matrix, centre at the origin. The matrix must be
 // affine (last row 0 0 0 1) and invertible.
-[[nodiscard]] Result<void> write_itk_transform(const std::filesystem::path &file,
-                                               const Eigen::Matrix4d &T_target_source);
+[[nodiscard]] base::Result<void> write_itk_transform(const std::filesystem::path &file,
+                                                     const Eigen::Matrix4d &T_target_source);
 
 // One affine (AffineTransform, MatrixOffsetTransformBase) or rigid (Euler3DTransform, VersorRigid3DTransform) transform
 // of three dimensions, in double or float. Refused: others, several, a matrix that cannot be inverted.
-[[nodiscard]] Result<Eigen::Matrix4d> read_itk_transform(const std::filesystem::path &file);
+[[nodiscard]] base::Result<Eigen::Matrix4d> read_itk_transform(const std::filesystem::path &file);
 
 // The same, refused where it is not rigid to kRigidTolerance.
 inline constexpr double kRigidTolerance = 1e-4;
-[[nodiscard]] Result<TargetFromSource> read_itk_rigid(const std::filesystem::path &file);
+[[nodiscard]] base::Result<TargetFromSource> read_itk_rigid(const std::filesystem::path &file);
 
 } // namespace bregma::casefile

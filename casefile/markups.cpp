@@ -5,8 +5,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "base/text.hpp"
 #include "casefile/space.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -43,10 +43,10 @@ class JsonMarkups {
 public:
   explicit JsonMarkups(const fs::path &file) : file_(file.string()) {}
 
-  Result<std::vector<Markup>> read(const Json &document) const {
+  base::Result<std::vector<Markup>> read(const Json &document) const {
     const auto markups = document.find("markups");
     if (!document.is_object() || markups == document.end() || !markups->is_array()) {
-      return failure(file_ + ": is not a Slicer markups file: it has no list \"markups\"");
+      return base::failure(file_ + ": is not a Slicer markups file: it has no list \"markups\"");
     }
     std::vector<Markup> out;
     for (const Json &item : *markups) {
@@ -60,16 +60,16 @@ public:
   }
 
 private:
-  Result<Markup> read_markup(const Json &item, const std::string &which) const {
+  base::Result<Markup> read_markup(const Json &item, const std::string &which) const {
     if (!item.is_object()) {
-      return failure(file_ + ": " + which + ": is not a markup");
+      return base::failure(file_ + ": " + which + ": is not a markup");
     }
     Markup markup;
     const std::string type = item.contains("type") ? shown(item["type"]) : "";
     const auto kind = kind_of(type);
     if (!kind) {
-      return failure(file_ + ": " + which + ": type = \"" + type +
-                     "\": only Fiducial, Line, Curve and ClosedCurve are read");
+      return base::failure(file_ + ": " + which + ": type = \"" + type +
+                           "\": only Fiducial, Line, Curve and ClosedCurve are read");
     }
     markup.kind = *kind;
     if (item.contains("name") && item["name"].is_string()) {
@@ -78,15 +78,15 @@ private:
     const std::string space_text = item.contains("coordinateSystem") ? shown(item["coordinateSystem"]) : "LPS";
     const auto space = space_of(space_text);
     if (!space) {
-      return failure(file_ + ": " + which + ": coordinateSystem = \"" + space_text + "\": must be LPS or RAS");
+      return base::failure(file_ + ": " + which + ": coordinateSystem = \"" + space_text + "\": must be LPS or RAS");
     }
     if (item.contains("coordinateUnits") && shown(item["coordinateUnits"]) != "mm") {
-      return failure(file_ + ": " + which + ": coordinateUnits = \"" + shown(item["coordinateUnits"]) +
-                     "\": must be mm");
+      return base::failure(file_ + ": " + which + ": coordinateUnits = \"" + shown(item["coordinateUnits"]) +
+                           "\": must be mm");
     }
     const auto points = item.find("controlPoints");
     if (points == item.end() || !points->is_array()) {
-      return failure(file_ + ": " + which + ": has no list \"controlPoints\"");
+      return base::failure(file_ + ": " + which + ": has no list \"controlPoints\"");
     }
     for (const Json &point : *points) {
       const std::string place = file_ + ": " + which + ", control point " + std::to_string(markup.points.size() + 1);
@@ -97,37 +97,38 @@ private:
       markup.points.push_back(std::move(*read));
     }
     if (markup.kind == Markup::Kind::kLine && markup.points.size() != 2) {
-      return failure(file_ + ": " + which + ": a line has two control points, this one has " +
-                     std::to_string(markup.points.size()));
+      return base::failure(file_ + ": " + which + ": a line has two control points, this one has " +
+                           std::to_string(markup.points.size()));
     }
     return markup;
   }
 
-  static Result<NamedPoint> read_point(const Json &point, std::string place, Space space) {
+  static base::Result<NamedPoint> read_point(const Json &point, std::string place, Space space) {
     NamedPoint out;
     if (point.is_object() && point.contains("label") && point["label"].is_string()) {
       out.name = point["label"].get<std::string>();
     }
     place += out.name.find_first_not_of(' ') == std::string::npos ? "" : " (" + out.name + ")";
     if (!point.is_object()) {
-      return failure(place + ": is not a control point");
+      return base::failure(place + ": is not a control point");
     }
     if (point.contains("positionStatus") && shown(point["positionStatus"]) != "defined") {
-      return failure(place + ": positionStatus = \"" + shown(point["positionStatus"]) + "\": it was never placed");
+      return base::failure(place + ": positionStatus = \"" + shown(point["positionStatus"]) +
+                           "\": it was never placed");
     }
     const auto position = point.find("position");
     if (position == point.end()) {
-      return failure(place + ": has no position");
+      return base::failure(place + ": has no position");
     }
     const bool three = position->is_array() && position->size() == 3;
     for (std::size_t i = 0; i < 3; ++i) {
       if (!three || !(*position)[i].is_number()) {
-        return failure(place + ": position = " + position->dump() + ": must be three numbers");
+        return base::failure(place + ": position = " + position->dump() + ": must be three numbers");
       }
       out.position_mm[static_cast<Eigen::Index>(i)] = (*position)[i].get<double>();
     }
     if (!out.position_mm.allFinite()) {
-      return failure(place + ": position = " + position->dump() + ": must be finite");
+      return base::failure(place + ": position = " + position->dump() + ": must be finite");
     }
     if (space == Space::kLps) {
       out.position_mm = flipped(out.position_mm);
@@ -139,7 +140,7 @@ private:
 };
 
 // Slicer's older format: comment lines with the coordinate system and the columns, then one point a line.
-Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
+base::Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
   Markup markup;
   markup.name = file.stem().string();
   Space space = Space::kRas; // what Slicer 4 took when the line was missing
@@ -147,18 +148,18 @@ Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
   std::string line;
   for (int line_number = 1; std::getline(in, line); ++line_number) {
     const std::string place = file.string() + ":" + std::to_string(line_number);
-    const std::string_view text = trimmed(line);
+    const std::string_view text = base::trimmed(line);
     if (text.starts_with("#")) {
       const auto equals = text.find('=');
-      const std::string value(equals == std::string_view::npos ? "" : trimmed(text.substr(equals + 1)));
+      const std::string value(equals == std::string_view::npos ? "" : base::trimmed(text.substr(equals + 1)));
       if (text.find("CoordinateSystem") != std::string::npos) {
         const auto given = space_of(value);
         if (!given) {
-          return failure(place + ": CoordinateSystem = " + value + ": must be LPS or RAS (1 or 0)");
+          return base::failure(place + ": CoordinateSystem = " + value + ": must be LPS or RAS (1 or 0)");
         }
         space = *given;
       } else if (text.find("columns") != std::string::npos) {
-        const auto names = cells(value, ',');
+        const auto names = base::cells(value, ',');
         columns.assign(names.begin(), names.end());
       }
       continue;
@@ -166,7 +167,7 @@ Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
     if (text.empty()) {
       continue;
     }
-    const std::vector<std::string_view> row = cells(text, ',');
+    const std::vector<std::string_view> row = base::cells(text, ',');
     NamedPoint point;
     for (std::size_t i = 0; i < columns.size(); ++i) {
       const std::string &name = columns[i];
@@ -177,10 +178,10 @@ Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
       if (name != "x" && name != "y" && name != "z") {
         continue;
       }
-      const auto value = parsed_number<double>(cell);
+      const auto value = base::parsed_number<double>(cell);
       if (!value || !std::isfinite(*value)) {
-        return failure(place + ": control point " + std::to_string(markup.points.size() + 1) + ": " + name + " = " +
-                       cell + ": must be a finite number");
+        return base::failure(place + ": control point " + std::to_string(markup.points.size() + 1) + ": " + name +
+                             " = " + cell + ": must be a finite number");
       }
       point.position_mm[name[0] - 'x'] = *value;
     }
@@ -215,25 +216,25 @@ Json markup_json(const char *type, const std::string &name, Json points) {
           {"controlPoints", std::move(points)}};
 }
 
-Result<void> write(const fs::path &file, Json markups) {
+base::Result<void> write(const fs::path &file, Json markups) {
   const Json document = {{"@schema", kSchema}, {"markups", std::move(markups)}};
   std::ofstream out(file, std::ios::binary);
   // Names come from outside and need not be UTF-8.
   out << document.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
   out.flush();
   if (!out) {
-    return failure(file.string() + ": cannot be written");
+    return base::failure(file.string() + ": cannot be written");
   }
   return {};
 }
 
 } // namespace
 
-Result<std::vector<Markup>> read_markups(const fs::path &file) {
+base::Result<std::vector<Markup>> read_markups(const fs::path &file) {
   std::error_code error;
   std::ifstream in(file, std::ios::binary);
   if (!in || fs::is_directory(file, error)) {
-    return failure(file.string() + ": no such file, or it cannot be read");
+    return base::failure(file.string() + ": no such file, or it cannot be read");
   }
   if (file.extension() == ".fcsv") {
     return read_fcsv(file, in);
@@ -241,11 +242,11 @@ Result<std::vector<Markup>> read_markups(const fs::path &file) {
   try {
     return JsonMarkups(file).read(Json::parse(in));
   } catch (const Json::exception &problem) {
-    return failure(file.string() + ": is not JSON: " + problem.what());
+    return base::failure(file.string() + ": is not JSON: " + problem.what());
   }
 }
 
-Result<std::vector<NamedPoint>> read_points(const fs::path &file) {
+base::Result<std::vector<NamedPoint>> read_points(const fs::path &file) {
   const auto markups = read_markups(file);
   if (!markups) {
     return tl::unexpected(markups.error());
@@ -253,15 +254,15 @@ Result<std::vector<NamedPoint>> read_points(const fs::path &file) {
   std::vector<NamedPoint> out;
   for (const Markup &markup : *markups) {
     if (markup.kind != Markup::Kind::kPoints) {
-      return failure(file.string() + ": \"" + markup.name + "\" is a " +
-                     (markup.kind == Markup::Kind::kLine ? "line" : "curve") + " where points are expected");
+      return base::failure(file.string() + ": \"" + markup.name + "\" is a " +
+                           (markup.kind == Markup::Kind::kLine ? "line" : "curve") + " where points are expected");
     }
     out.insert(out.end(), markup.points.begin(), markup.points.end());
   }
   return out;
 }
 
-Result<std::vector<Trajectory>> read_trajectories(const fs::path &file) {
+base::Result<std::vector<Trajectory>> read_trajectories(const fs::path &file) {
   const auto markups = read_markups(file);
   if (!markups) {
     return tl::unexpected(markups.error());
@@ -269,8 +270,9 @@ Result<std::vector<Trajectory>> read_trajectories(const fs::path &file) {
   std::vector<Trajectory> out;
   for (const Markup &markup : *markups) {
     if (markup.kind != Markup::Kind::kLine) {
-      return failure(file.string() + ": \"" + markup.name + "\" is a " +
-                     (markup.kind == Markup::Kind::kPoints ? "list of points" : "curve") + " where lines are expected");
+      return base::failure(file.string() + ": \"" + markup.name + "\" is a " +
+                           (markup.kind == Markup::Kind::kPoints ? "list of points" : "curve") +
+                           " where lines are expected");
     }
     const std::string name = markup.name.empty() ? file.stem().stem().string() : markup.name;
     out.push_back({name, markup.points[0].position_mm, markup.points[1].position_mm});
@@ -278,7 +280,8 @@ Result<std::vector<Trajectory>> read_trajectories(const fs::path &file) {
   return out;
 }
 
-Result<void> write_points(const fs::path &file, const std::string &list_name, std::span<const NamedPoint> points) {
+base::Result<void> write_points(const fs::path &file, const std::string &list_name,
+                                std::span<const NamedPoint> points) {
   Json control_points = Json::array();
   for (const NamedPoint &point : points) {
     control_points.push_back(control_point(control_points.size(), point.name, point.position_mm));
@@ -286,7 +289,7 @@ Result<void> write_points(const fs::path &file, const std::string &list_name, st
   return write(file, Json::array({markup_json("Fiducial", list_name, std::move(control_points))}));
 }
 
-Result<void> write_trajectories(const fs::path &file, std::span<const Trajectory> trajectories) {
+base::Result<void> write_trajectories(const fs::path &file, std::span<const Trajectory> trajectories) {
   Json markups = Json::array();
   for (const Trajectory &t : trajectories) {
     markups.push_back(markup_json("Line", t.name,

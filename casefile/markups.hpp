@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "base/result.hpp"
 #include "casefile/case.hpp"
-#include "casefile/result.hpp"
 
 namespace bregma::casefile {
 
@@ -32,22 +32,22 @@ struct MarkedCurve {
 };
 
 // Every markup of a file, in its order. Kinds other than Fiducial, Line, Curve and ClosedCurve are refused.
-[[nodiscard]] Result<std::vector<Markup>> read_markups(const std::filesystem::path &file);
+[[nodiscard]] base::Result<std::vector<Markup>> read_markups(const std::filesystem::path &file);
 
 // The points of all lists of a file, in order. Lines are refused. Labels are given as they are: load_case checks them.
-[[nodiscard]] Result<std::vector<NamedPoint>> read_points(const std::filesystem::path &file);
+[[nodiscard]] base::Result<std::vector<NamedPoint>> read_points(const std::filesystem::path &file);
 
 // Every line of a file: first control point entry, second target; the line's name, or its file's where it has none.
-[[nodiscard]] Result<std::vector<Trajectory>> read_trajectories(const std::filesystem::path &file);
+[[nodiscard]] base::Result<std::vector<Trajectory>> read_trajectories(const std::filesystem::path &file);
 
 // The curves of a .mrk.json file (a line is one of two points), or of a table .csv with the columns curve,x,y,z: the
 // rows of a name, which need not be neighbours, are its points in order; a curve whose last point is its first is
 // closed. Names must differ. The positions of a .csv file are taken as they are.
-[[nodiscard]] Result<std::vector<MarkedCurve>> read_curves(const std::filesystem::path &file);
+[[nodiscard]] base::Result<std::vector<MarkedCurve>> read_curves(const std::filesystem::path &file);
 
-[[nodiscard]] Result<void> write_points(const std::filesystem::path &file, const std::string &list_name,
-                                        std::span<const NamedPoint> points);
-[[nodiscard]] Result<void> write_trajectories(const std::filesystem::path &file,
-                                              std::span<const Trajectory> trajectories);
+[[nodiscard]] base::Result<void> write_points(const std::filesystem::path &file, const std::string &list_name,
+                                              std::span<const NamedPoint> points);
+[[nodiscard]] base::Result<void> write_trajectories(const std::filesystem::path &file,
+                                                    std::span<const Trajectory> trajectories);
 
 } // namespace bregma::casefile

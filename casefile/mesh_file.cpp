@@ -15,7 +15,7 @@ namespace bregma::casefile {
 
 namespace {
 
-using geometry::TriangleMesh;
+using surface::TriangleMesh;
 
 std::string mesh_problem(const TriangleMesh &mesh) {
   for (std::size_t i = 0; i < mesh.vertices_mm.size(); ++i) {
@@ -51,40 +51,40 @@ double volume_mm3(const TriangleMesh &mesh) {
 
 } // namespace
 
-Result<TriangleMesh> read_mesh(const std::filesystem::path &file) {
+base::Result<TriangleMesh> read_mesh(const std::filesystem::path &file) {
   std::error_code error;
   std::ifstream in(file, std::ios::binary);
   if (!in || std::filesystem::is_directory(file, error)) {
-    return failure(file.string() + ": no such file, or it cannot be read");
+    return base::failure(file.string() + ": no such file, or it cannot be read");
   }
   const std::string content(std::istreambuf_iterator<char>(in), {});
   auto mesh = detail::parse_ply(content);
   const std::string problem = mesh ? mesh_problem(*mesh) : mesh.error();
   if (!problem.empty()) {
-    return failure(file.string() + ": " + problem);
+    return base::failure(file.string() + ": " + problem);
   }
   return std::move(*mesh);
 }
 
-Result<void> write_mesh(const std::filesystem::path &file, const TriangleMesh &mesh) {
+base::Result<void> write_mesh(const std::filesystem::path &file, const TriangleMesh &mesh) {
   if (const std::string problem = mesh_problem(mesh); !problem.empty()) {
-    return failure(file.string() + ": not written: " + problem);
+    return base::failure(file.string() + ": not written: " + problem);
   }
   std::ofstream out(file, std::ios::binary);
   out << detail::to_ply(mesh);
   out.close();
   if (!out) {
-    return failure(file.string() + ": cannot be written");
+    return base::failure(file.string() + ": cannot be written");
   }
   return {};
 }
 
-Result<void> check_closed(const TriangleMesh &mesh) {
+base::Result<void> check_closed(const TriangleMesh &mesh) {
   if (mesh.triangles.empty()) {
-    return failure("the surface is empty");
+    return base::failure("the surface is empty");
   }
   if (const std::string problem = mesh_problem(mesh); !problem.empty()) {
-    return failure(problem);
+    return base::failure(problem);
   }
   // Of every directed edge there is one, and one in the other direction.
   const auto key = [](int from, int to) {
@@ -95,8 +95,9 @@ Result<void> check_closed(const TriangleMesh &mesh) {
   for (const Eigen::Vector3i &t : mesh.triangles) {
     for (int i = 0; i < 3; ++i) {
       if (++edges[key(t[i], t[(i + 1) % 3])] > 1) {
-        return failure("the surface is not oriented: two triangles run along the edge of vertices " +
-                       std::to_string(t[i]) + " and " + std::to_string(t[(i + 1) % 3]) + " in the same direction");
+        return base::failure("the surface is not oriented: two triangles run along the edge of vertices " +
+                             std::to_string(t[i]) + " and " + std::to_string(t[(i + 1) % 3]) +
+                             " in the same direction");
       }
     }
   }
@@ -106,10 +107,10 @@ Result<void> check_closed(const TriangleMesh &mesh) {
     open += edges.contains(back) ? 0 : 1;
   }
   if (open > 0) {
-    return failure("the surface is not closed: " + std::to_string(open) + " edges belong to one triangle only");
+    return base::failure("the surface is not closed: " + std::to_string(open) + " edges belong to one triangle only");
   }
   if (const double volume = volume_mm3(mesh); !(volume > 0.0)) {
-    return failure("the surface is inside out: its triangles face inwards");
+    return base::failure("the surface is inside out: its triangles face inwards");
   }
   return {};
 }

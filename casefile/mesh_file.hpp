@@ -3,17 +3,17 @@
 
 #include <filesystem>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
 // Finite vertices, indices in range, no triangle with a vertex twice.
-[[nodiscard]] Result<geometry::TriangleMesh> read_mesh(const std::filesystem::path &file);
-[[nodiscard]] Result<void> write_mesh(const std::filesystem::path &file, const geometry::TriangleMesh &mesh);
+[[nodiscard]] base::Result<surface::TriangleMesh> read_mesh(const std::filesystem::path &file);
+[[nodiscard]] base::Result<void> write_mesh(const std::filesystem::path &file, const surface::TriangleMesh &mesh);
 
 // Closed: every edge belongs to exactly two triangles, which run along it in opposite directions. And outward: of
 // positive volume. The message says what is wrong, without a name of the surface.
-[[nodiscard]] Result<void> check_closed(const geometry::TriangleMesh &mesh);
+[[nodiscard]] base::Result<void> check_closed(const surface::TriangleMesh &mesh);
 
 } // namespace bregma::casefile

@@ -10,13 +10,13 @@
 
 #include <tl/expected.hpp>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
 
 namespace bregma::casefile::detail {
 
 // The mesh, or what is wrong with the file. Indices are not checked against the vertices.
-[[nodiscard]] tl::expected<geometry::TriangleMesh, std::string> parse_ply(std::string_view content);
+[[nodiscard]] tl::expected<surface::TriangleMesh, std::string> parse_ply(std::string_view content);
 
-[[nodiscard]] std::string to_ply(const geometry::TriangleMesh &mesh); // binary little endian, single precision
+[[nodiscard]] std::string to_ply(const surface::TriangleMesh &mesh); // binary little endian, single precision
 
 } // namespace bregma::casefile::detail

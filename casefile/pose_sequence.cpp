@@ -9,9 +9,9 @@
 #include <set>
 #include <system_error>
 
+#include "base/text.hpp"
 #include "casefile/pose_text.hpp"
 #include "casefile/poses.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -42,16 +42,16 @@ class SequenceReader {
 public:
   explicit SequenceReader(const fs::path &file) { out_.file = file; }
 
-  Result<TransformSequence> read(std::istream &in) {
+  base::Result<TransformSequence> read(std::istream &in) {
     std::string line;
     bool ended = false;
     for (line_ = 1; !ended && std::getline(in, line); ++line_) {
       const std::size_t equals = line.find('=');
       if (equals == std::string::npos) {
-        return failure(place() + "is not \"field = value\": is this a PLUS sequence file?");
+        return base::failure(place() + "is not \"field = value\": is this a PLUS sequence file?");
       }
-      const std::string_view field = trimmed(std::string_view(line).substr(0, equals));
-      const std::string_view value = trimmed(std::string_view(line).substr(equals + 1));
+      const std::string_view field = base::trimmed(std::string_view(line).substr(0, equals));
+      const std::string_view value = base::trimmed(std::string_view(line).substr(equals + 1));
       ended = field == "ElementDataFile"; // the pixels follow
       if (!field.starts_with(kFramePrefix)) {
         continue;
@@ -78,20 +78,20 @@ private:
   std::string place() const { return out_.file.string() + ":" + std::to_string(line_) + ": "; }
 
   // "0012_StylusToTrackerTransform"
-  Result<void> take(std::string_view field, std::string_view value) {
+  base::Result<void> take(std::string_view field, std::string_view value) {
     std::size_t number = 0;
     const auto parsed = std::from_chars(field.data(), field.data() + field.size(), number);
     const auto digits = static_cast<std::size_t>(parsed.ptr - field.data());
     if (parsed.ec != std::errc() || digits >= field.size() || field[digits] != '_') {
-      return failure(place() + "Seq_Frame" + std::string(field) + ": has no frame number");
+      return base::failure(place() + "Seq_Frame" + std::string(field) + ": has no frame number");
     }
     RawFrame &frame = frames_[number];
     const std::string_view name = field.substr(digits + 1);
     if (name == "Timestamp") {
       const auto seconds = detail::parse_numbers(value);
       if (!seconds || seconds->size() != 1 || std::abs(seconds->front()) > 9e9) {
-        return failure(place() + "frame " + std::to_string(number) + ": Timestamp = " + std::string(value) +
-                       ": must be a time in seconds");
+        return base::failure(place() + "frame " + std::to_string(number) + ": Timestamp = " + std::string(value) +
+                             ": must be a time in seconds");
       }
       frame.time_ns = std::llround(seconds->front() * 1e9);
     } else if (name.ends_with(kStatus)) {
@@ -109,14 +109,14 @@ private:
     return {};
   }
 
-  Result<TransformSequence> finished() {
+  base::Result<TransformSequence> finished() {
     if (frames_.empty()) {
-      return failure(out_.file.string() +
-                     ": holds no frames (fields Seq_Frame0000_...): is this a PLUS sequence file?");
+      return base::failure(out_.file.string() +
+                           ": holds no frames (fields Seq_Frame0000_...): is this a PLUS sequence file?");
     }
     for (const auto &[number, raw_frame] : frames_) {
       if (!raw_frame.time_ns) {
-        return failure(out_.file.string() + ": frame " + std::to_string(number) + ": has no Timestamp");
+        return base::failure(out_.file.string() + ": frame " + std::to_string(number) + ": has no Timestamp");
       }
       SequenceFrame frame;
       frame.time_ns = *raw_frame.time_ns;
@@ -132,7 +132,7 @@ private:
     return std::move(out_);
   }
 
-  Result<SequenceFrame::Entry> finished(const Raw &raw, const std::string &name, std::size_t number) {
+  base::Result<SequenceFrame::Entry> finished(const Raw &raw, const std::string &name, std::size_t number) {
     SequenceFrame::Entry entry;
     // What the tracker itself calls invalid may hold anything, and a missing status is never good.
     if (!raw.ok.value_or(false)) {
@@ -141,11 +141,11 @@ private:
     line_ = raw.line;
     const std::string which = place() + "frame " + std::to_string(number) + ": " + name + "Transform: ";
     if (!raw.wrong.empty()) {
-      return failure(which + raw.wrong);
+      return base::failure(which + raw.wrong);
     }
     const auto pose = detail::rigid_from_rows(raw.numbers);
     if (!pose) {
-      return failure(which + pose.error());
+      return base::failure(which + pose.error());
     }
     return SequenceFrame::Entry{*pose, true};
   }
@@ -216,7 +216,7 @@ std::vector<std::string> TransformSequence::names() const {
   return {seen.begin(), seen.end()};
 }
 
-Result<PoseSeries> TransformSequence::series(std::string_view name) const {
+base::Result<PoseSeries> TransformSequence::series(std::string_view name) const {
   const std::vector<std::string> recorded = names();
   const auto wanted = ends_of(name);
   const auto chain = wanted ? find_chain(recorded, *wanted) : std::nullopt;
@@ -227,7 +227,8 @@ Result<PoseSeries> TransformSequence::series(std::string_view name) const {
     }
     const std::string problem =
         name.empty() ? "which transform is meant" : "no transform \"" + std::string(name) + "\"";
-    return failure(file.string() + ": " + problem + "; the recording has " + list + ", their inverses and chains");
+    return base::failure(file.string() + ": " + problem + "; the recording has " + list +
+                         ", their inverses and chains");
   }
   PoseSeries out;
   out.transform = std::string(name);
@@ -243,11 +244,11 @@ Result<PoseSeries> TransformSequence::series(std::string_view name) const {
   return out;
 }
 
-Result<TransformSequence> read_transform_sequence(const fs::path &file) {
+base::Result<TransformSequence> read_transform_sequence(const fs::path &file) {
   std::error_code error;
   std::ifstream in(file, std::ios::binary);
   if (!in || fs::is_directory(file, error)) {
-    return failure(file.string() + ": no such file, or it cannot be read");
+    return base::failure(file.string() + ": no such file, or it cannot be read");
   }
   return SequenceReader(file).read(in);
 }

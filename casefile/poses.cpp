@@ -13,8 +13,8 @@
 #include <archive.h>
 #include <archive_entry.h>
 
+#include "base/text.hpp"
 #include "casefile/pose_text.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile {
 
@@ -27,17 +27,19 @@ constexpr double kOrthogonality = 1e-3;
 constexpr std::size_t kMaxEntryBytes = 1 << 20;
 
 // "1378476416922755200" of "./1378476416922755200.txt".
-std::optional<std::int64_t> time_of(const fs::path &file) { return parsed_number<std::int64_t>(file.stem().string()); }
+std::optional<std::int64_t> time_of(const fs::path &file) {
+  return base::parsed_number<std::int64_t>(file.stem().string());
+}
 
 bool is_pose_file(const fs::path &file) {
   return file.extension() == ".txt" && !file.filename().string().starts_with(".");
 }
 
-Result<TimedPose> parse_pose(const std::string &content, const fs::path &file, const std::string &shown_name) {
+base::Result<TimedPose> parse_pose(const std::string &content, const fs::path &file, const std::string &shown_name) {
   const auto time_ns = time_of(file);
   if (!time_ns) {
-    return failure(shown_name +
-                   ": the file's name must be the time of the pose in ns, for example 1378476416922755200.txt");
+    return base::failure(shown_name +
+                         ": the file's name must be the time of the pose in ns, for example 1378476416922755200.txt");
   }
   std::vector<double> numbers;
   std::size_t line_start = 0;
@@ -47,33 +49,33 @@ Result<TimedPose> parse_pose(const std::string &content, const fs::path &file, c
     line_start = line_end + 1;
     const std::string place = shown_name + ":" + std::to_string(line) + ": ";
     if (!row) {
-      return failure(place + row.error());
+      return base::failure(place + row.error());
     }
     if (row->empty()) {
       continue;
     }
     if (row->size() != 4) {
-      return failure(place + "a row of the matrix has 4 numbers, this one has " + std::to_string(row->size()));
+      return base::failure(place + "a row of the matrix has 4 numbers, this one has " + std::to_string(row->size()));
     }
     numbers.insert(numbers.end(), row->begin(), row->end());
   }
   const auto pose = detail::rigid_from_rows(numbers);
   if (!pose) {
-    return failure(shown_name + ": " + pose.error());
+    return base::failure(shown_name + ": " + pose.error());
   }
   return TimedPose{*time_ns, *pose};
 }
 
-Result<PoseSeries> sorted(PoseSeries series, const fs::path &source) {
+base::Result<PoseSeries> sorted(PoseSeries series, const fs::path &source) {
   if (series.poses.empty()) {
-    return failure(source.string() + ": holds no poses (files named <time in ns>.txt with a 4x4 matrix each)");
+    return base::failure(source.string() + ": holds no poses (files named <time in ns>.txt with a 4x4 matrix each)");
   }
   std::stable_sort(series.poses.begin(), series.poses.end(),
                    [](const TimedPose &a, const TimedPose &b) { return a.time_ns < b.time_ns; });
   return series;
 }
 
-Result<PoseSeries> read_folder(const fs::path &folder) {
+base::Result<PoseSeries> read_folder(const fs::path &folder) {
   PoseSeries series;
   std::error_code error;
   std::vector<fs::path> files;
@@ -83,14 +85,14 @@ Result<PoseSeries> read_folder(const fs::path &folder) {
     }
   }
   if (error) {
-    return failure(folder.string() + ": " + error.message());
+    return base::failure(folder.string() + ": " + error.message());
   }
   std::sort(files.begin(), files.end()); // so that of several damaged files it is always the same that is named
   for (const fs::path &file : files) {
     std::ifstream in(file, std::ios::binary);
     const std::string content(std::istreambuf_iterator<char>(in), {});
     if (!in) {
-      return failure(file.string() + ": cannot be read");
+      return base::failure(file.string() + ": cannot be read");
     }
     auto pose = parse_pose(content, file, file.string());
     if (!pose) {
@@ -105,14 +107,14 @@ struct CloseArchive {
   void operator()(archive *reader) const { archive_read_free(reader); }
 };
 
-Result<PoseSeries> read_archive(const fs::path &file) {
+base::Result<PoseSeries> read_archive(const fs::path &file) {
   const std::unique_ptr<archive, CloseArchive> reader(archive_read_new());
   archive_read_support_filter_all(reader.get());
   archive_read_support_format_tar(reader.get());
   archive_read_support_format_zip(reader.get());
   const auto damaged = [&] {
     const char *text = archive_error_string(reader.get());
-    return failure(file.string() + ": cannot be read as an archive: " + (text == nullptr ? "damaged" : text));
+    return base::failure(file.string() + ": cannot be read as an archive: " + (text == nullptr ? "damaged" : text));
   };
   if (archive_read_open_filename(reader.get(), file.c_str(), std::size_t{1} << 16U) != ARCHIVE_OK) {
     return damaged();
@@ -187,18 +189,18 @@ tl::expected<NamedRigid, std::string> rigid_from_rows(const std::vector<double> 
 
 } // namespace detail
 
-Result<PoseSeries> read_pose_matrices(const fs::path &folder_or_archive) {
+base::Result<PoseSeries> read_pose_matrices(const fs::path &folder_or_archive) {
   std::error_code error;
   if (fs::is_directory(folder_or_archive, error)) {
     return read_folder(folder_or_archive);
   }
   if (!fs::exists(folder_or_archive, error)) {
-    return failure(folder_or_archive.string() + ": no such file or folder");
+    return base::failure(folder_or_archive.string() + ": no such file or folder");
   }
   return read_archive(folder_or_archive);
 }
 
-Result<PoseSeries> read_poses(const fs::path &path, std::string_view transform) {
+base::Result<PoseSeries> read_poses(const fs::path &path, std::string_view transform) {
   const std::string name = path.filename().string();
   if (!name.ends_with(".mha") && !name.ends_with(".seq")) {
     return read_pose_matrices(path);

@@ -13,7 +13,7 @@
 #include <vector>
 
 #include "algorithms/geometry/rigid3.hpp"
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
@@ -32,7 +32,7 @@ struct PoseSeries {
 
 // One .txt file a pose: four rows of four numbers; the file's name is the time in ns. A folder, or an archive (tar, in
 // any usual compression, or zip) of such files. Other files in it are not looked at.
-[[nodiscard]] Result<PoseSeries> read_pose_matrices(const std::filesystem::path &folder_or_archive);
+[[nodiscard]] base::Result<PoseSeries> read_pose_matrices(const std::filesystem::path &folder_or_archive);
 
 struct SequenceFrame {
   std::int64_t time_ns = 0; // since the start of the recording's clock
@@ -50,12 +50,12 @@ struct TransformSequence {
   [[nodiscard]] std::vector<std::string> names() const;
   // A recorded transform, its inverse, or a chain of them ("StylusToReference" from StylusToTracker and
   // ReferenceToTracker of the same frame). A frame counts as invalid when any link is.
-  [[nodiscard]] Result<PoseSeries> series(std::string_view name) const;
+  [[nodiscard]] base::Result<PoseSeries> series(std::string_view name) const;
 };
 
-[[nodiscard]] Result<TransformSequence> read_transform_sequence(const std::filesystem::path &file);
+[[nodiscard]] base::Result<TransformSequence> read_transform_sequence(const std::filesystem::path &file);
 
 // Either kind, by what the path is. transform is needed only for sequence files.
-[[nodiscard]] Result<PoseSeries> read_poses(const std::filesystem::path &path, std::string_view transform = {});
+[[nodiscard]] base::Result<PoseSeries> read_poses(const std::filesystem::path &path, std::string_view transform = {});
 
 } // namespace bregma::casefile

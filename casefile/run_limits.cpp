@@ -2,7 +2,7 @@
 
 namespace bregma::casefile {
 
-RunLimits read_run_limits(TableReader &limits) {
+RunLimits read_run_limits(base::TableReader &limits) {
   const auto number = [&limits](std::string_view key, std::string_view unit, double max) -> std::optional<double> {
     return limits.has(key) ? std::optional(limits.require_number(key, unit, 0.0, max)) : std::nullopt;
   };
@@ -27,8 +27,8 @@ RunLimits read_run_limits(TableReader &limits) {
   return out;
 }
 
-Result<RunLimits> load_run_limits(const std::filesystem::path &scenario_file) {
-  const auto document = TomlDocument::read(scenario_file);
+base::Result<RunLimits> load_run_limits(const std::filesystem::path &scenario_file) {
+  const auto document = base::TomlDocument::read(scenario_file);
   if (!document) {
     return tl::unexpected(document.error());
   }

@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <optional>
 
-#include "casefile/result.hpp"
-#include "casefile/table_reader.hpp"
+#include "base/result.hpp"
+#include "base/table_reader.hpp"
 
 namespace bregma::casefile {
 
@@ -30,9 +30,9 @@ struct RunLimits {
 };
 
 // Reads the keys of [limits]; what is wrong is kept by the reader, whose finish() the caller checks.
-[[nodiscard]] RunLimits read_run_limits(TableReader &limits);
+[[nodiscard]] RunLimits read_run_limits(base::TableReader &limits);
 
 // The [limits] of a scenario file; the rest of the file is not looked at. A file without the table has no limits.
-[[nodiscard]] Result<RunLimits> load_run_limits(const std::filesystem::path &scenario_file);
+[[nodiscard]] base::Result<RunLimits> load_run_limits(const std::filesystem::path &scenario_file);
 
 } // namespace bregma::casefile

@@ -5,9 +5,9 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "algorithms/tissue/material.hpp"
-#include "casefile/case_tissue.hpp"
-#include "casefile/toml_values.hpp"
+#include "algorithms/tissue/material/material.hpp"
+#include "base/toml_values.hpp"
+#include "case_model/case_tissue.hpp"
 
 namespace bregma::casefile::detail {
 namespace {
@@ -77,18 +77,19 @@ std::optional<CaseProblem> tissue_problem(const TissueChoice &choice) {
 }
 
 // Asks in any case, so that a key that is misspelt can be told from this one.
-std::optional<double> number_if_there(TableReader &reader, const char *key, const char *unit, double min, double max) {
+std::optional<double> number_if_there(base::TableReader &reader, const char *key, const char *unit, double min,
+                                      double max) {
   const double value = reader.number(key, min, unit, min, max);
   return reader.has(key) ? std::optional(value) : std::nullopt;
 }
 
-std::string line(const char *key, const ParameterValue &value) {
-  return std::string(key) + " = " + to_toml_text(value) + "\n";
+std::string line(const char *key, const base::ParameterValue &value) {
+  return std::string(key) + " = " + base::detail::to_toml_text(value) + "\n";
 }
 
 } // namespace
 
-CraniotomyPlan read_craniotomy(TableReader &reader) {
+CraniotomyPlan read_craniotomy(base::TableReader &reader) {
   CraniotomyPlan plan;
   plan.trajectory = reader.string("trajectory", "");
   plan.centre_mm = reader.vector3("centre_mm", plan.centre_mm);
@@ -102,7 +103,7 @@ CraniotomyPlan read_craniotomy(TableReader &reader) {
   return plan;
 }
 
-TissueChoice read_tissue(TableReader &reader) {
+TissueChoice read_tissue(base::TableReader &reader) {
   TissueChoice choice;
   choice.material = reader.require_choice("material", material_names());
   for (const Override &known : kOverrides) {
@@ -117,9 +118,10 @@ std::string tissue_tables_text(const Case &c) {
   if (c.craniotomy) {
     out += "\n# Where the skull is open: the brain is free there.\n[craniotomy]\n";
     const Eigen::Vector3d &at = c.craniotomy->centre_mm;
-    out += c.craniotomy->trajectory.empty() ? "centre_mm = [" + to_toml_text(at.x()) + ", " + to_toml_text(at.y()) +
-                                                  ", " + to_toml_text(at.z()) + "]\n"
-                                            : line("trajectory", c.craniotomy->trajectory);
+    out += c.craniotomy->trajectory.empty()
+               ? "centre_mm = [" + base::detail::to_toml_text(at.x()) + ", " + base::detail::to_toml_text(at.y()) +
+                     ", " + base::detail::to_toml_text(at.z()) + "]\n"
+               : line("trajectory", c.craniotomy->trajectory);
     out += c.craniotomy->radius_mm ? line("radius_mm", *c.craniotomy->radius_mm) : "";
   }
   if (c.tissue) {

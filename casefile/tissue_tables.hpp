@@ -4,14 +4,14 @@
 #include <optional>
 #include <string>
 
+#include "base/table_reader.hpp"
 #include "casefile/case.hpp"
 #include "casefile/case_check.hpp"
-#include "casefile/table_reader.hpp"
 
 namespace bregma::casefile::detail {
 
-[[nodiscard]] CraniotomyPlan read_craniotomy(TableReader &reader);
-[[nodiscard]] TissueChoice read_tissue(TableReader &reader);
+[[nodiscard]] CraniotomyPlan read_craniotomy(base::TableReader &reader);
+[[nodiscard]] TissueChoice read_tissue(base::TableReader &reader);
 
 // Empty where the case does not have the table.
 [[nodiscard]] std::string tissue_tables_text(const Case &c);

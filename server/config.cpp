@@ -7,8 +7,8 @@
 
 namespace bregma::server {
 
-casefile::ParameterSet declare(Config &c) {
-  casefile::ParameterSet set("bregmad");
+base::ParameterSet declare(Config &c) {
+  base::ParameterSet set("bregmad");
   set.integer("domain_id", &c.domain_id, "", 0, 230,
               "DDS domain. Processes on different domains do not see each other.");
 
@@ -135,7 +135,7 @@ std::string name_problem(const std::string &name, const std::set<std::string> &s
 
 } // namespace
 
-casefile::Result<void> check(const Config &config) {
+base::Result<void> check(const Config &config) {
   std::set<std::string> seen;
   const std::pair<const char *, const std::string *> lists[] = {{"devices.trackers", &config.devices.trackers},
                                                                 {"devices.robots", &config.devices.robots},
@@ -144,17 +144,17 @@ casefile::Result<void> check(const Config &config) {
   for (const auto &[key, list] : lists) {
     for (const std::string &name : split_names(*list)) {
       if (const std::string problem = name_problem(name, seen); !problem.empty()) {
-        return casefile::failure(std::string(key) + " = \"" + *list + "\": " + problem);
+        return base::failure(std::string(key) + " = \"" + *list + "\": " + problem);
       }
       seen.insert(name);
     }
   }
   if (split_names(config.devices.trackers).empty()) {
-    return casefile::failure("devices.trackers = \"\": at least one tracker is needed");
+    return base::failure("devices.trackers = \"\": at least one tracker is needed");
   }
   if (seen.size() > bregma_wire_MAX_DEVICES) {
-    return casefile::failure("devices: " + std::to_string(seen.size()) + " are named, at most " +
-                             std::to_string(bregma_wire_MAX_DEVICES) + " can be shown");
+    return base::failure("devices: " + std::to_string(seen.size()) + " are named, at most " +
+                         std::to_string(bregma_wire_MAX_DEVICES) + " can be shown");
   }
   return {};
 }

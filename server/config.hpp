@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "algorithms/tissue/brain_model.hpp"
-#include "casefile/case_tissue.hpp"
-#include "casefile/parameters.hpp"
-#include "casefile/result.hpp"
+#include "base/parameters.hpp"
+#include "base/result.hpp"
+#include "case_model/case_tissue.hpp"
 
 namespace bregma::server {
 
@@ -52,12 +52,12 @@ struct Config {
   struct {
     double rate_hz = 60.0;
     std::int64_t elements = 20000; // 0: no tissue model
-    double entry_edge_mm = casefile::BrainMeshOptions{}.entry_edge_mm;
+    double entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
     std::int64_t threads = 1;
     std::string material = "thesis";
     bool sliding = true;
     double gap_mm = 0.0;
-    double craniotomy_radius_mm = casefile::kCraniotomyRadius_mm;
+    double craniotomy_radius_mm = case_model::kCraniotomyRadius_mm;
     double probe_radius_mm = 3.0;
     double rupture_force_N = tissue::InsertionParameters{}.rupture_force_N;
     double cutting_force_N = tissue::InsertionParameters{}.cutting_force_N;
@@ -113,9 +113,9 @@ struct Config {
 };
 
 // The one declaration of all of them; config must outlive the set.
-[[nodiscard]] casefile::ParameterSet declare(Config &config);
+[[nodiscard]] base::ParameterSet declare(Config &config);
 // What ranges alone cannot say: names too long for the wire, a device named twice. Errors name key and value.
-[[nodiscard]] casefile::Result<void> check(const Config &config);
+[[nodiscard]] base::Result<void> check(const Config &config);
 // "A, B" -> {"A", "B"}; empty text: none.
 [[nodiscard]] std::vector<std::string> split_names(std::string_view list);
 // state.directory, or what stands for it when it is empty.

@@ -104,14 +104,14 @@ Engine::~Engine() = default;
 
 // ---- control ----
 
-casefile::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> loaded) {
+base::Result<void> Engine::use_case(std::shared_ptr<const casefile::Case> loaded) {
   std::unique_ptr<LoadedCase> fresh;
   if (loaded) {
     try {
       fresh = std::make_unique<LoadedCase>(loaded, config_.registration.correlation_length_mm,
                                            static_cast<int>(config_.trace.max_samples));
     } catch (const std::invalid_argument &error) {
-      return casefile::failure((loaded->folder / "case.toml").string() + ": " + error.what());
+      return base::failure((loaded->folder / "case.toml").string() + ": " + error.what());
     }
   }
   const CaseChanged change{++generation_, fresh.get()};

@@ -105,7 +105,7 @@ private:
     void flush();
   };
 
-  [[nodiscard]] casefile::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
+  [[nodiscard]] base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
   void send(const NavigationMessage &message) override;
   void send(const RegistrationMessage &message) override;
   void send(const MonitoringMessage &message) override;

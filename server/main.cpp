@@ -51,8 +51,8 @@ int serve(int argc, char **argv) {
   }
 
   bregma::server::Config config;
-  bregma::casefile::ParameterSet parameters = declare(config);
-  bregma::casefile::Result<void> ok;
+  bregma::base::ParameterSet parameters = declare(config);
+  bregma::base::Result<void> ok;
   if (!file.empty()) {
     ok = parameters.load(file);
   }

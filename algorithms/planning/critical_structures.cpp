@@ -14,7 +14,7 @@
 #include <fcl/narrowphase/detail/traversal/traversal_recurse.h>
 #include <fcl/narrowphase/distance.h>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 
 namespace bregma::planning {
 
@@ -28,7 +28,7 @@ using Solver = fcl::detail::GJKSolver_libccdd;
 // FCL measures between volumes: a tip is a sphere too small to matter.
 constexpr double kTipRadius_mm = 1e-6;
 
-std::shared_ptr<Mesh> to_fcl(const geometry::TriangleMesh &mesh) {
+std::shared_ptr<Mesh> to_fcl(const surface::TriangleMesh &mesh) {
   auto out = std::make_shared<Mesh>();
   out->beginModel(static_cast<int>(mesh.triangles.size()), static_cast<int>(mesh.vertices_mm.size()));
   std::vector<fcl::Triangle> triangles;
@@ -59,7 +59,7 @@ struct CriticalStructures::Structure {
   [[nodiscard]] double distance_mm(const Vector3d &p, double bound_mm) const noexcept;
 
   std::string name;
-  registration::SurfaceModel surface; // tells inside from outside
+  surface::SurfaceModel surface; // tells inside from outside
   std::shared_ptr<Mesh> mesh;
 };
 

@@ -8,13 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
 
 namespace bregma::planning {
 
 struct NamedMesh {
   std::string name;
-  geometry::TriangleMesh mesh; // closed, outward
+  surface::TriangleMesh mesh; // closed, outward
 };
 
 struct NearestStructure {

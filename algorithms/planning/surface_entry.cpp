@@ -4,14 +4,14 @@
 
 namespace bregma::planning {
 
-std::optional<Eigen::Vector3d> surface_entry(const registration::SurfaceModel &surface, const Eigen::Vector3d &from_mm,
+std::optional<Eigen::Vector3d> surface_entry(const surface::SurfaceModel &surface, const Eigen::Vector3d &from_mm,
                                              const Eigen::Vector3d &to_mm) noexcept {
   // Nothing of the surface is nearer than the nearest of it: so far one may go without missing it (sphere tracing,
   // Hart 1996). Shorter steps than this only approach it.
   constexpr double kShortest_mm = 1e-3;
   const Eigen::Vector3d way = to_mm - from_mm;
   const double length = way.norm();
-  registration::SurfacePoint nearest = surface.closest(from_mm);
+  surface::SurfacePoint nearest = surface.closest(from_mm);
   for (double gone = 0.0;;) {
     const Eigen::Vector3d at = gone < length ? Eigen::Vector3d(from_mm + gone / length * way) : to_mm;
     nearest = surface.closest(at, nearest.triangle);

@@ -7,8 +7,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
-#include "algorithms/registration/robust_points.hpp"
-#include "algorithms/registration/surface_terms.hpp"
+#include "algorithms/registration/points/robust_points.hpp"
+#include "algorithms/registration/surface/surface_terms.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/uncertainty/chi_square.hpp"
 #include "algorithms/uncertainty/tre.hpp"
@@ -36,7 +36,7 @@ double distance_mm(const ImageFromReference &a, const ImageFromReference &b, con
 } // namespace
 
 struct RegistrationEstimator::Workspace {
-  Workspace(const SurfaceModel *surface_in, const RegistrationOptions &options_in, int max_surface_samples)
+  Workspace(const surface::SurfaceModel *surface_in, const RegistrationOptions &options_in, int max_surface_samples)
       : options(options_in), surface(surface_in),
         terms(surface_in, options_in.surface_sigma_mm, options_in.correlation_length_mm, max_surface_samples) {}
 
@@ -55,7 +55,7 @@ struct RegistrationEstimator::Workspace {
   void finish(std::span<const Vector3d> targets_image_mm);
 
   RegistrationOptions options;
-  const SurfaceModel *surface;
+  const surface::SurfaceModel *surface;
   SurfaceTerms terms;
   std::array<PointPair, kMaxFiducials> pairs; // source: Reference, target: Image
   Vector3d centre = Vector3d::Zero();         // of the fiducials in Image: what the iteration turns about
@@ -253,7 +253,7 @@ void RegistrationEstimator::Workspace::finish(std::span<const Vector3d> targets_
   result.refusal = sufficient ? Refusal::kNone : Refusal::kDirectionNotFixed;
 }
 
-RegistrationEstimator::RegistrationEstimator(const SurfaceModel *surface, const RegistrationOptions &options,
+RegistrationEstimator::RegistrationEstimator(const surface::SurfaceModel *surface, const RegistrationOptions &options,
                                              int max_surface_samples)
     : workspace_(std::make_unique<Workspace>(surface, options, max_surface_samples)) {}
 RegistrationEstimator::~RegistrationEstimator() = default;

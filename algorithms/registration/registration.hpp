@@ -14,8 +14,8 @@
 #include <span>
 #include <string_view>
 
-#include "algorithms/registration/paired_points.hpp"
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/registration/points/paired_points.hpp"
+#include "algorithms/surface/surface_model.hpp"
 
 namespace bregma::registration {
 
@@ -102,7 +102,7 @@ class RegistrationEstimator {
 public:
   // surface: in Image, may be null (then samples are ignored), outlives the estimator. Samples beyond the first
   // max_surface_samples, and samples that are not finite, are ignored; so are fiducials beyond kMaxFiducials.
-  RegistrationEstimator(const SurfaceModel *surface, const RegistrationOptions &options,
+  RegistrationEstimator(const surface::SurfaceModel *surface, const RegistrationOptions &options,
                         int max_surface_samples = 2000);
   ~RegistrationEstimator();
   RegistrationEstimator(RegistrationEstimator &&) noexcept;

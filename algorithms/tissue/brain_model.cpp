@@ -7,9 +7,9 @@
 
 #include <Eigen/Geometry>
 
-#include "algorithms/registration/surface_model.hpp"
-#include "algorithms/tissue/constitutive.hpp"
-#include "algorithms/tissue/units.hpp"
+#include "algorithms/surface/surface_model.hpp"
+#include "algorithms/tissue/material/constitutive.hpp"
+#include "algorithms/tissue/material/units.hpp"
 
 namespace bregma::tissue {
 namespace {

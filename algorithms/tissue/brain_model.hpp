@@ -13,10 +13,10 @@
 #include <span>
 #include <vector>
 
-#include "algorithms/tissue/explicit_solver.hpp"
-#include "algorithms/tissue/insertion.hpp"
+#include "algorithms/tissue/contact/insertion.hpp"
+#include "algorithms/tissue/contact/skull.hpp"
 #include "algorithms/tissue/model_verdict.hpp"
-#include "algorithms/tissue/skull.hpp"
+#include "algorithms/tissue/solver/explicit_solver.hpp"
 
 namespace bregma::tissue {
 

@@ -8,9 +8,9 @@
 
 #include <Eigen/Geometry>
 
-#include "algorithms/registration/surface_model.hpp"
-#include "algorithms/tissue/falx.hpp"
-#include "algorithms/tissue/units.hpp"
+#include "algorithms/surface/surface_model.hpp"
+#include "algorithms/tissue/contact/falx.hpp"
+#include "algorithms/tissue/material/units.hpp"
 
 namespace bregma::tissue {
 namespace {

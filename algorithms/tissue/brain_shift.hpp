@@ -15,8 +15,8 @@
 #include <optional>
 #include <vector>
 
-#include "algorithms/tissue/explicit_solver.hpp"
-#include "algorithms/tissue/skull.hpp"
+#include "algorithms/tissue/contact/skull.hpp"
+#include "algorithms/tissue/solver/explicit_solver.hpp"
 
 namespace bregma::tissue {
 

@@ -6,7 +6,7 @@
 
 #include <string_view>
 
-#include "algorithms/tissue/explicit_solver.hpp"
+#include "algorithms/tissue/solver/explicit_solver.hpp"
 
 namespace bregma::tissue {
 

@@ -6,7 +6,7 @@
 #include <stdexcept>
 
 #include "algorithms/geometry/angles.hpp"
-#include "algorithms/registration/local_surface.hpp"
+#include "algorithms/registration/surface/local_surface.hpp"
 
 namespace bregma::bench {
 
@@ -31,7 +31,7 @@ std::string colour(double share) {
 
 } // namespace
 
-void draw_basin(Report &report, const Head &head, const registration::SurfaceField &field, const std::string &file,
+void draw_basin(Report &report, const Head &head, const surface::SurfaceField &field, const std::string &file,
                 int runs) {
   registration::LocalOptions options;
   options.correlation_length_mm = 0.0;

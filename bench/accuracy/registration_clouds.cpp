@@ -10,9 +10,9 @@
 #include <Eigen/Geometry>
 
 #include "algorithms/geometry/angles.hpp"
-#include "algorithms/registration/cloud_pose.hpp"
-#include "algorithms/registration/gauss_kernel.hpp"
-#include "algorithms/registration/gauss_sums.hpp"
+#include "algorithms/registration/clouds/cloud_pose.hpp"
+#include "algorithms/registration/clouds/gauss_kernel.hpp"
+#include "algorithms/registration/clouds/gauss_sums.hpp"
 #include "bench/accuracy/registration_head.hpp"
 #include "bench/accuracy/registration_parts.hpp"
 #include "bench/accuracy/registration_study.hpp"

@@ -11,8 +11,8 @@
 
 #include "algorithms/intensity/similarity.hpp"
 #include "algorithms/intensity/warp.hpp"
-#include "algorithms/registration/curves.hpp"
-#include "algorithms/registration/thin_plate_spline.hpp"
+#include "algorithms/registration/splines/curves.hpp"
+#include "algorithms/registration/splines/thin_plate_spline.hpp"
 #include "bench/accuracy/registration_parts.hpp"
 #include "bench/accuracy/registration_study.hpp"
 #include "casefile/markups.hpp"

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
-#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/registration/points/paired_points.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
 #include "bench/record.hpp"
 
 namespace bregma::bench {
@@ -15,7 +15,7 @@ using registration::PairedPose;
 using registration::Vector3d;
 
 struct Head {
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
   std::vector<Vector3d> face; // the 3,000 vertices with the largest y - 0.3 z (RAS mm): brows to chin, ear to ear
 };
 // Throws std::runtime_error when the case has no scalp.

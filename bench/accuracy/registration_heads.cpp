@@ -5,7 +5,7 @@
 #include <functional>
 #include <stdexcept>
 
-#include "algorithms/registration/global_surface.hpp"
+#include "algorithms/registration/surface/global_surface.hpp"
 #include "bench/accuracy/registration_head.hpp"
 #include "bench/accuracy/registration_parts.hpp"
 #include "casefile/surface_files/surface_file.hpp"
@@ -29,9 +29,9 @@ const std::vector<std::string> kOtherHeads{"../shared/data/images/mni/scct.nii.g
                                            "../shared/data/meshes/colin27/colin27_outer_skin_surface.asc"};
 
 // With the middle of its box in the origin, so that its sides are x < 0 and x > 0.
-geometry::TriangleMesh read_head(const std::string &file) {
+surface::TriangleMesh read_head(const std::string &file) {
   const bool image = file.ends_with(".nii.gz") || file.ends_with(".nii") || std::filesystem::is_directory(file);
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
   if (image) {
     const auto volume = casefile::read_volume(file);
     if (!volume) {
@@ -49,7 +49,7 @@ geometry::TriangleMesh read_head(const std::string &file) {
     }
     mesh = std::move(surface->mesh);
   }
-  const SurfaceModel box(mesh);
+  const surface::SurfaceModel box(mesh);
   for (Vector3d &v : mesh.vertices_mm) {
     v -= box.centre_mm();
   }
@@ -63,7 +63,7 @@ struct Counts {
   std::array<int, 6> reasons{}; // by VerdictReason
 };
 
-Counts try_region(GlobalRegistration &global, const geometry::TriangleMesh &mesh, std::size_t points, int runs,
+Counts try_region(GlobalRegistration &global, const surface::TriangleMesh &mesh, std::size_t points, int runs,
                   const std::function<bool(const Vector3d &, int)> &wanted) {
   std::mt19937 rng(kHeadSeed);
   Counts out;
@@ -95,9 +95,9 @@ std::string line(const char *region, std::size_t points, const Counts &c) {
 }
 
 void try_head(Report &report, const std::string &file, int runs) {
-  const geometry::TriangleMesh mesh = read_head(file);
-  const SurfaceModel surface(mesh);
-  const SurfaceField field(surface);
+  const surface::TriangleMesh mesh = read_head(file);
+  const surface::SurfaceModel surface(mesh);
+  const surface::SurfaceField field(surface);
   GlobalOptions options;
   options.threads = kThreads;
   GlobalRegistration global(field, options);

@@ -3,7 +3,7 @@
 #include <random>
 #include <vector>
 
-#include "algorithms/registration/robust_points.hpp"
+#include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/uncertainty/chi_square.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/accuracy/registration_parts.hpp"

@@ -4,7 +4,7 @@
 #include <random>
 #include <string>
 
-#include "algorithms/registration/spline_grid.hpp"
+#include "algorithms/registration/splines/spline_grid.hpp"
 #include "bench/accuracy/registration_parts.hpp"
 #include "bench/accuracy/registration_study.hpp"
 #include "tests/unit/algorithms/tables.hpp"

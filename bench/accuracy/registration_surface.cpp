@@ -10,7 +10,7 @@
 #include <numeric>
 
 #include "algorithms/geometry/angles.hpp"
-#include "algorithms/registration/global_surface.hpp"
+#include "algorithms/registration/surface/global_surface.hpp"
 #include "algorithms/uncertainty/chi_square.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/accuracy/registration_basin.hpp"
@@ -51,7 +51,7 @@ LocalOptions independent(double sigma_mm) {
 }
 
 // The RMSE of poses drawn from the Cramer-Rao bound of the trace: no unbiased method scatters less, whatever it does.
-void draw_from_bound(const Trace &trace, const SurfaceModel &surface, double sigma_mm, std::mt19937 &rng,
+void draw_from_bound(const Trace &trace, const surface::SurfaceModel &surface, double sigma_mm, std::mt19937 &rng,
                      std::vector<double> &rmse_mm) {
   const Vector3d middle = std::accumulate(trace.true_mm.begin(), trace.true_mm.end(), Vector3d(Vector3d::Zero())) /
                           static_cast<double>(trace.true_mm.size());
@@ -99,7 +99,7 @@ constexpr std::array<Row, 15> kTable{
      {15, 3, Noise::kDepth, 30, std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()}}};
 
 // Seed 002, table 1: random subsets of the face's vertices, from arbitrary start poses. RMSE over all of the face.
-void paper_table(Report &report, const Head &head, const SurfaceField &field, int runs) {
+void paper_table(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   report.note(
       format("seed 002, table 1: %d seeds a row from %u, start anywhere in SO(3) and 200 mm; row 15 is not in the "
              "paper. RMSE over the face's 3,000 true points, median and largest; floor: local from the truth",
@@ -146,7 +146,7 @@ void paper_table(Report &report, const Head &head, const SurfaceField &field, in
   report.add(at_most("surface.table1.wrong_as_found", wrong, "runs", 0.0));
 }
 
-void local_table(Report &report, const Head &head, const SurfaceField &field, int runs) {
+void local_table(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   report.note(format("local: %d starts 10-20 degrees and 10-20 mm off, one side of the head, noise 1 mm, seed %u; CPU "
                      "time of one thread; peer: PCL 1.13, point to plane, prebuilt tree%s",
                      runs, kSurfaceSeed, PclIcp::available() ? "" : " (NOT in this build: libpcl-dev is missing)"));
@@ -196,7 +196,7 @@ void local_table(Report &report, const Head &head, const SurfaceField &field, in
   }
 }
 
-void global_table(Report &report, const Head &head, const SurfaceField &field, int runs) {
+void global_table(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   report.note(
       format("global: %d starts over all of SO(3), one side of the head, noise 1 mm, seed %u, %d threads; floor: "
              "the local method from the true pose; bound: poses drawn from the Cramer-Rao bound",
@@ -243,7 +243,7 @@ void global_table(Report &report, const Head &head, const SurfaceField &field, i
 }
 
 // Clouds that do not fix a pose, or are no head at all.
-void degenerate(Report &report, const Head &head, const SurfaceField &field, int runs) {
+void degenerate(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   GlobalOptions options;
   options.threads = kThreads;
   GlobalRegistration global(field, options);
@@ -299,7 +299,7 @@ void degenerate(Report &report, const Head &head, const SurfaceField &field, int
 }
 
 // Does the true error at a deep target lie in the predicted 95 % as often as that says?
-void coverage(Report &report, const Head &head, const SurfaceField &field, int runs) {
+void coverage(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   constexpr double kSkinSigma_mm = 0.7;
   constexpr double kSkinLength_mm = 12.0;
   constexpr std::size_t kSamples = 200;
@@ -349,8 +349,8 @@ void surface_figures(Report &report, const RegistrationBenchOptions &options) {
   }
   const Head head = load_head(options.case_folder);
   const double begin = wall_ms();
-  const SurfaceModel surface(head.mesh);
-  const SurfaceField field(surface);
+  const surface::SurfaceModel surface(head.mesh);
+  const surface::SurfaceField field(surface);
   const GlobalRegistration prepared(field, GlobalOptions{});
   report.add(at_most("surface.prepare", wall_ms() - begin, "ms", 2000.0));
   const bool quick = options.quick;

@@ -16,8 +16,8 @@
 #include <numbers>
 #include <stdexcept>
 
-#include "algorithms/tissue/explicit_solver.hpp"
-#include "algorithms/tissue/lattice_mesh.hpp"
+#include "algorithms/tissue/mesh/lattice_mesh.hpp"
+#include "algorithms/tissue/solver/explicit_solver.hpp"
 #include "bench/accuracy/tissue_calculix_job.hpp"
 #include "bench/accuracy/tissue_parts.hpp"
 #include "casefile/mesh_file.hpp"

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "algorithms/tissue/material.hpp"
-#include "algorithms/tissue/tet_mesh.hpp"
+#include "algorithms/tissue/material/material.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
 
 namespace bregma::bench {
 

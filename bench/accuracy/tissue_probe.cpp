@@ -3,8 +3,8 @@
 #include <chrono>
 #include <cstdio>
 
-#include "algorithms/tissue/mesh_quality.hpp"
-#include "algorithms/tissue/mesh_refinement.hpp"
+#include "algorithms/tissue/mesh/mesh_quality.hpp"
+#include "algorithms/tissue/mesh/mesh_refinement.hpp"
 #include "bench/accuracy/tissue_parts.hpp"
 #include "tests/support/tissue_hertz.hpp"
 #include "tests/support/tissue_insertions.hpp"

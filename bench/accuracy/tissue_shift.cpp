@@ -9,9 +9,9 @@
 #include <stdexcept>
 #include <utility>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "algorithms/tissue/brain_shift.hpp"
-#include "algorithms/tissue/lattice_mesh.hpp"
+#include "algorithms/tissue/mesh/lattice_mesh.hpp"
 #include "bench/accuracy/tissue_parts.hpp"
 #include "bench/accuracy/tissue_shift_picture.hpp"
 #include "casefile/case.hpp"
@@ -101,7 +101,7 @@ void shift_figures(Report &report, const TissueBenchOptions &options, const std:
   tissue::LatticeMeshOptions meshing;
   meshing.tetrahedra = kTetrahedra;
   const tissue::TetMesh mesh = tissue::fill_surface(loaded->brain.mesh, meshing).mesh;
-  const registration::SurfaceModel surface(loaded->brain.mesh);
+  const surface::SurfaceModel surface(loaded->brain.mesh);
 
   BrainShiftOptions supine;
   supine.material = tissue::named_material("thesis");

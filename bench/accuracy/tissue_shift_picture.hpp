@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/tissue/tet_mesh.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
 
 namespace bregma::bench {
 

@@ -4,7 +4,7 @@
 #include <chrono>
 #include <cmath>
 
-#include "algorithms/tissue/explicit_solver.hpp"
+#include "algorithms/tissue/solver/explicit_solver.hpp"
 #include "bench/accuracy/tissue_parts.hpp"
 
 namespace bregma::bench {

@@ -9,8 +9,8 @@
 #include <stdexcept>
 #include <vector>
 
-#include "algorithms/tissue/plane_mesher.hpp"
-#include "algorithms/tissue/plane_probe.hpp"
+#include "algorithms/tissue_plane/plane_mesher.hpp"
+#include "algorithms/tissue_plane/plane_probe.hpp"
 #include "bench/accuracy/tissue_thesis_picture.hpp"
 #include "casefile/mesh_file.hpp"
 
@@ -50,7 +50,7 @@ constexpr double kCurveStep_mm = 1.0;
 constexpr int kQuickTriangles = 12'000;
 
 struct Section {
-  tissue::Outline outline;
+  tissue_plane::Outline outline;
   double z_mm = 0.0; // RAS
   double axis_y_mm = 0.0;
 };
@@ -71,33 +71,33 @@ Section section_of_brain(const std::string &case_folder) {
   Section out;
   double largest = 0.0;
   for (double z = std::ceil(low); z < high; z += 1.0) {
-    tissue::SectionPlane plane;
+    tissue_plane::SectionPlane plane;
     plane.origin_mm.z() = z;
-    const auto loops = tissue::section_of(*brain, plane);
+    const auto loops = tissue_plane::section_of(*brain, plane);
     if (loops.empty()) {
       continue;
     }
-    tissue::Outline outline = tissue::largest_outline(loops);
-    if (const double area = tissue::area_mm2(outline); area > largest) {
+    tissue_plane::Outline outline = tissue_plane::largest_outline(loops);
+    if (const double area = tissue_plane::area_mm2(outline); area > largest) {
       largest = area;
       out.outline = std::move(outline);
       out.z_mm = z;
     }
   }
   double moment = 0.0;
-  const tissue::Loop &loop = out.outline.outer;
+  const tissue_plane::Loop &loop = out.outline.outer;
   for (std::size_t i = 0; i < loop.size(); ++i) {
     const Vector2d &a = loop[i];
     const Vector2d &b = loop[(i + 1) % loop.size()];
     moment += (a.x() * b.y() - b.x() * a.y()) * (a.y() + b.y()) / 6.0;
   }
-  out.axis_y_mm = moment / tissue::area_mm2(loop);
+  out.axis_y_mm = moment / tissue_plane::area_mm2(loop);
   return out;
 }
 
 // Held to the skull, but free around the entry.
-void hold_to_skull(tissue::PlaneSolver &solver, const Vector2d &entry_mm, double channel_mm, double axis_y_mm) {
-  for (const Eigen::Vector2i &edge : tissue::boundary_of(solver.mesh())) {
+void hold_to_skull(tissue_plane::PlaneSolver &solver, const Vector2d &entry_mm, double channel_mm, double axis_y_mm) {
+  for (const Eigen::Vector2i &edge : tissue_plane::boundary_of(solver.mesh())) {
     const Vector2d &p = solver.mesh().nodes_mm[static_cast<std::size_t>(edge[0])];
     const bool in_channel =
         p.x() < entry_mm.x() + channel_mm + 1.0 && std::abs(p.y() - axis_y_mm) < 0.5 * kWidth_mm + 1.0;
@@ -110,13 +110,13 @@ void hold_to_skull(tissue::PlaneSolver &solver, const Vector2d &entry_mm, double
 struct State {
   double plane_Pa = 0.0; // (41)
   double full_Pa = 0.0;  // with the stress across
-  tissue::ProbeReading reading;
+  tissue_plane::ProbeReading reading;
 };
 
 class ThesisRun {
 public:
   ThesisRun(const Section &section, int triangles)
-      : mesh_(tissue::fill(section.outline, {.triangles = triangles, .cut_y_mm = section.axis_y_mm})),
+      : mesh_(tissue_plane::fill(section.outline, {.triangles = triangles, .cut_y_mm = section.axis_y_mm})),
         solver_(mesh_, tissue::named_material("thesis")), probe_(solver_, {.axis_y_mm = section.axis_y_mm,
                                                                            .width_mm = kWidth_mm,
                                                                            .cutting_share = kCuttingShare,
@@ -148,7 +148,7 @@ public:
     return out;
   }
 
-  [[nodiscard]] const tissue::PlaneMesh &mesh() const { return mesh_; }
+  [[nodiscard]] const tissue_plane::PlaneMesh &mesh() const { return mesh_; }
   [[nodiscard]] const Vector2d &entry_mm() const { return entry_mm_; }
   [[nodiscard]] const Vector2d &point_mm() const { return point_mm_; }
   [[nodiscard]] bool all_valid() const { return valid_; }
@@ -156,9 +156,9 @@ public:
   ThesisPicture picture;
 
 private:
-  State state(const tissue::ProbeReading &reading) {
+  State state(const tissue_plane::ProbeReading &reading) {
     valid_ = valid_ && reading.rest.valid();
-    const tissue::PlaneStress stress = solver_.stress_at(point_mm_);
+    const tissue_plane::PlaneStress stress = solver_.stress_at(point_mm_);
     return {stress.von_mises_plane(), stress.von_mises(), reading};
   }
 
@@ -192,9 +192,9 @@ private:
     return solver_.displacement_mm(nearest);
   }
 
-  tissue::PlaneMesh mesh_;
-  tissue::PlaneSolver solver_;
-  tissue::PlaneProbe probe_;
+  tissue_plane::PlaneMesh mesh_;
+  tissue_plane::PlaneSolver solver_;
+  tissue_plane::PlaneProbe probe_;
   Vector2d entry_mm_;
   Vector2d point_mm_;
   State last_;
@@ -204,8 +204,8 @@ private:
 
 // The outline with the probe's rectangle cut out of it, `depth_mm` deep from where the axis enters: the first crossing
 // of each of the rectangle's sides, from the left.
-tissue::Outline notched(const tissue::Outline &outline, const Vector2d &entry_mm, double depth_mm) {
-  const tissue::Loop &loop = outline.outer;
+tissue_plane::Outline notched(const tissue_plane::Outline &outline, const Vector2d &entry_mm, double depth_mm) {
+  const tissue_plane::Loop &loop = outline.outer;
   struct Crossing {
     std::size_t edge = 0;
     Vector2d at = Vector2d(INFINITY, 0.0);
@@ -227,7 +227,7 @@ tissue::Outline notched(const tissue::Outline &outline, const Vector2d &entry_mm
   const Crossing upper = first_crossing(entry_mm.y() + 0.5 * kWidth_mm);
   const Crossing lower = first_crossing(entry_mm.y() - 0.5 * kWidth_mm);
   const double end_x = entry_mm.x() + depth_mm;
-  tissue::Outline out;
+  tissue_plane::Outline out;
   out.holes = outline.holes;
   out.outer = {upper.at, {end_x, upper.at.y()}, {end_x, lower.at.y()}, lower.at};
   for (std::size_t i = (lower.edge + 1) % loop.size(); i != (upper.edge + 1) % loop.size(); i = (i + 1) % loop.size()) {
@@ -239,14 +239,14 @@ tissue::Outline notched(const tissue::Outline &outline, const Vector2d &entry_mm
 // The thesis' prescribed loading: nothing moves the tissue but 10 N/m^2 on the probe's boundary, its end alone (depth
 // 0) or its end and both sides in a channel of its width.
 double stress_under_pressure(const Section &section, const Vector2d &entry_mm, const Vector2d &point_mm,
-                             double depth_mm, tissue::PlaneState plane, int triangles) {
-  const tissue::Outline outline = depth_mm > 0.0 ? notched(section.outline, entry_mm, depth_mm) : section.outline;
-  const tissue::PlaneMesh mesh = tissue::fill(outline, {.triangles = triangles});
-  tissue::PlaneSolver solver(mesh, tissue::named_material("thesis"), {.state = plane});
+                             double depth_mm, tissue_plane::PlaneState plane, int triangles) {
+  const tissue_plane::Outline outline = depth_mm > 0.0 ? notched(section.outline, entry_mm, depth_mm) : section.outline;
+  const tissue_plane::PlaneMesh mesh = tissue_plane::fill(outline, {.triangles = triangles});
+  tissue_plane::PlaneSolver solver(mesh, tissue::named_material("thesis"), {.state = plane});
   hold_to_skull(solver, entry_mm, depth_mm, section.axis_y_mm);
   std::vector<Eigen::Vector2i> pressed;
   double end_mm = 0.0; // length of the pressed edges across the axis
-  for (const Eigen::Vector2i &edge : tissue::boundary_of(mesh)) {
+  for (const Eigen::Vector2i &edge : tissue_plane::boundary_of(mesh)) {
     const Vector2d &a = mesh.nodes_mm[static_cast<std::size_t>(edge[0])];
     const Vector2d &b = mesh.nodes_mm[static_cast<std::size_t>(edge[1])];
     const Vector2d middle = 0.5 * (a + b) - entry_mm;
@@ -267,9 +267,9 @@ void pressure_figures(Report &report, const Section &section, const ThesisRun &r
   report.note(
       "the thesis' loading: 10 N/m^2 on the probe's boundary (end; from (e) on end and both sides), stationary:");
   report.note("von Mises (41) at the same point; beside table 6.1");
-  for (const auto &[plane, name] : {std::pair{tissue::PlaneState::kStrain, "plane strain"},
-                                    std::pair{tissue::PlaneState::kStress, "plane stress"}}) {
-    if (quick && plane == tissue::PlaneState::kStress) {
+  for (const auto &[plane, name] : {std::pair{tissue_plane::PlaneState::kStrain, "plane strain"},
+                                    std::pair{tissue_plane::PlaneState::kStress, "plane stress"}}) {
+    if (quick && plane == tissue_plane::PlaneState::kStress) {
       continue; // the slower half
     }
     double on_surface_Pa = 0.0;
@@ -298,7 +298,7 @@ void thesis_figures(Report &report, const TissueBenchOptions &options) {
   const int triangles = options.quick ? kQuickTriangles : kTriangles;
   const Section section = section_of_brain(options.case_folder);
   ThesisRun run(section, triangles);
-  const tissue::PlaneQuality quality = tissue::quality_of(run.mesh());
+  const tissue_plane::PlaneQuality quality = tissue_plane::quality_of(run.mesh());
   char text[240];
   std::snprintf(
       text, sizeof text,
@@ -319,7 +319,7 @@ void thesis_figures(Report &report, const TissueBenchOptions &options) {
   }
   report.note("      tool m   3-D von Mises Pa   end N/m   side y+ N/m   side y- N/m   friction N/m   channel mm");
   for (std::size_t i = 0; i < kTable.size(); ++i) {
-    const tissue::ProbeReading &r = states[i].reading;
+    const tissue_plane::ProbeReading &r = states[i].reading;
     std::snprintf(text, sizeof text, "  (%c) %.3f %16.2f %11.3f %13.3f %13.3f %14.3f %12.1f", kTable[i].letter,
                   1e-3 * kTable[i].tool_mm, states[i].full_Pa, r.tip_N_m, r.plus_N_m, r.minus_N_m, r.friction_N_m,
                   r.cut_mm);

@@ -153,9 +153,9 @@ void draw_curve(std::ostream &out, const std::vector<ThesisPoint> &points, const
 
 } // namespace
 
-std::vector<int> stress_levels(const tissue::PlaneSolver &solver, const Vector2d &origin_mm) {
+std::vector<int> stress_levels(const tissue_plane::PlaneSolver &solver, const Vector2d &origin_mm) {
   std::vector<int> out(static_cast<std::size_t>(ThesisFrame::kRows * ThesisFrame::kColumns), -1);
-  const std::vector<tissue::PlaneStress> nodal = solver.nodal_stress();
+  const std::vector<tissue_plane::PlaneStress> nodal = solver.nodal_stress();
   const Vector2d corner =
       origin_mm - Vector2d(ThesisFrame::kBefore_mm, 0.5 * ThesisFrame::kRows * ThesisFrame::kPixel_mm);
   for (const Eigen::Vector3i &t : solver.mesh().triangles) {

@@ -7,7 +7,7 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/tissue/plane_solver.hpp"
+#include "algorithms/tissue_plane/plane_solver.hpp"
 
 namespace bregma::bench {
 
@@ -26,7 +26,7 @@ struct ThesisFrame {
 };
 
 // origin_mm: where the axis meets the surface at rest.
-[[nodiscard]] std::vector<int> stress_levels(const tissue::PlaneSolver &solver, const Eigen::Vector2d &origin_mm);
+[[nodiscard]] std::vector<int> stress_levels(const tissue_plane::PlaneSolver &solver, const Eigen::Vector2d &origin_mm);
 
 struct ThesisPoint {
   double tool_m = 0.0;

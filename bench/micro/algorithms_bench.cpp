@@ -18,12 +18,12 @@ using registration::Vector3d;
 constexpr unsigned kSeed = 20260301;
 constexpr int kFine = 5; // 10,242 vertices, 20,480 triangles: a case's scalp
 
-const geometry::TriangleMesh &head() {
-  static const geometry::TriangleMesh mesh = test::make_head(kFine);
+const surface::TriangleMesh &head() {
+  static const surface::TriangleMesh mesh = test::make_head(kFine);
   return mesh;
 }
-const registration::SurfaceModel &scalp() {
-  static const registration::SurfaceModel surface(head());
+const surface::SurfaceModel &scalp() {
+  static const surface::SurfaceModel surface(head());
   return surface;
 }
 

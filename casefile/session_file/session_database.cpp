@@ -45,7 +45,7 @@ void Statement::Finalize::operator()(sqlite3_stmt *handle) const noexcept { sqli
 
 void Connection::Close::operator()(sqlite3 *handle) const noexcept { sqlite3_close_v2(handle); }
 
-Result<Connection> Connection::open(const std::filesystem::path &file, OpenMode mode) {
+base::Result<Connection> Connection::open(const std::filesystem::path &file, OpenMode mode) {
   Connection connection;
   connection.file_ = file.string();
   const int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_EXRESCODE |
@@ -60,14 +60,14 @@ Result<Connection> Connection::open(const std::filesystem::path &file, OpenMode 
   return connection;
 }
 
-Result<void> Connection::execute(const char *sql) const {
+base::Result<void> Connection::execute(const char *sql) const {
   if (sqlite3_exec(handle_.get(), sql, nullptr, nullptr, nullptr) != SQLITE_OK) {
     return error();
   }
   return {};
 }
 
-Result<Statement> Connection::prepare(const char *sql) const {
+base::Result<Statement> Connection::prepare(const char *sql) const {
   sqlite3_stmt *statement = nullptr;
   if (sqlite3_prepare_v3(handle_.get(), sql, -1, SQLITE_PREPARE_PERSISTENT, &statement, nullptr) != SQLITE_OK) {
     return error();
@@ -75,9 +75,9 @@ Result<Statement> Connection::prepare(const char *sql) const {
   return Statement(statement);
 }
 
-Result<void> Connection::run(Statement &statement) const {
+base::Result<void> Connection::run(Statement &statement) const {
   const int code = statement.step();
-  Result<void> result;
+  base::Result<void> result;
   if (code != SQLITE_DONE) {
     result = error();
   }
@@ -85,7 +85,7 @@ Result<void> Connection::run(Statement &statement) const {
   return result;
 }
 
-Result<std::int64_t> Connection::integer(const char *sql) const {
+base::Result<std::int64_t> Connection::integer(const char *sql) const {
   auto statement = prepare(sql);
   if (!statement) {
     return tl::unexpected(statement.error());
@@ -98,9 +98,9 @@ Result<std::int64_t> Connection::integer(const char *sql) const {
 
 bool Connection::in_transaction() const noexcept { return sqlite3_get_autocommit(handle_.get()) == 0; }
 
-tl::unexpected<Error> Connection::error() const {
+tl::unexpected<base::Error> Connection::error() const {
   const char *text = handle_ ? sqlite3_errmsg(handle_.get()) : "out of memory";
-  return failure(file_ + ": " + text);
+  return base::failure(file_ + ": " + text);
 }
 
 } // namespace bregma::casefile::detail

@@ -10,7 +10,7 @@
 #include <string>
 #include <string_view>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 struct sqlite3;
 struct sqlite3_stmt;
@@ -47,16 +47,16 @@ enum class OpenMode { kCreate, kExisting };
 
 class Connection {
 public:
-  [[nodiscard]] static Result<Connection> open(const std::filesystem::path &file, OpenMode mode);
+  [[nodiscard]] static base::Result<Connection> open(const std::filesystem::path &file, OpenMode mode);
 
-  [[nodiscard]] Result<void> execute(const char *sql) const;
-  [[nodiscard]] Result<Statement> prepare(const char *sql) const;
+  [[nodiscard]] base::Result<void> execute(const char *sql) const;
+  [[nodiscard]] base::Result<Statement> prepare(const char *sql) const;
   // Runs a statement that gives no rows, and resets it.
-  [[nodiscard]] Result<void> run(Statement &statement) const;
-  [[nodiscard]] Result<std::int64_t> integer(const char *sql) const; // the first column of the first row
+  [[nodiscard]] base::Result<void> run(Statement &statement) const;
+  [[nodiscard]] base::Result<std::int64_t> integer(const char *sql) const; // the first column of the first row
   [[nodiscard]] bool in_transaction() const noexcept;
   // SQLite's last error as "file: what it says".
-  [[nodiscard]] tl::unexpected<Error> error() const;
+  [[nodiscard]] tl::unexpected<base::Error> error() const;
   [[nodiscard]] const std::string &file() const noexcept { return file_; }
 
 private:

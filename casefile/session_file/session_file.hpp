@@ -20,7 +20,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "idl/topics.hpp"
 
 namespace bregma::casefile {
@@ -54,18 +54,18 @@ struct RecordedTopic {
 class SessionWriter {
 public:
   // Makes a new file; one that exists is refused.
-  [[nodiscard]] static Result<SessionWriter> create(const std::filesystem::path &file);
+  [[nodiscard]] static base::Result<SessionWriter> create(const std::filesystem::path &file);
   SessionWriter(SessionWriter &&) noexcept;
   SessionWriter &operator=(SessionWriter &&) noexcept;
   ~SessionWriter(); // commits and closes; the file then stands alone, without -wal beside it
 
-  [[nodiscard]] Result<void> set_meta(std::string_view key, std::string_view value);         // replaces
-  [[nodiscard]] Result<void> attach(std::string_view name, std::span<const std::byte> body); // replaces
-  [[nodiscard]] Result<void> write(std::string_view topic, std::int64_t time_ns, std::span<const std::byte> body);
-  [[nodiscard]] Result<void> commit();
+  [[nodiscard]] base::Result<void> set_meta(std::string_view key, std::string_view value);         // replaces
+  [[nodiscard]] base::Result<void> attach(std::string_view name, std::span<const std::byte> body); // replaces
+  [[nodiscard]] base::Result<void> write(std::string_view topic, std::int64_t time_ns, std::span<const std::byte> body);
+  [[nodiscard]] base::Result<void> commit();
   void rollback() noexcept;
 
-  template <class T> [[nodiscard]] Result<void> write(std::int64_t time_ns, const T &sample) {
+  template <class T> [[nodiscard]] base::Result<void> write(std::int64_t time_ns, const T &sample) {
     static_assert(kIsRecordable<T>);
     return write(wire::Topic<T>::kName, time_ns, std::as_bytes(std::span(&sample, 1)));
   }
@@ -80,20 +80,20 @@ class SessionReader {
 public:
   // Refuses what is not a session file, and one of an unknown version. A file whose writer was killed is read up to the
   // last commit.
-  [[nodiscard]] static Result<SessionReader> open(const std::filesystem::path &file);
+  [[nodiscard]] static base::Result<SessionReader> open(const std::filesystem::path &file);
   SessionReader(SessionReader &&) noexcept;
   SessionReader &operator=(SessionReader &&) noexcept;
   ~SessionReader();
 
-  [[nodiscard]] Result<std::vector<RecordedTopic>> topics() const;
-  [[nodiscard]] Result<std::vector<MetaEntry>> meta() const;
-  [[nodiscard]] Result<std::optional<std::string>> meta(std::string_view key) const; // nullopt: no such key
-  [[nodiscard]] Result<std::vector<std::string>> attachments() const;                // their names
-  [[nodiscard]] Result<std::string> attachment(std::string_view name) const;         // an error when there is none
+  [[nodiscard]] base::Result<std::vector<RecordedTopic>> topics() const;
+  [[nodiscard]] base::Result<std::vector<MetaEntry>> meta() const;
+  [[nodiscard]] base::Result<std::optional<std::string>> meta(std::string_view key) const; // nullopt: no such key
+  [[nodiscard]] base::Result<std::vector<std::string>> attachments() const;                // their names
+  [[nodiscard]] base::Result<std::string> attachment(std::string_view name) const; // an error when there is none
 
   // Calls visit(const T &, std::int64_t time_ns) for each sample of T's topic, as recorded; returns their number, 0
   // when nothing was recorded on the topic. An error when the file's T has another size than this program's.
-  template <class T, class Visit> [[nodiscard]] Result<std::size_t> each(Visit &&visit) const {
+  template <class T, class Visit> [[nodiscard]] base::Result<std::size_t> each(Visit &&visit) const {
     static_assert(kIsRecordable<T>);
     T sample;
     const auto target = std::as_writable_bytes(std::span(&sample, 1));
@@ -105,8 +105,8 @@ private:
   struct Database;
   explicit SessionReader(std::unique_ptr<Database> database);
   // Copies each body into target, then calls visit.
-  [[nodiscard]] Result<std::size_t> each_body(std::string_view topic, std::span<std::byte> target,
-                                              const std::function<void(std::int64_t)> &visit) const;
+  [[nodiscard]] base::Result<std::size_t> each_body(std::string_view topic, std::span<std::byte> target,
+                                                    const std::function<void(std::int64_t)> &visit) const;
   std::unique_ptr<Database> database_;
 };
 

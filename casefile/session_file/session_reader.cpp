@@ -14,14 +14,15 @@ struct SessionReader::Database {
   detail::Connection connection;
 
   // Calls visit(statement) for each row.
-  template <class Visit> [[nodiscard]] Result<void> each_row(detail::Statement &statement, Visit &&visit) const {
+  template <class Visit> [[nodiscard]] base::Result<void> each_row(detail::Statement &statement, Visit &&visit) const {
     int code = SQLITE_OK;
     while ((code = statement.step()) == SQLITE_ROW) {
       visit(std::as_const(statement));
     }
-    return code == SQLITE_DONE ? Result<void>() : Result<void>(connection.error());
+    return code == SQLITE_DONE ? base::Result<void>() : base::Result<void>(connection.error());
   }
-  template <class Row, class Visit> [[nodiscard]] Result<std::vector<Row>> rows(const char *sql, Visit &&read) const {
+  template <class Row, class Visit>
+  [[nodiscard]] base::Result<std::vector<Row>> rows(const char *sql, Visit &&read) const {
     std::vector<Row> out;
     auto statement = connection.prepare(sql);
     if (!statement) {
@@ -37,10 +38,10 @@ SessionReader::SessionReader(SessionReader &&) noexcept = default;
 SessionReader &SessionReader::operator=(SessionReader &&) noexcept = default;
 SessionReader::~SessionReader() = default;
 
-Result<SessionReader> SessionReader::open(const std::filesystem::path &file) {
+base::Result<SessionReader> SessionReader::open(const std::filesystem::path &file) {
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(file, ignored)) {
-    return failure(file.string() + ": there is no such file");
+    return base::failure(file.string() + ": there is no such file");
   }
   auto connection = detail::Connection::open(file, detail::OpenMode::kExisting);
   if (!connection) {
@@ -48,22 +49,22 @@ Result<SessionReader> SessionReader::open(const std::filesystem::path &file) {
   }
   const auto id = connection->integer("PRAGMA application_id");
   if (!id) {
-    return failure(id.error().message + "; it cannot be read as a session file");
+    return base::failure(id.error().message + "; it cannot be read as a session file");
   }
   if (*id != detail::kApplicationId) {
-    return failure(file.string() + ": not a session file of Bregma");
+    return base::failure(file.string() + ": not a session file of Bregma");
   }
   const auto version = connection->integer("PRAGMA user_version");
   if (!version || *version != kSessionFileVersion) {
-    return failure(file.string() + ": session file of version " + std::to_string(version.value_or(0)) +
-                   "; this program reads version " + std::to_string(kSessionFileVersion));
+    return base::failure(file.string() + ": session file of version " + std::to_string(version.value_or(0)) +
+                         "; this program reads version " + std::to_string(kSessionFileVersion));
   }
   auto database = std::make_unique<Database>();
   database->connection = std::move(*connection);
   return SessionReader(std::move(database));
 }
 
-Result<std::vector<RecordedTopic>> SessionReader::topics() const {
+base::Result<std::vector<RecordedTopic>> SessionReader::topics() const {
   return database_->rows<RecordedTopic>(
       "SELECT name, size, (SELECT count(*) FROM sample WHERE sample.topic = topic.id) FROM topic ORDER BY name",
       [](const detail::Statement &row) {
@@ -72,13 +73,13 @@ Result<std::vector<RecordedTopic>> SessionReader::topics() const {
       });
 }
 
-Result<std::vector<MetaEntry>> SessionReader::meta() const {
+base::Result<std::vector<MetaEntry>> SessionReader::meta() const {
   return database_->rows<MetaEntry>("SELECT key, value FROM meta ORDER BY key", [](const detail::Statement &row) {
     return MetaEntry{row.text(0), row.text(1)};
   });
 }
 
-Result<std::optional<std::string>> SessionReader::meta(std::string_view key) const {
+base::Result<std::optional<std::string>> SessionReader::meta(std::string_view key) const {
   auto statement = database_->connection.prepare("SELECT value FROM meta WHERE key = ?1");
   if (!statement) {
     return tl::unexpected(statement.error());
@@ -89,12 +90,12 @@ Result<std::optional<std::string>> SessionReader::meta(std::string_view key) con
   return done.map([&] { return std::move(value); });
 }
 
-Result<std::vector<std::string>> SessionReader::attachments() const {
+base::Result<std::vector<std::string>> SessionReader::attachments() const {
   return database_->rows<std::string>("SELECT name FROM attachment ORDER BY name",
                                       [](const detail::Statement &row) { return row.text(0); });
 }
 
-Result<std::string> SessionReader::attachment(std::string_view name) const {
+base::Result<std::string> SessionReader::attachment(std::string_view name) const {
   auto statement = database_->connection.prepare("SELECT body FROM attachment WHERE name = ?1");
   if (!statement) {
     return tl::unexpected(statement.error());
@@ -106,13 +107,13 @@ Result<std::string> SessionReader::attachment(std::string_view name) const {
     return tl::unexpected(done.error());
   }
   if (!body) {
-    return failure(database_->connection.file() + ": has no attachment " + std::string(name));
+    return base::failure(database_->connection.file() + ": has no attachment " + std::string(name));
   }
   return std::move(*body);
 }
 
-Result<std::size_t> SessionReader::each_body(std::string_view topic, std::span<std::byte> target,
-                                             const std::function<void(std::int64_t)> &visit) const {
+base::Result<std::size_t> SessionReader::each_body(std::string_view topic, std::span<std::byte> target,
+                                                   const std::function<void(std::int64_t)> &visit) const {
   const std::string &file = database_->connection.file();
   auto find = database_->connection.prepare("SELECT id, size FROM topic WHERE name = ?1");
   auto select = database_->connection.prepare("SELECT time_ns, body FROM sample WHERE topic = ?1 ORDER BY id");
@@ -124,9 +125,9 @@ Result<std::size_t> SessionReader::each_body(std::string_view topic, std::span<s
     return std::size_t{0};
   }
   if (const auto size = static_cast<std::size_t>(find->integer(1)); size != target.size()) {
-    return failure(file + ": topic " + std::string(topic) + " was recorded with " + std::to_string(size) +
-                   " bytes a sample, this program's has " + std::to_string(target.size()) +
-                   ": it takes the version of Bregma that recorded it");
+    return base::failure(file + ": topic " + std::string(topic) + " was recorded with " + std::to_string(size) +
+                         " bytes a sample, this program's has " + std::to_string(target.size()) +
+                         ": it takes the version of Bregma that recorded it");
   }
   select->bind(1, find->integer(0));
   std::size_t number = 0;
@@ -145,8 +146,8 @@ Result<std::size_t> SessionReader::each_body(std::string_view topic, std::span<s
     return tl::unexpected(done.error());
   }
   if (damaged > 0) {
-    return failure(file + ": " + std::to_string(damaged) + " samples of topic " + std::string(topic) +
-                   " have not the size that the file states: it is damaged");
+    return base::failure(file + ": " + std::to_string(damaged) + " samples of topic " + std::string(topic) +
+                         " have not the size that the file states: it is damaged");
   }
   return number;
 }

@@ -41,14 +41,14 @@ struct SessionWriter::Database {
   detail::Statement attach;
   std::map<std::string, TopicEntry, std::less<>> topics; // what this or an earlier transaction has put in the table
 
-  [[nodiscard]] Result<void> prepare();
-  [[nodiscard]] Result<void> begin() const {
-    return connection.in_transaction() ? Result<void>() : connection.execute("BEGIN IMMEDIATE");
+  [[nodiscard]] base::Result<void> prepare();
+  [[nodiscard]] base::Result<void> begin() const {
+    return connection.in_transaction() ? base::Result<void>() : connection.execute("BEGIN IMMEDIATE");
   }
-  [[nodiscard]] Result<TopicEntry> topic(std::string_view name, std::size_t size);
+  [[nodiscard]] base::Result<TopicEntry> topic(std::string_view name, std::size_t size);
 };
 
-Result<void> SessionWriter::Database::prepare() {
+base::Result<void> SessionWriter::Database::prepare() {
   const std::pair<detail::Statement *, const char *> statements[] = {
       {&insert_topic, "INSERT OR IGNORE INTO topic(name, size) VALUES(?1, ?2)"},
       {&find_topic, "SELECT id, size FROM topic WHERE name = ?1"},
@@ -65,7 +65,7 @@ Result<void> SessionWriter::Database::prepare() {
   return {};
 }
 
-Result<TopicEntry> SessionWriter::Database::topic(std::string_view name, std::size_t size) {
+base::Result<TopicEntry> SessionWriter::Database::topic(std::string_view name, std::size_t size) {
   if (const auto known = topics.find(name); known != topics.end()) {
     return known->second;
   }
@@ -99,14 +99,14 @@ SessionWriter::~SessionWriter() {
   static_cast<void>(database_->connection.execute("PRAGMA journal_mode=DELETE"));
 }
 
-Result<SessionWriter> SessionWriter::create(const std::filesystem::path &file) {
+base::Result<SessionWriter> SessionWriter::create(const std::filesystem::path &file) {
   std::error_code ignored;
   if (std::filesystem::exists(file, ignored)) {
-    return failure(file.string() + ": exists already; a session file is never written over");
+    return base::failure(file.string() + ": exists already; a session file is never written over");
   }
   const auto folder = file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
   if (!std::filesystem::is_directory(folder, ignored)) {
-    return failure(file.string() + ": there is no folder " + folder.string());
+    return base::failure(file.string() + ": there is no folder " + folder.string());
   }
   auto connection = detail::Connection::open(file, detail::OpenMode::kCreate);
   if (!connection) {
@@ -126,21 +126,21 @@ Result<SessionWriter> SessionWriter::create(const std::filesystem::path &file) {
   return SessionWriter(std::move(database));
 }
 
-Result<void> SessionWriter::set_meta(std::string_view key, std::string_view value) {
+base::Result<void> SessionWriter::set_meta(std::string_view key, std::string_view value) {
   return database_->begin().and_then([&] {
     database_->set_meta.bind(1, key).bind(2, value);
     return database_->connection.run(database_->set_meta);
   });
 }
 
-Result<void> SessionWriter::attach(std::string_view name, std::span<const std::byte> body) {
+base::Result<void> SessionWriter::attach(std::string_view name, std::span<const std::byte> body) {
   return database_->begin().and_then([&] {
     database_->attach.bind(1, name).bind(2, body);
     return database_->connection.run(database_->attach);
   });
 }
 
-Result<void> SessionWriter::write(std::string_view topic, std::int64_t time_ns, std::span<const std::byte> body) {
+base::Result<void> SessionWriter::write(std::string_view topic, std::int64_t time_ns, std::span<const std::byte> body) {
   if (auto begun = database_->begin(); !begun) {
     return begun;
   }
@@ -149,15 +149,15 @@ Result<void> SessionWriter::write(std::string_view topic, std::int64_t time_ns, 
     return tl::unexpected(entry.error());
   }
   if (entry->size != body.size()) {
-    return failure(database_->connection.file() + ": topic " + std::string(topic) + " holds bodies of " +
-                   std::to_string(entry->size) + " bytes, not " + std::to_string(body.size()));
+    return base::failure(database_->connection.file() + ": topic " + std::string(topic) + " holds bodies of " +
+                         std::to_string(entry->size) + " bytes, not " + std::to_string(body.size()));
   }
   database_->insert_sample.bind(1, entry->id).bind(2, time_ns).bind(3, body);
   return database_->connection.run(database_->insert_sample);
 }
 
-Result<void> SessionWriter::commit() {
-  return database_->connection.in_transaction() ? database_->connection.execute("COMMIT") : Result<void>();
+base::Result<void> SessionWriter::commit() {
+  return database_->connection.in_transaction() ? database_->connection.execute("COMMIT") : base::Result<void>();
 }
 
 void SessionWriter::rollback() noexcept {

@@ -4,11 +4,11 @@
 
 #include <Eigen/LU>
 
+#include "base/text.hpp"
 #include "casefile/surface_files/mesh_arrays.hpp"
 #include "casefile/surface_files/number_bytes.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 #include "casefile/surface_files/text_cursor.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile::detail {
 
@@ -70,13 +70,13 @@ struct VolumeGeometry {
 Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
   VolumeGeometry out;
   int found = 0;
-  for (const std::string_view line : cells(text, '\n')) {
+  for (const std::string_view line : base::cells(text, '\n')) {
     const std::size_t equals = line.find('=');
     if (equals == std::string_view::npos) {
       continue;
     }
-    const std::string_view key = trimmed(line.substr(0, equals));
-    const std::string_view value = trimmed(line.substr(equals + 1));
+    const std::string_view key = base::trimmed(line.substr(0, equals));
+    const std::string_view value = base::trimmed(line.substr(equals + 1));
     if (key == "valid") {
       out.valid = value.starts_with('1');
     }

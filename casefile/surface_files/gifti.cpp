@@ -6,12 +6,12 @@
 #include <optional>
 #include <utility>
 
+#include "base/text.hpp"
 #include "casefile/surface_files/data_array.hpp"
 #include "casefile/surface_files/mesh_arrays.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 #include "casefile/surface_files/text_cursor.hpp"
 #include "casefile/surface_files/xml_document.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile::detail {
 
@@ -40,7 +40,7 @@ Parsed<std::vector<double>> gifti_array(const XmlElement &array, const std::stri
   if (!type) {
     return wrong_here(what + ": DataType = " + quoted(array.attribute("DataType")) + ": is not a type that is read");
   }
-  const auto rows = parsed_number<std::uint32_t>(array.attribute("Dim0"));
+  const auto rows = base::parsed_number<std::uint32_t>(array.attribute("Dim0"));
   if (!rows || array.attribute("Dim1") != "3" || array.attribute("Dimensionality") != "2") {
     return wrong_here(what + ": Dim0 = " + quoted(array.attribute("Dim0")) +
                       ", Dim1 = " + quoted(array.attribute("Dim1")) + ": must be rows of 3");

@@ -9,7 +9,7 @@ std::string range_text(std::size_t vertices) {
   return vertices == 0 ? "the file has no vertices" : "must be a vertex, 0 to " + std::to_string(vertices - 1);
 }
 
-std::string append_vertices(geometry::TriangleMesh &mesh, std::span<const double> coordinates) {
+std::string append_vertices(surface::TriangleMesh &mesh, std::span<const double> coordinates) {
   for (std::size_t i = 0; i + 2 < coordinates.size(); i += 3) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (!std::isfinite(coordinates[i + axis])) {
@@ -22,7 +22,7 @@ std::string append_vertices(geometry::TriangleMesh &mesh, std::span<const double
   return {};
 }
 
-std::string append_triangles(geometry::TriangleMesh &mesh, std::span<const double> corners, std::size_t before) {
+std::string append_triangles(surface::TriangleMesh &mesh, std::span<const double> corners, std::size_t before) {
   const auto vertices = static_cast<double>(mesh.vertices_mm.size());
   for (std::size_t i = before; i + 2 < corners.size(); i += before + 3) {
     Eigen::Vector3i triangle;

@@ -5,15 +5,15 @@
 #include <span>
 #include <string>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
 
 namespace bregma::casefile::detail {
 
 // x, y, z of every vertex. What is wrong, with the vertex and the value; empty where nothing is.
-[[nodiscard]] std::string append_vertices(geometry::TriangleMesh &mesh, std::span<const double> coordinates);
+[[nodiscard]] std::string append_vertices(surface::TriangleMesh &mesh, std::span<const double> coordinates);
 
 // Triples of corners, each after `before` numbers that are left out. The vertices must be there.
-[[nodiscard]] std::string append_triangles(geometry::TriangleMesh &mesh, std::span<const double> corners,
+[[nodiscard]] std::string append_triangles(surface::TriangleMesh &mesh, std::span<const double> corners,
                                            std::size_t before = 0);
 
 // "must be a vertex, 0 to 41"

@@ -9,7 +9,7 @@
 
 #include <tl/expected.hpp>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
 #include "casefile/space.hpp"
 
 namespace bregma::casefile::detail {
@@ -35,7 +35,7 @@ template <class T> using Parsed = tl::expected<T, Problem>;
 
 // Vertices are finite and corners lie in range; units and space are still those of the file.
 struct RawSurface {
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
   std::string format;                // "STL", ...
   std::optional<Space> space;        // that the file states
   Space assumed_space = Space::kLps; // otherwise: that of the programs which write the format

@@ -19,7 +19,7 @@ constexpr std::size_t kStlTriangle = 50;          // normal, three corners, two 
 // Joins corners at exactly the same place. STL repeats a vertex for each of its triangles.
 class VertexMerger {
 public:
-  explicit VertexMerger(geometry::TriangleMesh &mesh) : mesh_(mesh) {}
+  explicit VertexMerger(surface::TriangleMesh &mesh) : mesh_(mesh) {}
 
   int index_of(const Eigen::Vector3d &position) {
     const std::array<double, 3> key{position.x() + 0.0, position.y() + 0.0, position.z() + 0.0}; // no negative zero
@@ -40,7 +40,7 @@ private:
       return out ^ (out >> 32U);
     }
   };
-  geometry::TriangleMesh &mesh_;
+  surface::TriangleMesh &mesh_;
   std::unordered_map<std::array<double, 3>, int, Hash> known_;
 };
 

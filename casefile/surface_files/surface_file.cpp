@@ -79,7 +79,7 @@ std::string message_of(const std::filesystem::path &file, const detail::Problem 
 
 // What no reader should have let pass, and what PLY's does: not finite, corners out of range. A triangle with a vertex
 // twice has no area and is left out.
-std::string clean(geometry::TriangleMesh &mesh, std::size_t &left_out) {
+std::string clean(surface::TriangleMesh &mesh, std::size_t &left_out) {
   for (std::size_t i = 0; i < mesh.vertices_mm.size(); ++i) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
       if (const double value = mesh.vertices_mm[i][axis]; !std::isfinite(value)) {
@@ -105,20 +105,20 @@ std::string clean(geometry::TriangleMesh &mesh, std::size_t &left_out) {
 
 } // namespace
 
-Result<SurfaceFile> read_surface(const std::filesystem::path &file, const SurfaceReadOptions &options) {
+base::Result<SurfaceFile> read_surface(const std::filesystem::path &file, const SurfaceReadOptions &options) {
   std::error_code error;
   std::ifstream in(file, std::ios::binary);
   if (!in || std::filesystem::is_directory(file, error)) {
-    return failure(file.string() + ": no such file, or it cannot be read");
+    return base::failure(file.string() + ": no such file, or it cannot be read");
   }
   const std::string content(std::istreambuf_iterator<char>(in), {});
   auto raw = detail::parse_surface(content, file.filename().string());
   if (!raw) {
-    return failure(message_of(file, raw.error()));
+    return base::failure(message_of(file, raw.error()));
   }
   SurfaceFile out;
   if (const auto problem = clean(raw->mesh, out.triangles_left_out); !problem.empty()) {
-    return failure(file.string() + ": " + problem);
+    return base::failure(file.string() + ": " + problem);
   }
   out.mesh = std::move(raw->mesh);
   out.format = std::move(raw->format);
@@ -131,7 +131,7 @@ Result<SurfaceFile> read_surface(const std::filesystem::path &file, const Surfac
   if (const auto problem =
           size_problem(out.mesh.vertices_mm, options.size, options.unit, "the surface", options.unit_option);
       !problem.empty()) {
-    return failure(file.string() + ": " + problem);
+    return base::failure(file.string() + ": " + problem);
   }
   return out;
 }

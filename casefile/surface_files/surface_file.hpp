@@ -15,9 +15,9 @@
 #include <optional>
 #include <string>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "base/result.hpp"
 #include "casefile/length_unit.hpp"
-#include "casefile/result.hpp"
 #include "casefile/space.hpp"
 
 namespace bregma::casefile {
@@ -30,14 +30,14 @@ struct SurfaceReadOptions {
 };
 
 struct SurfaceFile {
-  geometry::TriangleMesh mesh;        // RAS, mm; not empty
+  surface::TriangleMesh mesh;         // RAS, mm; not empty
   std::string format;                 // "PLY", "STL", "VTK", "VTK XML", "GIFTI", "FreeSurfer"
   Space space = Space::kRas;          // of the file
   bool space_stated = false;          // by the file itself
   std::size_t triangles_left_out = 0; // which had a vertex twice
 };
 
-[[nodiscard]] Result<SurfaceFile> read_surface(const std::filesystem::path &file,
-                                               const SurfaceReadOptions &options = {});
+[[nodiscard]] base::Result<SurfaceFile> read_surface(const std::filesystem::path &file,
+                                                     const SurfaceReadOptions &options = {});
 
 } // namespace bregma::casefile

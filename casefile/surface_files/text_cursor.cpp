@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstdint>
 
+#include "base/text.hpp"
 #include "casefile/surface_files/mesh_arrays.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile::detail {
 
@@ -38,11 +38,11 @@ std::string_view TextCursor::rest_of_line() {
   line_ = next_line_;
   if (end == std::string_view::npos) {
     at_ = text_.size();
-    return trimmed(text_.substr(start));
+    return base::trimmed(text_.substr(start));
   }
   at_ = end + 1;
   ++next_line_;
-  return trimmed(text_.substr(start, end - start));
+  return base::trimmed(text_.substr(start, end - start));
 }
 
 void TextCursor::skip_to(std::size_t position) { at_ = std::clamp(position, at_, text_.size()); }
@@ -53,7 +53,7 @@ Parsed<double> TextCursor::number(const std::string &what) {
     return wrong_line(line_, "the file ends before " + what);
   }
   // A leading plus is not taken by from_chars.
-  const auto value = parsed_number<double>(text.front() == '+' ? text.substr(1) : text);
+  const auto value = base::parsed_number<double>(text.front() == '+' ? text.substr(1) : text);
   if (!value || !std::isfinite(*value)) {
     return wrong_line(line_, what + " = " + quoted(text) + ": must be a finite number");
   }
@@ -62,7 +62,7 @@ Parsed<double> TextCursor::number(const std::string &what) {
 
 Parsed<std::size_t> TextCursor::count(const std::string &what, std::size_t smallest_size) {
   const std::string_view text = word();
-  const auto value = parsed_number<std::uint32_t>(text);
+  const auto value = base::parsed_number<std::uint32_t>(text);
   if (!value) {
     return wrong_line(line_, what + " = " + quoted(text) + ": must be a whole number");
   }
@@ -89,7 +89,7 @@ Parsed<int> TextCursor::corner(const std::string &what, std::size_t vertices) {
   if (text.empty()) {
     return wrong_line(line_, "the file ends before " + what);
   }
-  const auto value = parsed_number<std::int64_t>(text);
+  const auto value = base::parsed_number<std::int64_t>(text);
   if (!value || *value < 0 || *value >= static_cast<std::int64_t>(vertices)) {
     return wrong_line(line_, what + ": corner = " + quoted(text) + ": " + range_text(vertices));
   }

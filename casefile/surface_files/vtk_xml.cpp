@@ -4,12 +4,12 @@
 #include <optional>
 #include <utility>
 
+#include "base/text.hpp"
 #include "casefile/surface_files/data_array.hpp"
 #include "casefile/surface_files/mesh_arrays.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 #include "casefile/surface_files/text_cursor.hpp"
 #include "casefile/surface_files/xml_document.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::casefile::detail {
 
@@ -122,7 +122,7 @@ private:
 
   Parsed<void> read_piece(const XmlElement &piece) {
     const auto count = [&piece](std::string_view name) {
-      return parsed_number<std::uint32_t>(piece.attribute(name)).value_or(0);
+      return base::parsed_number<std::uint32_t>(piece.attribute(name)).value_or(0);
     };
     if (count("NumberOfStrips") > 0) {
       return wrong_line(piece.line, "the surface has triangle strips, only triangles are read");
@@ -193,7 +193,7 @@ private:
     std::string_view source = array.text;
     bool base64 = true;
     if (format == "appended") {
-      const auto offset = parsed_number<std::uint64_t>(array.attribute("offset"));
+      const auto offset = base::parsed_number<std::uint64_t>(array.attribute("offset"));
       if (!offset || *offset > parts_.appended.size()) {
         return wrong_line(array.line, what + ": offset = " + quoted(array.attribute("offset")) + ": " +
                                           std::to_string(parts_.appended.size()) + " bytes are appended");

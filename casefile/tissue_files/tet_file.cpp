@@ -102,7 +102,7 @@ std::string to_text(vtkUnstructuredGrid *grid) {
   return writer->Write() == 1 ? writer->GetOutputString() : std::string();
 }
 
-Result<void> replace_whole(const fs::path &file, const std::string &content) {
+base::Result<void> replace_whole(const fs::path &file, const std::string &content) {
   const fs::path fresh = file.string() + ".new";
   errno = 0;
   std::ofstream out(fresh, std::ios::binary);
@@ -115,24 +115,24 @@ Result<void> replace_whole(const fs::path &file, const std::string &content) {
   if (!out || error) {
     std::error_code ignored;
     fs::remove(fresh, ignored);
-    return failure(file.string() + ": cannot be written" + (error ? ": " + error.message() : ""));
+    return base::failure(file.string() + ": cannot be written" + (error ? ": " + error.message() : ""));
   }
   return {};
 }
 
 } // namespace
 
-Result<void> write_tet_mesh(const fs::path &file, const tissue::TetMesh &mesh, std::span<const TetField> node_fields,
-                            std::span<const TetField> cell_fields) {
+base::Result<void> write_tet_mesh(const fs::path &file, const tissue::TetMesh &mesh,
+                                  std::span<const TetField> node_fields, std::span<const TetField> cell_fields) {
   if (const std::string problem = problem_of(mesh, node_fields, cell_fields); !problem.empty()) {
-    return failure(file.string() + ": is not written: " + problem);
+    return base::failure(file.string() + ": is not written: " + problem);
   }
   const auto grid = to_grid(mesh);
   add_fields(node_fields, grid->GetPointData());
   add_fields(cell_fields, grid->GetCellData());
   const std::string text = to_text(grid);
   if (text.empty()) {
-    return failure(file.string() + ": VTK cannot write this mesh");
+    return base::failure(file.string() + ": VTK cannot write this mesh");
   }
   return replace_whole(file, text);
 }

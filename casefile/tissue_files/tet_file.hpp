@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "algorithms/tissue/tet_mesh.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
@@ -24,8 +24,8 @@ struct TetField {
 
 // Replaces an existing file, but only by a whole one. Refuses a mesh that tissue::check refuses, fields whose number of
 // values does not fit the mesh, a name that is empty or used twice.
-[[nodiscard]] Result<void> write_tet_mesh(const std::filesystem::path &file, const tissue::TetMesh &mesh,
-                                          std::span<const TetField> node_fields = {},
-                                          std::span<const TetField> cell_fields = {});
+[[nodiscard]] base::Result<void> write_tet_mesh(const std::filesystem::path &file, const tissue::TetMesh &mesh,
+                                                std::span<const TetField> node_fields = {},
+                                                std::span<const TetField> cell_fields = {});
 
 } // namespace bregma::casefile

@@ -8,8 +8,8 @@
 
 #include <Eigen/Geometry>
 
+#include "base/text.hpp"
 #include "casefile/markups.hpp"
-#include "casefile/text.hpp"
 #include "casefile/volumes/partial_folder.hpp"
 #include "casefile/volumes/volume.hpp"
 
@@ -32,7 +32,7 @@ Progress within(const Progress &progress, double from, double to, const std::str
 }
 
 // Files as they are where they hold everything themselves, so that nothing is lost; others as NIfTI.
-Result<fs::path> store_image(const fs::path &source, const Volume &volume, const fs::path &folder) {
+base::Result<fs::path> store_image(const fs::path &source, const Volume &volume, const fs::path &folder) {
   const std::string name = source.filename().string();
   for (const std::string extension : {".nii.gz", ".nii", ".nrrd", ".mha"}) {
     if (!name.ends_with(extension) || !fs::is_regular_file(source)) {
@@ -41,7 +41,7 @@ Result<fs::path> store_image(const fs::path &source, const Volume &volume, const
     std::error_code error;
     fs::copy_file(source, folder / ("image" + extension), error);
     if (error) {
-      return failure((folder / ("image" + extension)).string() + ": cannot be written: " + error.message());
+      return base::failure((folder / ("image" + extension)).string() + ": cannot be written: " + error.message());
     }
     return folder / ("image" + extension);
   }
@@ -57,7 +57,7 @@ std::optional<std::int16_t> region_number(const std::string &region, const std::
       return static_cast<std::int16_t>(value);
     }
   }
-  const auto value = parsed_number<std::int16_t>(region);
+  const auto value = base::parsed_number<std::int16_t>(region);
   return value && *value > 0 ? value : std::nullopt;
 }
 
@@ -73,7 +73,7 @@ class CaseMaker {
 public:
   CaseMaker(const CaseSources &sources, const Progress &progress) : sources_(sources), progress_(progress) {}
 
-  Result<CreatedCase> make(const fs::path &folder) {
+  base::Result<CreatedCase> make(const fs::path &folder) {
     created_.value.id = sources_.id;
     created_.value.folder = folder;
     for (const auto stage : {&CaseMaker::read_plans, &CaseMaker::make_scalp, &CaseMaker::make_brain,
@@ -93,7 +93,7 @@ public:
 
 private:
   // Before the long work: a wrong plan should not be found out after it.
-  Result<void> read_plans() {
+  base::Result<void> read_plans() {
     Case &c = created_.value;
     for (const auto &[file, points] : {std::pair{&sources_.fiducials, &c.fiducials},
                                        {&sources_.landmarks, &c.landmarks},
@@ -128,10 +128,10 @@ private:
     return read_label_image();
   }
 
-  Result<void> read_label_image() {
+  base::Result<void> read_label_image() {
     if (sources_.labels.empty()) {
-      return sources_.structures.empty() ? Result<void>()
-                                         : failure("structures are asked for, but there is no label image");
+      return sources_.structures.empty() ? base::Result<void>()
+                                         : base::failure("structures are asked for, but there is no label image");
     }
     auto labels = read_labels(sources_.labels);
     if (!labels) {
@@ -154,8 +154,9 @@ private:
       for (const std::string &region : request.regions) {
         const auto number = region_number(region, names_);
         if (!number) {
-          return failure(sources_.labels.string() + ": structure \"" + request.name + "\": there is no region \"" +
-                         region + "\" in " + (names_.empty() ? "it; no names are known" : file.string()));
+          return base::failure(sources_.labels.string() + ": structure \"" + request.name +
+                               "\": there is no region \"" + region + "\" in " +
+                               (names_.empty() ? "it; no names are known" : file.string()));
         }
         regions.push_back(*number);
       }
@@ -164,7 +165,7 @@ private:
     return {};
   }
 
-  Result<void> make_scalp() {
+  base::Result<void> make_scalp() {
     const auto image = read_volume(sources_.image, sources_.series);
     if (!image) {
       return tl::unexpected(image.error());
@@ -181,7 +182,7 @@ private:
                 created_.value.scalp);
   }
 
-  Result<void> make_brain() {
+  base::Result<void> make_brain() {
     const auto image = read_volume(sources_.brain);
     if (!image) {
       return tl::unexpected(image.error());
@@ -194,7 +195,7 @@ private:
                 "brain", sources_.brain, created_.value.brain);
   }
 
-  Result<void> make_structures() {
+  base::Result<void> make_structures() {
     SurfaceOptions options;
     options.closing_mm = 1.0;
     options.blur_mm = 0.7; // a thin gyrus would lose its edges to more
@@ -215,7 +216,7 @@ private:
     return {};
   }
 
-  Result<void> snap() {
+  base::Result<void> snap() {
     for (auto *points : {&created_.value.fiducials, &created_.value.landmarks}) {
       if (!sources_.snap) {
         continue;
@@ -227,10 +228,10 @@ private:
     return {};
   }
 
-  Result<void> keep(Result<ExtractedSurface> extracted, const std::string &name, const fs::path &source,
-                    Surface &surface) {
+  base::Result<void> keep(base::Result<ExtractedSurface> extracted, const std::string &name, const fs::path &source,
+                          Surface &surface) {
     if (!extracted) {
-      return failure(source.string() + ": surface \"" + name + "\": " + extracted.error().message);
+      return base::failure(source.string() + ": surface \"" + name + "\": " + extracted.error().message);
     }
     surface = {name, std::move(extracted->mesh)};
     created_.surfaces.push_back({name, static_cast<int>(surface.mesh.vertices_mm.size()), extracted->report});
@@ -247,7 +248,7 @@ private:
 
 } // namespace
 
-Result<StructureRequest> parse_structure(const std::string &text) {
+base::Result<StructureRequest> parse_structure(const std::string &text) {
   StructureRequest request;
   const std::size_t equals = text.find('=');
   request.name = text.substr(0, equals);
@@ -260,7 +261,7 @@ Result<StructureRequest> parse_structure(const std::string &text) {
   const bool empty =
       std::any_of(request.regions.begin(), request.regions.end(), [](const auto &r) { return r.empty(); });
   if (request.name.empty() || empty) {
-    return failure("structure \"" + text + "\": must be Region or Name=Region,Region,...");
+    return base::failure("structure \"" + text + "\": must be Region or Name=Region,Region,...");
   }
   return request;
 }
@@ -283,8 +284,8 @@ std::vector<StructureRequest> aal_critical_structures() {
   return requests;
 }
 
-Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sources, bool replace,
-                                const Progress &progress) {
+base::Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sources, bool replace,
+                                      const Progress &progress) {
   auto partial = PartialFolder::beside(folder, replace);
   if (!partial) {
     return tl::unexpected(partial.error());
@@ -294,7 +295,7 @@ Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sourc
     return created;
   }
   if (progress && !progress(1.0, "done")) {
-    return failure("stopped");
+    return base::failure("stopped");
   }
   if (auto placed = partial->put_in_place(); !placed) {
     return tl::unexpected(placed.error());
@@ -304,7 +305,8 @@ Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sourc
   return created;
 }
 
-Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, const Surface &surface, double max_mm) {
+base::Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, const Surface &surface,
+                                                    double max_mm) {
   std::vector<Eigen::Vector3d> places;
   places.reserve(points.size());
   for (const NamedPoint &point : points) {
@@ -318,8 +320,8 @@ Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, c
     if (!(moves.back().moved_mm <= max_mm)) {
       std::array<char, 64> text{};
       std::snprintf(text.data(), text.size(), "%.1f mm", moves.back().moved_mm);
-      return failure("\"" + points[at].name + "\" lies " + text.data() + " from the " + surface.name +
-                     ", too far to be moved onto it");
+      return base::failure("\"" + points[at].name + "\" lies " + text.data() + " from the " + surface.name +
+                           ", too far to be moved onto it");
     }
     snapped[at].position_mm = nearest[at];
   }

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "base/result.hpp"
 #include "casefile/case.hpp"
-#include "casefile/result.hpp"
 #include "casefile/volumes/surface.hpp"
 
 namespace bregma::casefile {
@@ -19,7 +19,7 @@ struct StructureRequest {
 };
 
 // "Name=Region,Region" or "Region", which is then the structure's name as well.
-[[nodiscard]] Result<StructureRequest> parse_structure(const std::string &text);
+[[nodiscard]] base::Result<StructureRequest> parse_structure(const std::string &text);
 
 // What is critical in the naming of the AAL atlas: precentral gyri, occipital lobes, Heschl's gyri, each side apart.
 [[nodiscard]] std::vector<StructureRequest> aal_critical_structures();
@@ -56,8 +56,8 @@ struct CreatedCase {
 
 // Makes `folder`, whole or not at all: it is written beside it under a hidden name and then renamed. An existing folder
 // is replaced only if `replace` is set and it holds a case.toml; its sessions/ are taken over. Blocks for some seconds.
-[[nodiscard]] Result<CreatedCase> create_case(const std::filesystem::path &folder, const CaseSources &sources,
-                                              bool replace, const Progress &progress = {});
+[[nodiscard]] base::Result<CreatedCase> create_case(const std::filesystem::path &folder, const CaseSources &sources,
+                                                    bool replace, const Progress &progress = {});
 
 struct SnappedPoint {
   std::string name;
@@ -66,7 +66,7 @@ struct SnappedPoint {
 
 // Moves the points to the nearest place on the surface; refuses a point that lies farther away than max_mm and names
 // it.
-[[nodiscard]] Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points, const Surface &surface,
-                                                            double max_mm);
+[[nodiscard]] base::Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points,
+                                                                  const Surface &surface, double max_mm);
 
 } // namespace bregma::casefile

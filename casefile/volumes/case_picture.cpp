@@ -10,7 +10,7 @@ constexpr Colour kLandmark{20, 160, 150};
 constexpr Colour kTarget{230, 30, 40};
 constexpr Colour kTrajectory{25, 25, 25};
 
-SceneMesh layer(const geometry::TriangleMesh &mesh, const Colour &colour, double opacity) {
+SceneMesh layer(const surface::TriangleMesh &mesh, const Colour &colour, double opacity) {
   SceneMesh out;
   out.mesh = &mesh;
   out.vertex_colours = {colour};

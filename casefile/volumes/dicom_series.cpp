@@ -54,7 +54,7 @@ std::vector<double> numbers(const itk::MetaDataDictionary &tags, const std::stri
   return values;
 }
 
-Result<Slice> read_slice(const fs::path &folder, const std::string &file) {
+base::Result<Slice> read_slice(const fs::path &folder, const std::string &file) {
   auto io = itk::GDCMImageIO::New();
   io->SetFileName(file);
   io->ReadImageInformation();
@@ -62,18 +62,19 @@ Result<Slice> read_slice(const fs::path &folder, const std::string &file) {
   slice.file = file;
   slice.name = fs::path(file).filename().string();
   if (io->GetNumberOfDimensions() > 2 && io->GetDimensions(2) > 1) {
-    return failure(series_error(folder, "holds a multi-frame file (" + slice.name +
-                                            "); its slices' positions cannot be checked, convert it to single slices"));
+    return base::failure(
+        series_error(folder, "holds a multi-frame file (" + slice.name +
+                                 "); its slices' positions cannot be checked, convert it to single slices"));
   }
   if (io->GetNumberOfComponents() != 1) {
-    return failure(series_error(folder, "is in colour (" + slice.name + "); a scalar image is needed"));
+    return base::failure(series_error(folder, "is in colour (" + slice.name + "); a scalar image is needed"));
   }
   const auto position = numbers(io->GetMetaDataDictionary(), "0020|0032");
   const auto orientation = numbers(io->GetMetaDataDictionary(), "0020|0037");
   const auto spacing = numbers(io->GetMetaDataDictionary(), "0028|0030");
   if (position.size() != 3 || orientation.size() != 6 || spacing.size() != 2) {
-    return failure(series_error(folder, "does not say where its slices lie: " + slice.name +
-                                            " lacks Image Position, Image Orientation or Pixel Spacing"));
+    return base::failure(series_error(folder, "does not say where its slices lie: " + slice.name +
+                                                  " lacks Image Position, Image Orientation or Pixel Spacing"));
   }
   slice.position_mm = Eigen::Map<const Eigen::Vector3d>(position.data());
   slice.row = Eigen::Map<const Eigen::Vector3d>(orientation.data());
@@ -82,25 +83,25 @@ Result<Slice> read_slice(const fs::path &folder, const std::string &file) {
   slice.size = {static_cast<std::int64_t>(io->GetDimensions(0)), static_cast<std::int64_t>(io->GetDimensions(1))};
   if (!(std::abs(slice.row.norm() - 1.0) < 1e-3 && std::abs(slice.column.norm() - 1.0) < 1e-3 &&
         std::abs(slice.row.dot(slice.column)) < 1e-3 && slice.position_mm.allFinite())) {
-    return failure(series_error(folder, "has a slice (" + slice.name +
-                                            ") whose orientation is not two unit vectors at "
-                                            "right angles"));
+    return base::failure(series_error(folder, "has a slice (" + slice.name +
+                                                  ") whose orientation is not two unit vectors at "
+                                                  "right angles"));
   }
   return slice;
 }
 
 // All slices in one frame; sorted along the normal.
-Result<void> check_alike(const fs::path &folder, std::vector<Slice> &slices) {
+base::Result<void> check_alike(const fs::path &folder, std::vector<Slice> &slices) {
   const Slice &first = slices.front();
   const Eigen::Vector3d normal = first.row.cross(first.column).normalized();
   for (Slice &slice : slices) {
     const std::string pair = " (" + first.name + " and " + slice.name + ")";
     if (slice.size != first.size || (slice.spacing_mm - first.spacing_mm).norm() > 1e-4 * first.spacing_mm.norm()) {
-      return failure(series_error(folder, "has slices of different size or pixel spacing" + pair));
+      return base::failure(series_error(folder, "has slices of different size or pixel spacing" + pair));
     }
     if ((slice.row - first.row).norm() > kOrientationTolerance ||
         (slice.column - first.column).norm() > kOrientationTolerance) {
-      return failure(series_error(folder, "has slices of different orientation" + pair));
+      return base::failure(series_error(folder, "has slices of different orientation" + pair));
     }
     slice.depth_mm = normal.dot(slice.position_mm);
   }
@@ -114,7 +115,7 @@ struct Stack {
 };
 
 // What is wrong with the slices' places, all of it in one sentence.
-Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> &slices) {
+base::Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> &slices) {
   std::vector<double> gaps;
   for (std::size_t at = 1; at < slices.size(); ++at) {
     gaps.push_back(slices[at].depth_mm - slices[at - 1].depth_mm);
@@ -124,8 +125,8 @@ Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> &slice
   const double median = sorted[sorted.size() / 2];
   if (sorted.front() <= 1e-3) {
     const auto at = static_cast<std::size_t>(std::min_element(gaps.begin(), gaps.end()) - gaps.begin());
-    return failure(series_error(folder, "has two slices in the same place (" + slices[at].name + " and " +
-                                            slices[at + 1].name + "): several acquisitions in one series?"));
+    return base::failure(series_error(folder, "has two slices in the same place (" + slices[at].name + " and " +
+                                                  slices[at + 1].name + "): several acquisitions in one series?"));
   }
 
   std::string wrong;
@@ -150,35 +151,36 @@ Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> &slice
              " degrees";
   }
   if (!wrong.empty()) {
-    return failure(series_error(folder, wrong + ". It must be resampled to an even, straight grid before it is used"));
+    return base::failure(
+        series_error(folder, wrong + ". It must be resampled to an even, straight grid before it is used"));
   }
   return Stack{normal, along.norm() / static_cast<double>(gaps.size())};
 }
 
-Result<std::vector<std::string>> files_of(const fs::path &folder, const std::string &series) {
+base::Result<std::vector<std::string>> files_of(const fs::path &folder, const std::string &series) {
   auto names = itk::GDCMSeriesFileNames::New();
   names->SetInputDirectory(folder.string());
   const std::vector<std::string> found = names->GetSeriesUIDs();
   if (found.empty()) {
-    return failure(folder.string() + ": the folder holds no DICOM images");
+    return base::failure(folder.string() + ": the folder holds no DICOM images");
   }
   std::string list;
   for (const std::string &uid : found) {
     list += (list.empty() ? "" : ", ") + uid;
   }
   if (series.empty() && found.size() > 1) {
-    return failure(folder.string() + ": the folder holds " + std::to_string(found.size()) +
-                   " DICOM series, choose one of: " + list);
+    return base::failure(folder.string() + ": the folder holds " + std::to_string(found.size()) +
+                         " DICOM series, choose one of: " + list);
   }
   if (!series.empty() && std::find(found.begin(), found.end(), series) == found.end()) {
-    return failure(folder.string() + ": the folder holds no DICOM series " + series + ", only: " + list);
+    return base::failure(folder.string() + ": the folder holds no DICOM series " + series + ", only: " + list);
   }
   return names->GetFileNames(series.empty() ? found.front() : series);
 }
 
 } // namespace
 
-Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::string &series) {
+base::Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::string &series) {
   gdcm::Trace::WarningOff(); // what matters comes back as an Error
   gdcm::Trace::ErrorOff();
   const auto files = files_of(folder, series);
@@ -194,7 +196,8 @@ Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::
     slices.push_back(std::move(*slice));
   }
   if (slices.size() < 3) {
-    return failure(series_error(folder, "has " + std::to_string(slices.size()) + " slices, a volume needs three"));
+    return base::failure(
+        series_error(folder, "has " + std::to_string(slices.size()) + " slices, a volume needs three"));
   }
   if (auto alike = check_alike(folder, slices); !alike) {
     return tl::unexpected(alike.error());
@@ -205,7 +208,8 @@ Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::
   }
   const auto voxels = slices.front().size[0] * slices.front().size[1] * static_cast<std::int64_t>(slices.size());
   if (voxels > kMaxVoxels) {
-    return failure(series_error(folder, "is too large: " + std::to_string(voxels) + " voxels, at most 2^30 are read"));
+    return base::failure(
+        series_error(folder, "is too large: " + std::to_string(voxels) + " voxels, at most 2^30 are read"));
   }
 
   auto reader = itk::ImageSeriesReader<ItkVolume>::New();

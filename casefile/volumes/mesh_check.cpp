@@ -16,7 +16,7 @@ struct HalfEdge {
   [[nodiscard]] std::pair<int, int> edge() const { return std::minmax({from, to}); }
 };
 
-std::vector<HalfEdge> half_edges_of(const geometry::TriangleMesh &mesh) {
+std::vector<HalfEdge> half_edges_of(const surface::TriangleMesh &mesh) {
   std::vector<HalfEdge> edges;
   edges.reserve(3 * mesh.triangles.size());
   for (const Eigen::Vector3i &t : mesh.triangles) {
@@ -29,7 +29,7 @@ std::vector<HalfEdge> half_edges_of(const geometry::TriangleMesh &mesh) {
 }
 
 // Each edge with two triangles is `closed`; that they run along it in opposite directions is `oriented`.
-void check_edges(const geometry::TriangleMesh &mesh, MeshCheck &check) {
+void check_edges(const surface::TriangleMesh &mesh, MeshCheck &check) {
   const std::vector<HalfEdge> edges = half_edges_of(mesh);
   check.closed = !edges.empty();
   check.oriented = !edges.empty();
@@ -45,7 +45,7 @@ void check_edges(const geometry::TriangleMesh &mesh, MeshCheck &check) {
 }
 
 // Around each vertex the triangles lead from one neighbour to the next; one round trip over all of them is a fan.
-bool has_single_fans(const geometry::TriangleMesh &mesh) {
+bool has_single_fans(const surface::TriangleMesh &mesh) {
   struct Link {
     int vertex, from, to;
   };
@@ -75,7 +75,7 @@ bool has_single_fans(const geometry::TriangleMesh &mesh) {
   return true;
 }
 
-int count_components(const geometry::TriangleMesh &mesh) {
+int count_components(const surface::TriangleMesh &mesh) {
   std::vector<int> parent(mesh.vertices_mm.size());
   std::iota(parent.begin(), parent.end(), 0);
   const auto root = [&parent](int v) {
@@ -102,7 +102,7 @@ int count_components(const geometry::TriangleMesh &mesh) {
 
 } // namespace
 
-MeshCheck check_mesh(const geometry::TriangleMesh &mesh) {
+MeshCheck check_mesh(const surface::TriangleMesh &mesh) {
   MeshCheck check;
   const auto count = static_cast<int>(mesh.vertices_mm.size());
   const bool valid = std::all_of(mesh.triangles.begin(), mesh.triangles.end(), [count](const Eigen::Vector3i &t) {

@@ -44,23 +44,23 @@ std::string header_field(const itk::ImageIOBase &io, const std::string &key) {
 
 } // namespace
 
-Result<void> check_nifti_size(const fs::path &path, const itk::ImageIOBase &io) {
+base::Result<void> check_nifti_size(const fs::path &path, const itk::ImageIOBase &io) {
   // zlib reads files that are not compressed as they are.
   const std::unique_ptr<gzFile_s, int (*)(gzFile)> file(gzopen(path.c_str(), "rb"), gzclose);
   std::array<char, kHeaderBytes> header{};
   if (!file || gzread(file.get(), header.data(), kHeaderBytes) != static_cast<int>(kHeaderBytes)) {
-    return failure(file_error(path, "has no whole NIfTI header"));
+    return base::failure(file_error(path, "has no whole NIfTI header"));
   }
   const bool swapped = field<std::int32_t>(header, 0, false) != static_cast<std::int32_t>(kHeaderBytes);
   if (field<std::int32_t>(header, 0, swapped) != static_cast<std::int32_t>(kHeaderBytes) ||
       std::memcmp(header.data() + kMagicAt, "n+1", 4) != 0) {
-    return failure(file_error(path, "is not a single-file NIfTI-1 image (.nii, .nii.gz)"));
+    return base::failure(file_error(path, "is not a single-file NIfTI-1 image (.nii, .nii.gz)"));
   }
   const auto dimensions = field<std::int16_t>(header, kDimensionsAt, swapped);
   for (std::size_t axis = 1; axis <= static_cast<std::size_t>(std::clamp<std::int16_t>(dimensions, 0, 7)); ++axis) {
     if (const auto size = field<std::int16_t>(header, kDimensionsAt + 2 * axis, swapped); size < 1) {
-      return failure(file_error(path, "the image is empty: " + std::to_string(size) + " voxels along axis " +
-                                          std::to_string(axis)));
+      return base::failure(file_error(path, "the image is empty: " + std::to_string(size) + " voxels along axis " +
+                                                std::to_string(axis)));
     }
   }
   const auto start = static_cast<double>(field<float>(header, kVoxelsStartAt, swapped));
@@ -76,20 +76,20 @@ Result<void> check_nifti_size(const fs::path &path, const itk::ImageIOBase &io) 
   int state = Z_OK;
   gzerror(file.get(), &state);
   if (state != Z_OK) {
-    return failure(file_error(path, "is damaged: its compressed data ends early or does not match its checksum"));
+    return base::failure(file_error(path, "is damaged: its compressed data ends early or does not match its checksum"));
   }
   if (!(start >= kHeaderBytes) || found < needed) {
-    return failure(file_error(path, "is damaged: it holds " + shown(found, 0) + " bytes, its header asks for " +
-                                        shown(needed, 0)));
+    return base::failure(file_error(path, "is damaged: it holds " + shown(found, 0) + " bytes, its header asks for " +
+                                              shown(needed, 0)));
   }
   return {};
 }
 
-Result<void> check_nifti_placement(const fs::path &path, const itk::ImageIOBase &io, const ItkVolume &image) {
+base::Result<void> check_nifti_placement(const fs::path &path, const itk::ImageIOBase &io, const ItkVolume &image) {
   const std::string qform = header_field(io, "qform_code");
   const std::string sform = header_field(io, "sform_code");
   if (qform.starts_with('0') && sform.starts_with('0')) {
-    return failure(file_error(path, "states no orientation (qform_code and sform_code are both 0)"));
+    return base::failure(file_error(path, "states no orientation (qform_code and sform_code are both 0)"));
   }
   if (sform.empty() || sform.starts_with('0')) {
     return {};
@@ -100,7 +100,7 @@ Result<void> check_nifti_placement(const fs::path &path, const itk::ImageIOBase 
     std::istringstream text(header_field(io, rows[row]));
     for (int column = 0; column < 4; ++column) {
       if (!(text >> stated(row, column))) {
-        return failure(file_error(path, std::string(rows[row]) + " of the header is not four numbers"));
+        return base::failure(file_error(path, std::string(rows[row]) + " of the header is not four numbers"));
       }
     }
   }
@@ -114,8 +114,9 @@ Result<void> check_nifti_placement(const fs::path &path, const itk::ImageIOBase 
     apart = std::max(apart, ((stated - ras_from_index(image)) * index).norm());
   }
   if (!(apart <= kPlacementTolerance_mm * std::max(1.0, last.norm() / 100.0))) {
-    return failure(file_error(path, "its sform is sheared or contradicts its qform: a corner of the image would lie " +
-                                        shown(apart, 2) + " mm apart; resample the image to one of them"));
+    return base::failure(
+        file_error(path, "its sform is sheared or contradicts its qform: a corner of the image would lie " +
+                             shown(apart, 2) + " mm apart; resample the image to one of them"));
   }
   return {};
 }

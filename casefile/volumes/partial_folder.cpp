@@ -12,17 +12,17 @@ namespace fs = std::filesystem;
 
 namespace {
 
-Result<void> check_place(const fs::path &folder, bool replace) {
+base::Result<void> check_place(const fs::path &folder, bool replace) {
   std::error_code error;
   const bool is_folder = fs::is_directory(folder, error);
   if (!fs::exists(folder, error) || (is_folder && fs::is_empty(folder, error))) {
     return {};
   }
   if (!is_folder || !fs::exists(folder / "case.toml", error)) {
-    return failure(folder.string() + ": exists and is not a case; it is left alone");
+    return base::failure(folder.string() + ": exists and is not a case; it is left alone");
   }
   if (!replace) {
-    return failure(folder.string() + ": there is a case already; --force replaces it and keeps its sessions");
+    return base::failure(folder.string() + ": there is a case already; --force replaces it and keeps its sessions");
   }
   return {};
 }
@@ -44,7 +44,7 @@ PartialFolder::~PartialFolder() {
   }
 }
 
-Result<PartialFolder> PartialFolder::beside(const fs::path &folder, bool replace) {
+base::Result<PartialFolder> PartialFolder::beside(const fs::path &folder, bool replace) {
   const fs::path place = fs::absolute(folder / "").lexically_normal().parent_path(); // without a slash at its end
   if (auto free = check_place(place, replace); !free) {
     return tl::unexpected(free.error());
@@ -53,12 +53,12 @@ Result<PartialFolder> PartialFolder::beside(const fs::path &folder, bool replace
   std::error_code error;
   fs::create_directories(partial.path_, error);
   if (error) {
-    return failure(partial.path_.string() + ": cannot be made: " + error.message());
+    return base::failure(partial.path_.string() + ": cannot be made: " + error.message());
   }
   return partial;
 }
 
-Result<void> PartialFolder::put_in_place() {
+base::Result<void> PartialFolder::put_in_place() {
   const fs::path old = path_.string() + "-old";
   std::error_code error;
   const bool replaces = fs::exists(final_path_, error);
@@ -73,14 +73,14 @@ Result<void> PartialFolder::put_in_place() {
     }
   }
   if (error) {
-    return failure(final_path_.string() + ": cannot be put in place: " + error.message());
+    return base::failure(final_path_.string() + ": cannot be put in place: " + error.message());
   }
   path_.clear();
   if (replaces) {
     if (fs::exists(old / "sessions", error)) {
       fs::rename(old / "sessions", final_path_ / "sessions", error);
       if (error) {
-        return failure(old.string() + ": its sessions cannot be moved to the new case: " + error.message());
+        return base::failure(old.string() + ": its sessions cannot be moved to the new case: " + error.message());
       }
     }
     fs::remove_all(old, error);

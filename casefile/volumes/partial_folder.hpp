@@ -3,14 +3,14 @@
 
 #include <filesystem>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
 class PartialFolder {
 public:
   // Makes the hidden folder. Refuses a place that is taken, unless by a case that may be replaced.
-  [[nodiscard]] static Result<PartialFolder> beside(const std::filesystem::path &folder, bool replace);
+  [[nodiscard]] static base::Result<PartialFolder> beside(const std::filesystem::path &folder, bool replace);
   ~PartialFolder(); // takes away what was not put in place
   PartialFolder(PartialFolder &&other) noexcept;
   PartialFolder &operator=(PartialFolder &&) = delete;
@@ -21,7 +21,7 @@ public:
   [[nodiscard]] const std::filesystem::path &final_path() const { return final_path_; }
 
   // The sessions/ of a case that is replaced are taken over.
-  [[nodiscard]] Result<void> put_in_place();
+  [[nodiscard]] base::Result<void> put_in_place();
 
 private:
   explicit PartialFolder(std::filesystem::path final_path);

@@ -123,7 +123,7 @@ float brightness(const Eigen::Vector3d &view_normal) {
   return static_cast<float>(kAmbient + (1.0 - kAmbient) * std::max(0.0, facing));
 }
 
-std::vector<Eigen::Vector3d> vertex_normals(const geometry::TriangleMesh &mesh) {
+std::vector<Eigen::Vector3d> vertex_normals(const surface::TriangleMesh &mesh) {
   std::vector<Eigen::Vector3d> normals(mesh.vertices_mm.size(), Eigen::Vector3d::Zero());
   for (const Eigen::Vector3i &t : mesh.triangles) {
     const Eigen::Vector3d &a = mesh.vertices_mm[static_cast<std::size_t>(t[0])];
@@ -181,7 +181,7 @@ Eigen::Vector3f lit(const Colour &colour, const Eigen::Vector3d &view_normal) {
 }
 
 void draw_mesh(Canvas &canvas, const View &view, const SceneMesh &item) {
-  const geometry::TriangleMesh &mesh = *item.mesh;
+  const surface::TriangleMesh &mesh = *item.mesh;
   const std::vector<Eigen::Vector3d> normals = vertex_normals(mesh);
   std::vector<Corner> corners(mesh.vertices_mm.size());
   const bool one_colour = item.vertex_colours.size() != corners.size();
@@ -249,11 +249,11 @@ Image render(const Scene &scene) {
   return canvas.image();
 }
 
-Result<std::vector<std::uint8_t>> encode_png(const Image &image) {
+base::Result<std::vector<std::uint8_t>> encode_png(const Image &image) {
   if (image.width < 1 || image.height < 1 ||
       image.rgb.size() != 3 * static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height)) {
-    return failure("a picture of " + std::to_string(image.width) + " x " + std::to_string(image.height) +
-                   " pixels cannot be written");
+    return base::failure("a picture of " + std::to_string(image.width) + " x " + std::to_string(image.height) +
+                         " pixels cannot be written");
   }
   cv::Mat pixels(image.height, image.width, CV_8UC3);
   for (std::size_t at = 0; at < image.rgb.size(); at += 3) { // OpenCV has blue first
@@ -264,10 +264,10 @@ Result<std::vector<std::uint8_t>> encode_png(const Image &image) {
   std::vector<std::uint8_t> png;
   try {
     if (!cv::imencode(".png", pixels, png)) {
-      return failure("the picture cannot be encoded");
+      return base::failure("the picture cannot be encoded");
     }
   } catch (const cv::Exception &error) {
-    return failure("the picture cannot be encoded: " + error.err);
+    return base::failure("the picture cannot be encoded: " + error.err);
   }
   return png;
 }

@@ -9,8 +9,8 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
@@ -25,9 +25,9 @@ struct Camera {
 };
 
 struct SceneMesh {
-  const geometry::TriangleMesh *mesh = nullptr; // must outlive render()
-  std::vector<Colour> vertex_colours;           // one a vertex, or one for all
-  double opacity = 1.0;                         // below 1: the nearest layer of it is blended over what lies behind
+  const surface::TriangleMesh *mesh = nullptr; // must outlive render()
+  std::vector<Colour> vertex_colours;          // one a vertex, or one for all
+  double opacity = 1.0;                        // below 1: the nearest layer of it is blended over what lies behind
   // Where set, only the side with normal . (x - point) <= 0 is drawn: the cut shows what is inside.
   bool cut = false;
   Eigen::Vector3d cut_point_mm = Eigen::Vector3d::Zero();
@@ -66,6 +66,6 @@ struct Image {
 // Each pixel is the mean of 2x2 samples. The picture shows everything of the meshes, in mm true to scale.
 [[nodiscard]] Image render(const Scene &scene);
 
-[[nodiscard]] Result<std::vector<std::uint8_t>> encode_png(const Image &image);
+[[nodiscard]] base::Result<std::vector<std::uint8_t>> encode_png(const Image &image);
 
 } // namespace bregma::casefile

@@ -230,14 +230,14 @@ Mask::Pointer closed(Mask::Pointer mask, const SurfaceOptions &options, const St
 
 } // namespace
 
-Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, const Step &step) {
+base::Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, const Step &step) {
   step(0.0, "threshold");
   const double threshold = options.threshold ? *options.threshold : otsu_threshold(volume);
   const Padding padding = padding_of(volume.spacing_mm(), options);
   const Mask::Pointer mask =
       padded_mask(volume, padding, [threshold](float v) { return static_cast<double>(v) > threshold; });
   if (is_empty(mask)) {
-    return failure("no voxel is above the threshold of " + shown(threshold, 3));
+    return base::failure("no voxel is above the threshold of " + shown(threshold, 3));
   }
   step(0.1, "largest component");
   const Mask::Pointer object = closed(largest_component(mask), options, step);
@@ -246,14 +246,14 @@ Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, 
   return out;
 }
 
-Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
-                           const SurfaceOptions &options, const Step &step) {
+base::Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
+                                 const SurfaceOptions &options, const Step &step) {
   step(0.0, "regions");
   const auto carries_label = [labels](std::int16_t v) {
     return std::find(labels.begin(), labels.end(), v) != labels.end();
   };
   if (std::none_of(volume.voxels.begin(), volume.voxels.end(), carries_label)) {
-    return failure("no voxel carries the label");
+    return base::failure("no voxel carries the label");
   }
   const LabelVolume part = cropped(volume, carries_label);
   const Padding padding = padding_of(part.spacing_mm(), options);

@@ -20,8 +20,8 @@ struct Field {
 using Step = std::function<void(double, std::string_view)>;
 
 // Both may throw (ITK's exceptions, the step's).
-[[nodiscard]] Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, const Step &step);
-[[nodiscard]] Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
-                                         const SurfaceOptions &options, const Step &step);
+[[nodiscard]] base::Result<Field> object_field(const Volume &volume, const SurfaceOptions &options, const Step &step);
+[[nodiscard]] base::Result<Field> region_field(const LabelVolume &volume, std::span<const std::int16_t> labels,
+                                               const SurfaceOptions &options, const Step &step);
 
 } // namespace bregma::casefile

@@ -26,7 +26,7 @@
 namespace bregma::casefile {
 namespace {
 
-using geometry::TriangleMesh;
+using surface::TriangleMesh;
 
 // Leaves the filters' call stack when the person has asked to stop.
 struct Stopped : std::exception {};
@@ -167,7 +167,7 @@ std::string defect_of(const MeshCheck &check) {
   return !check.closed ? "is not closed" : !check.manifold ? "is not a manifold" : "is not oriented";
 }
 
-Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &options, const Step &step) {
+base::Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &options, const Step &step) {
   step(0.0, "isosurface");
   const auto full = smoothed(isosurface(field.grid), options);
   ExtractedSurface out;
@@ -197,7 +197,7 @@ Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &op
     check = check_mesh(out.mesh);
   }
   if (!sound(check)) {
-    return failure("the surface " + defect_of(check));
+    return base::failure("the surface " + defect_of(check));
   }
   step(0.7, "comparing with the full surface");
   measure_distances(full, reduced, out.report);
@@ -207,10 +207,11 @@ Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &op
 }
 
 template <class MakeField>
-Result<ExtractedSurface> extract(const SurfaceOptions &options, const Progress &progress, const MakeField &make_field) {
+base::Result<ExtractedSurface> extract(const SurfaceOptions &options, const Progress &progress,
+                                       const MakeField &make_field) {
   if (!(options.vertices >= 100 && options.closing_mm >= 0.0 && options.closing_mm <= 50.0 && options.blur_mm >= 0.0 &&
         options.blur_mm <= 10.0)) {
-    return failure("a surface needs at least 100 vertices, a closing of 0 to 50 mm and a blur of 0 to 10 mm");
+    return base::failure("a surface needs at least 100 vertices, a closing of 0 to 50 mm and a blur of 0 to 10 mm");
   }
   try {
     const auto field = make_field(step_within(progress, 0.0, kSegmentationShare));
@@ -219,9 +220,9 @@ Result<ExtractedSurface> extract(const SurfaceOptions &options, const Progress &
     }
     return surface_of(*field, options, step_within(progress, kSegmentationShare, 1.0));
   } catch (const Stopped &) {
-    return failure("stopped");
+    return base::failure("stopped");
   } catch (const std::exception &error) {
-    return failure(error.what());
+    return base::failure(error.what());
   }
 }
 
@@ -234,13 +235,13 @@ SurfaceOptions scalp_options() {
   return options;
 }
 
-Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
-                                         const Progress &progress) {
+base::Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
+                                               const Progress &progress) {
   return extract(options, progress, [&](const Step &step) { return object_field(volume, options, step); });
 }
 
-Result<ExtractedSurface> extract_surface(const LabelVolume &volume, std::span<const std::int16_t> labels,
-                                         const SurfaceOptions &options, const Progress &progress) {
+base::Result<ExtractedSurface> extract_surface(const LabelVolume &volume, std::span<const std::int16_t> labels,
+                                               const SurfaceOptions &options, const Progress &progress) {
   return extract(options, progress, [&](const Step &step) { return region_field(volume, labels, options, step); });
 }
 

@@ -15,8 +15,8 @@
 #include <string_view>
 #include <vector>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "base/result.hpp"
 #include "casefile/volumes/volume.hpp"
 
 namespace bregma::casefile {
@@ -49,16 +49,18 @@ struct SurfaceReport {
 };
 
 struct ExtractedSurface {
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
   SurfaceReport report;
 };
 
-[[nodiscard]] Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
-                                                       const Progress &progress = {});
+[[nodiscard]] base::Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
+                                                             const Progress &progress = {});
 
 // The surface around the voxels that carry any of `labels`, all their parts.
-[[nodiscard]] Result<ExtractedSurface> extract_surface(const LabelVolume &volume, std::span<const std::int16_t> labels,
-                                                       const SurfaceOptions &options, const Progress &progress = {});
+[[nodiscard]] base::Result<ExtractedSurface> extract_surface(const LabelVolume &volume,
+                                                             std::span<const std::int16_t> labels,
+                                                             const SurfaceOptions &options,
+                                                             const Progress &progress = {});
 
 struct MeshCheck {
   bool closed = false;   // every edge has two triangles
@@ -68,11 +70,11 @@ struct MeshCheck {
   double volume_ml = 0.0;
   double area_cm2 = 0.0;
 };
-[[nodiscard]] MeshCheck check_mesh(const geometry::TriangleMesh &mesh);
+[[nodiscard]] MeshCheck check_mesh(const surface::TriangleMesh &mesh);
 
 // For each point the nearest one on the surface, not only among its vertices. Sorts the mesh first: ask for many at
 // once.
-[[nodiscard]] std::vector<Eigen::Vector3d> nearest_on_surface(const geometry::TriangleMesh &mesh,
+[[nodiscard]] std::vector<Eigen::Vector3d> nearest_on_surface(const surface::TriangleMesh &mesh,
                                                               std::span<const Eigen::Vector3d> points_mm);
 
 } // namespace bregma::casefile

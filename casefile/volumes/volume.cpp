@@ -53,41 +53,41 @@ std::string reason_of(const itk::ExceptionObject &error) {
   return text;
 }
 
-Result<void> check_header(const fs::path &path, const itk::ImageIOBase &io) {
+base::Result<void> check_header(const fs::path &path, const itk::ImageIOBase &io) {
   std::int64_t count = 1;
   std::string shape;
   for (unsigned axis = 0; axis < io.GetNumberOfDimensions(); ++axis) {
     const auto size = static_cast<std::int64_t>(io.GetDimensions(axis));
     shape += (axis > 0 ? " x " : "") + std::to_string(size);
     if (size < 1) {
-      return failure(file_error(path, "the image is empty: " + shape + " voxels"));
+      return base::failure(file_error(path, "the image is empty: " + shape + " voxels"));
     }
     if (axis > 2 && size > 1) {
-      return failure(file_error(path, "the image has more than three dimensions: " + shape));
+      return base::failure(file_error(path, "the image has more than three dimensions: " + shape));
     }
     if (size > kMaxVoxels / count) {
-      return failure(file_error(path, "the image is too large: " + shape + "... voxels, at most 2^30 are read"));
+      return base::failure(file_error(path, "the image is too large: " + shape + "... voxels, at most 2^30 are read"));
     }
     count *= size;
   }
   if (io.GetNumberOfDimensions() < 3) {
-    return failure(file_error(path, "the image has two dimensions (" + shape + "), a volume has three"));
+    return base::failure(file_error(path, "the image has two dimensions (" + shape + "), a volume has three"));
   }
   if (io.GetNumberOfComponents() != 1) {
-    return failure(file_error(path, "a voxel has " + std::to_string(io.GetNumberOfComponents()) +
-                                        " components (colour or vector); a scalar image is needed"));
+    return base::failure(file_error(path, "a voxel has " + std::to_string(io.GetNumberOfComponents()) +
+                                              " components (colour or vector); a scalar image is needed"));
   }
   return {};
 }
 
-Result<ItkVolume::Pointer> read_file(const fs::path &path) {
+base::Result<ItkVolume::Pointer> read_file(const fs::path &path) {
   const std::string name = path.string();
   auto io = image_io_of(name);
   if (!io) {
     if (itk::GDCMImageIO::New()->CanReadFile(name.c_str())) {
-      return failure(file_error(path, "is one DICOM file; give the folder of its series"));
+      return base::failure(file_error(path, "is one DICOM file; give the folder of its series"));
     }
-    return failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
+    return base::failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
   }
   const bool is_nifti = std::string(io->GetNameOfClass()) == "NiftiImageIO";
   io->SetFileName(name);
@@ -95,35 +95,35 @@ Result<ItkVolume::Pointer> read_file(const fs::path &path) {
   if (auto header = check_header(path, *io); !header) {
     return tl::unexpected(header.error());
   }
-  if (auto whole = is_nifti ? check_nifti_size(path, *io) : Result<void>(); !whole) {
+  if (auto whole = is_nifti ? check_nifti_size(path, *io) : base::Result<void>(); !whole) {
     return tl::unexpected(whole.error());
   }
   auto reader = itk::ImageFileReader<ItkVolume>::New();
   reader->SetImageIO(io);
   reader->SetFileName(name);
   reader->Update();
-  if (auto placed = is_nifti ? check_nifti_placement(path, *io, *reader->GetOutput()) : Result<void>(); !placed) {
+  if (auto placed = is_nifti ? check_nifti_placement(path, *io, *reader->GetOutput()) : base::Result<void>(); !placed) {
     return tl::unexpected(placed.error());
   }
   return ItkVolume::Pointer(reader->GetOutput());
 }
 
-Result<void> check_grid(const fs::path &path, const Eigen::Matrix4d &T) {
+base::Result<void> check_grid(const fs::path &path, const Eigen::Matrix4d &T) {
   const Eigen::Matrix3d A = T.topLeftCorner<3, 3>();
   const Eigen::Vector3d spacing = A.colwise().norm();
   if (!T.allFinite() || !(spacing.minCoeff() > 1e-6) || spacing.maxCoeff() > 1e3) {
-    return failure(file_error(path, "voxel spacing of " + shown(spacing[0], 4) + " x " + shown(spacing[1], 4) + " x " +
-                                        shown(spacing[2], 4) + " mm is not a spacing"));
+    return base::failure(file_error(path, "voxel spacing of " + shown(spacing[0], 4) + " x " + shown(spacing[1], 4) +
+                                              " x " + shown(spacing[2], 4) + " mm is not a spacing"));
   }
   const Eigen::Matrix3d unit = A * spacing.cwiseInverse().asDiagonal();
   if (!(std::abs(unit.determinant()) > 1e-3)) {
-    return failure(
+    return base::failure(
         file_error(path, "the direction matrix is singular (determinant " + shown(unit.determinant(), 6) + ")"));
   }
   const double shear = (unit.transpose() * unit - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   if (shear > kShearTolerance) {
-    return failure(file_error(path, "the axes of the image are not at right angles (cosine " + shown(shear, 4) +
-                                        "); resample it to a straight grid"));
+    return base::failure(file_error(path, "the axes of the image are not at right angles (cosine " + shown(shear, 4) +
+                                              "); resample it to a straight grid"));
   }
   return {};
 }
@@ -181,14 +181,14 @@ Volume in_ras_order(const ItkVolume &image) {
   return out;
 }
 
-Result<void> check_finite(const fs::path &path, const Volume &volume) {
+base::Result<void> check_finite(const fs::path &path, const Volume &volume) {
   const auto bad = std::find_if(volume.voxels.begin(), volume.voxels.end(), [](float v) { return !std::isfinite(v); });
   if (bad == volume.voxels.end()) {
     return {};
   }
   const auto count = std::count_if(bad, volume.voxels.end(), [](float v) { return !std::isfinite(v); });
-  return failure(file_error(path, std::to_string(count) + " of " + std::to_string(volume.voxels.size()) +
-                                      " voxels are not finite numbers"));
+  return base::failure(file_error(path, std::to_string(count) + " of " + std::to_string(volume.voxels.size()) +
+                                            " voxels are not finite numbers"));
 }
 
 } // namespace
@@ -213,10 +213,10 @@ std::string shown(double value, int digits) {
   return text.data();
 }
 
-Result<Volume> read_volume(const fs::path &path, const std::string &series) {
+base::Result<Volume> read_volume(const fs::path &path, const std::string &series) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) {
-    return failure(file_error(path, "no such file or folder"));
+    return base::failure(file_error(path, "no such file or folder"));
   }
   itk::Object::SetGlobalWarningDisplay(false); // what matters comes back as an Error
   try {
@@ -233,13 +233,13 @@ Result<Volume> read_volume(const fs::path &path, const std::string &series) {
     }
     return volume;
   } catch (const itk::ExceptionObject &error) {
-    return failure(file_error(path, "cannot be read: " + reason_of(error)));
+    return base::failure(file_error(path, "cannot be read: " + reason_of(error)));
   } catch (const std::exception &error) {
-    return failure(file_error(path, std::string("cannot be read: ") + error.what()));
+    return base::failure(file_error(path, std::string("cannot be read: ") + error.what()));
   }
 }
 
-Result<LabelVolume> read_labels(const fs::path &path) {
+base::Result<LabelVolume> read_labels(const fs::path &path) {
   auto volume = read_volume(path);
   if (!volume) {
     return tl::unexpected(volume.error());
@@ -248,15 +248,15 @@ Result<LabelVolume> read_labels(const fs::path &path) {
   labels.voxels.reserve(volume->voxels.size());
   for (const float value : volume->voxels) {
     if (value != std::round(value) || std::abs(value) > float{std::numeric_limits<std::int16_t>::max()}) {
-      return failure(file_error(path, "is not a label image: it has a voxel of value " + shown(value, 3) +
-                                          ", regions are whole numbers up to 32767"));
+      return base::failure(file_error(path, "is not a label image: it has a voxel of value " + shown(value, 3) +
+                                                ", regions are whole numbers up to 32767"));
     }
     labels.voxels.push_back(static_cast<std::int16_t>(value));
   }
   return labels;
 }
 
-Result<void> write_volume(const fs::path &path, const Volume &volume) {
+base::Result<void> write_volume(const fs::path &path, const Volume &volume) {
   const std::string name = path.string();
   itk::ImageIOBase::Pointer io;
   if (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
@@ -266,7 +266,7 @@ Result<void> write_volume(const fs::path &path, const Volume &volume) {
   } else if (name.ends_with(".mha")) {
     io = itk::MetaImageIO::New();
   } else {
-    return failure(file_error(path, "cannot be written: the extension is none of .nii, .nii.gz, .nrrd, .mha"));
+    return base::failure(file_error(path, "cannot be written: the extension is none of .nii, .nii.gz, .nrrd, .mha"));
   }
   auto image = ItkVolume::New();
   ItkVolume::SizeType size;
@@ -296,15 +296,15 @@ Result<void> write_volume(const fs::path &path, const Volume &volume) {
     writer->SetUseCompression(!name.ends_with(".nii"));
     writer->Update();
   } catch (const itk::ExceptionObject &error) {
-    return failure(file_error(path, "cannot be written: " + reason_of(error)));
+    return base::failure(file_error(path, "cannot be written: " + reason_of(error)));
   }
   return {};
 }
 
-Result<std::map<int, std::string>> read_label_names(const fs::path &path) {
+base::Result<std::map<int, std::string>> read_label_names(const fs::path &path) {
   std::ifstream file(path);
   if (!file) {
-    return failure(file_error(path, "cannot be opened"));
+    return base::failure(file_error(path, "cannot be opened"));
   }
   std::map<int, std::string> names;
   std::string line;
@@ -316,12 +316,12 @@ Result<std::map<int, std::string>> read_label_names(const fs::path &path) {
     int label = 0;
     std::string name;
     if (!(text >> label >> name)) {
-      return failure(file_error(path, "line " + std::to_string(number) + ": \"" + line.substr(0, 60) +
-                                          "\" is not a region number and a name"));
+      return base::failure(file_error(path, "line " + std::to_string(number) + ": \"" + line.substr(0, 60) +
+                                                "\" is not a region number and a name"));
     }
     if (!names.emplace(label, name).second) {
-      return failure(file_error(path, "line " + std::to_string(number) + ": region " + std::to_string(label) +
-                                          " is named a second time"));
+      return base::failure(file_error(path, "line " + std::to_string(number) + ": region " + std::to_string(label) +
+                                                " is named a second time"));
     }
   }
   return names;

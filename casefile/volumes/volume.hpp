@@ -17,7 +17,7 @@
 
 #include <Eigen/Core>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::casefile {
 
@@ -47,15 +47,15 @@ using LabelVolume = VoxelGrid<std::int16_t>; // region numbers; 0 is the backgro
 // dimensions, voxels that are not finite, a singular or sheared grid, a DICOM series with uneven gaps or a tilted
 // gantry.
 inline constexpr std::int64_t kMaxVoxels = std::int64_t{1} << 30;
-[[nodiscard]] Result<Volume> read_volume(const std::filesystem::path &path, const std::string &series = {});
+[[nodiscard]] base::Result<Volume> read_volume(const std::filesystem::path &path, const std::string &series = {});
 
 // As read_volume; a voxel that is not a whole number of 16 bits is refused.
-[[nodiscard]] Result<LabelVolume> read_labels(const std::filesystem::path &path);
+[[nodiscard]] base::Result<LabelVolume> read_labels(const std::filesystem::path &path);
 
 // NIfTI (.nii, .nii.gz), NRRD (.nrrd) or MetaImage (.mha), by the extension.
-[[nodiscard]] Result<void> write_volume(const std::filesystem::path &path, const Volume &volume);
+[[nodiscard]] base::Result<void> write_volume(const std::filesystem::path &path, const Volume &volume);
 
 // Region number to name, from lines "number name [anything]" as the atlases of MRIcron have them.
-[[nodiscard]] Result<std::map<int, std::string>> read_label_names(const std::filesystem::path &path);
+[[nodiscard]] base::Result<std::map<int, std::string>> read_label_names(const std::filesystem::path &path);
 
 } // namespace bregma::casefile

@@ -151,7 +151,7 @@ struct PictureOptions {
   int size = 1000;
 };
 
-casefile::Result<Eigen::Vector3d> view_direction(const std::string &text) {
+base::Result<Eigen::Vector3d> view_direction(const std::string &text) {
   const std::pair<const char *, Eigen::Vector3d> named[] = {{"front", {0.0, 1.0, 0.0}},
                                                             {"back", {0.0, -1.0, 0.0}},
                                                             {"right", {1.0, 0.0, 0.0}},
@@ -168,7 +168,7 @@ casefile::Result<Eigen::Vector3d> view_direction(const std::string &text) {
   char comma2 = 0;
   if (!(stream >> direction.x() >> comma1 >> direction.y() >> comma2 >> direction.z()) || comma1 != ',' ||
       comma2 != ',' || !stream.eof() || !(direction.norm() > 1e-6)) {
-    return casefile::failure("--view " + text + ": must be front, back, left, right, top or a direction x,y,z in RAS");
+    return base::failure("--view " + text + ": must be front, back, left, right, top or a direction x,y,z in RAS");
   }
   return direction;
 }

@@ -9,7 +9,7 @@
 
 namespace bregma::cli {
 
-int show_reply(const casefile::Result<wire::CommandReply> &reply, const Context &context) {
+int show_reply(const base::Result<wire::CommandReply> &reply, const Context &context) {
   if (!reply) {
     return fail(reply.error());
   }
@@ -28,8 +28,7 @@ int show_reply(const casefile::Result<wire::CommandReply> &reply, const Context 
   return done ? kOk : kRefused;
 }
 
-int send_and_show(const casefile::Result<wire::CommandBody> &body, const Context &context,
-                  DaemonLink::Duration timeout) {
+int send_and_show(const base::Result<wire::CommandBody> &body, const Context &context, DaemonLink::Duration timeout) {
   if (!body) {
     return fail(body.error());
   }

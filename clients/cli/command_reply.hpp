@@ -8,10 +8,10 @@ namespace bregma::cli {
 
 // kOk when it was done, kRefused when the daemon refused it (its reason goes to standard error), kBadInput when no
 // answer came.
-int show_reply(const casefile::Result<wire::CommandReply> &reply, const Context &context);
+int show_reply(const base::Result<wire::CommandReply> &reply, const Context &context);
 
 // Joins the domain, sends, shows. The error of a body that could not be made is shown as well.
-int send_and_show(const casefile::Result<wire::CommandBody> &body, const Context &context,
+int send_and_show(const base::Result<wire::CommandBody> &body, const Context &context,
                   DaemonLink::Duration timeout = std::chrono::seconds(5));
 
 } // namespace bregma::cli

@@ -9,8 +9,8 @@ namespace {
 
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
-using casefile::failure;
-using casefile::Result;
+using base::failure;
+using base::Result;
 
 // Two clients with one name would take each other's replies.
 std::string unique_client_name() {
@@ -71,7 +71,7 @@ DaemonLink::DaemonLink(std::uint32_t domain)
   wait_.attach(health_);
 }
 
-casefile::Error DaemonLink::no_daemon() const {
+base::Error DaemonLink::no_daemon() const {
   return {"no bregmad answers on domain " + std::to_string(domain_) + ": is it running?"};
 }
 

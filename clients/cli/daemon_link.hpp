@@ -12,7 +12,7 @@
 #include <string_view>
 #include <utility>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
 
@@ -40,12 +40,12 @@ public:
   explicit DaemonLink(std::uint32_t domain);
 
   // Until a daemon is there and is known to hear commands and to reach us with replies.
-  [[nodiscard]] casefile::Result<void> wait_for_daemon(Duration timeout = std::chrono::seconds(3));
+  [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout = std::chrono::seconds(3));
 
   // Waits for the daemon if need be, sends, and waits for the reply to this very command. A refusal is a reply
   // (see result and text), not an error.
-  [[nodiscard]] casefile::Result<wire::CommandReply> send(const wire::CommandBody &body,
-                                                          Duration timeout = std::chrono::seconds(5));
+  [[nodiscard]] base::Result<wire::CommandReply> send(const wire::CommandBody &body,
+                                                      Duration timeout = std::chrono::seconds(5));
 
   // Takes in what has arrived; waits up to timeout when nothing has. True when something was new.
   bool update(Duration timeout);
@@ -65,7 +65,7 @@ public:
   [[nodiscard]] const std::string &client() const { return client_; } // unique to this object
 
 private:
-  [[nodiscard]] casefile::Error no_daemon() const;
+  [[nodiscard]] base::Error no_daemon() const;
   bool take_all();
 
   std::uint32_t domain_;
@@ -89,14 +89,14 @@ private:
 };
 
 // Bodies of the commands. A name longer than the wire holds is an error that shows it.
-[[nodiscard]] casefile::Result<wire::CommandBody> plain_command(wire::CommandKind kind);
-[[nodiscard]] casefile::Result<wire::CommandBody> load_case_command(std::string_view folder);
-[[nodiscard]] casefile::Result<wire::CommandBody> tool_command(wire::CommandKind kind, std::string_view tool);
-[[nodiscard]] casefile::Result<wire::CommandBody> touch_command(wire::CommandKind kind, std::string_view tool,
-                                                                std::string_view point);
-[[nodiscard]] casefile::Result<wire::CommandBody> remove_fiducial_command(std::string_view fiducial);
-[[nodiscard]] casefile::Result<wire::CommandBody> navigate_command(std::string_view tool, std::string_view trajectory);
-[[nodiscard]] casefile::Result<wire::CommandBody> acknowledge_command(std::string_view kind, std::string_view subject);
+[[nodiscard]] base::Result<wire::CommandBody> plain_command(wire::CommandKind kind);
+[[nodiscard]] base::Result<wire::CommandBody> load_case_command(std::string_view folder);
+[[nodiscard]] base::Result<wire::CommandBody> tool_command(wire::CommandKind kind, std::string_view tool);
+[[nodiscard]] base::Result<wire::CommandBody> touch_command(wire::CommandKind kind, std::string_view tool,
+                                                            std::string_view point);
+[[nodiscard]] base::Result<wire::CommandBody> remove_fiducial_command(std::string_view fiducial);
+[[nodiscard]] base::Result<wire::CommandBody> navigate_command(std::string_view tool, std::string_view trajectory);
+[[nodiscard]] base::Result<wire::CommandBody> acknowledge_command(std::string_view kind, std::string_view subject);
 
 // Host clock, ns since the Unix epoch (UTC).
 [[nodiscard]] std::int64_t utc_now_ns();

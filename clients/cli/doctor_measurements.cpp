@@ -49,8 +49,8 @@ void answer_frames(std::uint32_t domain) {
   }
 }
 
-casefile::Result<LoopbackQuality> measure_round_trips(std::uint32_t domain, double rate_hz,
-                                                      std::chrono::nanoseconds duration) {
+base::Result<LoopbackQuality> measure_round_trips(std::uint32_t domain, double rate_hz,
+                                                  std::chrono::nanoseconds duration) {
   const dds::Participant participant(domain);
   const dds::Writer<wire::TrackerFrame> frames(participant);
   dds::Reader<wire::NavigationState> states(participant, kAnswers);
@@ -59,7 +59,7 @@ casefile::Result<LoopbackQuality> measure_round_trips(std::uint32_t domain, doub
   const auto patience = Clock::now() + 5s;
   while (frames.matched_readers() == 0 || states.matched_writers() == 0) {
     if (Clock::now() > patience) {
-      return casefile::failure("no second process could be reached over DDS on domain " + std::to_string(domain));
+      return base::failure("no second process could be reached over DDS on domain " + std::to_string(domain));
     }
     std::this_thread::sleep_for(10ms);
   }
@@ -145,24 +145,24 @@ EchoProcess::~EchoProcess() {
   }
 }
 
-casefile::Result<LoopbackQuality> EchoProcess::measure(double rate_hz, std::chrono::nanoseconds duration) {
-  casefile::Result<LoopbackQuality> out;
+base::Result<LoopbackQuality> EchoProcess::measure(double rate_hz, std::chrono::nanoseconds duration) {
+  base::Result<LoopbackQuality> out;
   std::thread([&] {
     set_up_like_a_loop();
     try {
       out = measure_round_trips(domain_, rate_hz, duration);
     } catch (const dds::Error &error) {
-      out = casefile::failure(error.what());
+      out = base::failure(error.what());
     }
   }).join();
   return out;
 }
 
-casefile::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks) {
+base::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks) {
   std::string name = (directory / "bregma-doctor-XXXXXX").string();
   const int file = mkstemp(name.data());
   if (file < 0) {
-    return casefile::failure(directory.string() + ": cannot be written: " + reason());
+    return base::failure(directory.string() + ": cannot be written: " + reason());
   }
   const std::vector<char> block(kCommitBytes, 'b');
   std::vector<double> times_ms;
@@ -177,7 +177,7 @@ casefile::Result<Spread> measure_disk(const std::filesystem::path &directory, in
   close(file);
   unlink(name.c_str());
   if (!problem.empty()) {
-    return casefile::failure(problem);
+    return base::failure(problem);
   }
   return spread_of(std::move(times_ms));
 }

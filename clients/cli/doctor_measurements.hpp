@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::cli {
 
@@ -34,7 +34,7 @@ public:
   EchoProcess(const EchoProcess &) = delete;
   EchoProcess &operator=(const EchoProcess &) = delete;
 
-  [[nodiscard]] casefile::Result<LoopbackQuality> measure(double rate_hz, std::chrono::nanoseconds duration);
+  [[nodiscard]] base::Result<LoopbackQuality> measure(double rate_hz, std::chrono::nanoseconds duration);
 
 private:
   std::uint32_t domain_;
@@ -42,7 +42,7 @@ private:
 };
 
 // Writes and fsyncs blocks as large as the recorder's commits, in a file that is gone afterwards. Milliseconds.
-[[nodiscard]] casefile::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks);
+[[nodiscard]] base::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks);
 
 // The directory itself or the nearest above it that exists.
 [[nodiscard]] std::filesystem::path existing_part(std::filesystem::path directory);

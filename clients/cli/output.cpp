@@ -111,6 +111,6 @@ int fail(std::string_view message) {
   return kBadInput;
 }
 
-int fail(const casefile::Error &error) { return fail(error.message); }
+int fail(const base::Error &error) { return fail(error.message); }
 
 } // namespace bregma::cli

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::cli {
 
@@ -39,7 +39,7 @@ private:
 void print(std::string_view text);           // as it is
 void print_json(const nlohmann::json &json); // indented, with a newline
 // "bregma: <message>" on standard error, and kBadInput.
-int fail(const casefile::Error &error);
+int fail(const base::Error &error);
 int fail(std::string_view message);
 
 } // namespace bregma::cli

@@ -25,10 +25,10 @@ struct ReportOptions {
   std::string scenario;
 };
 
-casefile::Result<void> write_file(const std::filesystem::path &file, const std::string &text) {
+base::Result<void> write_file(const std::filesystem::path &file, const std::string &text) {
   std::ofstream out(file, std::ios::binary);
   if (!out.write(text.data(), static_cast<std::streamsize>(text.size())).flush()) {
-    return casefile::failure(file.string() + ": cannot be written");
+    return base::failure(file.string() + ": cannot be written");
   }
   return {};
 }

@@ -6,7 +6,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
-#include "algorithms/tissue/material.hpp"
+#include "algorithms/tissue/material/material.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/tissue/insert_command.hpp"

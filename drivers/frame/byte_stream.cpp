@@ -11,7 +11,7 @@
 #include <boost/asio/serial_port.hpp>
 #include <boost/asio/write.hpp>
 
-#include "casefile/text.hpp"
+#include "base/text.hpp"
 #include "drivers/frame/io.hpp"
 
 namespace bregma::driver {
@@ -40,8 +40,7 @@ std::optional<Address> parse(std::string_view text) {
   if (text.starts_with(kTcp)) {
     text.remove_prefix(kTcp.size());
     const std::size_t colon = text.rfind(':');
-    if (colon == std::string_view::npos || colon == 0 ||
-        !casefile::parsed_number<std::uint16_t>(text.substr(colon + 1))) {
+    if (colon == std::string_view::npos || colon == 0 || !base::parsed_number<std::uint16_t>(text.substr(colon + 1))) {
       return std::nullopt;
     }
     return TcpAddress{std::string(text.substr(0, colon)), std::string(text.substr(colon + 1))};
@@ -52,7 +51,7 @@ std::optional<Address> parse(std::string_view text) {
   text.remove_prefix(kSerial.size());
   SerialAddress out;
   if (const std::size_t at = text.find(kBaud); at != std::string_view::npos) {
-    const auto baud = casefile::parsed_number<unsigned>(text.substr(at + kBaud.size()));
+    const auto baud = base::parsed_number<unsigned>(text.substr(at + kBaud.size()));
     if (!baud || *baud == 0) {
       return std::nullopt;
     }
@@ -65,9 +64,9 @@ std::optional<Address> parse(std::string_view text) {
 
 } // namespace
 
-casefile::Result<void> check_address(const std::string &key, const std::string &address) {
+base::Result<void> check_address(const std::string &key, const std::string &address) {
   if (!parse(address)) {
-    return casefile::failure(key + " = " + address + ": must be tcp://HOST:PORT or serial:///DEVICE?baud=N");
+    return base::failure(key + " = " + address + ": must be tcp://HOST:PORT or serial:///DEVICE?baud=N");
   }
   return {};
 }

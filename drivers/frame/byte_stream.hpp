@@ -11,13 +11,13 @@
 #include <string>
 #include <string_view>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "drivers/frame/device.hpp"
 
 namespace bregma::driver {
 
 // For Device::prepare: "key = address: must be ...".
-[[nodiscard]] casefile::Result<void> check_address(const std::string &key, const std::string &address);
+[[nodiscard]] base::Result<void> check_address(const std::string &key, const std::string &address);
 
 class ByteStream {
 public:

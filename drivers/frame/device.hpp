@@ -20,7 +20,7 @@
 
 #include <tl/expected.hpp>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 
 namespace bregma::driver {
 
@@ -57,9 +57,9 @@ public:
   virtual ~Device() = default;
 
   // Called once, before anything else: declares the device's own parameters.
-  virtual void declare(casefile::ParameterSet & /*parameters*/) {}
+  virtual void declare(base::ParameterSet & /*parameters*/) {}
   // Called once when all parameters are known. An error is bad input: the program ends with exit code 2.
-  [[nodiscard]] virtual casefile::Result<void> prepare(const Settings & /*settings*/) { return {}; }
+  [[nodiscard]] virtual base::Result<void> prepare(const Settings & /*settings*/) { return {}; }
 
   // Opens the connection. Should return within a second after io.stopping() becomes true.
   [[nodiscard]] virtual Outcome<void> connect(Io &io) = 0;

@@ -64,9 +64,8 @@ void add_options(CLI::App &app, const Program &program, CommandLine &given) {
                       "3 the device did not return after a signal.");
 }
 
-casefile::Result<void> read_parameters(casefile::ParameterSet &parameters, Settings &settings,
-                                       const CommandLine &given) {
-  casefile::Result<void> ok;
+base::Result<void> read_parameters(base::ParameterSet &parameters, Settings &settings, const CommandLine &given) {
+  base::Result<void> ok;
   if (!given.config.empty()) {
     ok = parameters.load(given.config);
   }
@@ -126,7 +125,7 @@ int run_on_bus(int argc, char **argv, const Program &program, Device &device, co
       }
     }
     Settings settings = program.defaults;
-    casefile::ParameterSet parameters(program.name);
+    base::ParameterSet parameters(program.name);
     declare(parameters, settings);
     device.declare(parameters);
     if (const auto ok = read_parameters(parameters, settings, given); !ok) {

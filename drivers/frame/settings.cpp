@@ -11,7 +11,7 @@ std::int64_t nanoseconds(double seconds) { return std::llround(seconds * 1e9); }
 
 } // namespace
 
-void declare(casefile::ParameterSet &parameters, Settings &settings) {
+void declare(base::ParameterSet &parameters, Settings &settings) {
   parameters
       .string("device", &settings.device,
               "Name of the device on the wire; bregmad knows the devices that it expects by name")
@@ -33,13 +33,13 @@ void declare(casefile::ParameterSet &parameters, Settings &settings) {
   }
 }
 
-casefile::Result<void> check(const Settings &settings) {
+base::Result<void> check(const Settings &settings) {
   if (settings.device.empty() || settings.device.size() > wire::kNameLength) {
-    return casefile::failure("device = " + settings.device + ": must be 1 to " + std::to_string(wire::kNameLength) +
-                             " bytes");
+    return base::failure("device = " + settings.device + ": must be 1 to " + std::to_string(wire::kNameLength) +
+                         " bytes");
   }
   if (settings.first_delay_s > settings.max_delay_s) {
-    return casefile::failure("reconnect.first_s must not be above reconnect.max_s");
+    return base::failure("reconnect.first_s must not be above reconnect.max_s");
   }
   return {};
 }

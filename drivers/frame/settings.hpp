@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "casefile/parameters.hpp"
+#include "base/parameters.hpp"
 #include "drivers/frame/loop.hpp"
 
 namespace bregma::driver {
@@ -19,9 +19,9 @@ struct Settings {
   double minimum_latency_ms = 0.0;
 };
 
-void declare(casefile::ParameterSet &parameters, Settings &settings);
+void declare(base::ParameterSet &parameters, Settings &settings);
 // What the ranges of the single parameters cannot say.
-[[nodiscard]] casefile::Result<void> check(const Settings &settings);
+[[nodiscard]] base::Result<void> check(const Settings &settings);
 
 [[nodiscard]] LoopOptions loop_options(const Settings &settings);
 [[nodiscard]] IoOptions io_options(const Settings &settings);

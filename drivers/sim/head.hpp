@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "algorithms/geometry/rigid3.hpp"
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 
 namespace bregma::sim {
 
@@ -19,14 +19,14 @@ using geometry::Vector3d;
 class Head {
 public:
   // sigma_mm: of the field at a point; correlation_mm: distance at which the correlation has fallen to exp(-1/2).
-  Head(const geometry::TriangleMesh &scalp, double sigma_mm, double correlation_mm, std::uint64_t seed);
+  Head(const surface::TriangleMesh &scalp, double sigma_mm, double correlation_mm, std::uint64_t seed);
 
   // The middle and half the diagonal's reach of the segmented scalp: no point of it is further than radius_mm.
   [[nodiscard]] const Vector3d &centre_mm() const { return centre_; }
   [[nodiscard]] double radius_mm() const { return radius_; }
   [[nodiscard]] const Vector3d &nose_mm() const { return nose_; } // the most anterior point
 
-  [[nodiscard]] registration::SurfacePoint closest(const Vector3d &point) const { return surface_.closest(point); }
+  [[nodiscard]] surface::SurfacePoint closest(const Vector3d &point) const { return surface_.closest(point); }
   // True skin minus segmented skin, along the outward normal.
   [[nodiscard]] double skin_error_mm(const Vector3d &on_scalp) const;
   // The true skin where the segmented scalp is nearest to the point; the normal is the scalp's, averaged over the
@@ -50,7 +50,7 @@ private:
     double phase;
   };
 
-  registration::SurfaceModel surface_;
+  surface::SurfaceModel surface_;
   Vector3d centre_;
   double radius_ = 0.0;
   Vector3d nose_;

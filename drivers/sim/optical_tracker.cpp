@@ -6,7 +6,7 @@
 #include <span>
 
 #include "algorithms/geometry/angles.hpp"
-#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/registration/points/paired_points.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::sim {

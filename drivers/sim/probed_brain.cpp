@@ -12,7 +12,7 @@ constexpr double kSlow_mm_s = 0.5; // below it cutting and friction fade: sticki
 
 } // namespace
 
-ProbedBrain::ProbedBrain(const geometry::TriangleMesh &brain, const TissueParameters &parameters)
+ProbedBrain::ProbedBrain(const surface::TriangleMesh &brain, const TissueParameters &parameters)
     : parameters_(parameters) {
   if (!brain.triangles.empty()) {
     surface_.emplace(brain);
@@ -25,7 +25,7 @@ double ProbedBrain::force_N(const Eigen::Vector3d &tip_mm, double speed_mm_s) {
   if (!surface_) {
     return 0.0;
   }
-  const registration::SurfacePoint nearest = surface_->closest(tip_mm);
+  const surface::SurfacePoint nearest = surface_->closest(tip_mm);
   const double depth_mm = -nearest.signed_mm;
   if (depth_mm <= 0.0) {
     ruptured_ = false;

@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "drivers/sim/scenario.hpp"
 
 namespace bregma::sim {
@@ -16,7 +16,7 @@ namespace bregma::sim {
 class ProbedBrain {
 public:
   // A brain without triangles is never felt.
-  ProbedBrain(const geometry::TriangleMesh &brain, const TissueParameters &parameters);
+  ProbedBrain(const surface::TriangleMesh &brain, const TissueParameters &parameters);
 
   // On the probe, up its shaft: positive where the brain pushes it back. tip_mm: in Image. speed_mm_s: of the probe
   // along its shaft, positive into the tissue. To be called in the order of time.
@@ -26,7 +26,7 @@ public:
 
 private:
   TissueParameters parameters_;
-  std::optional<registration::SurfaceModel> surface_;
+  std::optional<surface::SurfaceModel> surface_;
   double hertz_N_per_mm15_; // force = this times depth^1.5
   bool ruptured_ = false;
   std::vector<Eigen::Vector3d> holes_mm_; // on the surface

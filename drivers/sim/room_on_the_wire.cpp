@@ -42,7 +42,7 @@ bool wait_for_daemon(driver::Io &io, std::int64_t timeout_ns) {
 
 } // namespace
 
-casefile::Result<void> RoomOnTheWire::prepare(const driver::Settings &settings) {
+base::Result<void> RoomOnTheWire::prepare(const driver::Settings &settings) {
   domain_ = settings.domain_id;
   auto scenario = load_scenario(options_->scenario);
   if (!scenario) {
@@ -54,7 +54,7 @@ casefile::Result<void> RoomOnTheWire::prepare(const driver::Settings &settings) 
   if (options_->live) {
     repeated_ = live_part(*scenario);
     if (repeated_.empty()) {
-      return casefile::failure(options_->scenario.string() + ": --live needs a step start_navigation to repeat");
+      return base::failure(options_->scenario.string() + ": --live needs a step start_navigation to repeat");
     }
     std::erase_if(scenario->steps, [](const Step &step) { return step.kind == StepKind::kCloseCase; });
     if (scenario->steps.back().kind != StepKind::kStopNavigation) {

@@ -36,7 +36,7 @@ public:
   RoomOnTheWire(const RoomOptions &options, Tell tell) : options_(&options), tell_(std::move(tell)) {}
 
   // Throws std::invalid_argument where the scenario does not fit the case.
-  [[nodiscard]] casefile::Result<void> prepare(const driver::Settings &settings) override;
+  [[nodiscard]] base::Result<void> prepare(const driver::Settings &settings) override;
   // Waits for a daemon that takes commands and frames; that none comes in time is an error for good.
   [[nodiscard]] driver::Outcome<void> connect(driver::Io &io) override;
   [[nodiscard]] driver::Outcome<driver::Progress> read(driver::Io &io) override;

@@ -4,14 +4,14 @@
 #include <array>
 #include <utility>
 
-#include "casefile/table_reader.hpp"
+#include "base/table_reader.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::sim {
 
 namespace {
 
-using casefile::TableReader;
+using base::TableReader;
 
 constexpr std::array<std::pair<std::string_view, StepKind>, 13> kStepNames{
     {{"load_case", StepKind::kLoadCase},
@@ -152,7 +152,7 @@ Fault read_fault(TableReader &table, const std::vector<Step> &steps) {
   return fault;
 }
 
-casefile::Result<Scenario> read(const casefile::TomlDocument &document) {
+base::Result<Scenario> read(const base::TomlDocument &document) {
   TableReader root = document.root();
   Scenario scenario;
   read_parameters(root, scenario);
@@ -185,13 +185,13 @@ std::string_view name_of(StepKind kind) {
   return found == kStepNames.end() ? std::string_view("?") : found->first;
 }
 
-casefile::Result<Scenario> load_scenario(const std::filesystem::path &file) {
-  const auto document = casefile::TomlDocument::read(file);
+base::Result<Scenario> load_scenario(const std::filesystem::path &file) {
+  const auto document = base::TomlDocument::read(file);
   return document ? read(*document) : tl::unexpected(document.error());
 }
 
-casefile::Result<Scenario> parse_scenario(std::string_view toml, const std::string &name) {
-  const auto document = casefile::TomlDocument::parse(toml, name);
+base::Result<Scenario> parse_scenario(std::string_view toml, const std::string &name) {
+  const auto document = base::TomlDocument::parse(toml, name);
   return document ? read(*document) : tl::unexpected(document.error());
 }
 

@@ -17,7 +17,7 @@
 
 #include <Eigen/Core>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "casefile/run_limits.hpp"
 
 namespace bregma::sim {
@@ -163,10 +163,10 @@ struct Scenario {
 };
 
 // The tables of parameters; what is wrong is kept by the reader.
-void read_parameters(casefile::TableReader &root, Scenario &scenario);
+void read_parameters(base::TableReader &root, Scenario &scenario);
 
-[[nodiscard]] casefile::Result<Scenario> load_scenario(const std::filesystem::path &file);
+[[nodiscard]] base::Result<Scenario> load_scenario(const std::filesystem::path &file);
 // name stands for the file in messages.
-[[nodiscard]] casefile::Result<Scenario> parse_scenario(std::string_view toml, const std::string &name);
+[[nodiscard]] base::Result<Scenario> parse_scenario(std::string_view toml, const std::string &name);
 
 } // namespace bregma::sim

@@ -1,11 +1,11 @@
-#include "casefile/table_reader.hpp"
+#include "base/table_reader.hpp"
 #include "drivers/sim/scenario.hpp"
 
 namespace bregma::sim {
 
 namespace {
 
-using casefile::TableReader;
+using base::TableReader;
 
 // One table of numbers: a key is declared with its field, unit and range; the field's value is the default.
 class Numbers {

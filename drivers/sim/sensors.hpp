@@ -15,7 +15,7 @@ namespace bregma::sim {
 // What the brain does to the probe, and noise. Forces in the probe's body frame, on the probe.
 class ForceSensor {
 public:
-  ForceSensor(const geometry::TriangleMesh &brain, const TissueParameters &tissue, const SensorParameters &parameters,
+  ForceSensor(const surface::TriangleMesh &brain, const TissueParameters &tissue, const SensorParameters &parameters,
               std::uint64_t seed)
       : brain_(brain, tissue), noise_N_(parameters.force_noise_N), noise_(seed, "force") {}
   // probe may be null: then there is noise only. Times must not go back.

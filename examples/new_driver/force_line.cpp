@@ -3,12 +3,12 @@
 #include <charconv>
 #include <cmath>
 
-#include "casefile/text.hpp"
+#include "base/text.hpp"
 
 namespace force_line {
 namespace {
 
-using bregma::casefile::parsed_number;
+using bregma::base::parsed_number;
 
 constexpr double kMaxForce_mN = 1e6;
 constexpr std::int64_t kMaxTime_us = 4'000'000'000'000'000; // a century, so that ns do not overflow
@@ -33,7 +33,7 @@ tl::expected<Reading, std::string_view> parse(std::string_view line) {
   if (star == std::string_view::npos || !checksum_matches(line.substr(1, star - 1), line.substr(star + 1))) {
     return tl::unexpected<std::string_view>("wrong checksum");
   }
-  const auto fields = bregma::casefile::cells(line.substr(0, star), ',');
+  const auto fields = bregma::base::cells(line.substr(0, star), ',');
   if (fields.size() != 6) {
     return tl::unexpected<std::string_view>("wrong number of fields");
   }

@@ -15,12 +15,12 @@ public:
   using Writes = driver::Topics<wire::ForceSample>;
   using Reads = driver::Topics<>;
 
-  void declare(casefile::ParameterSet &parameters) override {
+  void declare(base::ParameterSet &parameters) override {
     parameters.string("address", &address_, "Of the sensor: tcp://HOST:PORT or serial:///DEVICE?baud=N")
         .number("rate_hz", &rate_hz_, "Hz", 1.0, 2000.0, "Readings per second, as set in the sensor");
   }
 
-  casefile::Result<void> prepare(const driver::Settings & /*settings*/) override {
+  base::Result<void> prepare(const driver::Settings & /*settings*/) override {
     return driver::check_address("address", address_);
   }
 

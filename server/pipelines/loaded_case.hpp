@@ -6,7 +6,7 @@
 
 #include "algorithms/planning/critical_structures.hpp"
 #include "algorithms/registration/registration.hpp"
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "casefile/case.hpp"
 #include "server/inputs/payload_check.hpp"
 
@@ -17,7 +17,7 @@ struct LoadedCase {
   LoadedCase(std::shared_ptr<const casefile::Case> loaded, double correlation_length_mm, int max_surface_samples);
 
   std::shared_ptr<const casefile::Case> data;
-  registration::SurfaceModel scalp;
+  surface::SurfaceModel scalp;
   planning::CriticalStructures structures;
   inputs::KnownTools tools;
   registration::RegistrationEstimator estimator; // the registration loop's alone

@@ -29,7 +29,7 @@ struct PoseRecovery::Prepared {
     return out;
   }
 
-  registration::SurfaceField field;
+  surface::SurfaceField field;
   registration::GlobalRegistration registration;
 };
 

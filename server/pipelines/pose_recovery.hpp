@@ -1,6 +1,6 @@
 // The recovery of the registration where there is no start pose: fewer than three fiducials, and skin that was traced.
-// A worker searches all poses of the head (algorithms/registration/global_surface.hpp), takes as long as that needs,
-// and answers with a pose only when no other is nearly as likely.
+// A worker searches all poses of the head (algorithms/registration/surface/global_surface.hpp), takes as long as that
+// needs, and answers with a pose only when no other is nearly as likely.
 //
 // One thread, which is no loop: it allocates. Requests and answers pass through latest values, so nothing waits for it.
 #pragma once
@@ -10,7 +10,7 @@
 #include <memory>
 #include <optional>
 
-#include "algorithms/registration/global_surface.hpp"
+#include "algorithms/registration/surface/global_surface.hpp"
 #include "server/pipelines/loaded_case.hpp"
 
 namespace bregma::server {

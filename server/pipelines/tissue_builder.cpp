@@ -2,7 +2,7 @@
 
 #include <stdexcept>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 
 namespace bregma::server {
 
@@ -24,15 +24,15 @@ std::optional<TissueModelReady> TissueBuilder::build() {
     return ready;
   }
   try {
-    const registration::SurfaceModel brain(data.brain.mesh);
+    const surface::SurfaceModel brain(data.brain.mesh);
     tissue::BrainModelOptions options = settings_.model;
-    options.material = casefile::material_of(data, settings_.model.material);
-    options.skull.craniotomy = casefile::craniotomy_of(data, brain, settings_.craniotomy_radius_mm);
-    casefile::BrainMeshOptions meshing;
+    options.material = case_model::material_of(data, settings_.model.material);
+    options.skull.craniotomy = case_model::craniotomy_of(data, brain, settings_.craniotomy_radius_mm);
+    case_model::BrainMeshOptions meshing;
     meshing.lattice.tetrahedra = settings_.elements;
     meshing.entry_edge_mm = settings_.entry_edge_mm;
-    const tissue::LatticeMesh filled = casefile::brain_mesh_of(data, brain, options.skull.craniotomy, meshing);
-    options.solver.minimum_step_s = casefile::least_step_s(filled, options.material);
+    const tissue::LatticeMesh filled = case_model::brain_mesh_of(data, brain, options.skull.craniotomy, meshing);
+    options.solver.minimum_step_s = case_model::least_step_s(filled, options.material);
     std::vector<Vector3d> points; // in the order of DeformationPipeline::states()
     for (const auto *named : {&data.targets, &data.brain_landmarks}) {
       for (const casefile::NamedPoint &point : *named) {

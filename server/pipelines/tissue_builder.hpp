@@ -8,16 +8,16 @@
 #include <string>
 #include <vector>
 
-#include "casefile/case_tissue.hpp"
+#include "case_model/case_tissue.hpp"
 #include "server/pipelines/deformation.hpp"
 
 namespace bregma::server {
 
 struct TissueSettings {
   int elements = 20000; // of the lattice; 0: no model
-  double entry_edge_mm = casefile::BrainMeshOptions{}.entry_edge_mm;
-  tissue::BrainModelOptions model;                              // its material for cases that name none
-  double craniotomy_radius_mm = casefile::kCraniotomyRadius_mm; // for cases that do not say
+  double entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
+  tissue::BrainModelOptions model;                                // its material for cases that name none
+  double craniotomy_radius_mm = case_model::kCraniotomyRadius_mm; // for cases that do not say
 };
 
 class TissueBuilder {

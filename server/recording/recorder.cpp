@@ -10,7 +10,7 @@
 namespace bregma::recording {
 namespace {
 
-using casefile::Result;
+using base::Result;
 
 // A transaction takes at most so many records of a channel, so that one that is full does not delay the commit.
 constexpr int kBatch = 4096;
@@ -79,7 +79,7 @@ Result<void> Recorder::open(const std::filesystem::path &file, std::vector<casef
 Result<void> Recorder::attach(casefile::Attachment attachment) {
   return call([&]() -> Result<void> {
     if (!writer_) {
-      return casefile::failure("attachment " + attachment.name + ": no session file is open");
+      return base::failure("attachment " + attachment.name + ": no session file is open");
     }
     auto attached = writer_->attach(attachment.name, std::as_bytes(std::span(attachment.body))).and_then([&] {
       return writer_->commit();
@@ -176,7 +176,7 @@ Result<void> Recorder::finish() {
   const RecorderStatus last = status();
   Result<void> result;
   if (last.failing) {
-    result = casefile::failure(last.text);
+    result = base::failure(last.text);
   } else {
     result = writer_->set_meta("recorded", std::to_string(last.recorded)).and_then([&] {
       return writer_->set_meta("dropped", std::to_string(last.dropped));

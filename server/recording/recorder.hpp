@@ -29,7 +29,7 @@
 #include <thread>
 #include <vector>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "casefile/session_file/session_file.hpp"
 #include "idl/topics.hpp"
 #include "server/runtime/byte_ring.hpp"
@@ -106,31 +106,31 @@ public:
   void set_poll(std::function<void(Channel &)> poll);
 
   // Closes the file that is open, then begins a new one. Attachments and meta go in first.
-  [[nodiscard]] casefile::Result<void> open(const std::filesystem::path &file,
-                                            std::vector<casefile::Attachment> attachments,
-                                            std::vector<casefile::MetaEntry> meta);
+  [[nodiscard]] base::Result<void> open(const std::filesystem::path &file,
+                                        std::vector<casefile::Attachment> attachments,
+                                        std::vector<casefile::MetaEntry> meta);
   // Puts more into the open file.
-  [[nodiscard]] casefile::Result<void> attach(casefile::Attachment attachment);
+  [[nodiscard]] base::Result<void> attach(casefile::Attachment attachment);
   // Everything pushed before is written. An error when the disk did not take it: that much is counted as dropped.
-  [[nodiscard]] casefile::Result<void> close();
+  [[nodiscard]] base::Result<void> close();
 
   [[nodiscard]] RecorderStatus status() const noexcept;
 
   static constexpr std::size_t kMaxChannels = 16;
 
 private:
-  using Task = std::packaged_task<casefile::Result<void>()>;
+  using Task = std::packaged_task<base::Result<void>()>;
 
   // Runs the task on the recorder's thread and waits for it.
-  casefile::Result<void> call(std::function<casefile::Result<void>()> task);
+  base::Result<void> call(std::function<base::Result<void>()> task);
   void run();
-  casefile::Result<void> begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
-                               const std::vector<casefile::MetaEntry> &meta);
-  casefile::Result<void> finish();
+  base::Result<void> begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
+                           const std::vector<casefile::MetaEntry> &meta);
+  base::Result<void> finish();
   void drain();
-  casefile::Result<std::uint64_t> write_waiting();
+  base::Result<std::uint64_t> write_waiting();
   void drop_waiting();
-  void report(const casefile::Result<std::uint64_t> &result);
+  void report(const base::Result<std::uint64_t> &result);
   [[nodiscard]] std::span<const std::unique_ptr<Channel>> channels() const noexcept;
 
   RecorderOptions options_;

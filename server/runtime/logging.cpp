@@ -18,11 +18,10 @@ constexpr const char *kPattern = "%Y-%m-%dT%H:%M:%S.%fZ %^%l%$ %v";
 
 } // namespace
 
-casefile::Result<void> start_logging(const LogOptions &options) {
+base::Result<void> start_logging(const LogOptions &options) {
   const auto level = spdlog::level::from_str(options.level);
   if (level == spdlog::level::off && options.level != "off") {
-    return casefile::failure("log level " + options.level +
-                             ": must be trace, debug, info, warn, error, critical or off");
+    return base::failure("log level " + options.level + ": must be trace, debug, info, warn, error, critical or off");
   }
   try {
     std::vector<spdlog::sink_ptr> sinks;
@@ -43,7 +42,7 @@ casefile::Result<void> start_logging(const LogOptions &options) {
     spdlog::set_default_logger(std::move(logger));
     spdlog::flush_every(std::chrono::seconds(1));
   } catch (const spdlog::spdlog_ex &error) {
-    return casefile::failure("log file " + options.file.string() + ": " + error.what());
+    return base::failure("log file " + options.file.string() + ": " + error.what());
   }
   return {};
 }

@@ -6,7 +6,7 @@
 #include <filesystem>
 #include <string>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 
 namespace bregma::runtime {
 
@@ -17,7 +17,7 @@ struct LogOptions {
 };
 
 // Makes the default logger; spdlog::info and its like go there. Call once, before other threads log.
-[[nodiscard]] casefile::Result<void> start_logging(const LogOptions &options);
+[[nodiscard]] base::Result<void> start_logging(const LogOptions &options);
 // Writes what is queued and ends the log's thread.
 void stop_logging();
 

@@ -226,23 +226,23 @@ void Session::Impl::restore() {
   save();
 }
 
-casefile::Result<void> Session::Impl::bring_back(SessionData data) {
+base::Result<void> Session::Impl::bring_back(SessionData data) {
   auto loaded = casefile::load_case(data.case_folder);
   if (!loaded) {
     return tl::unexpected(loaded.error());
   }
   const casefile::Case &the_case = *loaded;
   if (the_case.id != data.case_id) {
-    return casefile::failure(data.case_folder + " holds case " + the_case.id + " now, it was " + data.case_id);
+    return base::failure(data.case_folder + " holds case " + the_case.id + " now, it was " + data.case_id);
   }
   for (const auto &[tool, tip] : data.tips) {
     if (the_case.tool(tool) == nullptr) {
-      return casefile::failure("tool " + tool + " is no longer in case " + the_case.id);
+      return base::failure("tool " + tool + " is no longer in case " + the_case.id);
     }
   }
   for (const auto &[point, sample] : data.fiducials) {
     if (the_case.fiducial(point) == nullptr) {
-      return casefile::failure("fiducial " + point + " is no longer in case " + the_case.id);
+      return base::failure("fiducial " + point + " is no longer in case " + the_case.id);
     }
   }
   auto shared = std::make_shared<const casefile::Case>(std::move(*loaded));

@@ -16,8 +16,8 @@
 #include <string>
 #include <vector>
 
+#include "base/result.hpp"
 #include "casefile/case.hpp"
-#include "casefile/result.hpp"
 #include "server/session/messages.hpp"
 #include "server/session/snapshot.hpp"
 
@@ -29,7 +29,7 @@ public:
   virtual ~SessionPorts() = default;
 
   // Before any message about it; nullptr: the case was closed. An error refuses the case.
-  [[nodiscard]] virtual casefile::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) = 0;
+  [[nodiscard]] virtual base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) = 0;
   // Order is kept and nothing is lost: where the ring is full the port keeps a backlog. A restore sends every sample.
   virtual void send(const NavigationMessage &message) = 0;
   virtual void send(const RegistrationMessage &message) = 0;

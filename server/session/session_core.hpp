@@ -66,7 +66,7 @@ private:
   void save();
   void condition(const char *kind, std::string_view subject, bool active, wire::AlarmSeverity severity,
                  std::string_view text);
-  [[nodiscard]] casefile::Result<void> bring_back(SessionData data);
+  [[nodiscard]] base::Result<void> bring_back(SessionData data);
   template <class Message> void send_all(const Message &message);
 
   // session_commands.cpp

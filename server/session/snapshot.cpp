@@ -154,26 +154,26 @@ std::string to_json(const SessionData &data) {
   return dump({{"bregma_session", kVersion}, {"crc32", sum}, {"session", std::move(session)}}) + "\n";
 }
 
-casefile::Result<SessionData> from_json(const std::string &text, const std::string &name) {
+base::Result<SessionData> from_json(const std::string &text, const std::string &name) {
   try {
     const json file = json::parse(text);
     const int version = file.at("bregma_session");
     if (version != kVersion) {
-      return casefile::failure(name + ": bregma_session = " + std::to_string(version) +
-                               ": this program reads version " + std::to_string(kVersion));
+      return base::failure(name + ": bregma_session = " + std::to_string(version) + ": this program reads version " +
+                           std::to_string(kVersion));
     }
     const json &session = file.at("session");
     const std::string sum = checksum(dump(session));
     if (file.at("crc32") != sum) {
-      return casefile::failure(name + ": crc32 = " + file.at("crc32").dump() + ": the content has \"" + sum +
-                               "\", the file is damaged");
+      return base::failure(name + ": crc32 = " + file.at("crc32").dump() + ": the content has \"" + sum +
+                           "\", the file is damaged");
     }
     if (dump(file) + "\n" != text) { // damage that spells the same values differently
-      return casefile::failure(name + ": is not as it was written, the file is damaged");
+      return base::failure(name + ": is not as it was written, the file is damaged");
     }
     return read_session(session);
   } catch (const std::exception &error) { // of the JSON library, and of the checks above
-    return casefile::failure(name + ": not a session that can be read: " + error.what());
+    return base::failure(name + ": not a session that can be read: " + error.what());
   }
 }
 

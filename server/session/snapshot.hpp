@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "server/session/messages.hpp"
 
 namespace bregma::server {
@@ -40,7 +40,7 @@ struct SessionData {
 
 [[nodiscard]] std::string to_json(const SessionData &data);
 // name: of the file, for the error.
-[[nodiscard]] casefile::Result<SessionData> from_json(const std::string &text, const std::string &name);
+[[nodiscard]] base::Result<SessionData> from_json(const std::string &text, const std::string &name);
 
 class SnapshotFile {
 public:
@@ -48,9 +48,9 @@ public:
   explicit SnapshotFile(const std::filesystem::path &folder);
 
   // Nothing is lost when it fails: the file of the last success stays.
-  [[nodiscard]] casefile::Result<void> save(const SessionData &data) const;
+  [[nodiscard]] base::Result<void> save(const SessionData &data) const;
   // Empty when there is none. A damaged file becomes session.json.bad, and the error says why.
-  [[nodiscard]] casefile::Result<std::optional<SessionData>> load() const;
+  [[nodiscard]] base::Result<std::optional<SessionData>> load() const;
   // Renames the file to session.json.bad: whole, but of no use (its case is gone).
   void set_aside() const;
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }

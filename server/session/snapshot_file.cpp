@@ -42,8 +42,8 @@ private:
   int fd_;
 };
 
-tl::unexpected<casefile::Error> system_failure(const fs::path &path, const char *deed) {
-  return casefile::failure(path.string() + ": cannot be " + deed + ": " + std::generic_category().message(errno));
+tl::unexpected<base::Error> system_failure(const fs::path &path, const char *deed) {
+  return base::failure(path.string() + ": cannot be " + deed + ": " + std::generic_category().message(errno));
 }
 
 } // namespace
@@ -53,7 +53,7 @@ SnapshotFile::SnapshotFile(const fs::path &folder) : path_(folder / "session.jso
   fs::create_directories(path_.parent_path(), ignored);
 }
 
-casefile::Result<void> SnapshotFile::save(const SessionData &data) const {
+base::Result<void> SnapshotFile::save(const SessionData &data) const {
   const fs::path temporary = path_.string() + ".tmp";
   {
     const Descriptor file(temporary, O_WRONLY | O_CREAT | O_TRUNC);
@@ -71,7 +71,7 @@ casefile::Result<void> SnapshotFile::save(const SessionData &data) const {
   return {};
 }
 
-casefile::Result<std::optional<SessionData>> SnapshotFile::load() const {
+base::Result<std::optional<SessionData>> SnapshotFile::load() const {
   std::error_code code;
   if (!fs::exists(path_, code) && !code) {
     return std::nullopt;

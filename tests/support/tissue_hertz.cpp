@@ -3,8 +3,8 @@
 #include <cmath>
 #include <vector>
 
-#include "algorithms/tissue/probe_contact.hpp"
-#include "algorithms/tissue/units.hpp"
+#include "algorithms/tissue/contact/probe_contact.hpp"
+#include "algorithms/tissue/material/units.hpp"
 #include "tests/support/tissue_meshes.hpp"
 
 namespace bregma::test {

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "algorithms/tissue/tet_mesh.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
 
 namespace bregma::test {
 

@@ -8,8 +8,8 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/tissue/explicit_solver.hpp"
-#include "algorithms/tissue/material.hpp"
+#include "algorithms/tissue/material/material.hpp"
+#include "algorithms/tissue/solver/explicit_solver.hpp"
 
 namespace bregma::test {
 

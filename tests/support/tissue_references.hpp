@@ -1,11 +1,11 @@
 // What the tissue solver is held against: analytic solutions, and one-dimensional ones that are solved to the last
-// digit. Independent of algorithms/tissue/constitutive.hpp: principal stretches and closed forms. SI unless a name says
-// otherwise.
+// digit. Independent of algorithms/tissue/material/constitutive.hpp: principal stretches and closed forms. SI unless a
+// name says otherwise.
 #pragma once
 
 #include <Eigen/Core>
 
-#include "algorithms/tissue/material.hpp"
+#include "algorithms/tissue/material/material.hpp"
 
 namespace bregma::test {
 

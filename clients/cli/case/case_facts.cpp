@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "algorithms/planning/critical_structures.hpp"
-#include "casefile/case_tissue.hpp"
+#include "case_model/case_tissue.hpp"
 #include "casefile/volumes/surface.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/output.hpp"
@@ -47,7 +47,7 @@ std::string clearance_text(double distance_mm) {
 }
 
 // A voxel of freedom: surfaces are smoothed.
-bool image_holds(const casefile::Volume &image, const geometry::TriangleMesh &mesh) {
+bool image_holds(const casefile::Volume &image, const surface::TriangleMesh &mesh) {
   const Eigen::Matrix4d T_index_image = image.T_image_index.inverse();
   const Eigen::Array3d last(image.size[0] - 1, image.size[1] - 1, image.size[2] - 1);
   for (const Eigen::Vector3d &vertex : mesh.vertices_mm) {

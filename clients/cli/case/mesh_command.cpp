@@ -7,7 +7,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
-#include "casefile/case_tissue.hpp"
+#include "case_model/case_tissue.hpp"
 #include "casefile/tissue_files/tet_file.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
@@ -31,10 +31,10 @@ std::vector<casefile::TetField> quality_fields(const tissue::TetMesh &mesh) {
   return {{"radius_ratio", 1, tissue::radius_ratios(mesh)}, std::move(length)};
 }
 
-casefile::Result<MeshReport> make_mesh(const MeshOptions &options, const std::filesystem::path &file) {
+base::Result<MeshReport> make_mesh(const MeshOptions &options, const std::filesystem::path &file) {
   ProgressLine progress;
-  const auto goes_on = [&](double done, const char *stage) -> casefile::Result<void> {
-    return progress.show(done, stage) ? casefile::Result<void>() : casefile::failure("stopped");
+  const auto goes_on = [&](double done, const char *stage) -> base::Result<void> {
+    return progress.show(done, stage) ? base::Result<void>() : base::failure("stopped");
   };
   if (auto on = goes_on(0.0, "case"); !on) {
     return tl::unexpected(on.error());

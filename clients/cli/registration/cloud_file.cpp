@@ -34,7 +34,7 @@ std::string remark_of(const InputFile &file, const casefile::SurfaceFile &surfac
 }
 
 // Of a closed mesh from a program that turns its triangles inwards.
-void turn_outward(geometry::TriangleMesh &mesh) {
+void turn_outward(surface::TriangleMesh &mesh) {
   const casefile::MeshCheck check = casefile::check_mesh(mesh);
   if (check.closed && check.volume_ml < 0.0) {
     for (Eigen::Vector3i &triangle : mesh.triangles) {
@@ -45,7 +45,7 @@ void turn_outward(geometry::TriangleMesh &mesh) {
 
 } // namespace
 
-casefile::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits &size) {
+base::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits &size) {
   Cloud out;
   if (is_point_list(file.path)) {
     auto read = read_point_file(file.path, file.point_options(size));
@@ -66,7 +66,7 @@ casefile::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLi
   return out;
 }
 
-casefile::Result<Surface> read_surface_or_image(const InputFile &file) {
+base::Result<Surface> read_surface_or_image(const InputFile &file) {
   if (!is_image(file.path)) {
     auto read = casefile::read_surface(file.path, file.surface_options());
     if (!read) {
@@ -84,12 +84,12 @@ casefile::Result<Surface> read_surface_or_image(const InputFile &file) {
     return progress.show(done, "scalp: " + std::string(stage));
   });
   if (!scalp) {
-    return casefile::failure(file.path + ": " + scalp.error().message);
+    return base::failure(file.path + ": " + scalp.error().message);
   }
   const auto problem = casefile::size_problem(scalp->mesh.vertices_mm, casefile::kHeadSize,
                                               casefile::LengthUnit::kMillimetre, "the scalp", "another unit");
   if (!problem.empty()) {
-    return casefile::failure(file.path + ": " + problem);
+    return base::failure(file.path + ": " + problem);
   }
   std::string remark = file.path + ": its scalp has " + std::to_string(scalp->mesh.vertices_mm.size()) + " vertices\n";
   return Surface{std::move(scalp->mesh), std::move(remark)};

@@ -7,8 +7,8 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "base/result.hpp"
 #include "clients/cli/registration/registration_files.hpp"
 
 namespace bregma::cli {
@@ -17,14 +17,14 @@ struct Cloud {
   std::vector<Eigen::Vector3d> points_mm;
   std::string remark; // what was assumed, for the person; may be empty
 };
-[[nodiscard]] casefile::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits &size);
+[[nodiscard]] base::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits &size);
 
 struct Surface {
-  geometry::TriangleMesh mesh; // RAS, mm; outward where it is closed
+  surface::TriangleMesh mesh; // RAS, mm; outward where it is closed
   std::string remark;
 };
 // An image (NIfTI, NRRD, MetaImage, a folder of DICOM) has its scalp extracted, with progress on standard error:
 // seconds.
-[[nodiscard]] casefile::Result<Surface> read_surface_or_image(const InputFile &file);
+[[nodiscard]] base::Result<Surface> read_surface_or_image(const InputFile &file);
 
 } // namespace bregma::cli

@@ -8,7 +8,7 @@
 
 #include "algorithms/intensity/similarity.hpp"
 #include "algorithms/intensity/warp.hpp"
-#include "algorithms/registration/spline_grid.hpp"
+#include "algorithms/registration/splines/spline_grid.hpp"
 
 namespace bregma::cli {
 
@@ -42,8 +42,8 @@ Eigen::AlignedBox3d box_of(const Volume &volume) {
 
 } // namespace
 
-casefile::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
-                                         const registration::ThinPlateSpline<3> &to_source) {
+base::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
+                                     const registration::ThinPlateSpline<3> &to_source) {
   const auto source = casefile::read_volume(source_file);
   if (!source) {
     return tl::unexpected(source.error());

@@ -3,8 +3,8 @@
 
 #include <string>
 
-#include "algorithms/registration/thin_plate_spline.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/registration/splines/thin_plate_spline.hpp"
+#include "base/result.hpp"
 #include "casefile/volumes/volume.hpp"
 
 namespace bregma::cli {
@@ -21,7 +21,7 @@ struct WarpedImage {
 };
 
 // to_source: from the target's frame into the source's (the way an image is resampled). Blocks for seconds.
-[[nodiscard]] casefile::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
-                                                       const registration::ThinPlateSpline<3> &to_source);
+[[nodiscard]] base::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
+                                                   const registration::ThinPlateSpline<3> &to_source);
 
 } // namespace bregma::cli

@@ -8,22 +8,22 @@
 
 #include <Eigen/Cholesky>
 
+#include "base/text.hpp"
 #include "casefile/markups.hpp"
-#include "casefile/text.hpp"
 
 namespace bregma::cli {
 
 namespace {
 
-using casefile::failure;
+using base::failure;
+using base::Result;
 using casefile::NamedPoint;
-using casefile::Result;
 
 std::vector<std::string> cells_of(const std::string &line) {
   std::vector<std::string> out;
-  for (std::string_view cell : casefile::cells(line, ',')) {
+  for (std::string_view cell : base::cells(line, ',')) {
     const bool quoted = cell.size() > 1 && cell.front() == '"' && cell.back() == '"';
-    out.emplace_back(quoted ? casefile::trimmed(cell.substr(1, cell.size() - 2)) : cell);
+    out.emplace_back(quoted ? base::trimmed(cell.substr(1, cell.size() - 2)) : cell);
   }
   return out;
 }
@@ -31,7 +31,7 @@ std::vector<std::string> cells_of(const std::string &line) {
 // Only words: nothing that could be a point.
 bool is_header(const std::vector<std::string> &cells) {
   for (const std::string &cell : cells) {
-    if (casefile::parsed_number<double>(cell)) {
+    if (base::parsed_number<double>(cell)) {
       return false;
     }
   }
@@ -86,7 +86,7 @@ Result<PointFile> read_csv(const std::filesystem::path &file) {
   for (int number = 1; std::getline(in, line); ++number) {
     const std::string place = file.string() + ":" + std::to_string(number) + ": ";
     const std::vector<std::string> cells = cells_of(line);
-    if (casefile::trimmed(line).empty() || line.starts_with("#")) {
+    if (base::trimmed(line).empty() || line.starts_with("#")) {
       continue;
     }
     if (std::exchange(header_allowed, false) && is_header(cells)) {
@@ -105,7 +105,7 @@ Result<PointFile> read_csv(const std::filesystem::path &file) {
     point.name = row->name == 1 ? cells[0] : std::to_string(out.points.size() + 1);
     std::vector<double> numbers;
     for (std::size_t i = 0; i < row->numbers; ++i) {
-      const auto value = casefile::parsed_number<double>(cells[row->name + i]);
+      const auto value = base::parsed_number<double>(cells[row->name + i]);
       if (!value || !std::isfinite(*value)) {
         return failure(place + "point " + point.name + ": " + column_name(*row, i) + " = \"" + cells[row->name + i] +
                        "\": must be a finite number");

@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
+#include "base/result.hpp"
 #include "casefile/case.hpp"
 #include "casefile/length_unit.hpp"
-#include "casefile/result.hpp"
 #include "casefile/space.hpp"
 
 namespace bregma::cli {
@@ -30,7 +30,7 @@ struct PointFileOptions {
 };
 
 // Errors name the file, the line and the value. The file may hold no points.
-[[nodiscard]] casefile::Result<PointFile> read_point_file(const std::filesystem::path &file,
-                                                          const PointFileOptions &options = {});
+[[nodiscard]] base::Result<PointFile> read_point_file(const std::filesystem::path &file,
+                                                      const PointFileOptions &options = {});
 
 } // namespace bregma::cli

@@ -15,8 +15,8 @@
 
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/geometry/rigid3.hpp"
-#include "algorithms/registration/cloud_covariance.hpp"
-#include "algorithms/registration/cloud_pose.hpp"
+#include "algorithms/registration/clouds/cloud_covariance.hpp"
+#include "algorithms/registration/clouds/cloud_pose.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/cloud_file.hpp"
 #include "clients/cli/registration/register_commands.hpp"

@@ -11,8 +11,8 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
-#include "algorithms/registration/curves.hpp"
-#include "algorithms/registration/thin_plate_spline.hpp"
+#include "algorithms/registration/splines/curves.hpp"
+#include "algorithms/registration/splines/thin_plate_spline.hpp"
 #include "casefile/markups.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
@@ -24,8 +24,8 @@ namespace bregma::cli {
 
 namespace {
 
+using base::Result;
 using casefile::MarkedCurve;
-using casefile::Result;
 using geometry::Points3;
 using nlohmann::json;
 template <int D> using Spline = registration::ThinPlateSpline<D>;
@@ -66,17 +66,17 @@ Result<void> pair_curves(const CurvesArguments &arguments, Pairs &out) {
     return tl::unexpected(target.error());
   }
   if (source->size() != target->size()) {
-    return casefile::failure(arguments.source + " has " + std::to_string(source->size()) + " curves, " +
-                             arguments.target + " has " + std::to_string(target->size()) + ": they must be pairs");
+    return base::failure(arguments.source + " has " + std::to_string(source->size()) + " curves, " + arguments.target +
+                         " has " + std::to_string(target->size()) + ": they must be pairs");
   }
   for (const MarkedCurve &curve : *source) {
     const auto other =
         std::find_if(target->begin(), target->end(), [&curve](const MarkedCurve &c) { return c.name == curve.name; });
     if (other == target->end()) {
-      return casefile::failure(arguments.target + ": has no curve \"" + curve.name + "\"");
+      return base::failure(arguments.target + ": has no curve \"" + curve.name + "\"");
     }
     if (other->closed != curve.closed) {
-      return casefile::failure("curve \"" + curve.name + "\" is closed in one file and open in the other");
+      return base::failure("curve \"" + curve.name + "\" is closed in one file and open in the other");
     }
     out.curves.push_back({columns_of(other->points_mm), columns_of(curve.points_mm), arguments.count, curve.closed});
     out.curve_names.push_back(curve.name);
@@ -102,7 +102,7 @@ Result<void> pair_landmarks(const CurvesArguments &arguments, Pairs &out) {
     const auto other = std::find_if(target->points.begin(), target->points.end(),
                                     [&point](const casefile::NamedPoint &p) { return p.name == point.name; });
     if (other == target->points.end()) {
-      return casefile::failure(arguments.target_points + ": has no point \"" + point.name + "\"");
+      return base::failure(arguments.target_points + ": has no point \"" + point.name + "\"");
     }
     floating.push_back(point.position_mm);
     reference.push_back(other->position_mm);

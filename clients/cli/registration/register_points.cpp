@@ -12,7 +12,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
-#include "algorithms/registration/robust_points.hpp"
+#include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
@@ -23,8 +23,8 @@ namespace bregma::cli {
 
 namespace {
 
+using base::Result;
 using casefile::NamedPoint;
-using casefile::Result;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using nlohmann::json;
@@ -62,7 +62,7 @@ Result<void> check_names(const std::string &file, const std::vector<NamedPoint> 
   std::set<std::string> seen;
   for (const NamedPoint &point : points) {
     if (!seen.insert(point.name).second) {
-      return casefile::failure(file + ": two points are called \"" + point.name + "\"");
+      return base::failure(file + ": two points are called \"" + point.name + "\"");
     }
   }
   return {};
@@ -85,9 +85,8 @@ bool same_names(const std::vector<NamedPoint> &a, const std::vector<NamedPoint> 
 // By name where both lists have names, else by order.
 Result<std::vector<Pair>> make_pairs(const PointFile &source, const PointFile &target, const RegistrationFiles &files) {
   if (source.points.size() != target.points.size()) {
-    return casefile::failure(files.source.path + " has " + std::to_string(source.points.size()) + " points, " +
-                             files.target.path + " has " + std::to_string(target.points.size()) +
-                             ": they must be pairs");
+    return base::failure(files.source.path + " has " + std::to_string(source.points.size()) + " points, " +
+                         files.target.path + " has " + std::to_string(target.points.size()) + ": they must be pairs");
   }
   const bool by_name =
       same_names(source.points, target.points) || (all_named(source.points) && all_named(target.points));
@@ -105,7 +104,7 @@ Result<std::vector<Pair>> make_pairs(const PointFile &source, const PointFile &t
                                               [&](const NamedPoint &p) { return p.name == point.name; })
                                : target.points.begin() + static_cast<std::ptrdiff_t>(i);
     if (other == target.points.end()) {
-      return casefile::failure(files.target.path + ": has no point \"" + point.name + "\"");
+      return base::failure(files.target.path + ": has no point \"" + point.name + "\"");
     }
     Pair pair{by_name ? point.name : std::to_string(i + 1), point.position_mm, other->position_mm};
     if (!source.covariances.empty()) {

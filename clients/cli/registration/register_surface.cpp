@@ -11,7 +11,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/geometry/angles.hpp"
-#include "algorithms/registration/global_surface.hpp"
+#include "algorithms/registration/surface/global_surface.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "casefile/itk_transform.hpp"
 #include "clients/cli/output.hpp"
@@ -74,7 +74,7 @@ double apart_mm(const PairedPose &a, const PairedPose &b, const std::vector<Vect
   return std::sqrt(squares / static_cast<double>(samples.size()));
 }
 
-Answer globally(const registration::SurfaceField &field, const std::vector<Vector3d> &samples,
+Answer globally(const surface::SurfaceField &field, const std::vector<Vector3d> &samples,
                 const SurfaceArguments &arguments) {
   registration::GlobalOptions options;
   options.sigma_mm = arguments.sigma_mm;
@@ -128,7 +128,7 @@ Answer globally(const registration::SurfaceField &field, const std::vector<Vecto
   return out;
 }
 
-Answer locally(const registration::SurfaceField &field, const std::vector<Vector3d> &samples, const PairedPose &from,
+Answer locally(const surface::SurfaceField &field, const std::vector<Vector3d> &samples, const PairedPose &from,
                const SurfaceArguments &arguments) {
   registration::LocalOptions options;
   options.sigma_mm = arguments.sigma_mm;
@@ -174,7 +174,7 @@ Answer locally(const registration::SurfaceField &field, const std::vector<Vector
   return out;
 }
 
-json to_json(const Answer &answer, const registration::SurfaceField &field, const std::vector<Vector3d> &samples,
+json to_json(const Answer &answer, const surface::SurfaceField &field, const std::vector<Vector3d> &samples,
              const SurfaceArguments &arguments, const std::vector<PointError> &errors) {
   json out = transforms_json(answer.T_target_source.matrix(), arguments.files);
   add_covariance(out, answer.covariance);
@@ -232,8 +232,8 @@ int register_surface(const SurfaceArguments &arguments, const Context &context) 
     return fail(surface.error());
   }
   const auto before = Clock::now();
-  const registration::SurfaceModel model(surface->mesh);
-  const registration::SurfaceField field(model);
+  const surface::SurfaceModel model(surface->mesh);
+  const surface::SurfaceField field(model);
   const double prepare_ms = since_ms(before);
   Answer answer =
       start ? locally(field, samples->points_mm, *start, arguments) : globally(field, samples->points_mm, arguments);

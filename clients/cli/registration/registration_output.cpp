@@ -70,7 +70,7 @@ json errors_json(const std::vector<PointError> &errors) {
   return out;
 }
 
-casefile::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file, const InputFile &target) {
+base::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file, const InputFile &target) {
   if (file.empty()) {
     return std::vector<casefile::NamedPoint>();
   }
@@ -80,7 +80,7 @@ casefile::Result<std::vector<casefile::NamedPoint>> read_targets(const std::stri
     return tl::unexpected(read.error());
   }
   return read->points.empty()
-             ? casefile::Result<std::vector<casefile::NamedPoint>>(casefile::failure(file + ": holds no points"))
+             ? base::Result<std::vector<casefile::NamedPoint>>(base::failure(file + ": holds no points"))
              : std::move(read->points);
 }
 

@@ -36,8 +36,8 @@ struct PointError {
 [[nodiscard]] nlohmann::json errors_json(const std::vector<PointError> &errors);
 
 // The points of a --targets file, in the frame, space and unit of the target; empty where there is none.
-[[nodiscard]] casefile::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file,
-                                                                               const InputFile &target);
+[[nodiscard]] base::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file,
+                                                                           const InputFile &target);
 
 // Writes files.tfm where it is asked for; kOk, or what fail() returns.
 int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_source);

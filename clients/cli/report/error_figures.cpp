@@ -10,7 +10,8 @@
 namespace bregma::cli::report {
 namespace {
 
-constexpr std::array kToolColours{colour::kBlue, colour::kOrange, colour::kPurple, colour::kGreen, colour::kYellow};
+constexpr std::array kToolColours{base::colour::kBlue, base::colour::kOrange, base::colour::kPurple,
+                                  base::colour::kGreen, base::colour::kYellow};
 constexpr double kGap_s = 0.3;         // a longer silence breaks a line
 constexpr double kWindow_s = 0.5;      // over which the median is taken
 constexpr std::size_t kMaxDots = 1500; // of one colour
@@ -35,8 +36,8 @@ std::vector<ShownTool> shown_tools(const SessionAnalysis &session) {
   return out;
 }
 
-std::vector<Band> navigating_bands(const SessionAnalysis &session) {
-  std::vector<Band> out;
+std::vector<base::Band> navigating_bands(const SessionAnalysis &session) {
+  std::vector<base::Band> out;
   for (const auto &span : session.states) {
     if (span.state == "navigating") {
       out.push_back({session.seconds(span.from_ns), session.seconds(span.to_ns), "#eaf5ef", "navigating"});
@@ -45,8 +46,8 @@ std::vector<Band> navigating_bands(const SessionAnalysis &session) {
   return out;
 }
 
-template <class Value> Series line_of(const SessionAnalysis &session, const ShownTool &tool, Value &&value) {
-  Series out;
+template <class Value> base::Series line_of(const SessionAnalysis &session, const ShownTool &tool, Value &&value) {
+  base::Series out;
   out.colour = tool.colour;
   for (const auto *tip : tool.tips) {
     const double time_s = session.seconds(tip->time_ns);
@@ -59,8 +60,8 @@ template <class Value> Series line_of(const SessionAnalysis &session, const Show
 }
 
 // What is left of a line when the tracker's noise is taken out: its median in each window.
-Series median_of(const Series &line) {
-  Series out = line;
+base::Series median_of(const base::Series &line) {
+  base::Series out = line;
   out.points.clear();
   std::vector<double> window;
   double begin = 0.0;
@@ -98,13 +99,13 @@ std::string error_figure(const SessionAnalysis &session) {
   if (session.tips.empty()) {
     return {};
   }
-  Plot plot;
+  base::Plot plot;
   plot.title = "Error of the shown tip over time";
   plot.x.label = "time, s";
   plot.y.label = "error of the shown tip, mm";
   plot.bands = navigating_bands(session);
   std::vector<double> heights;
-  std::vector<Series> medians; // over the noise of all tools
+  std::vector<base::Series> medians; // over the noise of all tools
   for (const auto &tool : shown_tools(session)) {
     if (session.has_truth) {
       auto noisy = line_of(session, tool, [](const TipSample &tip) { return tip.true_error_mm; });
@@ -142,26 +143,26 @@ std::string honesty_figure(const SessionAnalysis &session) {
   if (!session.has_truth || session.tips.empty()) {
     return {};
   }
-  Plot plot;
+  base::Plot plot;
   plot.title = "Predicted against true error";
   plot.x.label = "predicted error (TRE, RMS), mm";
   plot.y.label = "true error, mm";
-  plot.rules.push_back({RuleKind::kDiagonal, 0.0, "true = predicted", colour::kGrey});
+  plot.rules.push_back({base::RuleKind::kDiagonal, 0.0, "true = predicted", base::colour::kGrey});
   std::vector<double> both;
-  Series held;
+  base::Series held;
   held.name = "held at the target";
   held.colour = "#111827";
-  const auto add = [&](Series dots, double radius) {
+  const auto add = [&](base::Series dots, double radius) {
     // Every so manieth of its own: the states of two tools take turns.
     const std::size_t stride = dots.points.size() / kMaxDots + 1;
-    std::vector<PlotPoint> kept;
+    std::vector<base::PlotPoint> kept;
     for (std::size_t i = 0; i < dots.points.size(); i += stride) {
       kept.push_back(dots.points[i]);
       both.push_back(dots.points[i].x);
       both.push_back(dots.points[i].y);
     }
     dots.points = std::move(kept);
-    dots.mark = Mark::kPoints;
+    dots.mark = base::Mark::kPoints;
     dots.size = radius;
     dots.opacity = 0.5;
     if (!dots.points.empty()) {
@@ -169,7 +170,7 @@ std::string honesty_figure(const SessionAnalysis &session) {
     }
   };
   for (const auto &tool : shown_tools(session)) {
-    Series dots;
+    base::Series dots;
     dots.name = tool.name;
     dots.colour = tool.colour;
     for (const auto *tip : tool.tips) {

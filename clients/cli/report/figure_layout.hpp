@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "clients/cli/report/plots.hpp"
+#include "base/plots.hpp"
 
 namespace bregma::cli::report {
 
@@ -14,22 +14,22 @@ template <class Draw> std::string responsive(Draw &&draw, int wide, int narrow) 
 }
 
 inline std::string figure(const std::string &picture, std::string_view caption) {
-  return "<figure>" + picture + "<figcaption>" + escape(caption) + "</figcaption></figure>";
+  return "<figure>" + picture + "<figcaption>" + base::escape(caption) + "</figcaption></figure>";
 }
 
-inline std::string full_width(const Plot &plot, std::string_view caption) {
+inline std::string full_width(const base::Plot &plot, std::string_view caption) {
   return figure(responsive(
                     [&](int width) {
-                      return plot_svg(plot, {width, width > 600 ? 320 : 300});
+                      return base::plot_svg(plot, {width, width > 600 ? 320 : 300});
                     },
                     1060, 420),
                 caption);
 }
 
-inline std::string half_width(const Plot &plot, std::string_view caption) {
+inline std::string half_width(const base::Plot &plot, std::string_view caption) {
   return figure(responsive(
                     [&](int width) {
-                      return plot_svg(plot, {width, width > 450 ? 370 : 340});
+                      return base::plot_svg(plot, {width, width > 450 ? 370 : 340});
                     },
                     520, 420),
                 caption);

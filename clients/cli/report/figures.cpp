@@ -31,9 +31,9 @@ const char *severity_colour(std::string_view severity) {
 } // namespace
 
 std::string timeline_figure(const SessionAnalysis &session) {
-  std::vector<TimelineRow> rows;
+  std::vector<base::TimelineRow> rows;
   if (!session.states.empty()) {
-    TimelineRow &row = rows.emplace_back();
+    base::TimelineRow &row = rows.emplace_back();
     row.name = "Session";
     for (const auto &span : session.states) {
       row.spans.push_back(
@@ -62,8 +62,8 @@ std::string timeline_figure(const SessionAnalysis &session) {
   if (rows.empty()) {
     return {};
   }
-  const Axis axis{"time, s", false, 0.0, end};
-  return figure(responsive([&](int width) { return timeline_svg(rows, axis, width); }, 1060, 420),
+  const base::Axis axis{"time, s", false, 0.0, end};
+  return figure(responsive([&](int width) { return base::timeline_svg(rows, axis, width); }, 1060, 420),
                 "States of the session, and every alarm from its raising to its end (red: critical, amber: warning, "
                 "blue: information, grey: acknowledged).");
 }
@@ -74,7 +74,7 @@ std::string latency_figure(const SessionAnalysis &session) {
   if (sent.count() == 0 && exposed.count() == 0) {
     return {};
   }
-  Plot plot;
+  base::Plot plot;
   plot.title = "Latency histogram";
   plot.x.label = "latency, ms";
   plot.x.logarithmic = true;
@@ -92,10 +92,10 @@ std::string latency_figure(const SessionAnalysis &session) {
   const int bins = 70;
   const double ratio = std::pow(high / low, 1.0 / bins);
   const auto histogram = [&](const Distribution &values, const char *name, const char *paint) {
-    Series out;
+    base::Series out;
     out.name = name;
     out.colour = paint;
-    out.mark = Mark::kBars;
+    out.mark = base::Mark::kBars;
     for (int bin = 0; bin <= bins; ++bin) {
       const double from = low * std::pow(ratio, bin);
       const auto first = std::lower_bound(values.sorted.begin(), values.sorted.end(), from);
@@ -104,12 +104,12 @@ std::string latency_figure(const SessionAnalysis &session) {
     }
     plot.series.push_back(std::move(out));
   };
-  histogram(exposed, "exposure to published", colour::kSky);
-  histogram(sent, "sent to published", colour::kBlue);
+  histogram(exposed, "exposure to published", base::colour::kSky);
+  histogram(sent, "sent to published", base::colour::kBlue);
   plot.x.from = low;
   plot.x.to = high;
   if (sent.count() > 0) {
-    plot.rules.push_back({RuleKind::kVertical, sent.percentile(0.99), "99 % sent", "#374151"});
+    plot.rules.push_back({base::RuleKind::kVertical, sent.percentile(0.99), "99 % sent", "#374151"});
   }
   return half_width(plot, "From the exposure of a tracker frame, and from the driver's write of it, to the publication "
                           "of the state. Both axes are logarithmic, so that the rare late one is seen.");
@@ -126,21 +126,21 @@ std::string residual_figure(const SessionAnalysis &session) {
   const Distribution spread = distribution_of(std::move(residuals));
   const double reach = std::max({0.5, std::abs(spread.percentile(0.002)), std::abs(spread.percentile(0.998))}) * 1.1;
   const int bins = 40;
-  Series bars;
-  bars.mark = Mark::kBars;
+  base::Series bars;
+  bars.mark = base::Mark::kBars;
   for (int bin = 0; bin <= bins; ++bin) {
     const double from = -reach + 2.0 * reach * bin / bins;
     const auto first = std::lower_bound(spread.sorted.begin(), spread.sorted.end(), from);
     const auto last = std::lower_bound(spread.sorted.begin(), spread.sorted.end(), from + 2.0 * reach / bins);
     bars.points.push_back({from, static_cast<double>(last - first)});
   }
-  Plot plot;
+  base::Plot plot;
   plot.title = "Distribution of scalp residuals";
   plot.x = {"signed distance to the scalp, mm (negative: inside)", false, -reach, reach};
   plot.y.label = "traced points";
   plot.y.from = 0.0;
   plot.series.push_back(std::move(bars));
-  plot.rules.push_back({RuleKind::kVertical, 0.0, "", colour::kGrey});
+  plot.rules.push_back({base::RuleKind::kVertical, 0.0, "", base::colour::kGrey});
   return full_width(plot, "Distances of the traced points to the scalp after registration. They tell how well skin "
                           "and model agree, not how well the target is hit.");
 }

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "clients/cli/report/session_analysis.hpp"
 
 namespace bregma::cli::report {
@@ -18,7 +18,7 @@ namespace bregma::cli::report {
 [[nodiscard]] std::string tissue_motion_figure(const SessionAnalysis &session); // of the target
 [[nodiscard]] std::string residual_figure(const SessionAnalysis &session);      // distribution of scalp residuals
 // Four views of the head with the traced points coloured by residual.
-[[nodiscard]] casefile::Result<std::string> head_figure(const SessionAnalysis &session);
+[[nodiscard]] base::Result<std::string> head_figure(const SessionAnalysis &session);
 
 [[nodiscard]] std::string base64(const std::vector<std::uint8_t> &bytes);
 

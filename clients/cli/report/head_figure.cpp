@@ -3,9 +3,9 @@
 #include <cmath>
 #include <cstdio>
 
+#include "base/plots.hpp"
 #include "casefile/volumes/render.hpp"
 #include "clients/cli/report/figures.hpp"
-#include "clients/cli/report/plots.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 
 namespace bregma::cli::report {
@@ -59,7 +59,7 @@ std::string base64(const std::vector<std::uint8_t> &bytes) {
   return out;
 }
 
-casefile::Result<std::string> head_figure(const SessionAnalysis &session) {
+base::Result<std::string> head_figure(const SessionAnalysis &session) {
   if (session.scalp.triangles.empty() || session.trace.empty()) {
     return std::string();
   }
@@ -89,8 +89,8 @@ casefile::Result<std::string> head_figure(const SessionAnalysis &session) {
     if (!png) {
       return tl::unexpected(png.error());
     }
-    out += "<div><img alt='The head " + escape(view.name) + "' src='data:image/png;base64," + base64(*png) + "'><p>" +
-           escape(view.name) + "</p></div>";
+    out += "<div><img alt='The head " + base::escape(view.name) + "' src='data:image/png;base64," + base64(*png) +
+           "'><p>" + base::escape(view.name) + "</p></div>";
   }
   std::vector<std::string> stops;
   stops.reserve(std::size(kStops));
@@ -98,7 +98,8 @@ casefile::Result<std::string> head_figure(const SessionAnalysis &session) {
     stops.push_back(hex(stop));
   }
   out += "</div><div class='bar'>" +
-         colour_bar_svg(stops, -reach_mm, reach_mm, "signed distance to the scalp, mm (negative: inside)") + "</div>";
+         base::colour_bar_svg(stops, -reach_mm, reach_mm, "signed distance to the scalp, mm (negative: inside)") +
+         "</div>";
   out += "<figcaption>" + std::to_string(session.trace.size()) +
          " traced points, drawn where they meet the scalp of the case.</figcaption></figure>";
   return out;

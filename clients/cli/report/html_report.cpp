@@ -3,11 +3,11 @@
 #include <cmath>
 #include <ctime>
 
+#include "base/plots.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/report/figures.hpp"
 #include "clients/cli/report/page_style.hpp"
-#include "clients/cli/report/plots.hpp"
 #include "clients/cli/report/summary.hpp"
 
 namespace bregma::cli::report {
@@ -21,7 +21,7 @@ public:
     for (const auto &heading : headings) {
       figures_.push_back(heading.starts_with('#'));
       out_ += std::string(figures_.back() ? "<th class='n'>" : "<th>") +
-              escape(heading.substr(figures_.back() ? 1 : 0)) + "</th>";
+              base::escape(heading.substr(figures_.back() ? 1 : 0)) + "</th>";
     }
     out_ += "</tr></thead><tbody>";
   }
@@ -31,7 +31,7 @@ public:
     out_ += "<tr>";
     for (std::size_t i = 0; i < cells.size(); ++i) {
       const std::string kind = std::string(figures_[i] ? "n " : "") + (i + 1 == cells.size() ? verdict : "");
-      out_ += "<td class='" + kind + "'>" + escape(cells[i]) + "</td>";
+      out_ += "<td class='" + kind + "'>" + base::escape(cells[i]) + "</td>";
     }
     out_ += "</tr>";
   }
@@ -45,14 +45,14 @@ private:
 };
 
 std::string section(std::string_view heading, const std::string &content, std::string_view kind = {}) {
-  return content.empty()
-             ? std::string()
-             : "<section class='" + std::string(kind) + "'><h2>" + escape(heading) + "</h2>" + content + "</section>";
+  return content.empty() ? std::string()
+                         : "<section class='" + std::string(kind) + "'><h2>" + base::escape(heading) + "</h2>" +
+                               content + "</section>";
 }
 
 std::string card(std::string_view name, const std::string &value, std::string_view remark) {
-  return "<div class='card'><span>" + escape(name) + "</span><b>" + escape(value) + "</b><small>" + escape(remark) +
-         "</small></div>";
+  return "<div class='card'><span>" + base::escape(name) + "</span><b>" + base::escape(value) + "</b><small>" +
+         base::escape(remark) + "</small></div>";
 }
 
 std::string date_text(std::int64_t time_ns) {
@@ -86,8 +86,8 @@ std::string page_header(const SessionAnalysis &session, const std::vector<Judgem
   std::string sub = date_text(session.start_ns) + " \u00b7 " + duration_text(session.seconds(session.end_ns)) +
                     " \u00b7 " + std::to_string(session.tracker_frames) + " tracker frames";
   sub += session.has_truth ? " \u00b7 simulated, so the truth is known" : " \u00b7 true errors are not known";
-  return "<header><h1>Navigation report: " + escape(case_of(session)) + "</h1>" + badge + "<p class='sub'>" +
-         escape(sub) + "</p></header>";
+  return "<header><h1>Navigation report: " + base::escape(case_of(session)) + "</h1>" + badge + "<p class='sub'>" +
+         base::escape(sub) + "</p></header>";
 }
 
 std::string key_figures(const SessionAnalysis &session) {
@@ -140,7 +140,7 @@ std::string registration_tables(const SessionAnalysis &session) {
   const auto &registration = *session.registration;
   std::string out = "<p>" + std::to_string(registration.fiducials) + " fiducials and " +
                     std::to_string(registration.surface_points) + " surface points, accepted at " +
-                    escape(duration_text(session.seconds(registration.accepted_time_ns))) + ".</p>";
+                    base::escape(duration_text(session.seconds(registration.accepted_time_ns))) + ".</p>";
   HtmlTable targets({"Target", "#Predicted TRE, RMS mm", "#95 % within mm"});
   for (const auto &target : registration.targets) {
     targets.row({target.target, fixed(target.tre_rms_mm, 2), fixed(target.tre_95_mm, 2)});
@@ -249,14 +249,14 @@ std::string columns(const std::string &left, const std::string &right) {
 
 } // namespace
 
-casefile::Result<std::string> html_report(const SessionAnalysis &session, const std::vector<Judgement> &judgements) {
+base::Result<std::string> html_report(const SessionAnalysis &session, const std::vector<Judgement> &judgements) {
   const auto heads = head_figure(session);
   if (!heads) {
     return tl::unexpected(heads.error());
   }
   std::string out = "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
                     "<meta name='viewport' content='width=device-width,initial-scale=1'><title>Navigation report: " +
-                    escape(case_of(session)) + "</title><style>" + kPageStyle + "</style></head><body><main>";
+                    base::escape(case_of(session)) + "</title><style>" + kPageStyle + "</style></head><body><main>";
   out += page_header(session, judgements) + key_figures(session);
   if (session.record_dropped > 0) {
     out += section("The recording is not whole", "<p>" + std::to_string(session.record_dropped) +

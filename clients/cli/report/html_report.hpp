@@ -4,14 +4,14 @@
 #include <string>
 #include <vector>
 
-#include "casefile/result.hpp"
+#include "base/result.hpp"
 #include "clients/cli/report/judgement.hpp"
 #include "clients/cli/report/session_analysis.hpp"
 
 namespace bregma::cli::report {
 
 // An error only when a picture of the head cannot be encoded.
-[[nodiscard]] casefile::Result<std::string> html_report(const SessionAnalysis &session,
-                                                        const std::vector<Judgement> &judgements);
+[[nodiscard]] base::Result<std::string> html_report(const SessionAnalysis &session,
+                                                    const std::vector<Judgement> &judgements);
 
 } // namespace bregma::cli::report

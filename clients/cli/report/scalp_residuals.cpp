@@ -8,14 +8,14 @@
 
 #include <unistd.h>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "casefile/mesh_file.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::cli::report {
 namespace {
 
-using casefile::Result;
+using base::Result;
 
 // Mesh readers take files, so the attachment becomes one for a moment.
 class TemporaryFile {
@@ -44,17 +44,17 @@ private:
   bool written_ = false;
 };
 
-Result<geometry::TriangleMesh> attached_mesh(const casefile::SessionReader &reader, const std::string &name) {
+Result<surface::TriangleMesh> attached_mesh(const casefile::SessionReader &reader, const std::string &name) {
   const auto body = reader.attachment(name);
   if (!body) {
     return tl::unexpected(body.error());
   }
   const TemporaryFile file(*body);
   if (!file.written()) {
-    return casefile::failure("cannot write a temporary file in " + std::filesystem::temp_directory_path().string());
+    return base::failure("cannot write a temporary file in " + std::filesystem::temp_directory_path().string());
   }
-  return casefile::read_mesh(file.path()).map_error([&](const casefile::Error &error) {
-    return casefile::Error{"attachment " + name + ": " + error.message};
+  return casefile::read_mesh(file.path()).map_error([&](const base::Error &error) {
+    return base::Error{"attachment " + name + ": " + error.message};
   });
 }
 
@@ -77,11 +77,11 @@ Result<void> measure_trace(const casefile::SessionReader &reader, const wire::Re
     return tl::unexpected(mesh.error());
   }
   out.scalp = std::move(*mesh);
-  std::optional<registration::SurfaceModel> model;
+  std::optional<surface::SurfaceModel> model;
   try {
     model.emplace(out.scalp);
   } catch (const std::invalid_argument &error) {
-    return casefile::failure("attachment " + *name + ": " + error.what());
+    return base::failure("attachment " + *name + ": " + error.what());
   }
   const auto T_image_reference =
       wire::from_wire<geometry::frame::Image, geometry::frame::Reference>(accepted.accepted_T_image_reference);

@@ -10,8 +10,8 @@ inline constexpr const char *kScalpAttachment = "scalp.ply"; // in whatever fold
 
 // Fills scalp and trace with the surface samples captured since since_ns and up to the acceptance. Nothing is filled,
 // and nothing is wrong, when the file carries no scalp.
-[[nodiscard]] casefile::Result<void> measure_trace(const casefile::SessionReader &reader,
-                                                   const wire::RegistrationState &accepted, std::int64_t since_ns,
-                                                   SessionAnalysis &out);
+[[nodiscard]] base::Result<void> measure_trace(const casefile::SessionReader &reader,
+                                               const wire::RegistrationState &accepted, std::int64_t since_ns,
+                                               SessionAnalysis &out);
 
 } // namespace bregma::cli::report

@@ -14,7 +14,7 @@
 namespace bregma::cli::report {
 namespace {
 
-using casefile::Result;
+using base::Result;
 using casefile::SessionReader;
 
 constexpr std::int64_t kFreshDaemon_ns = 5'000'000'000;
@@ -292,7 +292,7 @@ Result<SessionAnalysis> analyse(const SessionReader &reader) {
     out.records += topic.count;
   }
   if (out.records == 0) {
-    return casefile::failure("the session file holds no records: nothing was recorded, or it was cut off at once");
+    return base::failure("the session file holds no records: nothing was recorded, or it was cut off at once");
   }
   auto meta = reader.meta();
   if (!meta) {

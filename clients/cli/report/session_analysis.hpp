@@ -13,8 +13,8 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
-#include "casefile/result.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "base/result.hpp"
 #include "casefile/session_file/session_file.hpp"
 
 namespace bregma::cli::report {
@@ -205,7 +205,7 @@ struct SessionAnalysis {
   std::uint64_t unknown_device_samples = 0;
   std::uint64_t record_dropped = 0;
 
-  geometry::TriangleMesh scalp; // empty when the file carries none
+  surface::TriangleMesh scalp; // empty when the file carries none
   std::vector<TracePoint> trace;
 
   [[nodiscard]] double seconds(std::int64_t time_ns) const { return static_cast<double>(time_ns - start_ns) * 1e-9; }
@@ -213,6 +213,6 @@ struct SessionAnalysis {
 };
 
 // An error when the file cannot be read through, or holds nothing at all.
-[[nodiscard]] casefile::Result<SessionAnalysis> analyse(const casefile::SessionReader &reader);
+[[nodiscard]] base::Result<SessionAnalysis> analyse(const casefile::SessionReader &reader);
 
 } // namespace bregma::cli::report

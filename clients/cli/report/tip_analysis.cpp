@@ -45,7 +45,7 @@ private:
 
 class TruthIndex {
 public:
-  casefile::Result<void> read(const casefile::SessionReader &reader, Tools &tools) {
+  base::Result<void> read(const casefile::SessionReader &reader, Tools &tools) {
     return reader
         .each<wire::SimulatedTruth>([&](const wire::SimulatedTruth &truth, std::int64_t) {
           const auto T_image_reference = wire::from_wire<frame::Image, frame::Reference>(truth.T_image_reference);
@@ -82,7 +82,7 @@ private:
 // The registration that was in force at a time.
 class AcceptedRegistrations {
 public:
-  casefile::Result<void> read(const casefile::SessionReader &reader) {
+  base::Result<void> read(const casefile::SessionReader &reader) {
     return reader
         .each<wire::RegistrationState>([&](const wire::RegistrationState &state, std::int64_t time_ns) {
           const bool known =
@@ -290,7 +290,7 @@ double Distribution::percentile(double share) const {
   return sorted[std::min(index, sorted.size() - 1)];
 }
 
-casefile::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAnalysis &out) {
+base::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAnalysis &out) {
   Tools tools(out.tools);
   TruthIndex truth;
   AcceptedRegistrations accepted;

@@ -6,7 +6,7 @@
 namespace bregma::cli::report {
 
 // Fills tips, tools, latencies, navigation rate, at_target, approaches and has_truth.
-[[nodiscard]] casefile::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAnalysis &out);
+[[nodiscard]] base::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAnalysis &out);
 
 [[nodiscard]] Distribution distribution_of(std::vector<double> values);
 

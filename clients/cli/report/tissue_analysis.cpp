@@ -35,7 +35,7 @@ void follow(const wire::DeformationState &state, FollowedLandmark &landmark) {
 
 } // namespace
 
-casefile::Result<void> analyse_tissue(const casefile::SessionReader &reader, SessionAnalysis &out) {
+base::Result<void> analyse_tissue(const casefile::SessionReader &reader, SessionAnalysis &out) {
   std::map<std::string, Insertion> by_target;
   std::map<std::string, FollowedLandmark> landmarks;
   std::map<std::string, std::uint32_t> ruptures_before;

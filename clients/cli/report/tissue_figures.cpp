@@ -12,8 +12,8 @@ using Value = double (*)(const TissueSample &);
 double all_force_N(const TissueSample &sample) { return sample.tip_force_N + sample.shaft_force_N; }
 
 // Against depth, broken where the model's answer is invalid or the phase is another.
-Series course(const Insertion &insertion, const char *name, const char *paint, Value value, bool backwards) {
-  Series out;
+base::Series course(const Insertion &insertion, const char *name, const char *paint, Value value, bool backwards) {
+  base::Series out;
   out.name = name;
   out.colour = paint;
   out.dashed = backwards;
@@ -24,24 +24,24 @@ Series course(const Insertion &insertion, const char *name, const char *paint, V
   return out;
 }
 
-Plot plot_of(const Insertion &insertion, const char *title, const char *unit_label) {
-  Plot plot;
+base::Plot plot_of(const Insertion &insertion, const char *title, const char *unit_label) {
+  base::Plot plot;
   plot.title = title;
   plot.x.label = "depth in the tissue, mm";
   plot.x.from = 0.0;
   plot.y.label = unit_label;
   if (std::isfinite(insertion.rupture_depth_mm)) {
-    plot.rules.push_back({RuleKind::kVertical, insertion.rupture_depth_mm, "rupture", "#374151"});
+    plot.rules.push_back({base::RuleKind::kVertical, insertion.rupture_depth_mm, "rupture", "#374151"});
   }
   return plot;
 }
 
 // What the model says of the target, from zero, on the way in and on the way out.
-Plot in_and_out(const Insertion &insertion, const char *title, const char *unit_label, Value value) {
-  Plot plot = plot_of(insertion, title, unit_label);
+base::Plot in_and_out(const Insertion &insertion, const char *title, const char *unit_label, Value value) {
+  base::Plot plot = plot_of(insertion, title, unit_label);
   plot.y.from = 0.0;
-  plot.series.push_back(course(insertion, "pushed in", colour::kBlue, value, false));
-  plot.series.push_back(course(insertion, "drawn back", colour::kBlue, value, true));
+  plot.series.push_back(course(insertion, "pushed in", base::colour::kBlue, value, false));
+  plot.series.push_back(course(insertion, "drawn back", base::colour::kBlue, value, true));
   return plot;
 }
 
@@ -52,16 +52,16 @@ std::string tissue_force_figure(const SessionAnalysis &session) {
     return {};
   }
   const Insertion &insertion = *session.insertion;
-  Plot plot = plot_of(insertion, "Force against depth", "force along the shaft, N");
-  Series measured = course(
-      insertion, "measured", colour::kGrey, [](const TissueSample &s) { return s.measured_force_N; }, false);
-  measured.mark = Mark::kPoints;
+  base::Plot plot = plot_of(insertion, "Force against depth", "force along the shaft, N");
+  base::Series measured = course(
+      insertion, "measured", base::colour::kGrey, [](const TissueSample &s) { return s.measured_force_N; }, false);
+  measured.mark = base::Mark::kPoints;
   measured.size = 1.2;
   plot.series.push_back(std::move(measured));
-  plot.series.push_back(course(insertion, "model: tip and shaft", colour::kBlue, all_force_N, false));
+  plot.series.push_back(course(insertion, "model: tip and shaft", base::colour::kBlue, all_force_N, false));
   plot.series.push_back(course(
-      insertion, "model: tip", colour::kOrange, [](const TissueSample &s) { return s.tip_force_N; }, false));
-  plot.series.push_back(course(insertion, "model: drawn back", colour::kBlue, all_force_N, true));
+      insertion, "model: tip", base::colour::kOrange, [](const TissueSample &s) { return s.tip_force_N; }, false));
+  plot.series.push_back(course(insertion, "model: drawn back", base::colour::kBlue, all_force_N, true));
   return half_width(plot, "What the probe pushes the tissue with, as the model has it and as the sensor in its grip "
                           "measures it. Before the rupture the depth is that of the dent.");
 }
@@ -78,11 +78,11 @@ std::string tissue_motion_figure(const SessionAnalysis &session) {
   if (!session.insertion) {
     return {};
   }
-  Plot plot = in_and_out(*session.insertion, "Motion of the target against depth", "predicted motion of the target, mm",
-                         [](const TissueSample &s) { return s.motion_mm; });
+  base::Plot plot = in_and_out(*session.insertion, "Motion of the target against depth",
+                               "predicted motion of the target, mm", [](const TissueSample &s) { return s.motion_mm; });
   plot.series.push_back(course(
-      *session.insertion, "its error bound", colour::kGrey, [](const TissueSample &s) { return s.error_bound_mm; },
-      false));
+      *session.insertion, "its error bound", base::colour::kGrey,
+      [](const TissueSample &s) { return s.error_bound_mm; }, false));
   return full_width(plot, "How far the model predicts the target from where it was imaged, and what that is worth. "
                           "Answers that extrapolate are drawn too, and counted above; invalid ones are not.");
 }

@@ -9,7 +9,7 @@
 #include <CLI/Validators.hpp>
 #include <nlohmann/json.hpp>
 
-#include "casefile/case_tissue.hpp"
+#include "case_model/case_tissue.hpp"
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
@@ -41,29 +41,29 @@ void add_mesh_options(CLI::App &command, MeshRequest &request) {
 }
 
 void add_entry_option(CLI::App &command, MeshRequest &request) {
-  request.entry_edge_mm = casefile::BrainMeshOptions{}.entry_edge_mm;
+  request.entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
   command
       .add_option("--entry-edge", request.entry_edge_mm, "Longest edge where trajectories enter, mm; 0: as elsewhere")
       ->check(CLI::Range(0.0, 20.0))
       ->capture_default_str();
 }
 
-casefile::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request) {
-  casefile::BrainMeshOptions options;
+base::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request) {
+  case_model::BrainMeshOptions options;
   options.lattice.edge_mm = request.edge_mm;
   options.lattice.tetrahedra = request.elements;
   options.entry_edge_mm = request.entry_edge_mm;
   try {
-    const registration::SurfaceModel brain(c.brain.mesh);
-    tissue::LatticeMesh filled =
-        casefile::brain_mesh_of(c, brain, casefile::craniotomy_of(c, brain, casefile::kCraniotomyRadius_mm), options);
+    const surface::SurfaceModel brain(c.brain.mesh);
+    tissue::LatticeMesh filled = case_model::brain_mesh_of(
+        c, brain, case_model::craniotomy_of(c, brain, case_model::kCraniotomyRadius_mm), options);
     const auto count = static_cast<int>(filled.mesh.tetrahedra.size());
     if (request.edge_mm && (count < kFewestElements || count > kMostElements)) {
-      return casefile::failure(edge_problem(c, *request.edge_mm, count, filled.surface_mm3));
+      return base::failure(edge_problem(c, *request.edge_mm, count, filled.surface_mm3));
     }
     return filled;
   } catch (const std::invalid_argument &error) {
-    return casefile::failure(c.folder.string() + ": the brain's surface: " + error.what());
+    return base::failure(c.folder.string() + ": the brain's surface: " + error.what());
   }
 }
 

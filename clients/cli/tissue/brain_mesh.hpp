@@ -6,8 +6,8 @@
 
 #include <nlohmann/json_fwd.hpp>
 
-#include "algorithms/tissue/lattice_mesh.hpp"
-#include "algorithms/tissue/mesh_quality.hpp"
+#include "algorithms/tissue/mesh/lattice_mesh.hpp"
+#include "algorithms/tissue/mesh/mesh_quality.hpp"
 #include "casefile/case.hpp"
 
 namespace CLI {
@@ -33,7 +33,7 @@ void add_entry_option(CLI::App &command, MeshRequest &request);
 
 // Blocks for about a second. Refuses a lattice's edge that gives fewer or more tetrahedra than above, and says which
 // ones do not.
-[[nodiscard]] casefile::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request);
+[[nodiscard]] base::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request);
 
 struct MeshReport {
   tissue::MeshQuality quality;

@@ -2,27 +2,27 @@
 
 #include <stdexcept>
 
-#include "algorithms/registration/surface_model.hpp"
-#include "algorithms/tissue/constitutive.hpp"
-#include "casefile/case_tissue.hpp"
+#include "algorithms/surface/surface_model.hpp"
+#include "algorithms/tissue/material/constitutive.hpp"
+#include "case_model/case_tissue.hpp"
 
 namespace bregma::cli {
 
-casefile::Result<std::unique_ptr<tissue::BrainModel>>
-make_model(const casefile::Case &c, const tissue::LatticeMesh &filled, std::span<const Eigen::Vector3d> points_mm) {
+base::Result<std::unique_ptr<tissue::BrainModel>> make_model(const casefile::Case &c, const tissue::LatticeMesh &filled,
+                                                             std::span<const Eigen::Vector3d> points_mm) {
   tissue::BrainModelOptions options;
-  options.material = casefile::material_of(c, tissue::named_materials().front());
+  options.material = case_model::material_of(c, tissue::named_materials().front());
   options.skull.craniotomy =
-      casefile::craniotomy_of(c, registration::SurfaceModel(c.brain.mesh), casefile::kCraniotomyRadius_mm);
-  options.solver.minimum_step_s = casefile::least_step_s(filled, options.material);
+      case_model::craniotomy_of(c, surface::SurfaceModel(c.brain.mesh), case_model::kCraniotomyRadius_mm);
+  options.solver.minimum_step_s = case_model::least_step_s(filled, options.material);
   try {
     return std::make_unique<tissue::BrainModel>(filled.mesh, points_mm, options);
   } catch (const std::invalid_argument &error) {
-    return casefile::failure(c.folder.string() + ": no tissue model of the brain: " + error.what());
+    return base::failure(c.folder.string() + ": no tissue model of the brain: " + error.what());
   }
 }
 
-casefile::Result<void> write_state(const std::filesystem::path &file, const tissue::ExplicitSolver &solver) {
+base::Result<void> write_state(const std::filesystem::path &file, const tissue::ExplicitSolver &solver) {
   casefile::TetField displacement{"displacement_mm", 3, {}};
   for (int node = 0; node < solver.nodes(); ++node) {
     const Eigen::Vector3d u = solver.displacement_mm(node);

@@ -13,11 +13,10 @@
 namespace bregma::cli {
 
 // Craniotomy and material of the case; all else is the model's default.
-[[nodiscard]] casefile::Result<std::unique_ptr<tissue::BrainModel>>
+[[nodiscard]] base::Result<std::unique_ptr<tissue::BrainModel>>
 make_model(const casefile::Case &c, const tissue::LatticeMesh &filled, std::span<const Eigen::Vector3d> points_mm);
 
 // The present state of the tissue, on its mesh at rest: displacement_mm; von_mises_Pa and cauchy_Pa.
-[[nodiscard]] casefile::Result<void> write_state(const std::filesystem::path &file,
-                                                 const tissue::ExplicitSolver &solver);
+[[nodiscard]] base::Result<void> write_state(const std::filesystem::path &file, const tissue::ExplicitSolver &solver);
 
 } // namespace bregma::cli

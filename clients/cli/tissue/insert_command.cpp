@@ -17,8 +17,8 @@
 namespace bregma::cli {
 namespace {
 
-using casefile::failure;
-using casefile::Result;
+using base::failure;
+using base::Result;
 
 struct InsertOptions {
   std::string folder;

@@ -6,8 +6,8 @@
 #include <limits>
 
 #include "algorithms/planning/surface_entry.hpp"
-#include "algorithms/registration/surface_model.hpp"
-#include "algorithms/tissue/constitutive.hpp"
+#include "algorithms/surface/surface_model.hpp"
+#include "algorithms/tissue/material/constitutive.hpp"
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
@@ -44,16 +44,16 @@ std::string state_text(const tissue::BrainState &state) {
 
 } // namespace
 
-casefile::Result<InsertionWay> InsertionWay::along(const casefile::Case &c, const casefile::Trajectory &trajectory,
-                                                   double probe_radius_mm) {
+base::Result<InsertionWay> InsertionWay::along(const casefile::Case &c, const casefile::Trajectory &trajectory,
+                                               double probe_radius_mm) {
   const auto entry =
-      planning::surface_entry(registration::SurfaceModel(c.brain.mesh), trajectory.entry_mm, trajectory.target_mm);
+      planning::surface_entry(surface::SurfaceModel(c.brain.mesh), trajectory.entry_mm, trajectory.target_mm);
   const std::string name = c.folder.string() + ": trajectory \"" + trajectory.name + "\" ";
   if (!entry) {
-    return casefile::failure(name + "does not enter the brain");
+    return base::failure(name + "does not enter the brain");
   }
   if ((*entry - trajectory.entry_mm).norm() == 0.0) {
-    return casefile::failure(name + "begins inside the brain: where it enters is not known");
+    return base::failure(name + "begins inside the brain: where it enters is not known");
   }
   InsertionWay way;
   way.entry_mm_ = *entry;

@@ -31,8 +31,8 @@ struct InsertionUpdate {
 class InsertionWay {
 public:
   // Refuses a trajectory that does not enter the brain, and a depth that is not in it.
-  [[nodiscard]] static casefile::Result<InsertionWay>
-  along(const casefile::Case &c, const casefile::Trajectory &trajectory, double probe_radius_mm);
+  [[nodiscard]] static base::Result<InsertionWay> along(const casefile::Case &c, const casefile::Trajectory &trajectory,
+                                                        double probe_radius_mm);
 
   [[nodiscard]] const Eigen::Vector3d &entry_mm() const { return entry_mm_; }
   [[nodiscard]] double target_depth_mm() const { return target_depth_mm_; }

@@ -12,10 +12,10 @@
 #include <CLI/Formatter.hpp>
 #include <CLI/Validators.hpp>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "algorithms/tissue/brain_shift.hpp"
-#include "algorithms/tissue/tet_locator.hpp"
-#include "casefile/case_tissue.hpp"
+#include "algorithms/tissue/mesh/tet_locator.hpp"
+#include "case_model/case_tissue.hpp"
 #include "casefile/tissue_files/tet_file.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
@@ -24,8 +24,8 @@
 namespace bregma::cli {
 namespace {
 
-using casefile::failure;
-using casefile::Result;
+using base::failure;
+using base::Result;
 using Eigen::Vector3d;
 
 // How the head lies, and where things then fall (RAS).
@@ -107,7 +107,7 @@ Result<ShiftOfCase> run_model(const ShiftOptions &options) {
   how.skull.gap_mm = options.gap_mm;
   how.falx = !options.without_falx;
   how.skull.craniotomy =
-      casefile::craniotomy_of(*loaded, registration::SurfaceModel(loaded->brain.mesh), casefile::kCraniotomyRadius_mm);
+      case_model::craniotomy_of(*loaded, surface::SurfaceModel(loaded->brain.mesh), case_model::kCraniotomyRadius_mm);
   how.gravity = postures().at(options.posture);
   how.gravity_imaged = postures().at(options.imaged);
   how.fluid_drop_mm = options.fluid_drop_mm;

@@ -2,8 +2,8 @@
 
 #include <cmath>
 
-#include "algorithms/registration/cloud_covariance.hpp"
-#include "algorithms/registration/cpd.hpp"
+#include "algorithms/registration/clouds/cloud_covariance.hpp"
+#include "algorithms/registration/clouds/cpd.hpp"
 #include "algorithms/uncertainty/chi_square.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "tests/unit/algorithms/head.hpp"

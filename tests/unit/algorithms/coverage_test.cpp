@@ -104,7 +104,7 @@ constexpr double kSkinLength = 12.0;
 template <class SkinError> Coverage simulate_joint(double correlation_length_mm, int runs, SkinError &&skin_error) {
   std::mt19937 rng(kSeed);
   const auto mesh = test::make_head(4);
-  const registration::SurfaceModel surface(mesh);
+  const surface::SurfaceModel surface(mesh);
   registration::RegistrationOptions options;
   options.surface_sigma_mm = kSkinSigma;
   options.correlation_length_mm = correlation_length_mm;

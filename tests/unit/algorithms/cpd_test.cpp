@@ -5,10 +5,10 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/cloud_pose.hpp"
-#include "algorithms/registration/gauss_kernel.hpp"
-#include "algorithms/registration/gauss_sums.hpp"
-#include "algorithms/registration/pose_search.hpp"
+#include "algorithms/registration/clouds/cloud_pose.hpp"
+#include "algorithms/registration/clouds/gauss_kernel.hpp"
+#include "algorithms/registration/clouds/gauss_sums.hpp"
+#include "algorithms/registration/surface/pose_search.hpp"
 #include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/algorithms/tables.hpp"
 #include "tests/unit/casefile/files.hpp"

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/planning/critical_structures.hpp"
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
@@ -17,7 +17,7 @@ using planning::NamedMesh;
 constexpr unsigned kStructuresSeed = 20260203;
 
 // A lumpy body: no two distances alike, concave in places.
-geometry::TriangleMesh blob(const Vector3d &centre, double radius, std::mt19937 &rng) {
+surface::TriangleMesh blob(const Vector3d &centre, double radius, std::mt19937 &rng) {
   auto mesh = test::make_sphere(4, radius, centre);
   const test::SmoothField lumps(rng, 0.6 * radius);
   for (Vector3d &v : mesh.vertices_mm) {
@@ -36,7 +36,7 @@ TEST(CriticalStructures, AgreeWithTheClosestPointOfEachSurfaceAlongAPath) {
   std::mt19937 rng(kStructuresSeed);
   const auto given = structures(rng);
   const CriticalStructures critical(given);
-  std::vector<registration::SurfaceModel> surfaces;
+  std::vector<surface::SurfaceModel> surfaces;
   for (const NamedMesh &named : given) {
     surfaces.emplace_back(named.mesh);
   }
@@ -110,7 +110,7 @@ TEST(CriticalStructures, PathClearanceIsTheLeastDistanceAlongTheLine) {
     EXPECT_LE(clearance[k - 1].distance_mm, clearance[k].distance_mm);
   }
   for (const NamedMesh &named : given) {
-    const registration::SurfaceModel surface(named.mesh);
+    const surface::SurfaceModel surface(named.mesh);
     double least = 1e9;
     for (int i = 0; i <= 20'000; ++i) {
       least = std::min(least, surface.closest(entry + i / 20'000.0 * (target - entry)).distance_mm);

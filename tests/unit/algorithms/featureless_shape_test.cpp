@@ -4,7 +4,7 @@
 #include <numeric>
 #include <vector>
 
-#include "algorithms/registration/featureless_shape.hpp"
+#include "algorithms/registration/surface/featureless_shape.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
 namespace bregma::registration {

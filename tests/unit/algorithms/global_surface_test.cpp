@@ -4,8 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/global_surface.hpp"
-#include "algorithms/registration/pose_search.hpp"
+#include "algorithms/registration/surface/global_surface.hpp"
+#include "algorithms/registration/surface/pose_search.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
 namespace {
@@ -18,9 +18,9 @@ using geometry::frame::Target;
 constexpr unsigned kGlobalSeed = 20260311;
 
 struct SearchedHead {
-  geometry::TriangleMesh mesh = test::make_head(4);
-  SurfaceModel surface{mesh};
-  SurfaceField field{surface};
+  surface::TriangleMesh mesh = test::make_head(4);
+  surface::SurfaceModel surface{mesh};
+  surface::SurfaceField field{surface};
 };
 const SearchedHead &searched_head() {
   static const SearchedHead head;
@@ -132,7 +132,7 @@ TEST(GlobalSurface, TheAnswerDoesNotDependOnThreadsNorOnTheSamplesFrame) {
 
 class NeverFound : public testing::Test {
 protected:
-  void expect_not_found(const SurfaceField &field, const std::vector<Vector3d> &places, std::mt19937 &rng) {
+  void expect_not_found(const surface::SurfaceField &field, const std::vector<Vector3d> &places, std::mt19937 &rng) {
     GlobalRegistration global(field, GlobalOptions{});
     const auto T = test::random_pose<Target, Source>(rng);
     const GlobalResult &result = global.locate(shuffled_into(T.inverse(), places, 0.5, rng));
@@ -165,8 +165,8 @@ TEST_F(NeverFound, APlane) {
 }
 
 TEST_F(NeverFound, ASphereOnASphere) {
-  const SurfaceModel surface(test::make_sphere(4, 85.0, Vector3d::Zero()));
-  const SurfaceField field(surface);
+  const surface::SurfaceModel surface(test::make_sphere(4, 85.0, Vector3d::Zero()));
+  const surface::SurfaceField field(surface);
   std::vector<Vector3d> places;
   for (int i = 0; i < 200; ++i) {
     places.push_back(85.0 * test::normal_vector(rng_, 1.0).normalized());
@@ -181,8 +181,8 @@ TEST_F(NeverFound, AnEllipsoidOnItself) {
   for (Vector3d &v : mesh.vertices_mm) {
     v = v.cwiseProduct(axes);
   }
-  const SurfaceModel surface(mesh);
-  const SurfaceField field(surface);
+  const surface::SurfaceModel surface(mesh);
+  const surface::SurfaceField field(surface);
   std::vector<Vector3d> places;
   for (const auto &spot : test::spots(mesh, 200, rng_, [](const Vector3d &) { return true; })) {
     places.push_back(spot.point_mm);

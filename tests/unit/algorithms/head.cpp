@@ -11,9 +11,9 @@ namespace bregma::test {
 
 namespace {
 
-geometry::TriangleMesh unit_sphere(int subdivisions) {
+surface::TriangleMesh unit_sphere(int subdivisions) {
   const double g = 0.5 * (1.0 + std::sqrt(5.0));
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
   for (const auto &[x, y, z] : std::initializer_list<std::array<double, 3>>{{-1, g, 0},
                                                                             {1, g, 0},
                                                                             {-1, -g, 0},
@@ -56,8 +56,8 @@ geometry::TriangleMesh unit_sphere(int subdivisions) {
 
 } // namespace
 
-geometry::TriangleMesh make_sphere(int subdivisions, double radius_mm, const Vector3d &centre_mm) {
-  geometry::TriangleMesh mesh = unit_sphere(subdivisions);
+surface::TriangleMesh make_sphere(int subdivisions, double radius_mm, const Vector3d &centre_mm) {
+  surface::TriangleMesh mesh = unit_sphere(subdivisions);
   for (Vector3d &v : mesh.vertices_mm) {
     v = centre_mm + radius_mm * v;
   }
@@ -73,8 +73,8 @@ Vector3d on_head(const Vector3d &direction) {
   return kHeadCentre + (skull + nose) * u;
 }
 
-geometry::TriangleMesh make_head(int subdivisions) {
-  geometry::TriangleMesh mesh = unit_sphere(subdivisions);
+surface::TriangleMesh make_head(int subdivisions) {
+  surface::TriangleMesh mesh = unit_sphere(subdivisions);
   for (Vector3d &v : mesh.vertices_mm) {
     v = on_head(v);
   }

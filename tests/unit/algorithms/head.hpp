@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "algorithms/geometry/pose_covariance.hpp"
-#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
 
 namespace bregma::test {
 
@@ -13,12 +13,12 @@ using geometry::Matrix3d;
 using geometry::Vector3d;
 
 // Midpoint subdivisions of an icosahedron: 10 * 4^subdivisions + 2 vertices, 20 * 4^subdivisions triangles.
-[[nodiscard]] geometry::TriangleMesh make_sphere(int subdivisions, double radius_mm, const Vector3d &centre_mm);
+[[nodiscard]] surface::TriangleMesh make_sphere(int subdivisions, double radius_mm, const Vector3d &centre_mm);
 
 inline const Vector3d kHeadCentre(0.0, -18.0, 8.0);
 // Where the head's skin is in this direction from its centre, before it is cut into triangles.
 [[nodiscard]] Vector3d on_head(const Vector3d &direction);
-[[nodiscard]] geometry::TriangleMesh make_head(int subdivisions);
+[[nodiscard]] surface::TriangleMesh make_head(int subdivisions);
 
 // A point of the mesh, uniform by area over the triangles whose middle satisfies the condition.
 struct SurfaceSpot {
@@ -26,7 +26,7 @@ struct SurfaceSpot {
   Vector3d normal;
 };
 template <class Condition>
-[[nodiscard]] std::vector<SurfaceSpot> spots(const geometry::TriangleMesh &mesh, std::size_t count, std::mt19937 &rng,
+[[nodiscard]] std::vector<SurfaceSpot> spots(const surface::TriangleMesh &mesh, std::size_t count, std::mt19937 &rng,
                                              Condition &&wanted) {
   std::vector<SurfaceSpot> out;
   std::vector<double> areas;

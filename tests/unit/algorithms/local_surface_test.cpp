@@ -10,9 +10,9 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/geometry/angles.hpp"
-#include "algorithms/registration/local_surface.hpp"
-#include "algorithms/registration/normal_kernel.hpp"
-#include "algorithms/registration/plane_step.hpp"
+#include "algorithms/registration/surface/local_surface.hpp"
+#include "algorithms/registration/surface/normal_kernel.hpp"
+#include "algorithms/registration/surface/plane_step.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
@@ -26,9 +26,9 @@ using geometry::frame::Target;
 constexpr unsigned kLocalSeed = 20260310;
 
 struct PreparedHead {
-  geometry::TriangleMesh mesh = test::make_head(4);
-  SurfaceModel surface{mesh};
-  SurfaceField field{surface};
+  surface::TriangleMesh mesh = test::make_head(4);
+  surface::SurfaceModel surface{mesh};
+  surface::SurfaceField field{surface};
 };
 const PreparedHead &prepared_head() {
   static const PreparedHead head;
@@ -76,8 +76,8 @@ TEST(SurfaceField, ClosestPointsAreThoseOfTheTree) {
   std::mt19937 rng(kLocalSeed);
   for (int i = 0; i < 3000; ++i) {
     const Vector3d p = test::on_head(test::normal_vector(rng, 1.0)) + test::normal_vector(rng, i % 2 == 0 ? 2.0 : 30.0);
-    const SurfacePoint exact = prepared_head().surface.closest(p);
-    const SurfacePoint quick = prepared_head().field.closest(p);
+    const surface::SurfacePoint exact = prepared_head().surface.closest(p);
+    const surface::SurfacePoint quick = prepared_head().field.closest(p);
     ASSERT_NEAR(quick.signed_mm, exact.signed_mm, 1e-9) << "point " << i << ", seed " << kLocalSeed;
   }
 }
@@ -89,12 +89,12 @@ TEST(SurfaceField, WhatIsKnownFromNearbyStaysExact) {
   constexpr int kSteps = 400;
   for (int walk = 0; walk < 20; ++walk) {
     Vector3d p = test::on_head(test::normal_vector(rng, 1.0)) + test::normal_vector(rng, 1.0);
-    SurfaceField::Nearby known;
+    surface::SurfaceField::Nearby known;
     for (int i = 0; i < kSteps; ++i) {
       const Vector3d last_query = known.at_mm;
-      const SurfacePoint quick = prepared_head().field.closest(p, known);
+      const surface::SurfacePoint quick = prepared_head().field.closest(p, known);
       same += i > 0 && known.at_mm == last_query ? 1 : 0;
-      const SurfacePoint exact = prepared_head().surface.closest(p);
+      const surface::SurfacePoint exact = prepared_head().surface.closest(p);
       ASSERT_NEAR(quick.signed_mm, exact.signed_mm, 1e-9) << "walk " << walk << ", step " << i;
       ASSERT_NEAR((quick.point_mm - exact.point_mm).norm(), 0.0, 1e-6) << "walk " << walk << ", step " << i;
       p += test::normal_vector(rng, i % 40 == 39 ? 1.0 : 0.01);
@@ -107,7 +107,7 @@ TEST(SurfaceField, PlanesAreNearTheSurfacesDistance) {
   std::mt19937 rng(kLocalSeed);
   for (int i = 0; i < 2000; ++i) {
     const Vector3d p = test::on_head(test::normal_vector(rng, 1.0)) + test::normal_vector(rng, 10.0);
-    const SurfaceField::Plane &plane = prepared_head().field.plane(p.cast<float>());
+    const surface::SurfaceField::Plane &plane = prepared_head().field.plane(p.cast<float>());
     const double distance = static_cast<double>(plane.normal.dot(p.cast<float>()) + plane.offset);
     // A plane over a voxel of 4 mm is off by its curvature, and at most by the way to the voxel's centre and back.
     ASSERT_NEAR(distance, prepared_head().surface.closest(p).signed_mm, 7.0) << "point " << i;
@@ -115,14 +115,14 @@ TEST(SurfaceField, PlanesAreNearTheSurfacesDistance) {
 }
 
 TEST(SurfaceField, AMeshInTheWrongUnitIsRefused) {
-  const SurfaceModel huge(test::make_sphere(1, 20000.0, Vector3d::Zero()));
-  EXPECT_THROW(SurfaceField{huge}, std::invalid_argument);
+  const surface::SurfaceModel huge(test::make_sphere(1, 20000.0, Vector3d::Zero()));
+  EXPECT_THROW(surface::SurfaceField{huge}, std::invalid_argument);
 }
 
 // Against the formulas, one sample after another, in double precision.
 TEST(PlaneKernel, EveryVersionOfThisProcessorGivesTheFormulas) {
   std::mt19937 rng(kLocalSeed);
-  const SurfaceField &field = prepared_head().field;
+  const surface::SurfaceField &field = prepared_head().field;
   for (const std::size_t count : {1U, 7U, 8U, 61U, 200U}) {
     const Sampled trace = sample_front(count, 3.0, rng);
     const PairedPose T = off(trace.T_true, 10.0, 10.0, rng);
@@ -135,7 +135,7 @@ TEST(PlaneKernel, EveryVersionOfThisProcessorGivesTheFormulas) {
     for (std::size_t i = 0; i < count; ++i) {
       lanes.set(i, trace.source_mm[i]);
       const Vector3d p = T * trace.source_mm[i];
-      const SurfaceField::Plane &plane = field.plane(p.cast<float>());
+      const surface::SurfaceField::Plane &plane = field.plane(p.cast<float>());
       const Vector3d n = plane.normal.cast<double>();
       const double r = n.dot(p) + static_cast<double>(plane.offset);
       const double share = kReach_mm * kReach_mm / (kReach_mm * kReach_mm + r * r);
@@ -262,12 +262,12 @@ TEST(LocalSurface, CloudsByPlanesAndByPoints) {
     normals.push_back(spot.normal);
   }
   const PairedPose start = off(samples.T_true, 4.0, 4.0, rng);
-  const CloudModel with_normals(points, normals);
+  const surface::CloudModel with_normals(points, normals);
   LocalRegistration by_planes(with_normals, without_correlation());
   EXPECT_LT(samples.rmse_mm(by_planes.fit(samples.source_mm, start).T_target_source), 0.5);
 
   // The very points: point to point on other points of the surface stays where neighbours hold it.
-  const CloudModel bare(samples.true_mm);
+  const surface::CloudModel bare(samples.true_mm);
   LocalOptions options = without_correlation();
   options.metric = SurfaceMetric::kPointToPoint;
   LocalRegistration by_points(bare, options);
@@ -282,14 +282,14 @@ TEST(LocalSurface, TheNearestPointOfACloudIsTheNearest) {
   for (int i = 0; i < 500; ++i) {
     points.push_back(test::normal_vector(rng, 50.0));
   }
-  const CloudModel cloud(points);
+  const surface::CloudModel cloud(points);
   for (int i = 0; i < 500; ++i) {
     const Vector3d p = test::normal_vector(rng, 60.0);
     double nearest = std::numeric_limits<double>::infinity();
     for (const Vector3d &q : points) {
       nearest = std::min(nearest, (p - q).norm());
     }
-    const SurfacePoint found = cloud.closest(p);
+    const surface::SurfacePoint found = cloud.closest(p);
     ASSERT_NEAR(found.distance_mm, nearest, 1e-12);
     ASSERT_EQ(points[static_cast<std::size_t>(found.triangle)], found.point_mm);
   }
@@ -315,12 +315,12 @@ TEST(LocalSurface, TheAnswerMovesWithItsInputs) {
   }
 
   const auto N = test::random_pose<Target, Target>(rng);
-  geometry::TriangleMesh mesh = prepared_head().mesh;
+  surface::TriangleMesh mesh = prepared_head().mesh;
   for (Vector3d &v : mesh.vertices_mm) {
     v = N * v;
   }
-  const SurfaceModel surface(mesh);
-  const SurfaceField field(surface);
+  const surface::SurfaceModel surface(mesh);
+  const surface::SurfaceField field(surface);
   LocalRegistration elsewhere(field, without_correlation());
   const PairedPose on_moved = elsewhere.fit(samples.source_mm, N * start).T_target_source;
   for (const Vector3d &p : samples.source_mm) {
@@ -331,8 +331,8 @@ TEST(LocalSurface, TheAnswerMovesWithItsInputs) {
 TEST(LocalSurface, ASphereLeavesRotationsFreeAndTheCovarianceSaysSo) {
   std::mt19937 rng(kLocalSeed);
   const auto mesh = test::make_sphere(4, 80.0, Vector3d::Zero());
-  const SurfaceModel surface(mesh);
-  const SurfaceField field(surface);
+  const surface::SurfaceModel surface(mesh);
+  const surface::SurfaceField field(surface);
   LocalRegistration local(field, without_correlation());
   std::vector<Vector3d> source;
   for (int i = 0; i < 200; ++i) {
@@ -369,8 +369,8 @@ TEST(LocalSurface, BadInputIsNotConvergedAndBadOptionsAreRefused) {
   EXPECT_THROW(LocalRegistration(prepared_head().field, bad), std::invalid_argument);
   const std::vector<Vector3d> flat(2, Vector3d::Zero());
   const std::vector<Vector3d> no_normal(2, Vector3d::Zero());
-  EXPECT_THROW(CloudModel(flat, no_normal), std::invalid_argument);
-  EXPECT_THROW(CloudModel(std::span<const Vector3d>{}), std::invalid_argument);
+  EXPECT_THROW(surface::CloudModel(flat, no_normal), std::invalid_argument);
+  EXPECT_THROW(surface::CloudModel(std::span<const Vector3d>{}), std::invalid_argument);
 }
 
 TEST(LocalSurface, AFitDoesNotAllocate) {

@@ -8,12 +8,12 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/cloud_pose.hpp"
-#include "algorithms/registration/curves.hpp"
-#include "algorithms/registration/global_surface.hpp"
+#include "algorithms/registration/clouds/cloud_pose.hpp"
+#include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/registration/registration.hpp"
-#include "algorithms/registration/robust_points.hpp"
-#include "algorithms/registration/thin_plate_spline.hpp"
+#include "algorithms/registration/splines/curves.hpp"
+#include "algorithms/registration/splines/thin_plate_spline.hpp"
+#include "algorithms/registration/surface/global_surface.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
 namespace {
@@ -30,7 +30,7 @@ using Map = std::function<Vector3d(const Vector3d &)>;
 
 // The head's skin in front, and where it points; the first ones stand for fiducials and landmarks.
 struct Places {
-  geometry::TriangleMesh mesh = test::make_head(4);
+  surface::TriangleMesh mesh = test::make_head(4);
   std::vector<Vector3d> points, normals;
   Places() {
     std::mt19937 rng(kPropertySeed);
@@ -79,12 +79,12 @@ struct PlacedHead {
     for (Vector3d &v : mesh.vertices_mm) {
       v = placed * v;
     }
-    surface = std::make_unique<SurfaceModel>(mesh);
-    field = std::make_unique<SurfaceField>(*surface);
+    surface = std::make_unique<surface::SurfaceModel>(mesh);
+    field = std::make_unique<surface::SurfaceField>(*surface);
   }
-  geometry::TriangleMesh mesh;
-  std::unique_ptr<SurfaceModel> surface;
-  std::unique_ptr<SurfaceField> field;
+  surface::TriangleMesh mesh;
+  std::unique_ptr<surface::SurfaceModel> surface;
+  std::unique_ptr<surface::SurfaceField> field;
 };
 const PlacedHead &head_at(const PairedPose &placed) {
   static std::map<std::array<double, 3>, std::unique_ptr<PlacedHead>> heads;
@@ -173,7 +173,7 @@ template <SurfaceMetric metric> struct LocalOnCloud {
     for (const Vector3d &n : places().normals) {
       normals.push_back(target.placed.rotation() * n);
     }
-    const CloudModel cloud(target.points(), normals);
+    const surface::CloudModel cloud(target.points(), normals);
     LocalOptions options;
     options.metric = metric;
     LocalRegistration local(cloud, options);

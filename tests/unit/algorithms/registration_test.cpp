@@ -52,8 +52,8 @@ struct Patient {
   }
 
   std::mt19937 rng;
-  geometry::TriangleMesh mesh;
-  SurfaceModel surface;
+  surface::TriangleMesh mesh;
+  surface::SurfaceModel surface;
   ImageFromReference T_true;
   std::vector<FiducialObservation> fiducials;
   std::vector<SurfaceSample> samples;

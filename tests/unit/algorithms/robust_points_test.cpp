@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/robust_points.hpp"
+#include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/uncertainty/error_metrics.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"

@@ -5,8 +5,8 @@
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/curves.hpp"
-#include "algorithms/registration/spline_grid.hpp"
+#include "algorithms/registration/splines/curves.hpp"
+#include "algorithms/registration/splines/spline_grid.hpp"
 #include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/algorithms/tables.hpp"
 #include "tests/unit/casefile/files.hpp"

@@ -17,13 +17,13 @@ using Eigen::Vector3d;
 const Vector3d kCentre_mm{5.0, -12.0, 30.0};
 constexpr double kRadius_mm = 70.0;
 
-const geometry::TriangleMesh &facets() {
-  static const geometry::TriangleMesh mesh = tests::sphere(kCentre_mm, kRadius_mm, 5);
+const surface::TriangleMesh &facets() {
+  static const surface::TriangleMesh mesh = tests::sphere(kCentre_mm, kRadius_mm, 5);
   return mesh;
 }
 
-const registration::SurfaceModel &ball() {
-  static const registration::SurfaceModel model(facets());
+const surface::SurfaceModel &ball() {
+  static const surface::SurfaceModel model(facets());
   return model;
 }
 

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
@@ -11,7 +11,7 @@ namespace {
 
 using namespace bregma;
 using geometry::Vector3d;
-using registration::SurfaceModel;
+using surface::SurfaceModel;
 constexpr unsigned kSurfaceSeed = 20260206;
 
 // The distance to a triangle by brute force: the plane where its foot is inside, else the nearest edge.
@@ -100,7 +100,7 @@ TEST(SurfaceModel, SegmentsHitWhatStandsBetween) {
 }
 
 TEST(SurfaceModel, SegmentsAlongTheAxesAreNotLost) {
-  geometry::TriangleMesh square; // flat: its boxes have no thickness
+  surface::TriangleMesh square; // flat: its boxes have no thickness
   square.vertices_mm = {{0, 0, 5}, {10, 0, 5}, {10, 10, 5}, {0, 10, 5}};
   square.triangles = {{0, 1, 2}, {0, 2, 3}};
   const SurfaceModel surface(square);
@@ -128,7 +128,7 @@ TEST(SurfaceModel, QueriesDoNotAllocate) {
   EXPECT_EQ(scope.count(), 0U);
 }
 
-void expect_refused(const geometry::TriangleMesh &mesh, const char *message) {
+void expect_refused(const surface::TriangleMesh &mesh, const char *message) {
   try {
     const SurfaceModel surface(mesh);
     FAIL() << "accepted";
@@ -138,7 +138,7 @@ void expect_refused(const geometry::TriangleMesh &mesh, const char *message) {
 }
 
 TEST(SurfaceModel, SaysWhatIsWrongWithAMesh) {
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
   expect_refused(mesh, "the surface has no triangles");
   mesh.vertices_mm = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   mesh.triangles = {{0, 1, 2}, {0, 1, 3}};

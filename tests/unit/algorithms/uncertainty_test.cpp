@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/registration/points/paired_points.hpp"
 #include "algorithms/uncertainty/chi_square.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "tests/unit/algorithms/head.hpp"

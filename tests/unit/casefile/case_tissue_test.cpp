@@ -1,4 +1,4 @@
-#include "casefile/case_tissue.hpp"
+#include "case_model/case_tissue.hpp"
 
 #include <stdexcept>
 
@@ -10,7 +10,7 @@
 namespace {
 
 using namespace bregma::casefile;
-using bregma::registration::SurfaceModel;
+using bregma::surface::SurfaceModel;
 using bregma::tests::sample_case;
 using bregma::tissue::named_material;
 using Eigen::Vector3d;

@@ -6,7 +6,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/registration/points/paired_points.hpp"
 #include "casefile/poses.hpp"
 #include "tests/unit/casefile/files.hpp"
 

@@ -14,7 +14,7 @@
 
 namespace {
 
-using bregma::geometry::TriangleMesh;
+using bregma::surface::TriangleMesh;
 
 void expect_same(vtkPolyData *surface, const TriangleMesh &mesh) {
   ASSERT_EQ(surface->GetNumberOfPoints(), static_cast<vtkIdType>(mesh.vertices_mm.size()));

@@ -12,7 +12,7 @@ using Eigen::Vector3d;
 const std::string kQuarterTurn = "0 -1 0 10\r\n1 0 0 20\r\n0 0 1 30\r\n0 0 0 1\r\n";
 
 // What follows the path of the file or folder.
-template <class T> std::string message_after(const Result<T> &result, const std::filesystem::path &path) {
+template <class T> std::string message_after(const bregma::base::Result<T> &result, const std::filesystem::path &path) {
   const std::string message = result ? "no error" : result.error().message;
   EXPECT_EQ(message.rfind(path.string(), 0), 0U) << "not named: " << message;
   return message.substr(std::min(message.size(), path.string().size()));

@@ -11,8 +11,8 @@
 namespace bregma::tests {
 
 // A sphere by dividing an octahedron; closed and outward.
-inline geometry::TriangleMesh sphere(const Eigen::Vector3d &centre, double radius, int divisions = 3) {
-  geometry::TriangleMesh mesh;
+inline surface::TriangleMesh sphere(const Eigen::Vector3d &centre, double radius, int divisions = 3) {
+  surface::TriangleMesh mesh;
   mesh.vertices_mm = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
   mesh.triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
   for (int division = 0; division < divisions; ++division) {

@@ -15,7 +15,7 @@
 namespace {
 
 using namespace bregma::casefile;
-using bregma::geometry::TriangleMesh;
+using bregma::surface::TriangleMesh;
 using bregma::tests::TempFolder;
 using Eigen::Vector3d;
 

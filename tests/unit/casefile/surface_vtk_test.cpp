@@ -21,7 +21,7 @@ namespace {
 
 using bregma::casefile::read_surface;
 using bregma::casefile::Space;
-using bregma::geometry::TriangleMesh;
+using bregma::surface::TriangleMesh;
 using bregma::tests::TempFolder;
 
 vtkSmartPointer<vtkPolyData> to_vtk(const TriangleMesh &mesh, int precision) {

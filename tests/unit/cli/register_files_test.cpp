@@ -32,7 +32,7 @@ std::string table_of(const std::vector<Vector3d> &points) {
   return out.str();
 }
 
-std::string freesurfer_of(const bregma::geometry::TriangleMesh &mesh) {
+std::string freesurfer_of(const bregma::surface::TriangleMesh &mesh) {
   std::ostringstream out;
   out << "#!ascii\n" << mesh.vertices_mm.size() << ' ' << mesh.triangles.size() << '\n';
   for (const Vector3d &v : mesh.vertices_mm) {

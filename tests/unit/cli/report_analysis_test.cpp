@@ -23,7 +23,7 @@ class Report : public testing::Test {
 protected:
   using Fill = std::function<void(casefile::SessionWriter &)>;
 
-  casefile::Result<SessionAnalysis> analysed(const Fill &fill) {
+  base::Result<SessionAnalysis> analysed(const Fill &fill) {
     {
       auto writer = casefile::SessionWriter::create(file_);
       EXPECT_TRUE(writer.has_value()) << writer.error().message;
@@ -260,7 +260,7 @@ TEST_F(Report, DevicesAreCountedFromTheFirstRecordOfALongRunningDaemon) {
 }
 
 TEST_F(Report, TracedPointsAreMeasuredAgainstTheScalpByTheAcceptedRegistration) {
-  geometry::TriangleMesh cube; // of 100 mm about the origin
+  surface::TriangleMesh cube; // of 100 mm about the origin
   for (int i = 0; i < 8; ++i) {
     cube.vertices_mm.emplace_back((i & 1) != 0 ? 50 : -50, (i & 2) != 0 ? 50 : -50, (i & 4) != 0 ? 50 : -50);
   }

@@ -1,9 +1,9 @@
 // Plots and the page of `bregma report`.
 #include <cmath>
 
+#include "base/plots.hpp"
 #include "clients/cli/report/figures.hpp"
 #include "clients/cli/report/html_report.hpp"
-#include "clients/cli/report/plots.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 
 #include <gtest/gtest.h>

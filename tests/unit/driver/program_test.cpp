@@ -24,12 +24,12 @@ struct Answer {
 // A device with a parameter of its own.
 class Sensor final : public Device {
 public:
-  void declare(casefile::ParameterSet &parameters) override {
+  void declare(base::ParameterSet &parameters) override {
     parameters.number("gain", &gain, "", 0.0, 10.0, "Of the amplifier");
   }
-  casefile::Result<void> prepare(const Settings &settings) override {
+  base::Result<void> prepare(const Settings &settings) override {
     prepared = settings;
-    return gain == 0.0 ? casefile::failure("gain = 0: the sensor would say nothing") : casefile::Result<void>();
+    return gain == 0.0 ? base::failure("gain = 0: the sensor would say nothing") : base::Result<void>();
   }
   Outcome<void> connect(Io &io) override { return on_connect(io); }
   Outcome<Progress> read(Io &io) override { return on_read(io); }

@@ -19,8 +19,8 @@ using Eigen::Vector3d;
 constexpr double kRadiusMm = 80.0;
 
 // An octahedron, each face split in four, three times, on the sphere.
-geometry::TriangleMesh ball(double radius) {
-  geometry::TriangleMesh mesh;
+surface::TriangleMesh ball(double radius) {
+  surface::TriangleMesh mesh;
   mesh.vertices_mm = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
   mesh.triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
   for (int round = 0; round < 3; ++round) {
@@ -100,7 +100,7 @@ fs::path write_case(const fs::path &parent, const std::string &id) {
 FakeLoops::FakeLoops()
     : truth(Eigen::Quaterniond(0.8, 0.1, -0.5, 0.3), Vector3d(12.345678901234567, -34.5, 1.0 / 3.0)) {}
 
-casefile::Result<void> FakeLoops::use_case(std::shared_ptr<const casefile::Case> loaded) {
+base::Result<void> FakeLoops::use_case(std::shared_ptr<const casefile::Case> loaded) {
   the_case = std::move(loaded);
   return {};
 }

@@ -45,7 +45,7 @@ std::filesystem::path write_case(const std::filesystem::path &parent, const std:
 class FakeLoops : public SessionPorts {
 public:
   FakeLoops();
-  casefile::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
+  base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
   void send(const NavigationMessage &message) override { navigation.push_back(message); }
   void send(const RegistrationMessage &message) override;
   void send(const MonitoringMessage &message) override { monitoring.push_back(message); }

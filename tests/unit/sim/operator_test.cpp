@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "drivers/sim/simulated_room.hpp"
 #include "idl/names.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
@@ -142,7 +142,7 @@ TEST(Operator, TouchesTheTrueFiducialsWithTheStatedErrors) {
 
 TEST(Operator, TracesOnTheSkinAndIsSeen) {
   const auto a_case = make_case();
-  const registration::SurfaceModel scalp(a_case.scalp.mesh);
+  const surface::SurfaceModel scalp(a_case.scalp.mesh);
   const Recording &run = whole_run();
   const auto &vertices = a_case.scalp.mesh.vertices_mm;
   const Vector3d nose = *std::max_element(vertices.begin(), vertices.end(),
@@ -189,7 +189,7 @@ TEST(Operator, TracesOnTheSkinAndIsSeen) {
 }
 
 TEST(Operator, KeepsToolsOutOfTheHeadBeforeTheInsertion) {
-  const registration::SurfaceModel scalp(make_case().scalp.mesh);
+  const surface::SurfaceModel scalp(make_case().scalp.mesh);
   for (const auto &truth : whole_run().all.truths) {
     for (const char *tool : {"Stylus", "Probe"}) {
       if (!wire::view(truth.step).starts_with("follow")) {

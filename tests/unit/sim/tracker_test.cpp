@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "algorithms/geometry/angles.hpp"
-#include "algorithms/registration/paired_points.hpp"
+#include "algorithms/registration/points/paired_points.hpp"
 #include "drivers/sim/optical_tracker.hpp"
 #include "idl/names.hpp"
 #include "tests/unit/algorithms/head.hpp"

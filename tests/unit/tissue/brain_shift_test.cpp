@@ -9,7 +9,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "tests/support/tissue_meshes.hpp"
 #include "tests/support/tissue_problems.hpp"
 #include "tests/unit/tissue/egg.hpp"
@@ -182,7 +182,7 @@ TEST(BrainShiftEgg, SinksTheWayThingsFallAndStaysInTheSkull) {
     EXPECT_GT(mean_mm.dot(down), 0.8 * mean_mm.norm()); // the falx turns it aside
     EXPECT_GT(shift.surface.displacement_mm.norm(), shift.deep.displacement_mm.norm());
     EXPECT_GT(shift.deep.displacement_mm.norm(), 0.1);
-    const registration::SurfaceModel skull({egg().nodes_mm, boundary_of(egg()).triangles});
+    const surface::SurfaceModel skull({egg().nodes_mm, boundary_of(egg()).triangles});
     for (const int node : boundary_of(egg()).nodes) {
       const Vector3d &rest_mm = egg().nodes_mm[static_cast<std::size_t>(node)];
       const Vector3d now_mm = rest_mm + shift.displacement_mm[static_cast<std::size_t>(node)];

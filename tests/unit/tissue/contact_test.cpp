@@ -1,11 +1,11 @@
 // What a probe and a block of tissue do to each other: pressing on the surface, and along a cut.
-#include "algorithms/tissue/probe_contact.hpp"
+#include "algorithms/tissue/contact/probe_contact.hpp"
 
 #include <cmath>
 
 #include <gtest/gtest.h>
 
-#include "algorithms/tissue/units.hpp"
+#include "algorithms/tissue/material/units.hpp"
 #include "tests/support/tissue_hertz.hpp"
 #include "tests/support/tissue_meshes.hpp"
 

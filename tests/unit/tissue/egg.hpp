@@ -2,7 +2,7 @@
 // turn in its skull.
 #pragma once
 
-#include "algorithms/tissue/lattice_mesh.hpp"
+#include "algorithms/tissue/mesh/lattice_mesh.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
 namespace bregma::test {
@@ -10,7 +10,7 @@ namespace bregma::test {
 inline const Eigen::Vector3d kEggHalf_mm(42.0, 55.0, 36.0);
 
 [[nodiscard]] inline tissue::TetMesh make_egg(int tetrahedra) {
-  geometry::TriangleMesh surface = make_sphere(3, 1.0, Eigen::Vector3d::Zero());
+  surface::TriangleMesh surface = make_sphere(3, 1.0, Eigen::Vector3d::Zero());
   for (Eigen::Vector3d &vertex : surface.vertices_mm) {
     vertex = vertex.cwiseProduct(kEggHalf_mm);
   }

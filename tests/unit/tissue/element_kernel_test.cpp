@@ -1,5 +1,5 @@
 // Every kernel against the laws in double precision (constitutive.hpp), tetrahedron by tetrahedron.
-#include "algorithms/tissue/element_kernel.hpp"
+#include "algorithms/tissue/solver/element_kernel.hpp"
 
 #include <array>
 #include <cmath>
@@ -8,7 +8,7 @@
 #include <Eigen/Dense>
 #include <gtest/gtest.h>
 
-#include "algorithms/tissue/constitutive.hpp"
+#include "algorithms/tissue/material/constitutive.hpp"
 #include "tests/support/tissue_problems.hpp"
 
 namespace bregma::tissue {

@@ -1,5 +1,5 @@
 // The falx in an egg of tissue.
-#include "algorithms/tissue/falx.hpp"
+#include "algorithms/tissue/contact/falx.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "tests/unit/tissue/egg.hpp"
 
 namespace bregma::tissue {
@@ -16,7 +16,7 @@ namespace {
 using Eigen::Vector3d;
 
 TEST(SymmetryPlane, OfAnEggThatIsTurnedAndMovedIsItsMiddle) {
-  geometry::TriangleMesh egg = test::make_sphere(4, 1.0, Vector3d::Zero());
+  surface::TriangleMesh egg = test::make_sphere(4, 1.0, Vector3d::Zero());
   const Eigen::Matrix3d turn =
       (Eigen::AngleAxisd(0.15, Vector3d::UnitZ()) * Eigen::AngleAxisd(-0.1, Vector3d::UnitY())).toRotationMatrix();
   const Vector3d moved_mm(7.0, -20.0, 30.0);
@@ -24,7 +24,7 @@ TEST(SymmetryPlane, OfAnEggThatIsTurnedAndMovedIsItsMiddle) {
     // Blunt behind: it has no other plane of symmetry but the one across z.
     vertex = turn * vertex.cwiseProduct(Vector3d(55.0, vertex.y() < 0.0 ? 60.0 : 80.0, 45.0)) + moved_mm;
   }
-  const Plane plane = symmetry_plane(egg.vertices_mm, registration::SurfaceModel(egg), Vector3d::UnitX());
+  const Plane plane = symmetry_plane(egg.vertices_mm, surface::SurfaceModel(egg), Vector3d::UnitX());
   EXPECT_NEAR(plane.normal().norm(), 1.0, 1e-12);
   EXPECT_LT(std::acos(std::min(plane.normal().dot(turn.col(0)), 1.0)), 0.003);
   EXPECT_NEAR(plane.signedDistance(moved_mm), 0.0, 0.05);
@@ -58,7 +58,7 @@ protected:
 
   TetMesh mesh;
   TetBoundary boundary;
-  registration::SurfaceModel surface;
+  surface::SurfaceModel surface;
   Falx falx;
   ExplicitSolver solver;
 };

@@ -1,5 +1,5 @@
 // What measured forces say about the model.
-#include "algorithms/tissue/force_correction.hpp"
+#include "algorithms/tissue/contact/force_correction.hpp"
 
 #include <random>
 

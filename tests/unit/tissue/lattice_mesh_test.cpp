@@ -1,4 +1,4 @@
-#include "algorithms/tissue/lattice_mesh.hpp"
+#include "algorithms/tissue/mesh/lattice_mesh.hpp"
 
 #include <algorithm>
 #include <array>
@@ -11,8 +11,8 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/surface_model.hpp"
-#include "algorithms/tissue/mesh_quality.hpp"
+#include "algorithms/surface/surface_model.hpp"
+#include "algorithms/tissue/mesh/mesh_quality.hpp"
 #include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/tissue/shapes.hpp"
 
@@ -20,7 +20,7 @@ namespace bregma::tissue {
 namespace {
 
 using Eigen::Vector3d;
-using geometry::TriangleMesh;
+using surface::TriangleMesh;
 
 // Every face is in one or two tetrahedra, and the faces in one only make a closed surface without edges of four.
 void expect_conforming_and_closed(const TetMesh &mesh) {
@@ -64,7 +64,7 @@ void expect_good(const TriangleMesh &surface, const LatticeMesh &filled, double 
   ASSERT_NO_THROW(check(mesh)); // all positive
   expect_conforming_and_closed(mesh);
 
-  const registration::SurfaceModel model(surface);
+  const surface::SurfaceModel model(surface);
   const TetBoundary boundary = boundary_of(mesh);
   std::set<int> outer(boundary.nodes.begin(), boundary.nodes.end());
   for (int node = 0; node < static_cast<int>(mesh.nodes_mm.size()); ++node) {

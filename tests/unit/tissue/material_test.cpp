@@ -1,4 +1,4 @@
-#include "algorithms/tissue/material.hpp"
+#include "algorithms/tissue/material/material.hpp"
 
 #include <functional>
 #include <stdexcept>

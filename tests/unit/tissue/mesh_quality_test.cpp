@@ -1,4 +1,4 @@
-#include "algorithms/tissue/mesh_quality.hpp"
+#include "algorithms/tissue/mesh/mesh_quality.hpp"
 
 #include <cmath>
 #include <numeric>

@@ -1,4 +1,4 @@
-#include "algorithms/tissue/mesh_refinement.hpp"
+#include "algorithms/tissue/mesh/mesh_refinement.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,9 +10,9 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "algorithms/tissue/lattice_mesh.hpp"
-#include "algorithms/tissue/mesh_quality.hpp"
-#include "algorithms/tissue/mesh_topology.hpp"
+#include "algorithms/tissue/mesh/lattice_mesh.hpp"
+#include "algorithms/tissue/mesh/mesh_quality.hpp"
+#include "algorithms/tissue/mesh/mesh_topology.hpp"
 #include "tests/unit/tissue/shapes.hpp"
 
 namespace bregma::tissue {

@@ -1,5 +1,5 @@
 // Sections of surfaces, and triangles that fill them.
-#include "algorithms/tissue/plane_mesher.hpp"
+#include "algorithms/tissue_plane/plane_mesher.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -9,15 +9,15 @@
 
 #include <gtest/gtest.h>
 
-namespace bregma::tissue {
+namespace bregma::tissue_plane {
 namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 // A torus around z, its tube's centre on a circle of this radius.
-geometry::TriangleMesh torus(double radius_mm, double tube_mm, int steps) {
-  geometry::TriangleMesh out;
+surface::TriangleMesh torus(double radius_mm, double tube_mm, int steps) {
+  surface::TriangleMesh out;
   for (int i = 0; i < steps; ++i) {
     for (int j = 0; j < steps; ++j) {
       const double around = 2.0 * std::numbers::pi * i / steps;
@@ -88,7 +88,7 @@ TEST(PlaneSection, APlaneAcrossGivesTwoDiscsInItsOwnAxes) {
 
 TEST(PlaneSection, AVertexInThePlaneBranchesNothing) {
   // An octahedron cut through four of its vertices.
-  geometry::TriangleMesh octahedron;
+  surface::TriangleMesh octahedron;
   octahedron.vertices_mm = {{10, 0, 0}, {0, 10, 0}, {-10, 0, 0}, {0, -10, 0}, {0, 0, 10}, {0, 0, -10}};
   for (int i = 0; i < 4; ++i) {
     octahedron.triangles.emplace_back(i, (i + 1) % 4, 4);
@@ -101,7 +101,7 @@ TEST(PlaneSection, AVertexInThePlaneBranchesNothing) {
 }
 
 TEST(PlaneSection, WhatIsWrongIsNamed) {
-  geometry::TriangleMesh open = torus(50.0, 20.0, 12);
+  surface::TriangleMesh open = torus(50.0, 20.0, 12);
   open.triangles.resize(open.triangles.size() - 24);
   EXPECT_EQ(message([&] { (void)section_of(open, {}); }), "section_of: the surface is open where the plane cuts it");
   Loop backwards = wavy(10.0, 0.0, 0);
@@ -213,8 +213,8 @@ TEST(PlaneQuality, IsThatOfAHalvedSquare) {
   EXPECT_NEAR(quality.max_angle_deg, 90.0, 1e-9);
   EXPECT_NEAR(quality.smallest_height_mm, std::sqrt(0.5), 1e-12);
   // sqrt(0.5) mm at sqrt(7965.5 Pa / 1000 kg/m^3) = 2.822 m/s
-  EXPECT_NEAR(stable_step_s(quality, Material{}), 250.5e-6, 0.5e-6);
+  EXPECT_NEAR(stable_step_s(quality, tissue::Material{}), 250.5e-6, 0.5e-6);
 }
 
 } // namespace
-} // namespace bregma::tissue
+} // namespace bregma::tissue_plane

@@ -1,5 +1,5 @@
 // The probe in the plane: what it bears, what it leaves where, and its phases.
-#include "algorithms/tissue/plane_probe.hpp"
+#include "algorithms/tissue_plane/plane_probe.hpp"
 
 #include <cmath>
 #include <numbers>
@@ -7,9 +7,9 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/tissue/plane_mesher.hpp"
+#include "algorithms/tissue_plane/plane_mesher.hpp"
 
-namespace bregma::tissue {
+namespace bregma::tissue_plane {
 namespace {
 
 using Eigen::Vector2d;
@@ -21,7 +21,7 @@ struct Block {
   PlaneMesh mesh = rectangle_mesh({8, 12}, {kLength_mm, kHeight_mm});
   PlaneSolver solver;
 
-  explicit Block(const Material &material) : solver(mesh, material) {
+  explicit Block(const tissue::Material &material) : solver(mesh, material) {
     for (int n = 0; n < static_cast<int>(mesh.nodes_mm.size()); ++n) {
       const Vector2d &p = mesh.nodes_mm[static_cast<std::size_t>(n)];
       if (p.x() == kLength_mm) {
@@ -53,8 +53,8 @@ PlaneProbeSettings wall(double friction) {
 }
 
 TEST(PlaneProbe, AFlatWallWithoutFrictionCompressesABlockEvenly) {
-  Material material;
-  material.law = Law::kLinear;
+  tissue::Material material;
+  material.law = tissue::Law::kLinear;
   Block block(material);
   PlaneProbe probe(block.solver, wall(0.0));
   const ProbeReading reading = probe.move_to(1.0);
@@ -71,7 +71,7 @@ TEST(PlaneProbe, AFlatWallWithoutFrictionCompressesABlockEvenly) {
 
 TEST(PlaneProbe, FrictionHoldsUpToItsShareOfThePressure) {
   for (const double friction : {0.05, 10.0}) {
-    Block block(Material{});
+    Block block(tissue::Material{});
     PlaneProbe probe(block.solver, wall(friction));
     ASSERT_TRUE(probe.move_to(2.0).rest.valid());
     double slid_mm = 0.0;
@@ -98,7 +98,7 @@ struct Disc {
   PlaneMesh mesh;
   PlaneSolver solver;
 
-  Disc() : mesh(make_mesh()), solver(mesh, Material{}) {
+  Disc() : mesh(make_mesh()), solver(mesh, tissue::Material{}) {
     for (const Eigen::Vector2i &edge : boundary_of(mesh)) {
       if ((mesh.nodes_mm[static_cast<std::size_t>(edge[0])] - Vector2d(-kRadius_mm, kAxis_mm)).norm() > 15.0) {
         solver.hold(edge[0]);
@@ -226,4 +226,4 @@ TEST(PlaneProbe, WhatIsWrongIsNamed) {
 }
 
 } // namespace
-} // namespace bregma::tissue
+} // namespace bregma::tissue_plane

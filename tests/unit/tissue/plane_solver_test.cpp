@@ -1,5 +1,5 @@
 // The plane solver against exact answers.
-#include "algorithms/tissue/plane_solver.hpp"
+#include "algorithms/tissue_plane/plane_solver.hpp"
 
 #include <cmath>
 #include <functional>
@@ -8,10 +8,10 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/tissue/plane_mesher.hpp"
+#include "algorithms/tissue_plane/plane_mesher.hpp"
 #include "tests/support/allocation_counter.hpp"
 
-namespace bregma::tissue {
+namespace bregma::tissue_plane {
 namespace {
 
 using Eigen::Matrix2d;
@@ -19,12 +19,12 @@ using Eigen::Vector2d;
 
 constexpr unsigned kPlaneSeed = 4;
 
-Material material_of(Law law, double poisson = 0.45) {
-  Material out;
+tissue::Material material_of(tissue::Law law, double poisson = 0.45) {
+  tissue::Material out;
   out.name = "test";
   out.law = law;
   out.poisson = poisson;
-  out.ogden_alpha = law == Law::kOgden ? -4.7 : 2.0;
+  out.ogden_alpha = law == tissue::Law::kOgden ? -4.7 : 2.0;
   return out;
 }
 
@@ -53,9 +53,9 @@ std::vector<int> nodes_where(const PlaneMesh &mesh, const std::function<bool(con
 }
 
 // The law as an energy of principal stretches, straight from material.hpp: what the answers are derived from.
-double energy(const Material &m, double l1, double l2, double l3) {
+double energy(const tissue::Material &m, double l1, double l2, double l3) {
   const double j = l1 * l2 * l3;
-  const double a = m.law == Law::kOgden ? m.ogden_alpha : 2.0;
+  const double a = m.law == tissue::Law::kOgden ? m.ogden_alpha : 2.0;
   const double shear = 2.0 * m.shear_Pa() / (a * a) *
                        (std::pow(j, -a / 3.0) * (std::pow(l1, a) + std::pow(l2, a) + std::pow(l3, a)) - 3.0);
   return shear + 0.5 * m.bulk_Pa() * (j - 1.0) * (j - 1.0);
@@ -75,7 +75,7 @@ double bisect(const std::function<double(double)> &f, double low, double high) {
 }
 
 struct Case {
-  Law law;
+  tissue::Law law;
   PlaneState state;
 };
 
@@ -84,8 +84,8 @@ class PlanePatch : public testing::TestWithParam<Case> {};
 TEST_P(PlanePatch, AnEvenStrainOfTheBoundaryIsEvenWithin) {
   const auto [law, state] = GetParam();
   const PlaneMesh mesh = shaken_rectangle({7, 6}, {70.0, 50.0});
-  const Matrix2d f = law == Law::kLinear ? (Matrix2d() << 1.01, 0.02, -0.01, 0.99).finished()
-                                         : (Matrix2d() << 1.2, 0.3, -0.1, 0.85).finished();
+  const Matrix2d f = law == tissue::Law::kLinear ? (Matrix2d() << 1.01, 0.02, -0.01, 0.99).finished()
+                                                 : (Matrix2d() << 1.2, 0.3, -0.1, 0.85).finished();
   PlaneSolver solver(mesh, material_of(law), {.state = state});
   for (const Eigen::Vector2i &edge : boundary_of(mesh)) {
     const Vector2d &p = mesh.nodes_mm[static_cast<std::size_t>(edge[0])];
@@ -106,17 +106,18 @@ TEST_P(PlanePatch, AnEvenStrainOfTheBoundaryIsEvenWithin) {
 }
 
 INSTANTIATE_TEST_SUITE_P(LawsAndStates, PlanePatch,
-                         testing::Values(Case{Law::kNeoHookean, PlaneState::kStrain},
-                                         Case{Law::kNeoHookean, PlaneState::kStress},
-                                         Case{Law::kOgden, PlaneState::kStrain}, Case{Law::kOgden, PlaneState::kStress},
-                                         Case{Law::kLinear, PlaneState::kStrain},
-                                         Case{Law::kLinear, PlaneState::kStress}));
+                         testing::Values(Case{tissue::Law::kNeoHookean, PlaneState::kStrain},
+                                         Case{tissue::Law::kNeoHookean, PlaneState::kStress},
+                                         Case{tissue::Law::kOgden, PlaneState::kStrain},
+                                         Case{tissue::Law::kOgden, PlaneState::kStress},
+                                         Case{tissue::Law::kLinear, PlaneState::kStrain},
+                                         Case{tissue::Law::kLinear, PlaneState::kStress}));
 
 class PlaneUniaxial : public testing::TestWithParam<Case> {};
 
 TEST_P(PlaneUniaxial, FreeSidesMoveAndTheEndCarriesWhatTheEnergySays) {
   const auto [law, state] = GetParam();
-  const Material material = material_of(law);
+  const tissue::Material material = material_of(law);
   constexpr double kLength_mm = 20.0; // squat: it shall not buckle
   constexpr double kHeight_mm = 40.0;
   const PlaneMesh mesh = shaken_rectangle({4, 8}, {kLength_mm, kHeight_mm});
@@ -153,24 +154,24 @@ TEST_P(PlaneUniaxial, FreeSidesMoveAndTheEndCarriesWhatTheEnergySays) {
 }
 
 INSTANTIATE_TEST_SUITE_P(LawsAndStates, PlaneUniaxial,
-                         testing::Values(Case{Law::kNeoHookean, PlaneState::kStrain},
-                                         Case{Law::kNeoHookean, PlaneState::kStress},
-                                         Case{Law::kOgden, PlaneState::kStrain},
-                                         Case{Law::kOgden, PlaneState::kStress}));
+                         testing::Values(Case{tissue::Law::kNeoHookean, PlaneState::kStrain},
+                                         Case{tissue::Law::kNeoHookean, PlaneState::kStress},
+                                         Case{tissue::Law::kOgden, PlaneState::kStrain},
+                                         Case{tissue::Law::kOgden, PlaneState::kStress}));
 
 TEST(PlaneSolver, SimpleShearHasRivlinsStresses) {
   const PlaneMesh mesh = shaken_rectangle({6, 6}, {30.0, 30.0});
   constexpr double kShear = 0.8;
   // Principal stretches l and 1/l with l - 1/l = gamma; the larger's axis is at atan(1/l) to the layers.
   const double l = 0.5 * (kShear + std::sqrt(kShear * kShear + 4.0));
-  for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
-    const Material material = material_of(law, 0.49);
+  for (const tissue::Law law : {tissue::Law::kNeoHookean, tissue::Law::kOgden}) {
+    const tissue::Material material = material_of(law, 0.49);
     PlaneSolver solver(mesh, material);
     for (const Eigen::Vector2i &edge : boundary_of(mesh)) {
       solver.hold(edge[0], {kShear * mesh.nodes_mm[static_cast<std::size_t>(edge[0])].y(), 0.0});
     }
     ASSERT_TRUE(solver.relax({.tolerance = 1e-9}).valid());
-    const double a = law == Law::kOgden ? material.ogden_alpha : 2.0;
+    const double a = law == tissue::Law::kOgden ? material.ogden_alpha : 2.0;
     const double difference = 2.0 * material.shear_Pa() / a * (std::pow(l, a) - std::pow(l, -a)); // sigma_1 - sigma_2
     const double angle = std::atan(1.0 / l);
     const PlaneStress s = solver.stress_at({11.0, 17.0});
@@ -186,7 +187,7 @@ double cantilever_error(double poisson, int cells_high) {
   constexpr double kL = 48.0;
   constexpr double kD = 12.0;
   constexpr double kP = 1e-4; // N/m
-  Material material = material_of(Law::kLinear, poisson);
+  tissue::Material material = material_of(tissue::Law::kLinear, poisson);
   const double young = material.young_Pa / (1.0 - poisson * poisson); // plane strain
   const double nu = poisson / (1.0 - poisson);
   const double inertia_mm3 = kD * kD * kD / 12.0;
@@ -275,7 +276,7 @@ void hold_symmetry(PlaneSolver &solver) {
 
 TEST(PlaneSolver, AThickTubeWidensAsLameSays) {
   const Tube tube = tube_of(12);
-  const Material material = material_of(Law::kLinear, 0.49);
+  const tissue::Material material = material_of(tissue::Law::kLinear, 0.49);
   constexpr double kPressure_Pa = 10.0;
   PlaneSolver solver(tube.mesh, material, {.follower = false});
   hold_symmetry(solver);
@@ -299,7 +300,7 @@ TEST(PlaneSolver, AThickTubeWidensAsLameSays) {
 
 TEST(PlaneSolver, AThickTubeWidensByAThirdAsRivlinSays) {
   const Tube tube = tube_of(12);
-  const Material material = material_of(Law::kNeoHookean, 0.499);
+  const tissue::Material material = material_of(tissue::Law::kNeoHookean, 0.499);
   // Incompressible: r^2 - R^2 is the same for all R; p = mu int (l^2 - l^-2) dr / r with l = r / R.
   constexpr double kInner_mm = 13.0;
   const double swept = kInner_mm * kInner_mm - 100.0;
@@ -324,7 +325,7 @@ TEST(PlaneSolver, AThickTubeWidensByAThirdAsRivlinSays) {
 
 TEST(PlaneSolver, ATriangleTurnedOverComesBack) {
   PlaneMesh mesh = rectangle_mesh({4, 4}, {40.0, 40.0});
-  PlaneSolver solver(mesh, material_of(Law::kNeoHookean));
+  PlaneSolver solver(mesh, material_of(tissue::Law::kNeoHookean));
   for (const Eigen::Vector2i &edge : boundary_of(mesh)) {
     solver.hold(edge[0]);
   }
@@ -339,7 +340,7 @@ TEST(PlaneSolver, ASplitNodeOpensUnderTension) {
   // Two cells in a row pulled apart; all triangles right of the middle get nodes of their own, and the left one
   // recoils.
   const PlaneMesh mesh = rectangle_mesh({2, 1}, {20.0, 10.0});
-  PlaneSolver solver(mesh, material_of(Law::kNeoHookean));
+  PlaneSolver solver(mesh, material_of(tissue::Law::kNeoHookean));
   for (const int n : nodes_where(mesh, [](const Vector2d &p) { return p.x() == 0.0; })) {
     solver.hold(n);
   }
@@ -364,7 +365,7 @@ TEST(PlaneSolver, StepsDoNotAllocate) {
   }
   const PlaneMesh mesh = shaken_rectangle({8, 8}, {40.0, 40.0});
   for (const PlaneState state : {PlaneState::kStrain, PlaneState::kStress}) {
-    PlaneSolver solver(mesh, material_of(Law::kOgden), {.state = state});
+    PlaneSolver solver(mesh, material_of(tissue::Law::kOgden), {.state = state});
     for (const Eigen::Vector2i &edge : boundary_of(mesh)) {
       solver.hold(edge[0], {0.1 * mesh.nodes_mm[static_cast<std::size_t>(edge[0])].y(), 0.0});
     }
@@ -378,13 +379,13 @@ TEST(PlaneSolver, StepsDoNotAllocate) {
 TEST(PlaneSolver, WhatIsWrongIsNamed) {
   const PlaneMesh mesh = rectangle_mesh({1, 1}, {1.0, 1.0});
   try {
-    const PlaneSolver solver(mesh, Material{}, {.shear_share = 0.0});
+    const PlaneSolver solver(mesh, tissue::Material{}, {.shear_share = 0.0});
     FAIL();
   } catch (const std::invalid_argument &e) {
     EXPECT_STREQ(e.what(), "shear_share = 0.000000, must be above 0 and at most 1");
   }
   try {
-    (void)PlaneSolver(mesh, Material{}).stress_at({2.0, 0.5});
+    (void)PlaneSolver(mesh, tissue::Material{}).stress_at({2.0, 0.5});
     FAIL();
   } catch (const std::invalid_argument &e) {
     EXPECT_STREQ(e.what(), "stress_at: (2.000000, 0.500000) mm is outside the mesh");
@@ -392,4 +393,4 @@ TEST(PlaneSolver, WhatIsWrongIsNamed) {
 }
 
 } // namespace
-} // namespace bregma::tissue
+} // namespace bregma::tissue_plane

@@ -12,7 +12,7 @@
 namespace bregma::test {
 
 using Eigen::Vector3d;
-using geometry::TriangleMesh;
+using surface::TriangleMesh;
 
 TriangleMesh make_torus(double ring_mm, double tube_mm, int around_ring, int around_tube) {
   TriangleMesh mesh;

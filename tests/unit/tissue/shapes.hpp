@@ -3,16 +3,16 @@
 
 #include <optional>
 
-#include "algorithms/geometry/triangle_mesh.hpp"
+#include "algorithms/surface/triangle_mesh.hpp"
 
 namespace bregma::test {
 
-[[nodiscard]] geometry::TriangleMesh make_torus(double ring_mm, double tube_mm, int around_ring, int around_tube);
-[[nodiscard]] geometry::TriangleMesh make_box(const Eigen::Vector3d &low_mm, const Eigen::Vector3d &high_mm);
+[[nodiscard]] surface::TriangleMesh make_torus(double ring_mm, double tube_mm, int around_ring, int around_tube);
+[[nodiscard]] surface::TriangleMesh make_box(const Eigen::Vector3d &low_mm, const Eigen::Vector3d &high_mm);
 
-[[nodiscard]] double enclosed_mm3(const geometry::TriangleMesh &surface);
+[[nodiscard]] double enclosed_mm3(const surface::TriangleMesh &surface);
 
 // From ../shared/data beside the source tree; nothing where that is not there.
-[[nodiscard]] std::optional<geometry::TriangleMesh> colin27_brain();
+[[nodiscard]] std::optional<surface::TriangleMesh> colin27_brain();
 
 } // namespace bregma::test

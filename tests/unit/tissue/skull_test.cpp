@@ -1,11 +1,11 @@
 // An egg of tissue in its skull.
-#include "algorithms/tissue/skull.hpp"
+#include "algorithms/tissue/contact/skull.hpp"
 
 #include <stdexcept>
 
 #include <gtest/gtest.h>
 
-#include "algorithms/registration/surface_model.hpp"
+#include "algorithms/surface/surface_model.hpp"
 #include "tests/unit/tissue/egg.hpp"
 
 namespace bregma::tissue {
@@ -44,7 +44,7 @@ public:
 
   TetMesh mesh;
   TetBoundary boundary;
-  registration::SurfaceModel surface;
+  surface::SurfaceModel surface;
   Skull skull;
   ExplicitSolver solver;
 };

@@ -1,4 +1,4 @@
-#include "algorithms/tissue/tet_mesh.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
 
 #include <stdexcept>
 

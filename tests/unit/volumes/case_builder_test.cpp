@@ -239,14 +239,14 @@ TEST(StructureRequests, AreParsed) {
 }
 
 // FreeSurfer's ASCII surfaces: a comment, counts, vertices with a flag, triangles with a flag.
-geometry::TriangleMesh read_ascii(const std::filesystem::path &file) {
+surface::TriangleMesh read_ascii(const std::filesystem::path &file) {
   std::ifstream in(file);
   std::string comment;
   std::getline(in, comment);
   std::size_t vertices = 0;
   std::size_t triangles = 0;
   in >> vertices >> triangles;
-  geometry::TriangleMesh mesh;
+  surface::TriangleMesh mesh;
   double flag = 0.0;
   for (std::size_t at = 0; at < vertices; ++at) {
     Eigen::Vector3d v;
@@ -262,8 +262,8 @@ geometry::TriangleMesh read_ascii(const std::filesystem::path &file) {
 }
 
 // A published surface of the same person, by another method, counted from the middle of the same voxels.
-void expect_near_published_skin(const geometry::TriangleMesh &scalp, const Volume &image, const fs::path &file) {
-  geometry::TriangleMesh published = read_ascii(file);
+void expect_near_published_skin(const surface::TriangleMesh &scalp, const Volume &image, const fs::path &file) {
+  surface::TriangleMesh published = read_ascii(file);
   const Eigen::Vector3d middle = image.point_mm({90.5, 108.5, 90.5});
   for (Eigen::Vector3d &vertex : published.vertices_mm) {
     vertex += middle;
@@ -310,7 +310,7 @@ TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
   EXPECT_EQ(8U, loaded->fiducials.size());
   EXPECT_EQ(3U, loaded->landmarks.size());
   EXPECT_EQ(6U, loaded->structures.size());
-  for (const geometry::TriangleMesh *mesh : {&loaded->scalp.mesh, &loaded->brain.mesh}) {
+  for (const surface::TriangleMesh *mesh : {&loaded->scalp.mesh, &loaded->brain.mesh}) {
     EXPECT_EQ(10'000U, mesh->vertices_mm.size());
     EXPECT_EQ(2U * 10'000U - 4U, mesh->triangles.size()); // like a sphere: no handle, no tunnel
     const MeshCheck check = check_mesh(*mesh);

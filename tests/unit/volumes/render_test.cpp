@@ -5,7 +5,7 @@
 namespace bregma::casefile {
 namespace {
 
-using geometry::TriangleMesh;
+using surface::TriangleMesh;
 
 // A square plate across the view of an eye at +y, `at_mm` in front of the origin.
 TriangleMesh plate(double at_mm, double half_mm) {

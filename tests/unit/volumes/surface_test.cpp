@@ -11,7 +11,7 @@
 namespace bregma::casefile {
 namespace {
 
-using geometry::TriangleMesh;
+using surface::TriangleMesh;
 
 // A ball of 100 in a noisy background, on an anisotropic grid that lies askew in space.
 struct Phantom {

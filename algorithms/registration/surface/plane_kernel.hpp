@@ -1,0 +1,55 @@
+// The inner loops of surface registration over a grid of planes (surface_field.hpp), in vectors of floats: residuals,
+// and the sums of one robust point-to-plane step.
+//
+// One version for each vector length; the widest that the processor has is chosen at run time. Floats are enough where
+// coordinates are those of a head (a hundredth of a micrometre at 200 mm) and the answer is made exact afterwards.
+// Units: mm. Pure, reentrant, no allocation.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <string_view>
+
+namespace bregma::registration {
+
+inline constexpr std::size_t kPlaneLanes = 8; // lists are readable up to the next multiple of it
+
+// Planes of voxels, x fastest; a point outside belongs to the nearest voxel. At least one voxel along each axis.
+struct PlaneGrid {
+  std::array<float, 3> low{}; // corner of the first voxel
+  float per_mm = 1.0F;
+  std::array<int, 3> size{};
+  const float *planes = nullptr; // four a voxel: outward unit normal, offset
+};
+
+struct PlaneQuery {
+  surface::PlaneGrid grid;
+  const float *x = nullptr, *y = nullptr, *z = nullptr; // samples in the source frame
+  std::size_t count = 0;
+  std::array<float, 9> rotation{}; // of T_target_source, by rows
+  std::array<float, 3> translation{};
+};
+
+// Jacobians J = (lever x normal, normal) with levers from a centre; weights and loss after Geman & McClure 1985,
+// r^2 / (r^2 + reach^2).
+struct PlaneSums {
+  std::array<float, 21> normal{}; // J'WJ, the lower triangle by rows
+  std::array<float, 6> gradient{};
+  float cost = 0.0F; // of the losses, each between 0 and 1
+};
+
+struct PlaneKernel {
+  std::string_view name;
+  // |r| of each sample; the rest of the last vector becomes infinite.
+  void (*residuals)(const PlaneQuery &query, float *out);
+  void (*sums)(const PlaneQuery &query, const std::array<float, 3> &centre, float reach2, PlaneSums &out);
+  float (*cost)(const PlaneQuery &query, float reach2);
+  // The element of this rank, from 0, of non-negative values in their order; exact. The rest of the last vector is
+  // infinite.
+  float (*ranked)(const float *values, std::size_t count, std::size_t rank);
+};
+// Those that this processor can run, the widest first; at least one.
+[[nodiscard]] std::span<const PlaneKernel> plane_kernels() noexcept;
+
+} // namespace bregma::registration

@@ -1,0 +1,141 @@
+#include "algorithms/registration/surface/surface_terms.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace bregma::registration {
+
+using geometry::Vector6d;
+
+namespace {
+constexpr double kTukey = 4.685;       // 95 % efficient for normal errors
+constexpr double kMadToSigma = 1.4826; // median of |x| to standard deviation, normal errors
+constexpr double kOnSurface_mm = 1e-6; // nearer than this, only the surface knows its normal
+} // namespace
+
+SurfaceTerms::SurfaceTerms(const surface::SurfaceModel *surface, double sigma_mm, double correlation_length_mm,
+                           int capacity)
+    : surface_(surface), variance_(sigma_mm * sigma_mm),
+      neighbours_(correlation_length_mm, static_cast<std::size_t>(std::max(capacity, 0))) {
+  const auto n = static_cast<std::size_t>(std::max(capacity, 0));
+  samples_.resize(n);
+  places_.resize(n);
+  alike_.resize(n);
+  triangle_.resize(n, -1);
+  terms_.resize(n);
+  scratch_.resize(n);
+}
+
+void SurfaceTerms::set_samples(std::span<const SurfaceSample> samples) noexcept {
+  const std::size_t offered = surface_ == nullptr ? 0 : std::min(samples.size(), samples_.size());
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < offered; ++i) {
+    if (samples[i].reference_mm.allFinite()) {
+      samples_[n] = samples[i];
+      places_[n] = samples[i].reference_mm;
+      alike_[n++] = 1.0;
+    }
+  }
+  count_ = static_cast<int>(n);
+  neighbours_.set({places_.data(), n});
+  neighbours_.each([this](std::size_t i, std::size_t j, double rho) {
+    alike_[i] += rho;
+    alike_[j] += rho;
+  });
+  scale_ = 1.0;
+}
+
+void SurfaceTerms::linearise(const ImageFromReference &T_image_reference, const Vector3d &centre,
+                             bool rescale) noexcept {
+  const auto n = static_cast<std::size_t>(count_);
+  const Matrix3d R = T_image_reference.rotation_matrix();
+  for (std::size_t i = 0; i < n; ++i) {
+    const Vector3d mapped = R * samples_[i].reference_mm + T_image_reference.translation();
+    const surface::SurfacePoint on = surface_->closest(mapped, triangle_[i]);
+    triangle_[i] = on.triangle;
+    Term &term = terms_[i];
+    // The gradient of the distance itself, also over an edge: a facet's normal would jump there and the estimate with
+    // it.
+    const Vector3d normal =
+        on.distance_mm > kOnSurface_mm ? Vector3d((mapped - on.point_mm) / on.signed_mm) : on.normal;
+    term.jacobian.head<3>() = (mapped - centre).cross(normal);
+    term.jacobian.tail<3>() = normal;
+    term.residual = on.signed_mm;
+    const Vector3d normal_in_reference = R.transpose() * normal;
+    term.own = normal_in_reference.dot(samples_[i].covariance * normal_in_reference);
+    scratch_[i] = std::abs(term.residual) / std::sqrt(variance_ + term.own);
+  }
+  if (rescale && n > 0) {
+    const auto middle = scratch_.begin() + static_cast<std::ptrdiff_t>(n / 2);
+    std::nth_element(scratch_.begin(), middle, scratch_.begin() + static_cast<std::ptrdiff_t>(n));
+    scale_ = std::max(1.0, kMadToSigma * *middle);
+    reach_ = kTukey * scale_;
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    Term &term = terms_[i];
+    const double z = term.residual / (reach_ * std::sqrt(variance_ + term.own));
+    const double inside = std::max(0.0, 1.0 - z * z);
+    term.robust = inside * inside;
+    term.weight = term.robust / (scale_ * scale_ * (variance_ * alike_[i] + term.own));
+  }
+}
+
+void SurfaceTerms::add_to(Matrix6d &normal, Vector6d &gradient) const noexcept {
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+    const Term &term = terms_[i];
+    const Vector6d weighted = term.weight * term.jacobian;
+    normal += weighted * term.jacobian.transpose();
+    gradient += weighted * term.residual;
+  }
+}
+
+Matrix6d SurfaceTerms::gradient_covariance() const noexcept {
+  Matrix6d between = Matrix6d::Zero();
+  // The pairs of one i come in a row: their sum over j is taken first, so that each i costs one outer product.
+  std::size_t row = 0;
+  Vector6d sum = Vector6d::Zero();
+  neighbours_.each([&](std::size_t i, std::size_t j, double rho) {
+    if (i != row) {
+      between += terms_[row].weight * terms_[row].jacobian * sum.transpose();
+      sum.setZero();
+      row = i;
+    }
+    sum += rho * terms_[j].weight * terms_[j].jacobian;
+  });
+  if (count_ > 0) {
+    between += terms_[row].weight * terms_[row].jacobian * sum.transpose();
+  }
+  Matrix6d out = variance_ * (between + between.transpose());
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+    const Term &term = terms_[i];
+    out += term.weight * term.weight * (variance_ + term.own) * term.jacobian * term.jacobian.transpose();
+  }
+  return scale_ * scale_ * out;
+}
+
+int SurfaceTerms::left_out() const noexcept {
+  const auto end = terms_.begin() + count_;
+  return static_cast<int>(std::count_if(terms_.begin(), end, [](const Term &t) { return t.robust == 0.0; }));
+}
+
+double SurfaceTerms::rms_mm() const noexcept {
+  double squares = 0.0;
+  int used = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+    if (terms_[i].robust > 0.0) {
+      squares += terms_[i].residual * terms_[i].residual;
+      ++used;
+    }
+  }
+  return used > 0 ? std::sqrt(squares / used) : 0.0;
+}
+
+double SurfaceTerms::effective() const noexcept {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+    sum += terms_[i].robust / alike_[i];
+  }
+  return sum;
+}
+
+} // namespace bregma::registration

@@ -1,0 +1,20 @@
+// Isosurface stuffing: tetrahedra of a body-centred cubic lattice, cut to fit inside a closed surface.
+// Labelle & Shewchuk, "Isosurface Stuffing: Fast Tetrahedral Meshes with Good Dihedral Angles", SIGGRAPH 2007, with
+// uniform tetrahedra. Private to this library: where the surface is finer than the lattice, what comes out may be in
+// pieces or touch itself, see mesh_topology.hpp.
+#pragma once
+
+#include "algorithms/surface/surface_model.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
+
+namespace bregma::tissue {
+
+// edge_mm: the lattice's long edge, a. shift: of the lattice against the middle of the surface's box, in edges, each
+// coordinate from -0.5 to 0.5. Nodes on the surface are the roots of its signed distance along lattice edges. Empty
+// where no lattice point lies inside. Deterministic; allocates in proportion to the box.
+[[nodiscard]] TetMesh stuff(const surface::SurfaceModel &surface, double edge_mm, const Eigen::Vector3d &shift);
+
+// Points of the lattice that stuff() would look at.
+[[nodiscard]] double lattice_points(const surface::SurfaceModel &surface, double edge_mm);
+
+} // namespace bregma::tissue

@@ -1,0 +1,18 @@
+// Moves the nodes of a mesh so that its worst tetrahedra allow a longer time step. One flat tetrahedron at the surface
+// costs an explicit solver all the others' time (stable_step_s in mesh_quality.hpp). Private to this library.
+#pragma once
+
+#include "algorithms/surface/surface_model.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
+
+namespace bregma::tissue {
+
+// Every node of a bad tetrahedron looks for the place where the smallest stable length about it is largest
+// (optimisation-based smoothing after Freitag & Ollivier-Gooch 1997, by a compass search, as the objective has kinks).
+// Nodes of the mesh's boundary move on the surface. A node only moves where the smallest stable length of its
+// tetrahedra grows, so that of the mesh never falls, and none turns inside out. edge_mm: the long edge of the lattice
+// that the mesh was made of. Ends after `sweeps` over all nodes, or when none has moved. Deterministic; all tetrahedra
+// must be positive.
+void smooth(TetMesh &mesh, const surface::SurfaceModel &surface, double edge_mm, int sweeps);
+
+} // namespace bregma::tissue

@@ -1,0 +1,163 @@
+// Dynamic relaxation: the solver's way to a static answer.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "algorithms/tissue/solver/explicit_solver.hpp"
+#include "algorithms/tissue/solver/node_vector.hpp"
+#include "algorithms/tissue/solver/team.hpp"
+
+namespace bregma::tissue {
+namespace {
+
+constexpr float kLongestRelaxWay = 0.1F; // of a node in one step, in edge lengths: nothing springs here
+// Steps between two looks at the slowest mode and the residual: the time that this mode takes, within limits. Where it
+// is very slow a fifth of its time, and no more than a part of all steps so far: in fewer it moves less than what
+// floats round off the others.
+constexpr int kRelaxInterval = 10;
+constexpr int kRelaxLonger = 60;
+constexpr float kRelaxShare = 0.2F;
+constexpr int kRelaxPart = 16;
+// By what a look may raise the slowest eigenvalue. Rayleigh's quotient is never below it, and far above it once the
+// slowest mode has all but come to rest: what follows would then creep.
+constexpr float kRelaxRise = 2.0F;
+constexpr int kRelaxFirstLook = 6;       // iterations for the stiffest mode, at first
+constexpr int kRelaxLook = 1;            // and later
+constexpr int kRelaxLooks = 5;           // intervals between two looks at the stiffest mode
+constexpr float kStiffestMargin = 1.15F; // of the stiffest eigenvalue: iterations come from below
+constexpr float kNothing = 1e-6F;        // of an edge: what moves less has not moved
+constexpr float kRounding = 3e-8F;       // of a displacement, half the last digit of a float
+
+int interval_between_looks(float slowest_takes, int steps_so_far) {
+  const int most = std::min(static_cast<int>(kRelaxShare * slowest_takes), steps_so_far / kRelaxPart);
+  return std::clamp(static_cast<int>(slowest_takes), kRelaxInterval, std::max(most, kRelaxLonger));
+}
+
+} // namespace
+
+// Heavy-ball iteration: with eigenvalues of M^-1 K between a and L, v <- keep v + dt f / m, u <- u + dt v with
+// dt = 2 / (sqrt L + sqrt a), keep = ((sqrt L - sqrt a) / (sqrt L + sqrt a))^2 converges fastest (Polyak 1964; as
+// dynamic relaxation Underwood 1983). The masses make L about the same for all nodes (build_masses); L is looked at
+// while the tissue deforms, a is Rayleigh's quotient of the latest motion (Joldes, Wittek & Miller, Comput Methods Appl
+// Mech Eng 198 (2009) 2645).
+Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
+  const auto shear = static_cast<float>(material_.shear_Pa() * (options.relaxed ? material_.relaxed_share() : 1.0));
+  stop_motion();
+  Relaxation out;
+  float slowest = 1e-3F;
+  float stiffest = 4.0F;
+  double way_before = std::numeric_limits<double>::infinity();
+  for (int look = 0; out.steps < options.max_steps; ++look) {
+    if (look % kRelaxLooks == 0 || limited_nodes() > 0) {
+      const int iterations = look == 0 ? kRelaxFirstLook : kRelaxLook;
+      const float seen = kStiffestMargin * largest_eigenvalue(iterations, inverse_fictitious_, relax_mode_, shear);
+      stiffest = std::isfinite(seen) && seen > 0.0F ? seen : 4.0F;
+    }
+    const float high = std::sqrt(stiffest);
+    const float low = std::sqrt(std::min(slowest, 0.25F * stiffest));
+    const float ratio = (high - low) / (high + low);
+    const Integration how{2.0F / (high + low), ratio * ratio, 2.0F / (high + low), kLongestRelaxWay * edge_m_};
+    const auto run = [&](int steps) {
+      team_->run([&](int thread) {
+        for (int i = 0; i < steps; ++i) {
+          step(thread, inverse_fictitious_, how, false, shear);
+        }
+      });
+    };
+    run(1);
+    std::copy(elastic_.begin(), elastic_.end(), force_before_.begin());
+    std::copy(displacement_.begin(), displacement_.end(), displacement_before_.begin());
+    const int interval = std::clamp(options.max_steps - out.steps, 2, interval_between_looks(high / low, out.steps));
+    run(interval - 2);
+    std::copy(velocity_.begin(), velocity_.end(), velocity_before_.begin());
+    run(1);
+    out.steps += interval;
+    const double way = way_left(how);
+    out.residual = std::max({unbalanced(how), way, std::min(way_before, 1.0)});
+    way_before = way;
+    if (out.residual < options.tolerance && !runs_away(how)) {
+      out.converged = inverted_elements() == 0; // a fold that stands is no answer
+      break;
+    }
+    const float seen = slowest_mode(); // not positive: lost in what floats round off, or not yet a minimum's
+    slowest = seen > 0.0F ? std::clamp(seen, 0.5F * slowest, kRelaxRise * slowest) : kRelaxRise * slowest;
+    slowest = std::clamp(slowest, 1e-8F, 1.0F);
+  }
+  stop_motion();
+  settle_prony(options.relaxed);
+  return out;
+}
+
+// The history that belongs to the answer of relax(): nothing has relaxed yet, or all of it.
+void ExplicitSolver::settle_prony(bool relaxed) noexcept {
+  if (!relaxed || prony_.empty()) {
+    std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
+    return;
+  }
+  for (std::size_t k = 0; k < prony_.size(); ++k) {
+    prony_[k] = {0.0F, static_cast<float>(material_.prony[k].share)};
+  }
+  const auto shear = static_cast<float>(material_.shear_Pa());
+  team_->run([&](int thread) { evaluate(thread, displacement_, true, shear); });
+}
+
+// Rayleigh's quotient du K du / du M du of the motion du of the latest interval: what floats round off the forces would
+// hide the slow modes in the motion of one step.
+float ExplicitSolver::slowest_mode() const noexcept {
+  double work = 0.0;
+  double inertia = 0.0;
+  for (std::size_t i = 0; i < displacement_.size(); ++i) {
+    const NodeVector du = difference(displacement_[i], displacement_before_[i]);
+    work += static_cast<double>(dot(du, difference(force_before_[i], elastic_[i])));
+    inertia += static_cast<double>(0.25F * stiffness_bound_N_m_[i] * dot(du, du));
+  }
+  return inertia > 0.0 ? static_cast<float>(work / inertia) : 0.0F;
+}
+
+// What the last step still changed, as a force, against the forces that hold the tissue: contacts and supports
+// included, since what they balance does not move. Less what the rounding of displacements to floats makes of itself.
+double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
+  double rest = 0.0;
+  double rounding = 0.0;
+  double acting = 0.0;
+  for (std::size_t i = 0; i < velocity_.size(); ++i) {
+    const NodeVector &now = velocity_[i];
+    const float mass = 0.25F * stiffness_bound_N_m_[i] / how.pull;
+    const NodeVector push = difference(now, scaled(velocity_before_[i], how.keep));
+    rest += static_cast<double>(mass * mass * dot(push, push));
+    const float least = kNothing * edge_m_ * stiffness_bound_N_m_[i];
+    acting += static_cast<double>(dot(elastic_[i], elastic_[i]) + least * least);
+    const float noise = kRounding * stiffness_bound_N_m_[i];
+    rounding += static_cast<double>(noise * noise * dot(displacement_[i], displacement_[i]));
+  }
+  return rest > 0.0 ? std::sqrt(std::max(rest - rounding, 0.0) / acting) : 0.0;
+}
+
+// A node was held back, and not because it presses on a contact that then put it back where it was.
+bool ExplicitSolver::runs_away(const Integration &how) const noexcept {
+  const float far_squared = 0.25F * how.longest_way * how.longest_way;
+  for (std::size_t i = 0; i < velocity_.size(); ++i) {
+    const NodeVector &v = velocity_[i];
+    const bool pressed = std::isfinite(dot(elastic_[i], elastic_[i])) && how.step * how.step * dot(v, v) < far_squared;
+    if (v.w == kLimited && !pressed) {
+      return true;
+    }
+  }
+  return false;
+}
+
+// How far the tissue will still go at the rate at which this iteration converges, against how far it has gone.
+double ExplicitSolver::way_left(const Integration &how) const noexcept {
+  double left = 0.0;
+  double gone = 0.0;
+  for (std::size_t i = 0; i < velocity_.size(); ++i) {
+    left += static_cast<double>(mass_kg_[i] * dot(velocity_[i], velocity_[i]));
+    const float least = kNothing * edge_m_;
+    gone += static_cast<double>(mass_kg_[i] * (dot(displacement_[i], displacement_[i]) + least * least));
+  }
+  return left > 0.0
+             ? static_cast<double>(how.step) / (1.0 - std::sqrt(static_cast<double>(how.keep))) * std::sqrt(left / gone)
+             : 0.0;
+}
+
+} // namespace bregma::tissue

@@ -1,0 +1,87 @@
+#include "case_model/case_tissue.hpp"
+
+#include <algorithm>
+
+#include "algorithms/planning/surface_entry.hpp"
+#include "algorithms/tissue/mesh/mesh_quality.hpp"
+#include "algorithms/tissue/mesh/mesh_refinement.hpp"
+
+namespace bregma::case_model {
+namespace {
+
+constexpr double kFine_mm = 6.0; // around an entry
+constexpr double kFinest = 0.5;  // of the lattice's edge; with shorter ones, quick dents diverged
+// Of the step that the lattice is bound to allow. With all of it the small tetrahedra, whose step falls fastest as they
+// are pressed, went unstable before the solver looked again.
+constexpr double kLeastStep = 0.5;
+
+Eigen::Vector3d way_into(const surface::SurfaceModel &brain, const casefile::Trajectory &trajectory) {
+  // A way that never comes to the brain is open where it starts.
+  return planning::surface_entry(brain, trajectory.entry_mm, trajectory.target_mm).value_or(trajectory.entry_mm);
+}
+
+std::optional<Eigen::Vector3d> centre_of(const casefile::Case &c, const surface::SurfaceModel &brain) {
+  if (c.craniotomy && c.craniotomy->trajectory.empty()) {
+    return c.craniotomy->centre_mm;
+  }
+  const casefile::Trajectory *trajectory = c.craniotomy             ? c.trajectory(c.craniotomy->trajectory)
+                                           : c.trajectories.empty() ? nullptr
+                                                                    : &c.trajectories.front();
+  return trajectory == nullptr ? std::nullopt : std::optional(way_into(brain, *trajectory));
+}
+
+} // namespace
+
+tissue::Material material_of(const casefile::TissueChoice &choice) {
+  tissue::Material material = tissue::named_material(choice.material);
+  std::string changed;
+  const auto change = [&](const char *name, double &value, const std::optional<double> &to) {
+    if (to) {
+      value = *to;
+      changed += (changed.empty() ? "" : ", ") + std::string(name);
+    }
+  };
+  change("young_Pa", material.young_Pa, choice.young_Pa);
+  change("poisson", material.poisson, choice.poisson);
+  change("density_kg_m3", material.density_kg_m3, choice.density_kg_m3);
+  change("ogden_alpha", material.ogden_alpha, choice.ogden_alpha);
+  if (!changed.empty()) {
+    material.source += "; of the case: " + changed;
+  }
+  return material;
+}
+
+tissue::Material material_of(const casefile::Case &c, const tissue::Material &otherwise) {
+  return c.tissue ? material_of(*c.tissue) : otherwise;
+}
+
+tissue::Craniotomy craniotomy_of(const casefile::Case &c, const surface::SurfaceModel &brain,
+                                 double otherwise_radius_mm) {
+  const double radius_mm = c.craniotomy && c.craniotomy->radius_mm ? *c.craniotomy->radius_mm : otherwise_radius_mm;
+  const auto centre = centre_of(c, brain);
+  if (!centre || radius_mm <= 0.0) {
+    return {};
+  }
+  return {brain.closest(*centre).point_mm, radius_mm};
+}
+
+tissue::LatticeMesh brain_mesh_of(const casefile::Case &c, const surface::SurfaceModel &brain,
+                                  const tissue::Craniotomy &craniotomy, const BrainMeshOptions &options) {
+  tissue::LatticeMesh out = tissue::fill_surface(c.brain.mesh, options.lattice);
+  std::vector<tissue::FinePlace> places;
+  const double edge_mm = std::max(options.entry_edge_mm, kFinest * out.edge_mm);
+  for (const casefile::Trajectory &trajectory : c.trajectories) {
+    const auto entry = planning::surface_entry(brain, trajectory.entry_mm, trajectory.target_mm);
+    if (entry && (*entry - craniotomy.centre_mm).norm() <= craniotomy.radius_mm && options.entry_edge_mm > 0.0) {
+      places.push_back({*entry, kFine_mm, edge_mm});
+    }
+  }
+  out.mesh = tissue::refined(out.mesh, places);
+  return out;
+}
+
+double least_step_s(const tissue::LatticeMesh &mesh, const tissue::Material &material) {
+  return kLeastStep * tissue::stable_step_s(mesh.lattice_stable_length_mm, material);
+}
+
+} // namespace bregma::case_model
