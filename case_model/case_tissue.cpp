@@ -5,6 +5,7 @@
 #include "algorithms/planning/surface_entry.hpp"
 #include "algorithms/tissue/mesh/mesh_quality.hpp"
 #include "algorithms/tissue/mesh/mesh_refinement.hpp"
+#include "casefile/tissue_material.hpp"
 
 namespace bregma::case_model {
 namespace {
@@ -32,27 +33,8 @@ std::optional<Eigen::Vector3d> centre_of(const casefile::Case &c, const surface:
 
 } // namespace
 
-tissue::Material material_of(const casefile::TissueChoice &choice) {
-  tissue::Material material = tissue::named_material(choice.material);
-  std::string changed;
-  const auto change = [&](const char *name, double &value, const std::optional<double> &to) {
-    if (to) {
-      value = *to;
-      changed += (changed.empty() ? "" : ", ") + std::string(name);
-    }
-  };
-  change("young_Pa", material.young_Pa, choice.young_Pa);
-  change("poisson", material.poisson, choice.poisson);
-  change("density_kg_m3", material.density_kg_m3, choice.density_kg_m3);
-  change("ogden_alpha", material.ogden_alpha, choice.ogden_alpha);
-  if (!changed.empty()) {
-    material.source += "; of the case: " + changed;
-  }
-  return material;
-}
-
 tissue::Material material_of(const casefile::Case &c, const tissue::Material &otherwise) {
-  return c.tissue ? material_of(*c.tissue) : otherwise;
+  return c.tissue ? casefile::material_of(*c.tissue) : otherwise;
 }
 
 tissue::Craniotomy craniotomy_of(const casefile::Case &c, const surface::SurfaceModel &brain,

@@ -11,9 +11,7 @@ namespace bregma::case_model {
 
 inline constexpr double kCraniotomyRadius_mm = 15.0; // where neither the case nor a configuration says another
 
-// The named material with what the case changes in it; its source says so. Throws std::invalid_argument for a name that
-// is not in the set, which a case that was loaded or checked does not have.
-[[nodiscard]] tissue::Material material_of(const casefile::TissueChoice &choice);
+// The material that the case names, or else this one.
 [[nodiscard]] tissue::Material material_of(const casefile::Case &c, const tissue::Material &otherwise);
 
 // On the surface of the case's brain, which `brain` is. Without a table the first trajectory's way into the brain is

@@ -7,7 +7,7 @@
 
 #include "algorithms/tissue/material/material.hpp"
 #include "base/toml_values.hpp"
-#include "case_model/case_tissue.hpp"
+#include "casefile/tissue_material.hpp"
 
 namespace bregma::casefile::detail {
 namespace {

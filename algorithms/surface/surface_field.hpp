@@ -20,7 +20,7 @@
 
 #include <Eigen/Core>
 
-#include "algorithms/registration/surface/plane_kernel.hpp"
+#include "algorithms/surface/plane_grid.hpp"
 #include "algorithms/surface/surface_model.hpp"
 
 namespace bregma::surface {

@@ -4,7 +4,7 @@
 //   public:
 //     using Writes = driver::Topics<wire::RangeSample>;
 //     using Reads = driver::Topics<>;
-//     void declare(casefile::ParameterSet &parameters) override;  // --set, --config, --print-config
+//     void declare(base::ParameterSet &parameters) override;  // --set, --config, --print-config
 //     driver::Outcome<void> connect(driver::Io &io) override;
 //     driver::Outcome<driver::Progress> read(driver::Io &io) override;
 //     void disconnect() noexcept override;

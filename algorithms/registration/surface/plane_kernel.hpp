@@ -11,17 +11,11 @@
 #include <span>
 #include <string_view>
 
+#include "algorithms/surface/plane_grid.hpp"
+
 namespace bregma::registration {
 
 inline constexpr std::size_t kPlaneLanes = 8; // lists are readable up to the next multiple of it
-
-// Planes of voxels, x fastest; a point outside belongs to the nearest voxel. At least one voxel along each axis.
-struct PlaneGrid {
-  std::array<float, 3> low{}; // corner of the first voxel
-  float per_mm = 1.0F;
-  std::array<int, 3> size{};
-  const float *planes = nullptr; // four a voxel: outward unit normal, offset
-};
 
 struct PlaneQuery {
   surface::PlaneGrid grid;

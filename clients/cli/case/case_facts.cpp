@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "algorithms/planning/critical_structures.hpp"
-#include "case_model/case_tissue.hpp"
+#include "casefile/tissue_material.hpp"
 #include "casefile/volumes/surface.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/output.hpp"

@@ -56,7 +56,7 @@ base::Result<MeshReport> make_mesh(const MeshOptions &options, const std::filesy
   if (auto written = casefile::write_tet_mesh(file, filled->mesh, {}, quality_fields(filled->mesh)); !written) {
     return tl::unexpected(written.error());
   }
-  return report_of(*filled, casefile::material_of(*loaded, tissue::named_materials().front()));
+  return report_of(*filled, case_model::material_of(*loaded, tissue::named_materials().front()));
 }
 
 int run_mesh(const MeshOptions &options, const Context &context) {

@@ -102,7 +102,7 @@ Result<ShiftOfCase> run_model(const ShiftOptions &options) {
     return failure("stopped");
   }
   tissue::BrainShiftOptions how;
-  how.material = casefile::material_of(*loaded, tissue::named_materials().front());
+  how.material = case_model::material_of(*loaded, tissue::named_materials().front());
   how.solver.threads = 2;
   how.skull.gap_mm = options.gap_mm;
   how.falx = !options.without_falx;

@@ -9,6 +9,7 @@
 
 namespace {
 
+using namespace bregma::case_model;
 using namespace bregma::casefile;
 using bregma::surface::SurfaceModel;
 using bregma::tests::sample_case;
