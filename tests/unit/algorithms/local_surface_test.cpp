@@ -12,6 +12,7 @@
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/registration/surface/local_surface.hpp"
 #include "algorithms/registration/surface/normal_kernel.hpp"
+#include "algorithms/registration/surface/plane_kernel.hpp"
 #include "algorithms/registration/surface/plane_step.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"

@@ -10,6 +10,8 @@
 
 namespace {
 
+using namespace bregma;
+using namespace bregma::base;
 using namespace bregma::cli::report;
 
 std::size_t count_of(const std::string &text, std::string_view what) {

@@ -145,7 +145,8 @@ std::string nifti(const Volume &volume) {
   return header + bytes_of(volume.voxels);
 }
 
-void expect_same(const Volume &expected, const Result<Volume> &read, double tolerance_mm, const std::string &what) {
+void expect_same(const Volume &expected, const base::Result<Volume> &read, double tolerance_mm,
+                 const std::string &what) {
   ASSERT_TRUE(read) << what << ": " << read.error().message;
   EXPECT_EQ(expected.size, read->size) << what;
   EXPECT_LT((expected.T_image_index - read->T_image_index).cwiseAbs().maxCoeff(), tolerance_mm) << what << "\n"
@@ -153,7 +154,7 @@ void expect_same(const Volume &expected, const Result<Volume> &read, double tole
   EXPECT_EQ(expected.voxels, read->voxels) << what;
 }
 
-std::string message_of(const Result<Volume> &read) { return read ? "was read" : read.error().message; }
+std::string message_of(const base::Result<Volume> &read) { return read ? "was read" : read.error().message; }
 
 // All 48 ways to store an image, in each format: in space it is always the same.
 TEST(Orientation, DoesNotDependOnHowTheImageIsStored) {
