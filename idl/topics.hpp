@@ -36,6 +36,7 @@ BREGMA_WIRE_TYPE(DeviceKind);
 BREGMA_WIRE_TYPE(DeviceStatus);
 BREGMA_WIRE_TYPE(AlarmState);
 BREGMA_WIRE_TYPE(AlarmSeverity);
+BREGMA_WIRE_TYPE(DriverState);
 BREGMA_WIRE_TYPE(CommandKind);
 BREGMA_WIRE_TYPE(CommandResult);
 #undef BREGMA_WIRE_TYPE

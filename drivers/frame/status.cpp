@@ -23,7 +23,7 @@ wire::DriverHealth to_wire(const StatusValues &values, const std::string &device
   (void)wire::set_name(out.device, device); // its length was checked with the settings
   out.time_ns = now_ns;
   out.started_time_ns = started_ns;
-  out.state = static_cast<std::uint32_t>(values.state);
+  out.state = static_cast<wire::DriverState>(values.state);
   out.connections = values.connections;
   out.failures = values.failures;
   out.published = values.published;

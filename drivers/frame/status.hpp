@@ -11,7 +11,7 @@
 
 namespace bregma::driver {
 
-enum class State : std::uint32_t {
+enum class State : wire::DriverState {
   kConnecting = bregma_wire_DRIVER_CONNECTING,
   kConnected = bregma_wire_DRIVER_CONNECTED,
   kWaiting = bregma_wire_DRIVER_WAITING, // before the next attempt

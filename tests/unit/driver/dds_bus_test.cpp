@@ -48,7 +48,7 @@ TEST(DdsBus, CarriesTheDevicesTopicsAndTheDriversHealth) {
   sent.state = bregma_wire_DRIVER_WAITING;
   EXPECT_TRUE(bus.write("DriverHealth", &sent));
   EXPECT_TRUE(comes_true([&] {
-    std::uint32_t state = 0;
+    wire::DriverState state = bregma_wire_DRIVER_UNKNOWN;
     health.take_each([&](const wire::DriverHealth &taken, const auto &) { state = taken.state; });
     return state == bregma_wire_DRIVER_WAITING;
   }));

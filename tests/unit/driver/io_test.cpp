@@ -133,7 +133,7 @@ TEST(Health, SaysOnTheWireWhatWasCounted) {
   values.failure = std::string(300, 'x');
   const wire::DriverHealth sample = to_wire(values, "Range", 20, 10);
   EXPECT_EQ(wire::view(sample.device), "Range");
-  EXPECT_EQ(sample.state, static_cast<std::uint32_t>(bregma_wire_DRIVER_WAITING));
+  EXPECT_EQ(sample.state, bregma_wire_DRIVER_WAITING);
   EXPECT_EQ(sample.failures, 3U);
   EXPECT_EQ(std::string(sample.failure).size(), sizeof sample.failure - 1);
   EXPECT_TRUE(std::isnan(sample.clock_offset_ms));
