@@ -11,7 +11,8 @@
 //   };
 //   int main(int argc, char **argv) { RangeSensor sensor; return driver::run(argc, argv, {...}, sensor); }
 //
-// Threads: the frame calls a device from one thread. An exception derived from std::exception that leaves connect()
+// Threads: the frame calls a device from one thread, and only that thread may use Io: a vendor's library with callbacks
+// fills a queue that read() empties. An exception derived from std::exception that leaves connect()
 // or read() counts as a failure that may be tried again.
 #pragma once
 

@@ -29,7 +29,7 @@ namespace bregma::driver {
 
 struct Program {
   std::string name;        // of the executable
-  std::string description; // what the driver drives, in a line
+  std::string description; // the device, in a line
   std::string examples;    // command lines for --help, one per line
   Settings defaults;
   std::function<void(CLI::App &)> add_options = {}; // options of its own

@@ -1,4 +1,4 @@
-// What every driver can be told: the frame's own parameters.
+// The parameters that every driver has.
 #pragma once
 
 #include <string>

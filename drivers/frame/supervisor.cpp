@@ -25,6 +25,12 @@ sigset_t ending_signals() {
   return set;
 }
 
+// Also when the loop ends by an exception, which the future carries to the caller.
+struct SaysThatItEnded {
+  int descriptor;
+  ~SaysThatItEnded() { (void)eventfd_write(descriptor, 1); }
+};
+
 // What the watching thread does on every tick.
 class Reporter {
 public:
@@ -81,11 +87,7 @@ Signals::Signals() {
   }
 }
 
-Signals::~Signals() {
-  close(descriptor_);
-  const sigset_t set = ending_signals();
-  (void)pthread_sigmask(SIG_UNBLOCK, &set, nullptr);
-}
+Signals::~Signals() { close(descriptor_); }
 
 bool Signals::taken() const {
   signalfd_siginfo info{};
@@ -99,9 +101,8 @@ int supervise(DriverLoop &loop, const Signals &signals, SystemHost &host, const 
     throw std::system_error(errno, std::generic_category(), "cannot make an event");
   }
   auto ending = std::async(std::launch::async, [&loop, ended] {
-    const Ending result = loop.run();
-    (void)eventfd_write(ended, 1);
-    return result;
+    const SaysThatItEnded says{ended};
+    return loop.run();
   });
   Reporter reporter(status, bus, log, options, host.now_ns());
   std::int64_t stop_ns = 0; // when the signal came

@@ -17,8 +17,8 @@ inline constexpr int kExitFailed = 1;   // the device failed for good
 inline constexpr int kExitBadInput = 2; // command line, parameters, or a DDS domain that cannot be joined
 inline constexpr int kExitBlocked = 3;  // the device did not return after a signal: it was left without disconnect()
 
-// SIGINT and SIGTERM arrive at a file descriptor for as long as this lives. Must be made before any other thread, which
-// inherits the mask. Throws std::system_error.
+// SIGINT and SIGTERM arrive at a file descriptor. Must be made before any other thread, which inherits the mask. They
+// stay blocked afterwards, so that a second one does not cut off the end of the program. Throws std::system_error.
 class Signals {
 public:
   Signals();

@@ -1,4 +1,4 @@
-// The real host: its clock, and a stop that wakes whoever waits.
+// The real host: its clock, and a stop that wakes the thread that waits.
 #pragma once
 
 #include <atomic>

@@ -35,7 +35,7 @@ const char *name_of(sim::StepEvent::Kind kind) {
   return "failed";
 }
 
-// One line an event, at once: somebody watches.
+// Prints one line per event, and flushes it: a script may be reading.
 class Narrator {
 public:
   explicit Narrator(const bool &json) : json_(&json) {}

@@ -21,7 +21,7 @@ using bregma::test::TcpDevice;
 
 class Bytes : public testing::Test {
 protected:
-  // What comes until `size` bytes have, or nothing has for a second.
+  // Reads until `size` bytes have come, or nothing came for a second.
   std::string read(std::size_t size) {
     std::string out;
     while (out.size() < size) {
