@@ -49,9 +49,9 @@ Range chosen_range(const Axis &axis, Range data, bool air) {
 bool Scale::holds(double value) const { return std::isfinite(value) && (!logarithmic_ || value > 0.0); }
 
 double Scale::operator()(double value) const {
-  const double share =
+  const double fraction =
       logarithmic_ ? std::log(value / low()) / std::log(high() / low()) : (value - low()) / (high() - low());
-  return paper_from_ + share * (paper_to_ - paper_from_);
+  return paper_from_ + fraction * (paper_to_ - paper_from_);
 }
 
 double Scale::clamped(double value) const { return (*this)(std::clamp(value, low(), high())); }

@@ -47,8 +47,8 @@ std::string colour_bar_svg(const std::vector<std::string> &stops, double low, do
   const Frame frame{20.0, 4.0, kSize.width - 20.0, 18.0};
   std::string out = open_svg(kSize, label) + "<defs><linearGradient id='bar'>";
   for (std::size_t i = 0; i < stops.size(); ++i) {
-    const double share = stops.size() > 1 ? static_cast<double>(i) / static_cast<double>(stops.size() - 1) : 0.0;
-    out += "<stop offset='" + text_of(share, "%.4f") + "' stop-color='" + stops[i] + "'/>";
+    const double fraction = stops.size() > 1 ? static_cast<double>(i) / static_cast<double>(stops.size() - 1) : 0.0;
+    out += "<stop offset='" + text_of(fraction, "%.4f") + "' stop-color='" + stops[i] + "'/>";
   }
   out += "</linearGradient></defs><rect x='" + text_of(frame.left) + "' y='" + text_of(frame.top) + "' width='" +
          text_of(frame.right - frame.left) + "' height='" + text_of(frame.bottom - frame.top) +

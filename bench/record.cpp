@@ -40,7 +40,7 @@ Record at_least(std::string name, double value, std::string unit, double limit) 
   return out;
 }
 
-Record beside(Record record, double peer, std::string peer_name) {
+Record with_peer(Record record, double peer, std::string peer_name) {
   record.peer = peer;
   record.peer_name = std::move(peer_name);
   return record;

@@ -29,7 +29,7 @@ struct Record {
 [[nodiscard]] Record figure(std::string name, double value, std::string unit);
 [[nodiscard]] Record at_most(std::string name, double value, std::string unit, double limit);
 [[nodiscard]] Record at_least(std::string name, double value, std::string unit, double limit);
-[[nodiscard]] Record beside(Record record, double peer, std::string peer_name);
+[[nodiscard]] Record with_peer(Record record, double peer, std::string peer_name);
 
 // Prints as figures come. Not for several threads.
 class Report {

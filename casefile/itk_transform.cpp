@@ -24,7 +24,7 @@ using Eigen::Matrix4d;
 using Eigen::Vector3d;
 
 constexpr std::string_view kFirstLine = "#Insight Transform File V1.0";
-constexpr double kSmallestDeterminant = 1e-9;
+constexpr double kMinDeterminant = 1e-9;
 
 // From RAS to LPS and back.
 Matrix4d flip() { return Eigen::Vector4d(-1.0, -1.0, 1.0, 1.0).asDiagonal(); }
@@ -130,7 +130,7 @@ std::optional<LinearPart> linear_part(const Content &content, std::string_view k
 
 base::Result<void> write_itk_transform(const fs::path &file, const Matrix4d &T_target_source) {
   if (!T_target_source.allFinite() || T_target_source.row(3) != Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0) ||
-      !(std::abs(T_target_source.determinant()) > kSmallestDeterminant)) {
+      !(std::abs(T_target_source.determinant()) > kMinDeterminant)) {
     return base::failure(file.string() + ": not written: the transform has no inverse");
   }
   const Matrix4d moving_fixed = flip() * T_target_source.inverse() * flip();
@@ -179,7 +179,7 @@ base::Result<Matrix4d> read_itk_transform(const fs::path &file) {
   Matrix4d moving_fixed = Matrix4d::Identity();
   moving_fixed.topLeftCorner<3, 3>() = linear->matrix;
   moving_fixed.topRightCorner<3, 1>() = linear->translation + centre - linear->matrix * centre;
-  if (!(std::abs(linear->matrix.determinant()) > kSmallestDeterminant) || !moving_fixed.allFinite()) {
+  if (!(std::abs(linear->matrix.determinant()) > kMinDeterminant) || !moving_fixed.allFinite()) {
     return base::failure(place(content->parameters_line) + "Parameters: the matrix has no inverse");
   }
   return Matrix4d(flip() * moving_fixed.inverse() * flip());

@@ -88,10 +88,13 @@ const char *default_configuration() {
          "</Domain></CycloneDDS>";
 }
 
-Participant::Participant(std::uint32_t domain_id) {
+Participant::Participant(std::uint32_t domain_id, const wire::Announcement &announced) {
   ensure_domain(domain_id);
-  entity_ = Entity(
-      checked(dds_create_participant(domain_id, nullptr, nullptr), "cannot join domain " + std::to_string(domain_id)));
+  const QosPtr qos(dds_create_qos(), &dds_delete_qos);
+  const std::string data = wire::to_user_data(announced);
+  dds_qset_userdata(qos.get(), data.data(), data.size());
+  entity_ = Entity(checked(dds_create_participant(domain_id, qos.get(), nullptr),
+                           "cannot join domain " + std::to_string(domain_id)));
 }
 
 namespace detail {
@@ -166,7 +169,7 @@ void WaitSet::attach(const Guard &guard) {
   checked(dds_waitset_attach(entity_.handle(), guard.entity().handle(), 0), "cannot wait for a guard");
 }
 
-void WaitSet::attach_reader(const Entity &reader) {
+void WaitSet::attach(const Entity &reader) {
   checked(dds_set_status_mask(reader.handle(), DDS_DATA_AVAILABLE_STATUS | DDS_REQUESTED_DEADLINE_MISSED_STATUS |
                                                    DDS_LIVELINESS_CHANGED_STATUS),
           "cannot choose what to wait for");

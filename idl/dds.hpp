@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "idl/topics.hpp"
+#include "idl/version.hpp"
 
 namespace bregma::dds {
 
@@ -42,9 +43,10 @@ private:
 [[nodiscard]] const char *default_configuration();
 
 // domain_id: 0 to 230; processes on different domains do not see each other.
+// announced: what the participant says of itself in its USER_DATA; tests alone say anything but the truth.
 class Participant {
 public:
-  explicit Participant(std::uint32_t domain_id);
+  explicit Participant(std::uint32_t domain_id, const wire::Announcement &announced = wire::own_announcement());
   [[nodiscard]] std::int32_t handle() const noexcept { return entity_.handle(); }
 
 private:
@@ -145,13 +147,13 @@ private:
 class WaitSet {
 public:
   explicit WaitSet(const Participant &participant);
-  template <class T> void attach(const Reader<T> &reader) { attach_reader(reader.entity()); }
+  template <class T> void attach(const Reader<T> &reader) { attach(reader.entity()); }
+  void attach(const Entity &reader);
   void attach(const Guard &guard);
   // True when something happened, false when the timeout ran out. Negative timeouts return at once.
   bool wait(std::chrono::nanoseconds timeout) const noexcept;
 
 private:
-  void attach_reader(const Entity &reader);
   Entity entity_;
 };
 

@@ -58,6 +58,11 @@ template <class Target, class Source>
   return {Eigen::Quaterniond(q[0], q[1], q[2], q[3]), Eigen::Vector3d(t[0], t[1], t[2])};
 }
 
+// Row and column of an entry of PoseCovariance are those of the upper triangle, row by row: 00 01 .. 05 11 12 .. 55.
+[[nodiscard]] constexpr std::size_t upper_index(std::size_t row, std::size_t column) noexcept {
+  return row * 6 - row * (row + 1) / 2 + column;
+}
+
 [[nodiscard]] inline Pose unknown_pose() noexcept {
   return {{kUnknown, kUnknown, kUnknown, kUnknown}, {kUnknown, kUnknown, kUnknown}};
 }

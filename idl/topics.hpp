@@ -20,10 +20,15 @@ BREGMA_WIRE_TYPE(TargetAccuracy);
 BREGMA_WIRE_TYPE(DeviceHealth);
 BREGMA_WIRE_TYPE(LoopHealth);
 BREGMA_WIRE_TYPE(CommandBody);
+BREGMA_WIRE_TYPE(BootId);
+BREGMA_WIRE_TYPE(PoseCovariance);
+// Integers with named constants (bregma_wire_POSE_LIVE): any value may arrive, and 0 is "not stated" (docs/wire.md).
 BREGMA_WIRE_TYPE(ToolStatus);
 BREGMA_WIRE_TYPE(RobotMode);
+BREGMA_WIRE_TYPE(RangeStatus);
 BREGMA_WIRE_TYPE(SessionState);
 BREGMA_WIRE_TYPE(PoseStatus);
+BREGMA_WIRE_TYPE(Plausibility);
 BREGMA_WIRE_TYPE(RegistrationStatus);
 BREGMA_WIRE_TYPE(RefusalReason);
 BREGMA_WIRE_TYPE(DeformationStatus);
@@ -38,13 +43,14 @@ BREGMA_WIRE_TYPE(AlarmState);
 BREGMA_WIRE_TYPE(AlarmSeverity);
 BREGMA_WIRE_TYPE(DriverState);
 BREGMA_WIRE_TYPE(CommandKind);
+BREGMA_WIRE_TYPE(CommandForm);
 BREGMA_WIRE_TYPE(CommandResult);
 #undef BREGMA_WIRE_TYPE
 
 struct Qos {
   bool reliable;
   bool transient_local;
-  int depth;                // samples kept an instance; 0 keeps all
+  int depth;                // samples kept per instance; 0 keeps all
   std::int64_t deadline_ns; // 0: none. A reader is told when an instance is silent for longer.
   std::int64_t lease_ns;    // liveliness, automatic; 0: none. A dead process is noticed after this time.
 };
@@ -79,6 +85,7 @@ inline constexpr Qos kControl{true, false, 0, 0, 0};
   X(DeformationState, kState)                                                                                          \
   X(SystemHealth, kState)                                                                                              \
   X(DeformationField, kState)                                                                                          \
+  X(CorrectedSlice, kState)                                                                                            \
   X(CapturedPoint, kCaptures)                                                                                          \
   X(FiducialReport, kState)                                                                                            \
   X(Alarm, kState)                                                                                                     \

@@ -1,5 +1,5 @@
-// bregmad: the engine, the loops around it (server/loops.hpp), and the control thread: commands, session, alarms,
-// health, recorder, signals and systemd, on one Asio context.
+// bregmad: the stages (server/wiring.hpp) on their threads (server/loops.hpp) with their topics on DDS, the recorder,
+// and the main thread: signals and systemd, on one Asio context.
 #pragma once
 
 #include <memory>
@@ -18,8 +18,7 @@ public:
   Daemon(const Daemon &) = delete;
   Daemon &operator=(const Daemon &) = delete;
 
-  // Restores the last session, serves until SIGTERM or SIGINT, and ends cleanly. The calling thread is the control
-  // thread.
+  // Restores the last session, serves until SIGTERM or SIGINT, and ends cleanly. The calling thread is the main thread.
   void run();
 
 private:

@@ -62,15 +62,4 @@ std::vector<casefile::MetaEntry> meta_of(const casefile::Case &a_case, std::int6
   return {{"case", a_case.id}, {"folder", a_case.folder.string()}, {"started", utc_text(now_ns, "%Y-%m-%dT%H:%M:%SZ")}};
 }
 
-AlarmCondition not_recording(const std::string &why, std::int64_t now_ns) {
-  AlarmCondition out{};
-  (void)wire::set_name(out.kind, alarm::kDisk);
-  out.active = true;
-  out.severity = bregma_wire_SEVERITY_CRITICAL;
-  out.effect = SessionEffect::kNone;
-  out.time_ns = now_ns;
-  wire::set_text(out.text, "the session is not being recorded: " + why);
-  return out;
-}
-
 } // namespace bregma::server

@@ -8,7 +8,6 @@
 
 #include "casefile/case.hpp"
 #include "casefile/session_file/session_file.hpp"
-#include "server/session/messages.hpp"
 
 namespace bregma::server {
 
@@ -20,8 +19,5 @@ namespace bregma::server {
 [[nodiscard]] std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case,
                                                                const std::string &config_toml);
 [[nodiscard]] std::vector<casefile::MetaEntry> meta_of(const casefile::Case &a_case, std::int64_t now_ns);
-
-// The alarm when no file could be begun.
-[[nodiscard]] AlarmCondition not_recording(const std::string &why, std::int64_t now_ns);
 
 } // namespace bregma::server

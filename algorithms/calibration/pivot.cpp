@@ -13,6 +13,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "algorithms/geometry/angles.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::calibration {
 
@@ -26,7 +27,7 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // Median of |e| when each coordinate has sigma one (root of the median of chi-square with 3 degrees of freedom).
-constexpr double kMedianOfNorm = 1.538172;
+const double kMedianOfNorm = std::sqrt(uncertainty::chi_square_upper_quantile(0.5, 3));
 // Where the biweight reaches zero, in sigmas of a coordinate. Wide on purpose: the errors of real pivots are systematic
 // (the tip creeps, the tracker errs by region), and an estimate that redescends at the usual 5 to 6 sigmas locks on to
 // one part of the recording; the halves of the public recording then disagree far beyond their covariance. At 14 only
@@ -37,9 +38,10 @@ constexpr int kMaxIterations = 50;
 constexpr double kConverged_mm = 1e-7;
 
 constexpr std::size_t kBlocks = 16;
-// The 95 % bound of Hotelling's T-square with 3 and 15 degrees of freedom (11.81) over that of chi-square with 3
-// (7.81).
-constexpr double kFewBlocks = 1.511;
+// The 95 % bound of Hotelling's T-square of 3 variables and kBlocks - 1 degrees of freedom (11.81) over that of
+// chi-square (7.81).
+const double kFewBlocks =
+    uncertainty::hotelling_upper_quantile(0.05, 3, kBlocks - 1) / uncertainty::chi_square_upper_quantile(0.05, 3);
 
 constexpr unsigned kSeed = 5;
 constexpr int kStarts = 150;
@@ -276,17 +278,17 @@ std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &
 }
 
 Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
-  const double share = static_cast<double>(r.outliers) / static_cast<double>(r.poses);
+  const double fraction = static_cast<double>(r.outliers) / static_cast<double>(r.poses);
   if (const double ratio = r.rms_mm / options.tracker_noise_mm; ratio > options.max_noise_ratio) {
     return {PivotVerdict::kResidualTooLarge,
             format("not fit for navigation: RMS %.2f mm (%.2f mm with outliers) is %.1f times the tracker's noise of "
                    "%.2f mm, at most %.1f times is allowed",
                    r.rms_mm, r.least_squares.rms_mm, ratio, options.tracker_noise_mm, options.max_noise_ratio)};
   }
-  if (share > options.max_outlier_share) {
+  if (fraction > options.max_outlier_fraction) {
     return {PivotVerdict::kTooManyOutliers,
             format("refused: %zu of %zu poses (%.0f %%) do not fit: did the tip stay in its dimple?", r.outliers,
-                   r.poses, 100.0 * share)};
+                   r.poses, 100.0 * fraction)};
   }
   const double sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(r.covariance_mm2).eigenvalues()[2]);
   return {PivotVerdict::kAccepted, format("accepted: tip known to %.2f mm (1 sigma, worst direction), RMS %.2f mm over "

@@ -34,7 +34,7 @@ struct PivotOptions {
   double min_rotation_rad = 0.35; // about each of two axes: 20 degrees
   double tracker_noise_mm = 0.25; // 1 sigma of a coordinate of a tracked marker
   double max_noise_ratio = 4.0;   // RMS residual above so many times the noise: not fit for navigation
-  double max_outlier_share = 0.2;
+  double max_outlier_fraction = 0.2;
 };
 
 enum class PivotVerdict { kAccepted, kTooFewPoses, kStatic, kTooLittleRotation, kTooManyOutliers, kResidualTooLarge };

@@ -17,8 +17,8 @@ struct Range {
     high = std::max(high, v);
   }
   [[nodiscard]] std::size_t bin(float v, int bins) const {
-    const double share = high > low ? static_cast<double>(v - low) / static_cast<double>(high - low) : 0.0;
-    return static_cast<std::size_t>(std::min(static_cast<int>(share * bins), bins - 1));
+    const double fraction = high > low ? static_cast<double>(v - low) / static_cast<double>(high - low) : 0.0;
+    return static_cast<std::size_t>(std::min(static_cast<int>(fraction * bins), bins - 1));
   }
 };
 

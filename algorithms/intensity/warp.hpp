@@ -16,38 +16,16 @@
 #include <Eigen/Core>
 #include <Eigen/LU>
 
+#include "algorithms/image/grid.hpp"
+
 namespace bregma::intensity {
-
-template <int D> struct Grid {
-  using Vector = Eigen::Matrix<double, D, 1>;
-  std::array<int, D> size{}; // pixels along each axis; the first runs fastest in memory
-  // Pixel centres: mm = axes * index + origin_mm. axes must be invertible.
-  Eigen::Matrix<double, D, D> axes = Eigen::Matrix<double, D, D>::Identity();
-  Vector origin_mm = Vector::Zero();
-
-  [[nodiscard]] std::size_t pixels() const {
-    std::size_t n = 1;
-    for (const int s : size) {
-      n *= static_cast<std::size_t>(s);
-    }
-    return n;
-  }
-  [[nodiscard]] Vector point_mm(std::size_t pixel) const {
-    Vector index;
-    for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
-      index[static_cast<Eigen::Index>(d)] = static_cast<double>(pixel % static_cast<std::size_t>(size[d]));
-      pixel /= static_cast<std::size_t>(size[d]);
-    }
-    return axes * index + origin_mm;
-  }
-};
 
 // Linear interpolation at a pixel index that need not be whole; NaN outside the pixel centres.
 template <int D>
-[[nodiscard]] float sample(const Grid<D> &grid, std::span<const float> image,
+[[nodiscard]] float sample(const image::Grid<D> &grid, std::span<const float> values,
                            const Eigen::Matrix<double, D, 1> &index) noexcept {
   std::array<std::size_t, D> base{};
-  std::array<double, D> share{};
+  std::array<double, D> fraction{};
   for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
     const double at = index[static_cast<Eigen::Index>(d)];
     const int last = grid.size[d] - 1;
@@ -56,7 +34,7 @@ template <int D>
     }
     const int low = std::clamp(static_cast<int>(at), 0, std::max(last - 1, 0));
     base[d] = static_cast<std::size_t>(low);
-    share[d] = std::clamp(at - low, 0.0, 1.0);
+    fraction[d] = std::clamp(at - low, 0.0, 1.0);
   }
   double sum = 0.0;
   for (unsigned corner = 0; corner < (1U << D); ++corner) {
@@ -65,27 +43,28 @@ template <int D>
     std::size_t stride = 1;
     for (std::size_t d = 0; d < static_cast<std::size_t>(D); ++d) {
       const bool upper = ((corner >> d) & 1U) != 0;
-      weight *= upper ? share[d] : 1.0 - share[d];
+      weight *= upper ? fraction[d] : 1.0 - fraction[d];
       offset += stride * (base[d] + (upper ? 1 : 0));
       stride *= static_cast<std::size_t>(grid.size[d]);
     }
     if (weight > 0.0) {
-      sum += weight * static_cast<double>(image[offset]);
+      sum += weight * static_cast<double>(values[offset]);
     }
   }
   return static_cast<float>(sum);
 }
 
-// map: a point of the reference (mm) to a point of the floating image (mm). image: floating.pixels() intensities.
+// map: a point of the reference (mm) to a point of the floating image (mm). values: floating.pixels() intensities.
 template <int D, class Map>
-[[nodiscard]] std::vector<float> warp(const Grid<D> &reference, const Grid<D> &floating, std::span<const float> image,
-                                      const Map &map, int threads = 1) {
+[[nodiscard]] std::vector<float> warp(const image::Grid<D> &reference, const image::Grid<D> &floating,
+                                      std::span<const float> values, const Map &map, int threads = 1) {
   std::vector<float> out(reference.pixels());
-  const Eigen::Matrix<double, D, D> to_index = floating.axes.inverse();
+  const Eigen::Matrix<double, D, D> to_index = floating.axes().inverse();
+  const Eigen::Matrix<double, D, 1> origin_mm = floating.origin_mm();
   const auto run = [&](std::size_t first, std::size_t last) {
     for (std::size_t i = first; i < last; ++i) {
-      const Eigen::Matrix<double, D, 1> there = map(reference.point_mm(i));
-      out[i] = sample<D>(floating, image, to_index * (there - floating.origin_mm));
+      const Eigen::Matrix<double, D, 1> there = map(reference.pixel_mm(i));
+      out[i] = sample<D>(floating, values, to_index * (there - origin_mm));
     }
   };
   const auto parts = static_cast<std::size_t>(std::max(threads, 1));

@@ -6,7 +6,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::monitoring {
 
@@ -145,14 +145,11 @@ void DriftMonitor::add_surface_residual(const Vector3d &point_mm, double signed_
 double DriftMonitor::check_limit_95_mm(const CheckTouch &touch) const noexcept {
   const geometry::Matrix36d J = geometry::point_jacobian(touch.landmark_mm);
   const Matrix3d C = J * registration_covariance_ * J.transpose() + touch.landmark_covariance + touch.touch_covariance;
-  // The squared length is like g times a chi-square of h degrees of freedom (Satterthwaite 1946), whose quantile is by
-  // Wilson & Hilferty 1931.
+  // The squared length is like g times a chi-square of h degrees of freedom (Satterthwaite 1946).
   const double mean = C.trace();
   const double g = C.squaredNorm() / mean;
   const double h = mean / g;
-  constexpr double kNormal95 = 1.6448536269514722;
-  const double root = 1.0 - 2.0 / (9.0 * h) + kNormal95 * std::sqrt(2.0 / (9.0 * h));
-  return std::sqrt(g * h * root * root * root);
+  return std::sqrt(g * uncertainty::chi_square_upper_quantile(0.05, h));
 }
 
 } // namespace bregma::monitoring

@@ -8,7 +8,7 @@ std::optional<Eigen::Vector3d> surface_entry(const surface::SurfaceModel &surfac
                                              const Eigen::Vector3d &to_mm) noexcept {
   // Nothing of the surface is nearer than the nearest of it: so far one may go without missing it (sphere tracing,
   // Hart 1996). Shorter steps than this only approach it.
-  constexpr double kShortest_mm = 1e-3;
+  constexpr double kMinLength_mm = 1e-3;
   const Eigen::Vector3d way = to_mm - from_mm;
   const double length = way.norm();
   surface::SurfacePoint nearest = surface.closest(from_mm);
@@ -21,7 +21,7 @@ std::optional<Eigen::Vector3d> surface_entry(const surface::SurfaceModel &surfac
     if (gone >= length) {
       return std::nullopt;
     }
-    gone += std::max(nearest.distance_mm, kShortest_mm);
+    gone += std::max(nearest.distance_mm, kMinLength_mm);
   }
 }
 

@@ -8,12 +8,12 @@
 namespace bregma::planning {
 
 Guidance guide(const PlannedLine &line, const Eigen::Vector3d &tip_mm, const Eigen::Vector3d &axis) noexcept {
-  constexpr double kShortest_mm = 1e-6;
+  constexpr double kMinLength_mm = 1e-6;
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Eigen::Vector3d to_target = line.target_mm - tip_mm;
   const Eigen::Vector3d planned = line.target_mm - line.entry_mm;
   const double length = planned.norm();
-  if (!(length > kShortest_mm)) {
+  if (!(length > kMinLength_mm)) {
     return {to_target.norm(), kNaN, kNaN, kNaN};
   }
   const Eigen::Vector3d direction = planned / length;

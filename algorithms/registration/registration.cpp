@@ -10,7 +10,7 @@
 #include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/registration/surface/surface_terms.hpp"
 #include "algorithms/registration/twist.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 
 namespace bregma::registration {

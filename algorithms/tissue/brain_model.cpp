@@ -31,8 +31,8 @@ const BrainModelOptions &checked(const BrainModelOptions &options) {
       throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + ", must be positive");
     }
   };
-  positive("fastest_probe_mm_s", options.fastest_probe_mm_s);
-  positive("longest_unseen_s", options.longest_unseen_s);
+  positive("max_probe_speed_mm_s", options.max_probe_speed_mm_s);
+  positive("max_unseen_s", options.max_unseen_s);
   return options;
 }
 
@@ -61,7 +61,7 @@ BrainModel::BrainModel(const TetMesh &mesh, std::span<const Vector3d> points_mm,
       boundary_(boundary_of(solver_.mesh())), locator_(solver_.mesh()),
       skull_(solver_.mesh(), boundary_, options.skull),
       insertion_(solver_.mesh(), boundary_, locator_, options.probe, options.contact, options.insertion) {
-  skull_.hold(solver_);
+  skull_.apply_supports(solver_);
   const std::array<Contact *, 2> probe = insertion_.contacts();
   solver_.set_contacts({probe[0], probe[1], &skull_});
   for (const Vector3d &point : points_mm) {
@@ -76,7 +76,7 @@ BrainModel::BrainModel(const TetMesh &mesh, std::span<const Vector3d> points_mm,
 
 BrainModel::~BrainModel() = default;
 
-void BrainModel::put_to_rest() noexcept {
+void BrainModel::reset_to_rest() noexcept {
   solver_.reset();
   solver_.save();
   insertion_.reset();
@@ -85,13 +85,13 @@ void BrainModel::put_to_rest() noexcept {
 }
 
 void BrainModel::reset() noexcept {
-  put_to_rest();
+  reset_to_rest();
   verdict_.reset();
   state_ = {};
   predict_points();
 }
 
-const BrainState &BrainModel::update(const ProbeObservation &probe, double elapsed_s, int most_steps) noexcept {
+const BrainState &BrainModel::update(const ProbeObservation &probe, double elapsed_s, int max_steps) noexcept {
   verdict_.begin_update();
   elapsed_s = elapsed_s > 0.0 && std::isfinite(elapsed_s) ? elapsed_s : 0.0;
   const std::optional<ProbePose> seen = pose_of(probe);
@@ -104,7 +104,7 @@ const BrainState &BrainModel::update(const ProbeObservation &probe, double elaps
   }
   const double step_s = solver_.step_s();
   const double wanted = elapsed_s > 0.0 ? std::max(1.0, std::round(elapsed_s / step_s)) : 0.0;
-  state_.steps = static_cast<int>(std::min(wanted, static_cast<double>(std::max(most_steps, 0))));
+  state_.steps = static_cast<int>(std::min(wanted, static_cast<double>(std::max(max_steps, 0))));
   state_.behind_s = (wanted - state_.steps) * step_s;
 
   follow(seen, elapsed_s);
@@ -112,19 +112,19 @@ const BrainState &BrainModel::update(const ProbeObservation &probe, double elaps
     insertion_.measure(*probe.force_N, elapsed_s);
   }
   if (insertion_.left_mesh()) {
-    verdict_.say(ModelStatus::kInvalid, ModelReason::kProbeLeftMesh);
+    verdict_.report(ModelStatus::kInvalid, ModelReason::kProbeLeftMesh);
   }
-  if (insertion_.inside() && !insertion_.way_known()) {
-    verdict_.say(ModelStatus::kExtrapolating, ModelReason::kPathUnknown);
+  if (insertion_.inside() && !insertion_.path_known()) {
+    verdict_.report(ModelStatus::kExtrapolating, ModelReason::kPathUnknown);
   }
   if (state_.behind_s > 0.5 * elapsed_s) {
-    verdict_.say(ModelStatus::kExtrapolating, ModelReason::kTooSlow);
+    verdict_.report(ModelStatus::kExtrapolating, ModelReason::kTooSlow);
   }
-  verdict_.keep_or_take_back(solver_, elapsed_s);
-  if (verdict_.reason() == ModelReason::kStepRejected || verdict_.reason() == ModelReason::kTurnedOver) {
-    insertion_.give_way();
+  verdict_.commit_or_roll_back(solver_, elapsed_s);
+  if (verdict_.reason() == ModelReason::kStepRejected || verdict_.reason() == ModelReason::kInverted) {
+    insertion_.force_rupture();
   } else if (verdict_.reason() == ModelReason::kDiverged) {
-    put_to_rest();
+    reset_to_rest();
   }
   describe();
   predict_points();
@@ -157,40 +157,40 @@ void BrainModel::follow(const std::optional<ProbePose> &seen, double elapsed_s) 
   if (!seen) {
     unseen_s_ += elapsed_s;
     if (followed_ && insertion_.phase() != Phase::kOutside) {
-      verdict_.say(unseen_s_ > options_.longest_unseen_s ? ModelStatus::kInvalid : ModelStatus::kExtrapolating,
-                   ModelReason::kProbeNotSeen);
+      verdict_.report(unseen_s_ > options_.max_unseen_s ? ModelStatus::kInvalid : ModelStatus::kExtrapolating,
+                      ModelReason::kProbeNotSeen);
     }
     move_probe(pose_, elapsed_s);
     return;
   }
-  const double way_mm = (seen->tip_mm - pose_.tip_mm).norm();
-  const bool jumped = way_mm > options_.fastest_probe_mm_s * (elapsed_s + unseen_s_) + kJump_mm;
-  const bool hidden = unseen_s_ > 0.0 && way_mm > kJump_mm;
+  const double path_mm = (seen->tip_mm - pose_.tip_mm).norm();
+  const bool jumped = path_mm > options_.max_probe_speed_mm_s * (elapsed_s + unseen_s_) + kJump_mm;
+  const bool hidden = unseen_s_ > 0.0 && path_mm > kJump_mm;
   unseen_s_ = 0.0;
   if (!followed_ || jumped || hidden) {
-    appear(*seen);
+    place_probe(*seen);
   }
   move_probe(*seen, elapsed_s);
 }
 
 // A first look, or one after a gap that hides the way: the probe is set where it is, without dragging tissue along.
-void BrainModel::appear(const ProbePose &pose) noexcept {
+void BrainModel::place_probe(const ProbePose &pose) noexcept {
   if (followed_ && insertion_.phase() != Phase::kOutside) {
-    verdict_.say(ModelStatus::kExtrapolating, ModelReason::kProbeJumped);
+    verdict_.report(ModelStatus::kExtrapolating, ModelReason::kProbeJumped);
   }
   pose_ = pose;
   followed_ = true;
   const auto position = [this](int node) -> Vector3d {
     return solver_.mesh().nodes_mm[static_cast<std::size_t>(node)] + solver_.displacement_mm(node);
   };
-  insertion_.appear_outside();
+  insertion_.reappear_outside();
   if (const MaterialPoint tip = locator_.locate(pose_.tip_mm, position); tip.inside()) {
-    insertion_.appear_inside(tip.tetrahedron);
+    insertion_.reappear_inside(tip.tetrahedron);
   } else if (passes_through(pose_)) {
     // No tissue can make way for it: until it is somewhere else, there is no probe.
-    insertion_.disappear();
+    insertion_.remove_probe();
     followed_ = false;
-    verdict_.say(ModelStatus::kInvalid, ModelReason::kProbeLeftMesh);
+    verdict_.report(ModelStatus::kInvalid, ModelReason::kProbeLeftMesh);
   }
 }
 
@@ -198,28 +198,28 @@ void BrainModel::move_probe(const ProbePose &to, double elapsed_s) noexcept {
   if (state_.steps == 0) {
     return;
   }
-  const Vector3d way_mm = to.tip_mm - pose_.tip_mm;
+  const Vector3d path_mm = to.tip_mm - pose_.tip_mm;
   const Eigen::AngleAxisd turn(Eigen::Quaterniond::FromTwoVectors(pose_.shaft, to.shaft));
-  const double farthest_mm = options_.fastest_probe_mm_s * elapsed_s;
-  const double share = std::min(1.0, farthest_mm / std::max({way_mm.norm(), kLever_mm * turn.angle(), 1e-9}));
-  if (followed_ && share < 1.0) {
-    verdict_.say(ModelStatus::kExtrapolating, ModelReason::kProbeJumped);
+  const double farthest_mm = options_.max_probe_speed_mm_s * elapsed_s;
+  const double fraction = std::min(1.0, farthest_mm / std::max({path_mm.norm(), kLever_mm * turn.angle(), 1e-9}));
+  if (followed_ && fraction < 1.0) {
+    verdict_.report(ModelStatus::kExtrapolating, ModelReason::kProbeJumped);
   }
   const ProbePose from = pose_;
   const double time_s = state_.steps * solver_.step_s();
   PlacedProbe probe = placed(options_.probe);
-  probe.tip_velocity_m_s = to_metres(share * way_mm / time_s);
+  probe.tip_velocity_m_s = to_metres(fraction * path_mm / time_s);
   for (int i = 1; i <= state_.steps; ++i) {
-    const double part = share * i / state_.steps;
-    pose_.tip_mm = from.tip_mm + part * way_mm;
+    const double part = fraction * i / state_.steps;
+    pose_.tip_mm = from.tip_mm + part * path_mm;
     pose_.shaft = (Eigen::AngleAxisd(part * turn.angle(), turn.axis()) * from.shaft).normalized();
     probe.tip_m = to_metres(pose_.tip_mm);
     probe.shaft = pose_.shaft.cast<float>();
-    probe.turning_per_s = (share * turn.angle() / time_s * turn.axis().cross(pose_.shaft)).cast<float>();
+    probe.turning_per_s = (fraction * turn.angle() / time_s * turn.axis().cross(pose_.shaft)).cast<float>();
     insertion_.begin_step(probe, solver_);
     solver_.advance(1);
     insertion_.end_step(solver_);
-    verdict_.look_at(solver_);
+    verdict_.observe(solver_);
   }
 }
 
@@ -242,7 +242,8 @@ void BrainModel::predict_points() noexcept {
       continue;
     }
     prediction.displacement_mm = locator_.place(points_[i], [this](int node) { return solver_.displacement_mm(node); });
-    prediction.error_bound_mm = std::hypot(kUnexplained, verdict_.swing()) * prediction.displacement_mm.norm();
+    prediction.error_bound_mm =
+        std::hypot(kUnexplained, verdict_.residual_vibration()) * prediction.displacement_mm.norm();
     prediction.von_mises_Pa = von_mises_Pa(solver_.cauchy_Pa(points_[i].tetrahedron));
   }
 }

@@ -29,8 +29,8 @@ struct BrainModelOptions {
   ProbeShape probe;
   SurfaceContact::Options contact;
   InsertionParameters insertion;
-  double fastest_probe_mm_s = 100.0; // what moves faster is followed at this speed
-  double longest_unseen_s = 1.0;     // then the answer is invalid
+  double max_probe_speed_mm_s = 100.0; // what moves faster is followed at this speed
+  double max_unseen_s = 1.0;           // then the answer is invalid
 };
 
 struct ProbeObservation {
@@ -69,9 +69,9 @@ public:
   BrainModel(const BrainModel &) = delete;
   BrainModel &operator=(const BrainModel &) = delete;
 
-  // elapsed_s since the last call; at most most_steps of the solver are made. A pose that is not finite or without a
+  // elapsed_s since the last call; at most max_steps of the solver are made. A pose that is not finite or without a
   // direction counts as not seen, a force that is not finite as not measured, a time that is not positive as none.
-  const BrainState &update(const ProbeObservation &probe, double elapsed_s, int most_steps) noexcept;
+  const BrainState &update(const ProbeObservation &probe, double elapsed_s, int max_steps) noexcept;
   void reset() noexcept; // to rest, without a probe
 
   [[nodiscard]] const BrainState &state() const noexcept { return state_; }
@@ -84,11 +84,11 @@ public:
 private:
   [[nodiscard]] bool may_rest(const std::optional<ProbePose> &seen) const noexcept;
   void follow(const std::optional<ProbePose> &seen, double elapsed_s) noexcept;
-  void appear(const ProbePose &pose) noexcept;
+  void place_probe(const ProbePose &pose) noexcept;
   void move_probe(const ProbePose &to, double elapsed_s) noexcept;
   void describe() noexcept;
   void predict_points() noexcept;
-  void put_to_rest() noexcept;
+  void reset_to_rest() noexcept;
   [[nodiscard]] bool passes_through(const ProbePose &pose) const noexcept;
 
   BrainModelOptions options_;

@@ -70,7 +70,7 @@ Level level_of(const TetMesh &mesh, const BrainShiftOptions &options, const Vect
 }
 
 // Share of a tetrahedron's volume that lies below a level, from its corners' heights above it.
-double share_below(std::array<double, 4> height) {
+double fraction_below(std::array<double, 4> height) {
   std::sort(height.begin(), height.end());
   const auto [a, b, c, d] = height;
   // Of the edge from p below to q above.
@@ -118,7 +118,7 @@ public:
       for (int i = 0; i < 4; ++i) {
         height[static_cast<std::size_t>(i)] = -down_.dot(position_mm(t[i])) - level_.height_mm;
       }
-      const Vector3d now_N_m3 = (tissue_N_m3_ - share_below(height) * fluid_N_m3_) * down_;
+      const Vector3d now_N_m3 = (tissue_N_m3_ - fraction_below(height) * fluid_N_m3_) * down_;
       for (int i = 0; i < 4; ++i) {
         load_N[static_cast<std::size_t>(t[i])] += 0.25 * volumes_m3_[e] * (now_N_m3 - before_N_m3_);
       }
@@ -198,7 +198,7 @@ BrainShift predict_shift(const TetMesh &mesh, const BrainShiftOptions &options) 
   const ShiftLoad load(mesh, options);
   const TetBoundary boundary = boundary_of(mesh);
   Skull skull(mesh, boundary, options.skull);
-  skull.hold(solver);
+  skull.apply_supports(solver);
   hold_stem(solver, options.stem_mm);
   Fluid fluid(load, solver);
   std::vector<Contact *> contacts{&skull, &fluid};

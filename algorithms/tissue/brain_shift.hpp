@@ -37,7 +37,8 @@ struct BrainShiftOptions {
   double tissue_kg_m3 = 1040.0;
   double fluid_kg_m3 = 1007.0;
   double deep_mm = 30.0; // from the surface on, tissue is called deep
-  RelaxOptions relax{.tolerance = 1e-3, .max_steps = 40000, .relaxed = true}; // shift takes minutes: all has relaxed
+  RelaxationOptions relax{
+      .tolerance = 1e-3, .max_steps = 40000, .relaxed = true}; // shift takes minutes: all has relaxed
 };
 
 struct ShiftedPoint {
@@ -52,7 +53,7 @@ struct BrainShift {
   Eigen::Vector3d load_N = Eigen::Vector3d::Zero();
   // What moves farthest: of the surface in the craniotomy (without one: of all of it), and of what is deep.
   ShiftedPoint surface, deep;
-  Relaxation relaxation; // where it has not converged, none of this is an answer
+  RelaxationResult relaxation; // where it has not converged, none of this is an answer
   int inverted_elements = 0;
 };
 

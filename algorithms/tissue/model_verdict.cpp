@@ -8,8 +8,9 @@ namespace bregma::tissue {
 namespace {
 
 constexpr double kRejected_s = 0.25;
-constexpr double kMostGain = 2.0;   // of energy, by what snaps back; more comes from a solver that blows up
-constexpr double kSwinging = 0.25;  // kinetic against elastic energy: half of the displacement may be swing
+constexpr double kMaxEnergyGain = 2.0; // of energy, by what snaps back; more comes from a solver that blows up
+constexpr double kSettlingEnergyFraction =
+    0.25;                           // kinetic against elastic energy: half of the displacement may be swing
 constexpr double kUnseen_mm = 0.25; // swing that a tracker would not see: a hand's tremor, and the tracker's own noise
 constexpr double kUnmoved_J = 1e-9; // kinetic energy that does not matter: 1 mm/s of a gram
 
@@ -46,10 +47,10 @@ void ModelVerdict::begin_update() noexcept {
   status_ = ModelStatus::kValid;
   reason_ = ModelReason::kNone;
   went_wrong_ = false;
-  swing_ = 0.0;
+  residual_vibration_ = 0.0;
 }
 
-void ModelVerdict::say(ModelStatus status, ModelReason reason) noexcept {
+void ModelVerdict::report(ModelStatus status, ModelReason reason) noexcept {
   if (status > status_) {
     status_ = status;
     reason_ = reason;
@@ -57,43 +58,43 @@ void ModelVerdict::say(ModelStatus status, ModelReason reason) noexcept {
 }
 
 // Whatever else is wrong, this is the reason.
-void ModelVerdict::insist(ModelReason reason) noexcept {
+void ModelVerdict::override_reason(ModelReason reason) noexcept {
   status_ = ModelStatus::kInvalid;
   reason_ = reason;
 }
 
-void ModelVerdict::look_at(const ExplicitSolver &solver) noexcept {
-  went_wrong_ = went_wrong_ || solver.limited_nodes() > 0 || solver.inverted_elements() > 0;
+void ModelVerdict::observe(const ExplicitSolver &solver) noexcept {
+  went_wrong_ = went_wrong_ || solver.clamped_nodes() > 0 || solver.inverted_elements() > 0;
 }
 
-void ModelVerdict::keep_or_take_back(ExplicitSolver &solver, double elapsed_s) noexcept {
+void ModelVerdict::commit_or_roll_back(ExplicitSolver &solver, double elapsed_s) noexcept {
   const bool finite = solver.finite();
   const Energies energies = solver.energies();
   const double energy_J = energies.kinetic_J + energies.elastic_J;
-  if (finite && solver.limited_nodes() == 0 && solver.inverted_elements() == 0) {
+  if (finite && solver.clamped_nodes() == 0 && solver.inverted_elements() == 0) {
     rejected_s_ = 0.0;
     kept_J_ = energy_J;
     solver.save();
     if (energies.kinetic_J > kUnmoved_J) {
-      swing_ = std::sqrt(energies.kinetic_J / std::max(energies.elastic_J, kUnmoved_J));
+      residual_vibration_ = std::sqrt(energies.kinetic_J / std::max(energies.elastic_J, kUnmoved_J));
     }
     if (went_wrong_) {
-      insist(ModelReason::kTurnedOver);
-    } else if (energies.kinetic_J > kUnmoved_J + kSwinging * energies.elastic_J &&
-               swing_ * farthest_mm(solver) > kUnseen_mm) {
-      say(ModelStatus::kExtrapolating, ModelReason::kSettling);
+      override_reason(ModelReason::kInverted);
+    } else if (energies.kinetic_J > kUnmoved_J + kSettlingEnergyFraction * energies.elastic_J &&
+               residual_vibration_ * farthest_mm(solver) > kUnseen_mm) {
+      report(ModelStatus::kExtrapolating, ModelReason::kSettling);
     }
     return;
   }
   rejected_s_ += elapsed_s;
   if (!finite || rejected_s_ > kRejected_s) {
     rejected_s_ = 0.0;
-    insist(ModelReason::kDiverged);
-  } else if (energy_J < kMostGain * kept_J_) {
-    insist(ModelReason::kTurnedOver);
+    override_reason(ModelReason::kDiverged);
+  } else if (energy_J < kMaxEnergyGain * kept_J_) {
+    override_reason(ModelReason::kInverted);
   } else {
     solver.restore();
-    insist(ModelReason::kStepRejected);
+    override_reason(ModelReason::kStepRejected);
   }
 }
 

@@ -46,7 +46,7 @@ using Eigen::Matrix2d;
 
 // Below this the shear terms are those of a triangle of this relative volume: a triangle that is turned over is pressed
 // back instead of dividing by nothing. Counted by the solver as inverted.
-inline constexpr double kLeastVolume = 0.05;
+inline constexpr double kMinVolumeRatio = 0.05;
 
 [[nodiscard]] inline Matrix2d cofactor(const Matrix2d &f) {
   return (Matrix2d() << f(1, 1), -f(1, 0), -f(0, 1), f(0, 0)).finished();
@@ -98,7 +98,7 @@ struct OgdenShear {
         .finished();
   }
   case tissue::Law::kOgden: {
-    const double det = std::max(f.determinant(), kLeastVolume);
+    const double det = std::max(f.determinant(), kMinVolumeRatio);
     const Squares s = principal_squares(f);
     const OgdenShear tau = ogden_shear(law, s, thickness, det * thickness);
     // S = a 1 + b C takes the principal values tau_i / l_i^2 without principal directions.
@@ -112,7 +112,7 @@ struct OgdenShear {
   case tissue::Law::kNeoHookean:
     break;
   }
-  const double det = std::max(f.determinant(), kLeastVolume);
+  const double det = std::max(f.determinant(), kMinVolumeRatio);
   const double j = det * thickness;
   const double g = law.shear_Pa / std::cbrt(j * j);
   const double third = (f.squaredNorm() + thickness * thickness) / 3.0;
@@ -125,7 +125,7 @@ struct OgdenShear {
   if (law.law == tissue::Law::kLinear) {
     return {piola(0, 0) + p, piola(1, 1) + p, p - piola(0, 0) - piola(1, 1), piola(0, 1)};
   }
-  const Matrix2d sigma = piola * f.transpose() / (std::max(f.determinant(), kLeastVolume) * thickness);
+  const Matrix2d sigma = piola * f.transpose() / (std::max(f.determinant(), kMinVolumeRatio) * thickness);
   const double across = -sigma.trace(); // shear stresses have no trace
   return {sigma(0, 0) + p, sigma(1, 1) + p, across + p, 0.5 * (sigma(0, 1) + sigma(1, 0))};
 }
@@ -137,7 +137,7 @@ struct OgdenShear {
     const double lambda = law.bulk_Pa - 2.0 / 3.0 * law.shear_Pa;
     return 1.0 - lambda / (lambda + 2.0 * law.shear_Pa) * (f(0, 0) + f(1, 1) - 2.0);
   }
-  const double det = std::max(f.determinant(), kLeastVolume);
+  const double det = std::max(f.determinant(), kMinVolumeRatio);
   const Squares squares = law.law == tissue::Law::kOgden ? principal_squares(f) : Squares{};
   const double in_plane = f.squaredNorm();
   for (int k = 0; k < 20; ++k) {

@@ -102,7 +102,7 @@ Eigen::Vector2d Stuffing::crossing(int inside, int outside) {
 
 void Stuffing::warp() {
   struct Move {
-    double share = kWarp;
+    double fraction = kWarp;
     Eigen::Vector2d to = Eigen::Vector2d::Zero();
     bool wanted = false;
   };
@@ -116,13 +116,13 @@ void Stuffing::warp() {
       }
       const Eigen::Vector2d p = side(a) == Side::kInside ? crossing(a, b) : crossing(b, a);
       for (const int end : {a, b}) {
-        const double share = (p - node(end)).norm() / edge_;
+        const double fraction = (p - node(end)).norm() / edge_;
         // A node of the line to be cut leaves it only along it.
         const bool off_line =
             cut_y_ && std::abs(node(end).y() - *cut_y_) < 1e-6 * edge_ && std::abs(p.y() - *cut_y_) > 1e-6 * edge_;
         Move &move = moves[static_cast<std::size_t>(end)];
-        if (share < move.share && !off_line) {
-          move = {share, p, true};
+        if (fraction < move.fraction && !off_line) {
+          move = {fraction, p, true};
         }
       }
     }

@@ -36,8 +36,8 @@ PlaneProbe::PlaneProbe(PlaneSolver &solver, const PlaneProbeSettings &settings) 
   if (!(settings.friction >= 0.0)) {
     refuse("friction", settings.friction, "at least 0");
   }
-  if (!(settings.cutting_share >= 0.0 && settings.cutting_share <= 1.0)) {
-    refuse("cutting_share", settings.cutting_share, "from 0 to 1");
+  if (!(settings.cutting_fraction >= 0.0 && settings.cutting_fraction <= 1.0)) {
+    refuse("cutting_fraction", settings.cutting_fraction, "from 0 to 1");
   }
   find_path();
   for (const Eigen::Vector2i &edge : boundary_of(solver.mesh())) {
@@ -96,13 +96,13 @@ ProbeReading PlaneProbe::move_to(double tip_mm) {
   }
   while (goal_mm_ < tip_mm) {
     goal_mm_ = std::min(goal_mm_ + settings_.step_mm, tip_mm);
-    settle(settings_.on_the_way);
+    settle(settings_.relax_between);
     if (phase_ == ProbePhase::kPenetration) {
-      cut_what_is_reached();
+      cut_reached_nodes();
     } else {
       phase_ = goal_mm_ > entry_mm() ? ProbePhase::kIndentation : ProbePhase::kApart;
       if (at_its_limit()) {
-        settle(settings_.at_the_end);
+        settle(settings_.relax_at_end);
       }
       if (at_its_limit()) {
         phase_ = ProbePhase::kRupture;
@@ -110,19 +110,19 @@ ProbeReading PlaneProbe::move_to(double tip_mm) {
       }
     }
   }
-  settle(settings_.at_the_end);
+  settle(settings_.relax_at_end);
   return reading();
 }
 
 ProbeReading PlaneProbe::rupture() {
   if (phase_ != ProbePhase::kPenetration && !ruptured()) {
     phase_ = ProbePhase::kRupture;
-    cutting_N_m_ = settings_.cutting_share * reading().tip_N_m;
+    cutting_N_m_ = settings_.cutting_fraction * reading().tip_N_m;
     blade_ = true;
     cut_next();
-    settle(settings_.on_the_way);
-    cut_what_is_reached();
-    settle(settings_.at_the_end);
+    settle(settings_.relax_between);
+    cut_reached_nodes();
+    settle(settings_.relax_at_end);
   }
   return reading();
 }
@@ -132,14 +132,14 @@ ProbeReading PlaneProbe::open() {
     rupture();
     phase_ = ProbePhase::kPenetration;
     blade_ = false;
-    settle(settings_.on_the_way);
-    cut_what_is_reached();
-    settle(settings_.at_the_end);
+    settle(settings_.relax_between);
+    cut_reached_nodes();
+    settle(settings_.relax_at_end);
   }
   return reading();
 }
 
-void PlaneProbe::settle(const PlaneRelaxing &limits) {
+void PlaneProbe::settle(const PlaneRelaxationOptions &limits) {
   rest_ = solver_.relax(limits);
   // What has slid stays where it slid to.
   for (Candidate &c : candidates_) {
@@ -166,11 +166,11 @@ void PlaneProbe::cut_next() {
   solver_.set_force(path_[cut_], {cutting_N_m_, 0.0});
 }
 
-void PlaneProbe::cut_what_is_reached() {
+void PlaneProbe::cut_reached_nodes() {
   // The last node of the path is the far side of the section: it stays whole.
   while (cut_ + 2 < path_.size() && solver_.position_mm(path_[cut_]).x() <= tip_mm_) {
     cut_next();
-    settle(settings_.on_the_way);
+    settle(settings_.relax_between);
   }
 }
 

@@ -35,10 +35,10 @@ struct PlaneProbeSettings {
   double friction = 0.1;
   double rupture_N_m = std::numeric_limits<double>::infinity(); // force of the end along x
   double rupture_Pa = std::numeric_limits<double>::infinity();  // von Mises (3-D) of the node on the axis under the end
-  double cutting_share = 0.5;                                   // of the end's force at rupture: the cutting force
+  double cutting_fraction = 0.5;                                // of the end's force at rupture: the cutting force
   double step_mm = 0.5;                                         // the tip goes no further between two states of rest
-  PlaneRelaxing on_the_way = {3e-3, 20'000};
-  PlaneRelaxing at_the_end = {1e-3, 50'000};
+  PlaneRelaxationOptions relax_between = {3e-3, 20'000};
+  PlaneRelaxationOptions relax_at_end = {1e-3, 50'000};
 };
 
 enum class ProbePhase { kApart, kIndentation, kRupture, kPenetration };
@@ -51,7 +51,7 @@ struct ProbeReading {
   double minus_N_m = 0.0;    // and on the side towards y-
   double friction_N_m = 0.0; // how hard both sides drag the tissue along +x
   double cut_mm = 0.0;       // length of the channel, in the tissue at rest
-  PlaneRelaxation rest;
+  PlaneRelaxationResult rest;
 };
 
 class PlaneProbe : public PlaneContact {
@@ -91,9 +91,9 @@ private:
     Eigen::Vector2d anchor_mm = Eigen::Vector2d::Zero(); // where it touched, from the tip
   };
   void find_path();
-  void settle(const PlaneRelaxing &limits);
+  void settle(const PlaneRelaxationOptions &limits);
   void cut_next();
-  void cut_what_is_reached();
+  void cut_reached_nodes();
   [[nodiscard]] bool at_its_limit() const;
   [[nodiscard]] Part push_out(Eigen::Vector2d &from_tip_mm, const Candidate &c) const;
   void keep_out(Candidate &c, Eigen::Vector2d &position_m);
@@ -113,7 +113,7 @@ private:
   double half_mm_ = 0.0;      // of the width
   double narrowest_mm_ = 0.0; // the least open_mm of all lips
   double pace_mm_ = 0.0;      // the probe's way in a step of the solver
-  PlaneRelaxation rest_;
+  PlaneRelaxationResult rest_;
 };
 
 } // namespace bregma::tissue_plane

@@ -52,9 +52,9 @@ std::vector<Loop> section_of(const surface::TriangleMesh &surface, const Section
   const auto point_of = [&](Edge edge) -> Eigen::Vector2d {
     const auto a = static_cast<std::size_t>(edge >> 32U);
     const auto b = static_cast<std::size_t>(edge & 0xffffffffU);
-    const double share = height[a] / (height[a] - height[b]);
+    const double fraction = height[a] / (height[a] - height[b]);
     const Eigen::Vector3d p =
-        surface.vertices_mm[a] + share * (surface.vertices_mm[b] - surface.vertices_mm[a]) - plane.origin_mm;
+        surface.vertices_mm[a] + fraction * (surface.vertices_mm[b] - surface.vertices_mm[a]) - plane.origin_mm;
     return {plane.u.dot(p), plane.v.dot(p)};
   };
   std::vector<Loop> loops;

@@ -110,9 +110,9 @@ private:
   void move(std::size_t n, const Eigen::Vector2d &target, bool on_boundary) {
     const Eigen::Vector2d from = mesh_.nodes_mm[n];
     const double before = worst(n);
-    double share = 1.0;
-    for (int k = 0; k < kHalvings; ++k, share *= 0.5) {
-      const Eigen::Vector2d to = from + share * (target - from);
+    double fraction = 1.0;
+    for (int k = 0; k < kHalvings; ++k, fraction *= 0.5) {
+      const Eigen::Vector2d to = from + fraction * (target - from);
       mesh_.nodes_mm[n] = on_boundary ? closest_on(outline_, to) : to;
       if (worst(n) > before) {
         return;

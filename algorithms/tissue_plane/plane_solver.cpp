@@ -24,7 +24,7 @@ constexpr int kCheckEvery = 5;
 // over before its other nodes can follow.
 constexpr double kHeldStep = 0.02;
 // And free nodes go no further than this share: what springs back after a cut does not shoot through its neighbours.
-constexpr double kLongestStep = 0.1;
+constexpr double kMaxStep = 0.1;
 
 } // namespace
 
@@ -32,11 +32,11 @@ PlaneSolver::PlaneSolver(const PlaneMesh &mesh, const tissue::Material &material
     : mesh_(mesh), settings_(settings) {
   check(mesh);
   check(material);
-  if (!(settings.shear_share > 0.0 && settings.shear_share <= 1.0)) {
-    throw std::invalid_argument("shear_share = " + std::to_string(settings.shear_share) +
+  if (!(settings.shear_fraction > 0.0 && settings.shear_fraction <= 1.0)) {
+    throw std::invalid_argument("shear_fraction = " + std::to_string(settings.shear_fraction) +
                                 ", must be above 0 and at most 1");
   }
-  law_ = {material.law, settings.shear_share * material.shear_Pa(), material.bulk_Pa(), material.ogden_alpha};
+  law_ = {material.law, settings.shear_fraction * material.shear_Pa(), material.bulk_Pa(), material.ogden_alpha};
   const std::size_t nodes = mesh.nodes_mm.size();
   for (const Vector2d &p : mesh.nodes_mm) {
     x_.push_back(1e-3 * p);
@@ -192,7 +192,7 @@ void PlaneSolver::scale_masses() {
     const Triangle &t = triangles_[e];
     const bool linear = law_.law == tissue::Law::kLinear;
     const Matrix2d f = linear ? Matrix2d::Identity() : gradients_[e];
-    const double det = std::max(f.determinant(), plane_law::kLeastVolume);
+    const double det = std::max(f.determinant(), plane_law::kMinVolumeRatio);
     // Gradients of the shape functions in the deformed triangle: rows of (f edges)^-1.
     const Matrix2d now = t.inverse * plane_law::cofactor(f).transpose() / det;
     const double b = now.row(0).norm();
@@ -214,11 +214,11 @@ void PlaneSolver::scale_masses() {
 void PlaneSolver::move(double damping, double &unbalanced) {
   const double keep = (2.0 - damping) / (2.0 + damping);
   const double push = 2.0 / (2.0 + damping);
-  const double longest = kLongestStep / kHeldStep * held_step_m_;
+  const double max_move = kMaxStep / kHeldStep * held_step_m_;
   for (std::size_t n = 0; n < x_.size(); ++n) {
     Vector2d v = keep * v_[n] + (push / mass_[n]) * (external_[n] - internal_[n]);
-    if (const double square = v.squaredNorm(); square > longest * longest) {
-      v *= longest / std::sqrt(square);
+    if (const double square = v.squaredNorm(); square > max_move * max_move) {
+      v *= max_move / std::sqrt(square);
     }
     const Vector2d to_place = (target_[n] - x_[n]).cwiseMax(-held_step_m_).cwiseMin(held_step_m_);
     next_[n] = x_[n] + to_place + free_[n].cwiseProduct(v - to_place);
@@ -247,15 +247,16 @@ double PlaneSolver::holding_force() const {
   return std::max({std::sqrt(reactions), std::sqrt(loads), 1e-9 * law_.shear_Pa});
 }
 
-PlaneRelaxation PlaneSolver::relax(const PlaneRelaxing &limits) {
-  double way_m = 0.0; // of held nodes
+PlaneRelaxationResult PlaneSolver::relax(const PlaneRelaxationOptions &limits) {
+  double distance_m = 0.0; // of held nodes
   for (std::size_t n = 0; n < x_.size(); ++n) {
-    way_m = std::max(way_m, (Vector2d::Ones() - free_[n]).cwiseProduct(target_[n] - x_[n]).cwiseAbs().maxCoeff());
+    distance_m =
+        std::max(distance_m, (Vector2d::Ones() - free_[n]).cwiseProduct(target_[n] - x_[n]).cwiseAbs().maxCoeff());
     v_[n].setZero();
   }
-  const double steps_on_way = std::ceil(way_m / held_step_m_);
+  const double steps_needed = std::ceil(distance_m / held_step_m_);
   compute_forces();
-  PlaneRelaxation out;
+  PlaneRelaxationResult out;
   for (out.steps = 1; out.steps <= limits.max_steps; ++out.steps) {
     if (out.steps % kMassesEvery == 1) {
       scale_masses();
@@ -280,7 +281,7 @@ PlaneRelaxation PlaneSolver::relax(const PlaneRelaxing &limits) {
       out.inverted = inverted_;
       return out;
     }
-    if (out.steps % kCheckEvery == 0 && out.steps > steps_on_way && (contact_ == nullptr || contact_->arrived())) {
+    if (out.steps % kCheckEvery == 0 && out.steps > steps_needed && (contact_ == nullptr || contact_->arrived())) {
       out.residual = unbalanced / holding_force();
       if (out.residual < limits.tolerance) {
         out.converged = true;
@@ -302,12 +303,12 @@ std::vector<PlaneStress> PlaneSolver::nodal_stress() const {
   for (std::size_t e = 0; e < triangles_.size(); ++e) {
     const PlaneStress s = stress(static_cast<int>(e));
     for (const int n : triangles_[e].nodes) {
-      const double share = triangles_[e].area_m2 / 3.0 / at(node_area_m2_, n);
+      const double weight = triangles_[e].area_m2 / 3.0 / at(node_area_m2_, n);
       PlaneStress &sum = at(out, n);
-      sum.xx_Pa += share * s.xx_Pa;
-      sum.yy_Pa += share * s.yy_Pa;
-      sum.zz_Pa += share * s.zz_Pa;
-      sum.xy_Pa += share * s.xy_Pa;
+      sum.xx_Pa += weight * s.xx_Pa;
+      sum.yy_Pa += weight * s.yy_Pa;
+      sum.zz_Pa += weight * s.zz_Pa;
+      sum.xy_Pa += weight * s.xy_Pa;
     }
   }
   return out;
@@ -317,18 +318,18 @@ PlaneStress PlaneSolver::stress_at(const Vector2d &at_rest_mm) const {
   constexpr double kEdge = -1e-9; // a place on an edge belongs to both
   for (const Triangle &t : triangles_) {
     const Vector2d bc = t.inverse * (1e-3 * (at_rest_mm - at(mesh_.nodes_mm, t.nodes[0])));
-    const double shares[3] = {1.0 - bc.sum(), bc.x(), bc.y()};
-    if (*std::min_element(shares, shares + 3) < kEdge) {
+    const double weights[3] = {1.0 - bc.sum(), bc.x(), bc.y()};
+    if (*std::min_element(weights, weights + 3) < kEdge) {
       continue;
     }
     const std::vector<PlaneStress> nodal = nodal_stress();
     PlaneStress out;
     for (int k = 0; k < 3; ++k) {
       const PlaneStress &s = at(nodal, t.nodes[k]);
-      out.xx_Pa += shares[k] * s.xx_Pa;
-      out.yy_Pa += shares[k] * s.yy_Pa;
-      out.zz_Pa += shares[k] * s.zz_Pa;
-      out.xy_Pa += shares[k] * s.xy_Pa;
+      out.xx_Pa += weights[k] * s.xx_Pa;
+      out.yy_Pa += weights[k] * s.yy_Pa;
+      out.zz_Pa += weights[k] * s.zz_Pa;
+      out.xy_Pa += weights[k] * s.xy_Pa;
     }
     return out;
   }

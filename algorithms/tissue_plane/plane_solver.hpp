@@ -26,19 +26,20 @@ enum class PlaneState { kStrain, kStress };
 
 struct PlaneSettings {
   PlaneState state = PlaneState::kStrain;
-  double shear_share = 1.0; // of the instantaneous shear modulus; Material::relaxed_share() for the relaxed tissue
-  bool follower = true;     // pressure stays normal to the deformed edge and grows with it; else dead: as at rest
+  double shear_fraction =
+      1.0;              // of the instantaneous shear modulus; Material::relaxed_fraction() for the relaxed tissue
+  bool follower = true; // pressure stays normal to the deformed edge and grows with it; else dead: as at rest
 };
 
-struct PlaneRelaxing {
+struct PlaneRelaxationOptions {
   double tolerance = 1e-4; // of the unbalanced force against the forces of loads and supports (norms over all nodes)
   int max_steps = 50'000;
 };
 
-struct PlaneRelaxation {
+struct PlaneRelaxationResult {
   bool converged = false;
   int steps = 0;
-  double residual = 0.0; // as PlaneRelaxing::tolerance
+  double residual = 0.0; // as PlaneRelaxationOptions::tolerance
   int inverted = 0;      // triangles turned over in the last step: with any, the answer is not one
   [[nodiscard]] bool valid() const { return converged && inverted == 0; }
 };
@@ -71,7 +72,7 @@ public:
   int split(int node, std::span<const int> triangles);
 
   // From where the body stands to rest. Never throws; a body that blows up is not converged.
-  PlaneRelaxation relax(const PlaneRelaxing &limits = {});
+  PlaneRelaxationResult relax(const PlaneRelaxationOptions &limits = {});
 
   [[nodiscard]] const PlaneMesh &mesh() const { return mesh_; } // at rest; split nodes included
   [[nodiscard]] Eigen::Vector2d position_mm(int node) const { return 1e3 * at(x_, node); }

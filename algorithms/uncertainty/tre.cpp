@@ -5,12 +5,13 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::uncertainty {
 
 namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+const double kChiSquare95 = chi_square_upper_quantile(0.05, 3);
 using Eigensolver = Eigen::SelfAdjointEigenSolver<Matrix3d>;
 } // namespace
 
@@ -43,7 +44,7 @@ Ellipsoid95 ellipsoid_95(const Matrix3d &covariance) noexcept {
   }
   const Eigensolver solver(covariance); // eigenvalues ascend
   for (int i = 0; i < 3; ++i) {
-    out.semi_axes_mm[i] = std::sqrt(kChiSquare95Of3 * std::fmax(solver.eigenvalues()[2 - i], 0.0));
+    out.semi_axes_mm[i] = std::sqrt(kChiSquare95 * std::fmax(solver.eigenvalues()[2 - i], 0.0));
     out.axes.row(i) = solver.eigenvectors().col(2 - i).transpose();
   }
   if (out.axes.determinant() < 0.0) {

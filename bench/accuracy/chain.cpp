@@ -12,6 +12,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/record.hpp"
 #include "idl/names.hpp"
@@ -71,8 +72,8 @@ Outcome operate(const casefile::Case &a_case, const sim::Scenario &scenario, std
     return out;
   }
   const auto inside = [](const Reading &reading) {
-    constexpr double kChiSquare95 = 7.814727903; // three degrees of freedom
-    return uncertainty::mahalanobis_squared(reading.covariance, reading.error_mm) <= kChiSquare95;
+    return uncertainty::mahalanobis_squared(reading.covariance, reading.error_mm) <=
+           uncertainty::chi_square_upper_quantile(0.05, 3);
   };
   const Reading &reading = readings[readings.size() / 2];
   out.error_mm = reading.error_mm.norm();
@@ -157,8 +158,8 @@ int main(int argc, char **argv) {
   };
   const auto count = static_cast<double>(seeds);
   report.add(bench::at_least("chain.runs_completed", static_cast<double>(errors.size()), "", count));
-  report.add(bench::beside(bench::at_most("chain.error_at_target.median", bench::percentile(errors, 0.5), "mm", 0.8),
-                           bench::percentile(predicted, 0.5), "predicted RMS"));
+  report.add(bench::with_peer(bench::at_most("chain.error_at_target.median", bench::percentile(errors, 0.5), "mm", 0.8),
+                              bench::percentile(predicted, 0.5), "predicted RMS"));
   report.add(bench::at_most("chain.error_at_target.worst", bench::percentile(errors, 1.0), "mm", 1.6));
   report.add(bench::at_least("chain.inside_predicted_95", sum(inside), "runs", 0.9 * count));
   report.add(bench::figure("chain.inside_predicted_95.all_frames", 100.0 * sum(shares) / count, "%"));

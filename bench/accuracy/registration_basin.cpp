@@ -22,8 +22,8 @@ constexpr double kStep_mm = 10.0;
 constexpr int kCell = 34; // pixels
 
 // From white, none, to deep blue, all.
-std::string colour(double share) {
-  const auto mix = [share](double none, double all) { return static_cast<int>(none + share * (all - none)); };
+std::string colour(double fraction) {
+  const auto mix = [fraction](double none, double all) { return static_cast<int>(none + fraction * (all - none)); };
   std::ostringstream out;
   out << "rgb(" << mix(255, 18) << ',' << mix(250, 70) << ',' << mix(240, 130) << ')';
   return out.str();
@@ -48,20 +48,20 @@ void draw_basin(Report &report, const Head &head, const surface::SurfaceField &f
       int there = 0;
       for (int run = 0; run < runs; ++run) {
         const Trace trace = take_trace(side_of(head, kBasinSamples, run % 2 == 0, rng), 1.0, Noise::kAll, rng);
-        const PairedPose start = start_off(trace.T_target_source, field.surface().centre_mm(),
-                                           a * kStepAngle * geometry::kRadiansPerDegree, d * kStep_mm, rng);
+        const PairedPose start = perturbed_start(trace.T_target_source, field.surface().centre_mm(),
+                                                 a * kStepAngle * geometry::kRadiansPerDegree, d * kStep_mm, rng);
         there += trace.rmse_mm(local.fit(trace.source_mm, start).T_target_source) <= kThere_mm ? 1 : 0;
       }
-      const double share = static_cast<double>(there) / runs;
+      const double fraction = static_cast<double>(there) / runs;
       if (a <= 3 && d <= 3) {
-        near = std::min(near, 100.0 * share);
+        near = std::min(near, 100.0 * fraction);
       }
       const int x = left + a * kCell;
       const int y = top + (kDistances - 1 - d) * kCell;
       cells << "<rect x='" << x << "' y='" << y << "' width='" << kCell << "' height='" << kCell << "' fill='"
-            << colour(share) << "'/><text x='" << x + kCell / 2 << "' y='" << y + kCell / 2 + 4
-            << "' text-anchor='middle' fill='" << (share > 0.5 ? "white" : "black") << "'>"
-            << std::lround(100.0 * share) << "</text>\n";
+            << colour(fraction) << "'/><text x='" << x + kCell / 2 << "' y='" << y + kCell / 2 + 4
+            << "' text-anchor='middle' fill='" << (fraction > 0.5 ? "white" : "black") << "'>"
+            << std::lround(100.0 * fraction) << "</text>\n";
     }
   }
   std::ofstream out(file);

@@ -86,14 +86,14 @@ void cpd_figures(Report &report, const std::string &case_folder, bool quick) {
       }
     }
     const std::string name = "cpd." + std::to_string(count);
-    report.add(beside(at_most(name + ".median", percentile(times, 0.5), "ms", limit_ms), naive[0], "naive E-steps"));
+    report.add(with_peer(at_most(name + ".median", percentile(times, 0.5), "ms", limit_ms), naive[0], "naive E-steps"));
     report.add(figure(name + ".rotation_error.worst", percentile(errors, 1.0), "deg"));
   }
 }
 
 void fixture_figures(Report &report) {
   const auto folder = kShared / "clouds/cpd";
-  if (!is_here(report, folder)) {
+  if (!is_present(report, folder)) {
     return;
   }
   const Points2 fish = test::read_points<2>(folder / "fish.csv");
@@ -120,7 +120,7 @@ Points3 read_counted(const std::filesystem::path &file) {
 
 void bunny_figures(Report &report) {
   const auto folder = kShared / "clouds/bunny";
-  if (!is_here(report, folder)) {
+  if (!is_present(report, folder)) {
     return;
   }
   const Points3 data = read_counted(folder / "data_bunny.txt");
@@ -143,8 +143,8 @@ void bunny_figures(Report &report) {
     times.push_back(1e-3 * milliseconds([&] { pose = find_cloud_pose(model, data, options); }));
     errors.push_back(degrees_between(pose.best.rotation.transpose(), theirs));
   }
-  report.add(beside(at_most("bunny.time.median", percentile(times, 0.5), "s", 0.1 * their_seconds), their_seconds,
-                    "Go-ICP, as published"));
+  report.add(with_peer(at_most("bunny.time.median", percentile(times, 0.5), "s", 0.1 * their_seconds), their_seconds,
+                       "Go-ICP, as published"));
   report.add(at_most("bunny.rotation_to_theirs.worst", percentile(errors, 1.0), "deg", 0.5));
 }
 

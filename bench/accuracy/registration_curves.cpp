@@ -27,7 +27,7 @@ using geometry::Points2;
 
 // A sagittal slice, grey values 0-255 of its 99.5th percentile; first axis anterior, second superior.
 struct Slice {
-  intensity::Grid<2> grid;
+  image::Grid<2> grid;
   std::vector<float> grey;
 };
 Slice middle_slice(const std::filesystem::path &file) {
@@ -37,9 +37,9 @@ Slice middle_slice(const std::filesystem::path &file) {
   }
   Slice out;
   out.grid.size = {volume->size[1], volume->size[2]};
-  out.grid.axes = volume->T_image_index.block<2, 2>(1, 1);
+  out.grid.T_image_index.topLeftCorner<2, 2>() = volume->T_image_index.block<2, 2>(1, 1);
   const int i = static_cast<int>(std::lround(-volume->T_image_index(0, 3) / volume->T_image_index(0, 0))); // x = 0
-  out.grid.origin_mm = volume->T_image_index.block<2, 1>(1, 3);
+  out.grid.T_image_index.topRightCorner<2, 1>() = volume->T_image_index.block<2, 1>(1, 3);
   std::vector<double> sorted;
   for (int k = 0; k < volume->size[2]; ++k) {
     for (int j = 0; j < volume->size[1]; ++j) {
@@ -119,10 +119,10 @@ void table_of(Report &report, const std::string &title, const std::string &label
   }
   report.note(lines.str());
   report.add(
-      beside(at_most("curves." + label + ".rmse.hybrid", rows[3].rmse, "grey", std::min(rows[1].rmse, rows[2].rmse)),
-             rows[0].rmse, "before"));
-  report.add(beside(at_least("curves." + label + ".mi.hybrid", rows[3].mi, "nats", std::max(rows[1].mi, rows[2].mi)),
-                    rows[0].mi, "before"));
+      with_peer(at_most("curves." + label + ".rmse.hybrid", rows[3].rmse, "grey", std::min(rows[1].rmse, rows[2].rmse)),
+                rows[0].rmse, "before"));
+  report.add(with_peer(at_least("curves." + label + ".mi.hybrid", rows[3].mi, "nats", std::max(rows[1].mi, rows[2].mi)),
+                       rows[0].mi, "before"));
 }
 
 // A smooth deformation of up to 9 mm from the reference's frame to the floating image's, and back.
@@ -140,7 +140,7 @@ Eigen::Vector2d undeformed(const Eigen::Vector2d &q) {
 } // namespace
 
 void curve_figures(Report &report) {
-  if (!is_here(report, kShared / "images/mni")) {
+  if (!is_present(report, kShared / "images/mni")) {
     return;
   }
   const Slice one = middle_slice(kShared / "images/mni/single_subj_T1.nii.gz");

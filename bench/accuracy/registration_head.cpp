@@ -41,7 +41,7 @@ double Trace::rmse_mm(const PairedPose &estimate, const std::vector<Vector3d> &a
   return std::sqrt(squares / static_cast<double>(at_mm.size()));
 }
 
-double Trace::e10cm_mm(const PairedPose &estimate) const {
+double Trace::error_at_10cm_mm(const PairedPose &estimate) const {
   const Vector3d line(100.0, 0.0, 0.0);
   return (T_target_source.rotation() * line - estimate.rotation() * line).norm();
 }
@@ -71,8 +71,8 @@ std::vector<Vector3d> side_of(const Head &head, std::size_t count, bool left, st
   return out;
 }
 
-PairedPose start_off(const PairedPose &truth, const Vector3d &middle_mm, double angle_rad, double distance_mm,
-                     std::mt19937 &rng) {
+PairedPose perturbed_start(const PairedPose &truth, const Vector3d &middle_mm, double angle_rad, double distance_mm,
+                           std::mt19937 &rng) {
   const Vector3d axis = test::normal_vector(rng, 1.0).normalized();
   const Vector3d way = test::normal_vector(rng, 1.0).normalized();
   const Eigen::Quaterniond turn = geometry::rotation_exp(angle_rad * axis);

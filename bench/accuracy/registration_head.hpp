@@ -30,7 +30,7 @@ struct Trace {
   [[nodiscard]] double rmse_mm(const PairedPose &estimate) const { return rmse_mm(estimate, true_mm); }
   [[nodiscard]] double rmse_mm(const PairedPose &estimate, const std::vector<Vector3d> &at_mm) const;
   // Seed 002, equation (1): how far the end of a 100 mm line along x diverges under the rotation's error.
-  [[nodiscard]] double e10cm_mm(const PairedPose &estimate) const;
+  [[nodiscard]] double error_at_10cm_mm(const PairedPose &estimate) const;
 };
 
 enum class Noise { kAll, kDepth }; // in all axes, or in z alone
@@ -42,8 +42,8 @@ enum class Noise { kAll, kDepth }; // in all axes, or in z alone
 
 // A start off by this rotation about a random axis through the head's middle, and this translation in a random
 // direction.
-[[nodiscard]] PairedPose start_off(const PairedPose &truth, const Vector3d &middle_mm, double angle_rad,
-                                   double distance_mm, std::mt19937 &rng);
+[[nodiscard]] PairedPose perturbed_start(const PairedPose &truth, const Vector3d &middle_mm, double angle_rad,
+                                         double distance_mm, std::mt19937 &rng);
 
 // CPU time of the calling thread, ms: what a busy machine does not stretch.
 [[nodiscard]] double thread_ms();

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "algorithms/registration/points/robust_points.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/accuracy/registration_parts.hpp"
 #include "bench/accuracy/registration_study.hpp"
@@ -53,8 +53,8 @@ void paired_figures(Report &report, bool quick) {
     allocations += scope.count();
     right += with_outlier.found && with_outlier.outliers == 1 && !with_outlier.inlier[3] ? 1 : 0;
   }
-  report.add(beside(at_most("points.paired_8_anisotropic.median", percentile(ours, 0.5), "us", 20.0),
-                    percentile(plain, 0.5), "least squares"));
+  report.add(with_peer(at_most("points.paired_8_anisotropic.median", percentile(ours, 0.5), "us", 20.0),
+                       percentile(plain, 0.5), "least squares"));
   report.add(figure("points.robust_8_one_outlier.median", percentile(robust, 0.5), "us"));
   report.add(at_least("points.robust_outlier_named", 100.0 * right / runs, "%", 95.0));
   if (test::AllocationScope::available()) {
@@ -79,7 +79,8 @@ void paired_coverage(Report &report, int runs) {
       const PairedFit fit = fit_paired(pairs);
       const Eigen::Vector3d error = fit.T_target_source * target - T * target;
       const Matrix3d predicted = uncertainty::tre_covariance(fit.covariance, T * target);
-      inside += uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+      inside +=
+          uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::chi_square_upper_quantile(0.05, 3) ? 1 : 0;
     }
     const std::string label = std::string("points.coverage.") + name;
     report.add(at_least(label, 100.0 * inside / runs, "%", 93.0));

@@ -51,7 +51,7 @@ void fit_figures(Report &report, bool quick) {
       }
       const double hold_out = std::sqrt((spline->map(probes) - bent(probes)).colwise().squaredNorm().mean());
       Record record = figure(label + ".hold_out", hold_out, "mm");
-      report.add(before > 0.0 ? beside(record, before, "fewer centres") : record);
+      report.add(before > 0.0 ? with_peer(record, before, "fewer centres") : record);
       before = hold_out;
       if (count == 1000) {
         const Points3 affine = (Eigen::Matrix3d::Identity() * 1.1 * centres).colwise() + Eigen::Vector3d(5.0, 6.0, 7.0);
@@ -74,8 +74,8 @@ void fit_figures(Report &report, bool quick) {
           }
         });
         const double rate = 1e-3 * kRounds * static_cast<double>(probes.cols()) / sampled;
-        report.add(beside(at_least(label + ".grid_rate", std::isfinite(sum.sum()) ? rate : 0.0, "10^6/s", 1.0),
-                          1e-3 * static_cast<double>(probes.cols()) / direct, "without the grid"));
+        report.add(with_peer(at_least(label + ".grid_rate", std::isfinite(sum.sum()) ? rate : 0.0, "10^6/s", 1.0),
+                             1e-3 * static_cast<double>(probes.cols()) / direct, "without the grid"));
         report.add(figure(label + ".grid_5mm.largest_error", grid->largest_error_mm(), "mm"));
         report.add(figure(label + ".grid_5mm.build", 1e-3 * built, "s"));
       }
@@ -85,7 +85,7 @@ void fit_figures(Report &report, bool quick) {
 
 // Leaving one out of 336 real markers (seed 001).
 void marker_figures(Report &report) {
-  if (!is_here(report, kShared / "distortion/repeat")) {
+  if (!is_present(report, kShared / "distortion/repeat")) {
     return;
   }
   const auto file = kShared / "distortion/repeat/Matched_Markers.csv";
@@ -93,13 +93,13 @@ void marker_figures(Report &report) {
   const Points3 truth = test::read_points<3>(file, 1, 5);
   SplineOptions options;
   options.leave_one_out = true;
-  report.add(beside(figure("distortion.leave_one_out.r2lnr",
-                           ThinPlateSpline<3>::fit(distorted, truth, options)->leave_one_out_mm().mean(), "mm"),
-                    0.383, "published"));
+  report.add(with_peer(figure("distortion.leave_one_out.r2lnr",
+                              ThinPlateSpline<3>::fit(distorted, truth, options)->leave_one_out_mm().mean(), "mm"),
+                       0.383, "published"));
   options.kernel = SplineKernel::kR;
-  report.add(beside(figure("distortion.leave_one_out.r",
-                           ThinPlateSpline<3>::fit(distorted, truth, options)->leave_one_out_mm().mean(), "mm"),
-                    0.494, "published"));
+  report.add(with_peer(figure("distortion.leave_one_out.r",
+                              ThinPlateSpline<3>::fit(distorted, truth, options)->leave_one_out_mm().mean(), "mm"),
+                       0.494, "published"));
 }
 
 } // namespace

@@ -17,7 +17,7 @@ template <class Task> double milliseconds(Task &&task) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-inline bool is_here(const Report &report, const std::filesystem::path &path) {
+inline bool is_present(const Report &report, const std::filesystem::path &path) {
   const bool here = std::filesystem::exists(path);
   if (!here) {
     report.note(path.string() + " is not here: its figures are left out");

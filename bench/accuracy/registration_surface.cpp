@@ -11,7 +11,7 @@
 
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/registration/surface/global_surface.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/accuracy/registration_basin.hpp"
 #include "bench/accuracy/registration_parts.hpp"
@@ -37,7 +37,7 @@ template <class... Values> std::string format(const char *pattern, Values... val
   return line.data();
 }
 
-double share_below(const std::vector<double> &values, double limit) {
+double percent_below(const std::vector<double> &values, double limit) {
   const auto below = std::count_if(values.begin(), values.end(), [limit](double v) { return v <= limit; });
   return 100.0 * static_cast<double>(below) / static_cast<double>(values.size());
 }
@@ -126,22 +126,23 @@ void paper_table(Report &report, const Head &head, const surface::SurfaceField &
       const Trace trace = take_trace(std::move(places), row.sigma_mm, row.noise, rng);
       const GlobalResult &result = global.locate(trace.source_mm);
       rmse.push_back(trace.rmse_mm(result.T_target_source, head.face));
-      e10.push_back(trace.e10cm_mm(result.T_target_source));
+      e10.push_back(trace.error_at_10cm_mm(result.T_target_source));
       floor.push_back(trace.rmse_mm(local.fit(trace.source_mm, trace.T_target_source).T_target_source, head.face));
       found += result.verdict == Verdict::kFound ? 1 : 0;
       wrong_here += result.verdict == Verdict::kFound && rmse.back() > kWrong_mm ? 1 : 0;
     }
     wrong += wrong_here;
-    const double share = 100.0 * found / runs;
+    const double found_percent = 100.0 * found / runs;
     const double median = percentile(rmse, 0.5);
     report.note(format("%2d  %8.0f %-4s %6zu | %10.1f %5.0f | %5.2f %5.1f  %5.2f %5.2f | %7.1f %5d", row.number,
                        row.sigma_mm, row.noise == Noise::kAll ? "all" : "z", row.count, row.paper_rmse_mm,
-                       row.paper_e10_mm, median, rmse.back(), percentile(floor, 0.5), percentile(e10, 0.5), share,
-                       wrong_here));
+                       row.paper_e10_mm, median, rmse.back(), percentile(floor, 0.5), percentile(e10, 0.5),
+                       found_percent, wrong_here));
     const std::string name = "surface.table1.row" + std::to_string(row.number);
     const Record record = at_most(name + ".rmse.median", median, "mm", row.sigma_mm);
-    report.add(std::isnan(row.paper_rmse_mm) ? record : beside(record, row.paper_rmse_mm, "paper"));
-    report.add(row.count >= 60 ? at_least(name + ".found", share, "%", 99.0) : figure(name + ".found", share, "%"));
+    report.add(std::isnan(row.paper_rmse_mm) ? record : with_peer(record, row.paper_rmse_mm, "paper"));
+    report.add(row.count >= 60 ? at_least(name + ".found", found_percent, "%", 99.0)
+                               : figure(name + ".found", found_percent, "%"));
   }
   report.add(at_most("surface.table1.wrong_as_found", wrong, "runs", 0.0));
 }
@@ -167,7 +168,7 @@ void local_table(Report &report, const Head &head, const surface::SurfaceField &
       std::uniform_real_distribution<double> off(10.0, 20.0);
       const double angle = off(rng) * geometry::kRadiansPerDegree;
       const double distance = off(rng);
-      const PairedPose start = start_off(trace.T_target_source, middle, angle, distance, rng);
+      const PairedPose start = perturbed_start(trace.T_target_source, middle, angle, distance, rng);
       double begin = thread_ms();
       const PairedPose fitted = local.fit(trace.source_mm, start).T_target_source;
       times.push_back(thread_ms() - begin);
@@ -181,11 +182,11 @@ void local_table(Report &report, const Head &head, const surface::SurfaceField &
     }
     const std::string name = "surface.local." + std::to_string(size.count);
     const auto add = [&](Record record, double peer_value) {
-      report.add(PclIcp::available() ? beside(std::move(record), peer_value, "PCL") : record);
+      report.add(PclIcp::available() ? with_peer(std::move(record), peer_value, "PCL") : record);
     };
     const bool with = PclIcp::available();
-    add(at_least(name + ".within_2mm", share_below(errors, kSuccess_mm), "%", size.limit_success),
-        with ? share_below(peer_errors, kSuccess_mm) : 0.0);
+    add(at_least(name + ".within_2mm", percent_below(errors, kSuccess_mm), "%", size.limit_success),
+        with ? percent_below(peer_errors, kSuccess_mm) : 0.0);
     const double median_ms = percentile(times, 0.5);
     add(at_most(name + ".time.median", median_ms, "ms", size.limit_ms), with ? percentile(peer_times, 0.5) : 0.0);
     report.add(figure(name + ".time.p95", percentile(times, 0.95), "ms"));
@@ -229,10 +230,11 @@ void global_table(Report &report, const Head &head, const surface::SurfaceField 
       wrong += result.verdict == Verdict::kFound && errors.back() > kWrong_mm ? 1 : 0;
     }
     const std::string name = "surface.global." + std::to_string(size.count);
-    report.add(beside(at_least(name + ".within_2mm", share_below(errors, kSuccess_mm), "%", size.limit_success),
-                      share_below(floor, kSuccess_mm), "floor"));
-    report.add(figure(name + ".within_2mm.bound", share_below(bound, kSuccess_mm), "%"));
-    report.add(beside(figure(name + ".rmse.median", percentile(errors, 0.5), "mm"), percentile(floor, 0.5), "floor"));
+    report.add(with_peer(at_least(name + ".within_2mm", percent_below(errors, kSuccess_mm), "%", size.limit_success),
+                         percent_below(floor, kSuccess_mm), "floor"));
+    report.add(figure(name + ".within_2mm.bound", percent_below(bound, kSuccess_mm), "%"));
+    report.add(
+        with_peer(figure(name + ".rmse.median", percentile(errors, 0.5), "mm"), percentile(floor, 0.5), "floor"));
     report.add(figure(name + ".rmse.median.bound", percentile(bound, 0.5), "mm"));
     report.add(figure(name + ".found", 100.0 * found / runs, "%"));
     const double median_ms = percentile(times, 0.5);
@@ -322,11 +324,13 @@ void coverage(Report &report, const Head &head, const surface::SurfaceField &fie
         places.push_back(spot.point_mm + spot.normal * (alike ? kSkinSigma_mm * field_error(spot.point_mm) : own(rng)));
       }
       const Trace trace = take_trace(std::move(places), 0.0, Noise::kAll, rng);
-      const PairedPose start = start_off(trace.T_target_source, target, 3.0 * geometry::kRadiansPerDegree, 3.0, rng);
+      const PairedPose start =
+          perturbed_start(trace.T_target_source, target, 3.0 * geometry::kRadiansPerDegree, 3.0, rng);
       const LocalFit &fit = local.fit(trace.source_mm, start);
       const Vector3d error = fit.T_target_source * (trace.T_target_source.inverse() * target) - target;
       const Matrix3d predicted = uncertainty::tre_covariance(fit.covariance, target);
-      inside += uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+      inside +=
+          uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::chi_square_upper_quantile(0.05, 3) ? 1 : 0;
       squared_true += error.squaredNorm() / runs;
       squared_predicted += predicted.trace() / runs;
     }

@@ -40,9 +40,9 @@ Indentation block_indentation(Shape shape, int cells, double poisson) {
   out.material.poisson = poisson;
   const Vector3d middle(0.5 * kSide_mm, 0.5 * kSide_mm, kSide_mm);
   if (shape == Shape::kPunch) {
-    out.way_mm = [](const Vector3d &) { return Vector3d(0.0, 0.0, -kDepth_mm); };
+    out.prescribed_mm = [](const Vector3d &) { return Vector3d(0.0, 0.0, -kDepth_mm); };
   } else {
-    out.way_mm = [middle](const Vector3d &p) {
+    out.prescribed_mm = [middle](const Vector3d &p) {
       const double wave = std::cos(0.5 * std::numbers::pi * (p - middle).norm() / 30.0);
       return Vector3d(0.0, 0.0, -kDepth_mm * wave * wave);
     };
@@ -71,7 +71,7 @@ Indentation brain_indentation(const std::string &case_folder, int tetrahedra) {
   options.tetrahedra = tetrahedra;
   out.mesh = tissue::fill_surface(*surface, options).mesh;
   out.material = tissue::named_material("thesis");
-  out.way_mm = [](const Vector3d &) { return Vector3d(0.0, 0.0, -5.0); };
+  out.prescribed_mm = [](const Vector3d &) { return Vector3d(0.0, 0.0, -5.0); };
   const std::vector<int> boundary = tissue::boundary_of(out.mesh).nodes;
   const auto at = [&](int node) -> const Vector3d & { return out.mesh.nodes_mm[static_cast<std::size_t>(node)]; };
   const int entry =
@@ -91,12 +91,12 @@ struct Answer {
   std::vector<Vector3d> displacement_mm;
   Vector3d force_N = Vector3d::Zero();
   double wall_s = 0.0;
-  tissue::Relaxation relaxation;
+  tissue::RelaxationResult relaxation;
 };
 
-Answer relax(const Indentation &problem, double own_pressure) {
+Answer relax(const Indentation &problem, double element_pressure_fraction) {
   tissue::SolverOptions options;
-  options.own_pressure = own_pressure;
+  options.element_pressure_fraction = element_pressure_fraction;
   options.threads = 2;
   const auto begin = std::chrono::steady_clock::now();
   tissue::ExplicitSolver solver(problem.mesh, problem.material, options);
@@ -107,11 +107,11 @@ Answer relax(const Indentation &problem, double own_pressure) {
   for (int stage = 1; stage <= kStages; ++stage) {
     for (const int node : problem.pushed) {
       solver.fix(node);
-      solver.set_displacement_mm(node, problem.way_mm(problem.mesh.nodes_mm[static_cast<std::size_t>(node)]) * stage /
-                                           kStages);
+      solver.set_displacement_mm(node, problem.prescribed_mm(problem.mesh.nodes_mm[static_cast<std::size_t>(node)]) *
+                                           stage / kStages);
     }
     // Only the last stage has to be an answer.
-    const tissue::Relaxation relaxation = solver.relax({stage < kStages ? 1e-2 : 1e-4, 20000, false});
+    const tissue::RelaxationResult relaxation = solver.relax({stage < kStages ? 1e-2 : 1e-4, 20000, false});
     out.relaxation.steps += relaxation.steps;
     out.relaxation.converged = relaxation.converged;
   }
@@ -162,15 +162,15 @@ void compare(Report &report, const std::string &shape, const Indentation &proble
       at_most(name + ".same_element.force_to_c3d4", force_difference(same_element.force_N, linear.force_N), "%", 3.0));
   report.add(figure(name + ".field_to_c3d4", field_difference(ours.displacement_mm, linear.displacement_mm), "%"));
   report.add(figure(name + ".force_to_c3d4", force_difference(ours.force_N, linear.force_N), "%"));
-  report.add(beside(figure(name + ".wall", ours.wall_s, "s"), linear.wall_s, "CalculiX C3D4"));
+  report.add(with_peer(figure(name + ".wall", ours.wall_s, "s"), linear.wall_s, "CalculiX C3D4"));
   if (quadratic) {
     const CalculixAnswer exact = run_calculix(problem, CalculixElement::kC3D10, folder);
     note("  C3D10 %.5f N (%.2f s)", exact.force_N.norm(), exact.wall_s);
     report.add(
-        beside(figure(name + ".field_to_c3d10", field_difference(ours.displacement_mm, exact.displacement_mm), "%"),
-               field_difference(linear.displacement_mm, exact.displacement_mm), "CalculiX C3D4"));
-    report.add(beside(figure(name + ".force_to_c3d10", force_difference(ours.force_N, exact.force_N), "%"),
-                      force_difference(linear.force_N, exact.force_N), "CalculiX C3D4"));
+        with_peer(figure(name + ".field_to_c3d10", field_difference(ours.displacement_mm, exact.displacement_mm), "%"),
+                  field_difference(linear.displacement_mm, exact.displacement_mm), "CalculiX C3D4"));
+    report.add(with_peer(figure(name + ".force_to_c3d10", force_difference(ours.force_N, exact.force_N), "%"),
+                         force_difference(linear.force_N, exact.force_N), "CalculiX C3D4"));
   }
 }
 

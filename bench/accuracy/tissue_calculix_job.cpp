@@ -88,9 +88,9 @@ void write(const Job &job, const Indentation &problem, CalculixElement element, 
       << "\n*SOLID SECTION, ELSET=EALL, MATERIAL=BRAIN\n*STEP, NLGEOM, INC=1000\n*STATIC\n0.25, 1.\n*BOUNDARY\n"
       << "HELD, 1, 3\n";
   for (const int node : job.pushed) {
-    const Eigen::Vector3d way = problem.way_mm(job.nodes_mm[static_cast<std::size_t>(node)]) / kMetre;
+    const Eigen::Vector3d prescribed = problem.prescribed_mm(job.nodes_mm[static_cast<std::size_t>(node)]) / kMetre;
     for (int axis = 0; axis < 3; ++axis) {
-      out << node + 1 << ", " << axis + 1 << ", " << axis + 1 << ", " << way[axis] << '\n';
+      out << node + 1 << ", " << axis + 1 << ", " << axis + 1 << ", " << prescribed[axis] << '\n';
     }
   }
   out << "*NODE PRINT, NSET=NALL, FREQUENCY=1000\nU\n*NODE PRINT, NSET=PUSHED, FREQUENCY=1000\nRF\n*END STEP\n";

@@ -12,10 +12,10 @@ namespace bregma::bench {
 
 struct Indentation {
   tissue::TetMesh mesh;
-  tissue::Material material;                                      // neo-Hookean
-  std::vector<int> held;                                          // nodes that stay
-  std::vector<int> pushed;                                        // nodes that move
-  std::function<Eigen::Vector3d(const Eigen::Vector3d &)> way_mm; // of a pushed node, by its place at rest
+  tissue::Material material;                                             // neo-Hookean
+  std::vector<int> held;                                                 // nodes that stay
+  std::vector<int> pushed;                                               // nodes that move
+  std::function<Eigen::Vector3d(const Eigen::Vector3d &)> prescribed_mm; // of a pushed node, by its place at rest
 };
 
 enum class CalculixElement { kC3D4, kC3D10 }; // ten nodes: mid-edge nodes are added, on straight edges

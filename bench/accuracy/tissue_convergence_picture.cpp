@@ -15,7 +15,7 @@ constexpr double kAxisRight = 470.0;
 constexpr double kAxisTop = 30.0;
 constexpr double kAxisBottom = 390.0;
 constexpr double kFinest_mm = 0.8, kCoarsest_mm = 12.0;
-constexpr double kSmallest = 1e-3, kLargest = 0.5;
+constexpr double kMinError = 1e-3, kMaxError = 0.5;
 constexpr std::array<const char *, 6> kColours{"#1b6ca8", "#4fa3d1", "#9ccbe6", "#a8401b", "#d1774f", "#e6b49c"};
 
 double x_of(double edge_mm) {
@@ -23,7 +23,7 @@ double x_of(double edge_mm) {
 }
 
 double y_of(double error) {
-  return kAxisBottom - (kAxisBottom - kAxisTop) * std::log(error / kSmallest) / std::log(kLargest / kSmallest);
+  return kAxisBottom - (kAxisBottom - kAxisTop) * std::log(error / kMinError) / std::log(kMaxError / kMinError);
 }
 
 } // namespace

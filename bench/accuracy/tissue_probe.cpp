@@ -12,7 +12,7 @@
 namespace bregma::bench {
 namespace {
 
-constexpr double kMostHertz_percent = 5.0;
+constexpr double kMaxHertzError_percent = 5.0;
 constexpr double kSphere_mm = 20.0;
 constexpr double kPressed_mm = 0.5;
 
@@ -53,7 +53,7 @@ void hertz_figures(Report &report, const TissueBenchOptions &options) {
       report.note(text);
       const std::string name = "hertz.nu" + std::to_string(static_cast<int>(100.0 * poisson)) + "." + one.name;
       const double error = kPercent * answer.contact_N.error();
-      report.add(finest ? at_most(name, error, "%", kMostHertz_percent) : figure(name, error, "%"));
+      report.add(finest ? at_most(name, error, "%", kMaxHertzError_percent) : figure(name, error, "%"));
     }
   }
 }
@@ -62,7 +62,7 @@ void robustness_figures(Report &report, const TissueBenchOptions &options) {
   const int insertions = options.quick ? kQuickInsertions : kInsertions;
   // A block of 90 x 90 x 55 mm, fixed but for an opening above; finer where the probes enter, as a case's brain is.
   const Eigen::Vector3d top_mm(45.3, 44.6, 55.0);
-  const tissue::FinePlace entry{top_mm, 15.0, 5.0};
+  const tissue::RefinementRegion entry{top_mm, 15.0, 5.0};
   const tissue::TetMesh lattice = tissue::block_mesh({18, 18, 11}, {90.0, 90.0, 55.0});
   const tissue::TetMesh mesh = tissue::refined(lattice, {&entry, 1});
   tissue::BrainModelOptions model_options;
@@ -97,7 +97,7 @@ void robustness_figures(Report &report, const TissueBenchOptions &options) {
   report.add(figure("robustness.largest_displacement", all.largest_mm, "mm"));
   report.add(figure("robustness.largest_energy", 1e3 * all.largest_J, "mJ"));
   report.add(at_most("robustness.not_finite", all.not_finite, "answers", 0.0));
-  report.add(at_most("robustness.turned_over_but_valid", all.turned_over, "answers", 0.0));
+  report.add(at_most("robustness.inverted_but_valid", all.inverted, "answers", 0.0));
   report.add(at_most("robustness.beyond_bounds_but_valid", all.beyond_bounds, "answers", 0.0));
   report.add(at_most("robustness.contradictions", all.contradictions, "answers", 0.0));
   report.add(at_most("robustness.not_back_at_rest", all.not_at_rest, "insertions", 0.0));

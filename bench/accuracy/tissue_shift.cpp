@@ -25,10 +25,10 @@ using tissue::BrainShiftOptions;
 
 constexpr double kOpening_mm = 30.0;
 constexpr int kTetrahedra = 20'000;
-constexpr double kMostWall_s = 10.0;
-constexpr double kMostSurface_mm = 25.0;
-constexpr double kMostDeep_mm = 7.0;
-constexpr double kLeastAlong = 0.8; // cosine between gravity and what moves farthest
+constexpr double kMaxWall_s = 10.0;
+constexpr double kMaxSurface_mm = 25.0;
+constexpr double kMaxDeep_mm = 7.0;
+constexpr double kMinCosine = 0.8; // cosine between gravity and what moves farthest
 
 struct Timed {
   BrainShift shift;
@@ -59,11 +59,11 @@ void judge(Report &report, const std::string &name, const Timed &run, const Brai
   report.note(text);
   report.add(at_least(name + ".converged", shift.relaxation.converged ? 1.0 : 0.0, "", 1.0));
   report.add(at_most(name + ".inverted", shift.inverted_elements, "tetrahedra", 0.0));
-  report.add(at_most(name + ".wall", run.wall_s, "s", kMostWall_s));
-  report.add(at_most(name + ".surface", shift.surface.displacement_mm.norm(), "mm", kMostSurface_mm));
-  report.add(at_most(name + ".deep", shift.deep.displacement_mm.norm(), "mm", kMostDeep_mm));
-  report.add(at_least(name + ".surface.along_gravity", along(shift.surface, options.gravity), "cos", kLeastAlong));
-  report.add(at_least(name + ".deep.along_gravity", along(shift.deep, options.gravity), "cos", kLeastAlong));
+  report.add(at_most(name + ".wall", run.wall_s, "s", kMaxWall_s));
+  report.add(at_most(name + ".surface", shift.surface.displacement_mm.norm(), "mm", kMaxSurface_mm));
+  report.add(at_most(name + ".deep", shift.deep.displacement_mm.norm(), "mm", kMaxDeep_mm));
+  report.add(at_least(name + ".surface.along_gravity", along(shift.surface, options.gravity), "cos", kMinCosine));
+  report.add(at_least(name + ".deep.along_gravity", along(shift.deep, options.gravity), "cos", kMinCosine));
 }
 
 void draw_shift(const tissue::TetMesh &mesh, const BrainShiftOptions &options, const BrainShift &shift,

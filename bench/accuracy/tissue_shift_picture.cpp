@@ -117,16 +117,16 @@ private:
           corners.row(section_.normal).maxCoeff() < section_.offset_mm) {
         continue;
       }
-      const Eigen::Matrix4d shares_of = corners.inverse();
+      const Eigen::Matrix4d barycentric_of = corners.inverse();
       for (int row = static_cast<int>(low.y() / kPixel_mm); row < high.y() / kPixel_mm; ++row) {
         for (int column = static_cast<int>(low.x() / kPixel_mm); column < high.x() / kPixel_mm; ++column) {
           Vector3d at;
           at[section_.normal] = section_.offset_mm;
           at[right_] = low_.x() + (column + 0.5) * kPixel_mm;
           at[up_] = high_.y() - (row + 0.5) * kPixel_mm;
-          const Eigen::Vector4d shares = shares_of * at.homogeneous();
-          if (shares.minCoeff() >= 0.0) {
-            out[pixel(row, column)] = level_of(moved_mm(t, shares));
+          const Eigen::Vector4d barycentric = barycentric_of * at.homogeneous();
+          if (barycentric.minCoeff() >= 0.0) {
+            out[pixel(row, column)] = level_of(moved_mm(t, barycentric));
           }
         }
       }
@@ -134,10 +134,10 @@ private:
     return out;
   }
 
-  [[nodiscard]] double moved_mm(const Eigen::Vector4i &t, const Eigen::Vector4d &shares) const {
+  [[nodiscard]] double moved_mm(const Eigen::Vector4i &t, const Eigen::Vector4d &barycentric) const {
     Vector3d moved = Vector3d::Zero();
     for (int i = 0; i < 4; ++i) {
-      moved += shares[i] * (*picture_.displacement_mm)[static_cast<std::size_t>(t[i])];
+      moved += barycentric[i] * (*picture_.displacement_mm)[static_cast<std::size_t>(t[i])];
     }
     return moved.norm();
   }

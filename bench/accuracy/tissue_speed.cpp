@@ -80,7 +80,8 @@ void speed_figures(Report &report, const TissueBenchOptions &options) {
   report.note("speed: blocks of 5 mm cells, the thesis' brain (neo-Hookean), best of several runs; a public TLED code "
               "takes 1.40 ms for the first figure");
   const Cost two = cost_of(20250, thesis, 2, nullptr, runs);
-  report.add(beside(at_most("speed.step.20k.2_threads", two.step_ms, "ms", 0.4), kPublicTled_ms, "public TLED code"));
+  report.add(
+      with_peer(at_most("speed.step.20k.2_threads", two.step_ms, "ms", 0.4), kPublicTled_ms, "public TLED code"));
   report.add(figure("speed.step.20k.floor", floor_ms(20250), "ms"));
   report.add(at_least("speed.ratio.20k.2_threads", two.ratio(), "simulated s / s", 1.0));
   report.add(

@@ -45,7 +45,7 @@ constexpr double kContact_mm =
     45.0;                          // tool position at which the end touches: its table has no stress at 40, some at 50
 constexpr double kAhead_mm = 10.0; // of the evaluation point beyond the last tool position, on the axis
 constexpr double kFree_mm = 20.0;  // the outline is free this far around the entry
-constexpr double kCuttingShare = 0.5;
+constexpr double kCuttingFraction = 0.5;
 constexpr double kCurveStep_mm = 1.0;
 constexpr int kQuickTriangles = 12'000;
 
@@ -119,7 +119,7 @@ public:
       : mesh_(tissue_plane::fill(section.outline, {.triangles = triangles, .cut_y_mm = section.axis_y_mm})),
         solver_(mesh_, tissue::named_material("thesis")), probe_(solver_, {.axis_y_mm = section.axis_y_mm,
                                                                            .width_mm = kWidth_mm,
-                                                                           .cutting_share = kCuttingShare,
+                                                                           .cutting_fraction = kCuttingFraction,
                                                                            .step_mm = kCurveStep_mm}),
         entry_mm_(probe_.entry_mm(), section.axis_y_mm),
         point_mm_(entry_mm_ + Vector2d(kLast_mm + kAhead_mm - kContact_mm, 0.0)) {
@@ -286,7 +286,7 @@ void pressure_figures(Report &report, const Section &section, const ThesisRun &r
       }
       char label[96];
       std::snprintf(label, sizeof label, "thesis, 10 N/m^2, %s (%c) %.3f m", name, row.letter, 1e-3 * row.tool_mm);
-      report.add(beside(figure(label, stress_Pa, "Pa"), row.stress_Pa, "table 6.1"));
+      report.add(with_peer(figure(label, stress_Pa, "Pa"), row.stress_Pa, "table 6.1"));
     }
   }
 }
@@ -306,8 +306,8 @@ void thesis_figures(Report &report, const TissueBenchOptions &options) {
       "from x = %.1f mm; plane strain, neo-Hookean, E 2100 Pa, nu 0.45",
       section.z_mm, section.axis_y_mm, run.entry_mm().x());
   report.note(text);
-  report.add(
-      beside(figure("thesis mesh: triangles", static_cast<double>(run.mesh().triangles.size()), ""), 21'786, "thesis"));
+  report.add(with_peer(figure("thesis mesh: triangles", static_cast<double>(run.mesh().triangles.size()), ""), 21'786,
+                       "thesis"));
   report.add(at_least("thesis mesh: smallest angle", quality.min_angle_deg, "deg", 20.0));
   report.add(figure("thesis mesh: shortest edge", quality.shortest_edge_mm, "mm"));
 
@@ -315,7 +315,7 @@ void thesis_figures(Report &report, const TissueBenchOptions &options) {
   report.note("von Mises (41) at the evaluation point; its order can be compared with table 6.1, its values cannot");
   for (std::size_t i = 0; i < kTable.size(); ++i) {
     std::snprintf(text, sizeof text, "thesis von Mises (%c) %.3f m", kTable[i].letter, 1e-3 * kTable[i].tool_mm);
-    report.add(beside(figure(text, states[i].plane_Pa, "Pa"), kTable[i].stress_Pa, "table 6.1"));
+    report.add(with_peer(figure(text, states[i].plane_Pa, "Pa"), kTable[i].stress_Pa, "table 6.1"));
   }
   report.note("      tool m   3-D von Mises Pa   end N/m   side y+ N/m   side y- N/m   friction N/m   channel mm");
   for (std::size_t i = 0; i < kTable.size(); ++i) {
@@ -327,22 +327,23 @@ void thesis_figures(Report &report, const TissueBenchOptions &options) {
   }
 
   report.add(at_least("thesis: all states at rest, nothing inverted", run.all_valid() ? 1.0 : 0.0, "", 1.0));
-  report.add(beside(at_least("thesis 1, indentation: (c) over (b)", states[2].plane_Pa / states[1].plane_Pa, "", 1.0),
-                    kTable[2].stress_Pa / kTable[1].stress_Pa, "table 6.1"));
-  report.add(beside(at_most("thesis 2, rupture: (d) over (c)", states[3].plane_Pa / states[2].plane_Pa, "", 1.0),
-                    kTable[3].stress_Pa / kTable[2].stress_Pa, "table 6.1"));
-  double least = INFINITY;
-  double least_of_table = INFINITY;
-  for (std::size_t i = 5; i < kTable.size(); ++i) {
-    least = std::min(least, states[i].plane_Pa / states[i - 1].plane_Pa);
-    least_of_table = std::min(least_of_table, kTable[i].stress_Pa / kTable[i - 1].stress_Pa);
-  }
   report.add(
-      beside(at_least("thesis 3, penetration: least ratio to the last", least, "", 1.0), least_of_table, "table 6.1"));
-  report.add(beside(figure("thesis 3, penetration: (i) over (e)", states[8].plane_Pa / states[4].plane_Pa, ""),
-                    kTable[8].stress_Pa / kTable[4].stress_Pa, "table 6.1"));
-  report.add(beside(figure("thesis: (e) over (d)", states[4].plane_Pa / states[3].plane_Pa, ""),
-                    kTable[4].stress_Pa / kTable[3].stress_Pa, "table 6.1"));
+      with_peer(at_least("thesis 1, indentation: (c) over (b)", states[2].plane_Pa / states[1].plane_Pa, "", 1.0),
+                kTable[2].stress_Pa / kTable[1].stress_Pa, "table 6.1"));
+  report.add(with_peer(at_most("thesis 2, rupture: (d) over (c)", states[3].plane_Pa / states[2].plane_Pa, "", 1.0),
+                       kTable[3].stress_Pa / kTable[2].stress_Pa, "table 6.1"));
+  double min_ratio = INFINITY;
+  double min_of_table = INFINITY;
+  for (std::size_t i = 5; i < kTable.size(); ++i) {
+    min_ratio = std::min(min_ratio, states[i].plane_Pa / states[i - 1].plane_Pa);
+    min_of_table = std::min(min_of_table, kTable[i].stress_Pa / kTable[i - 1].stress_Pa);
+  }
+  report.add(with_peer(at_least("thesis 3, penetration: least ratio to the last", min_ratio, "", 1.0), min_of_table,
+                       "table 6.1"));
+  report.add(with_peer(figure("thesis 3, penetration: (i) over (e)", states[8].plane_Pa / states[4].plane_Pa, ""),
+                       kTable[8].stress_Pa / kTable[4].stress_Pa, "table 6.1"));
+  report.add(with_peer(figure("thesis: (e) over (d)", states[4].plane_Pa / states[3].plane_Pa, ""),
+                       kTable[4].stress_Pa / kTable[3].stress_Pa, "table 6.1"));
   report.add(figure("thesis: force of the end at rupture", states[2].reading.tip_N_m, "N/m"));
 
   if (!options.thesis_picture.empty()) {

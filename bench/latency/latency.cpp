@@ -19,6 +19,7 @@
 #include "bench/record.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
+#include "server/stages/session/stage.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/virtual_operation.hpp"
 
@@ -140,8 +141,9 @@ public:
       return step.kind == sim::StepKind::kAcceptRegistration;
     });
     scenario->steps.erase(std::next(accepted), scenario->steps.end());
-    server::Config config;
-    config.state.directory = (folder_.path() / "state").string();
+    const std::string state_directory = (folder_.path() / "state").string();
+    server::Config config = test::quick_config();
+    config.stages.of<server::SessionParameters>().state_directory = state_directory;
     test::VirtualOperation registering(*a_case, *scenario, kSeed, config);
     if (!registering.run()) {
       throw std::runtime_error(registering.failure());
@@ -156,7 +158,7 @@ public:
                               << a_case->trajectories.front().name << "\"\n";
     operation_daemon_ = std::make_unique<test::Process>(
         std::vector<std::string>{(bin_ / "bregmad").string(), "--set", "domain_id=" + domain_text(), "--set",
-                                 "state.directory=" + config.state.directory, "--set",
+                                 "state.directory=" + state_directory, "--set",
                                  "deformation.elements=" + std::to_string(elements)},
         log("bregmad"));
     operation_room_ = start_room(navigating, rate_hz);
@@ -268,7 +270,7 @@ private:
   std::unique_ptr<test::Process> operation_room_;
 };
 
-double share(std::vector<double> &values, double p) { return bench::percentile(values, p); }
+double quantile(std::vector<double> &values, double p) { return bench::percentile(values, p); }
 
 // The tissue model at work beside the navigation, against none: in turn, and the medians of the turns. What else the
 // machine does changes from one minute to the next by more than the model does.
@@ -282,8 +284,8 @@ void run_beside_tissue(Bench &bench, bench::Report &report, int turns) {
     for (const int with : {0, 1}) {
       bench.start_operation(kRate_hz, with * kElements);
       auto latencies = bench.measure(1, -1);
-      p50[with].push_back(share(latencies, 0.5));
-      p999[with].push_back(share(latencies, 0.999));
+      p50[with].push_back(quantile(latencies, 0.5));
+      p999[with].push_back(quantile(latencies, 0.999));
       if (with == 1) {
         const Bench::TissueRate tissue = bench.watch_tissue(3.0);
         updates_hz.push_back(tissue.updates_hz);
@@ -296,13 +298,13 @@ void run_beside_tissue(Bench &bench, bench::Report &report, int turns) {
                   p50[1].back(), p50[0].back(), p999[1].back(), p999[0].back());
     report.note(text);
   }
-  const double without = share(p50[0], 0.5);
-  report.add(bench::beside(bench::at_most("latency.beside_tissue.p50", share(p50[1], 0.5), "us", 1.2 * without),
-                           without, "no tissue model"));
-  report.add(bench::beside(bench::figure("latency.beside_tissue.p99.9", share(p999[1], 0.5), "us"), share(p999[0], 0.5),
-                           "no tissue model"));
-  report.add(bench::at_least("latency.beside_tissue.updates", share(updates_hz, 0.5), "Hz", 59.0));
-  report.add(bench::figure("latency.beside_tissue.valid", share(valid_percent, 0.5), "%"));
+  const double without = quantile(p50[0], 0.5);
+  report.add(bench::with_peer(bench::at_most("latency.beside_tissue.p50", quantile(p50[1], 0.5), "us", 1.2 * without),
+                              without, "no tissue model"));
+  report.add(bench::with_peer(bench::figure("latency.beside_tissue.p99.9", quantile(p999[1], 0.5), "us"),
+                              quantile(p999[0], 0.5), "no tissue model"));
+  report.add(bench::at_least("latency.beside_tissue.updates", quantile(updates_hz, 0.5), "Hz", 59.0));
+  report.add(bench::figure("latency.beside_tissue.valid", quantile(valid_percent, 0.5), "%"));
 }
 
 void run_beside_relay(Bench &bench, bench::Report &report) {
@@ -313,13 +315,14 @@ void run_beside_relay(Bench &bench, bench::Report &report) {
     const std::string name = "latency." + std::to_string(static_cast<int>(rate_hz)) + "hz";
     report.note(std::to_string(daemon.size()) + " frames through bregmad, " + std::to_string(floor.size()) +
                 " through the relay, at " + std::to_string(static_cast<int>(rate_hz)) + " frames/s");
-    const double floor_p50 = share(floor, 0.5);
-    const double floor_p999 = share(floor, 0.999);
+    const double floor_p50 = quantile(floor, 0.5);
+    const double floor_p999 = quantile(floor, 0.999);
+    report.add(bench::with_peer(bench::at_most(name + ".p50", quantile(daemon, 0.5), "us", 2.0 * floor_p50), floor_p50,
+                                "relay"));
     report.add(
-        bench::beside(bench::at_most(name + ".p50", share(daemon, 0.5), "us", 2.0 * floor_p50), floor_p50, "relay"));
-    report.add(bench::beside(bench::figure(name + ".p99", share(daemon, 0.99), "us"), share(floor, 0.99), "relay"));
-    report.add(bench::beside(bench::at_most(name + ".p99.9", share(daemon, 0.999), "us", 4.0 * floor_p999), floor_p999,
-                             "relay"));
+        bench::with_peer(bench::figure(name + ".p99", quantile(daemon, 0.99), "us"), quantile(floor, 0.99), "relay"));
+    report.add(bench::with_peer(bench::at_most(name + ".p99.9", quantile(daemon, 0.999), "us", 4.0 * floor_p999),
+                                floor_p999, "relay"));
   }
 }
 
@@ -327,10 +330,10 @@ void run_many_clients(Bench &bench, bench::Report &report) {
   bench.start_operation(250.0, kElements);
   auto all = bench.measure(kClients, -1);
   auto others = bench.measure(kClients, 0);
-  const double before = share(all, 0.99);
+  const double before = quantile(all, 0.99);
   report.add(
-      bench::beside(bench::at_most("latency.20_clients.one_stopped.p99", share(others, 0.99), "us", 1.2 * before),
-                    before, "none stopped"));
+      bench::with_peer(bench::at_most("latency.20_clients.one_stopped.p99", quantile(others, 0.99), "us", 1.2 * before),
+                       before, "none stopped"));
 }
 
 int serve(int argc, char **argv) {

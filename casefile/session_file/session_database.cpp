@@ -2,7 +2,22 @@
 
 #include <sqlite3.h>
 
+#include "idl/topics.hpp"
+
 namespace bregma::casefile::detail {
+
+std::span<const std::byte> type_identity(std::string_view topic) noexcept {
+  const auto bytes_of = [](const dds_topic_descriptor_t &descriptor) {
+    return std::as_bytes(std::span(descriptor.type_information.data, descriptor.type_information.sz));
+  };
+#define BREGMA_IDENTITY(Type, qos)                                                                                     \
+  if (topic == wire::Topic<wire::Type>::kName) {                                                                       \
+    return bytes_of(wire::Topic<wire::Type>::descriptor());                                                            \
+  }
+  BREGMA_TOPICS(BREGMA_IDENTITY)
+#undef BREGMA_IDENTITY
+  return {};
+}
 
 Statement &Statement::bind(int index, std::int64_t value) noexcept {
   sqlite3_bind_int64(handle_.get(), index, value);

@@ -19,6 +19,11 @@ namespace bregma::casefile::detail {
 
 inline constexpr int kApplicationId = 0x42524547; // "BREG"
 
+inline constexpr const char *kWireKey = "wire"; // in meta: the version of the wire that the bodies are of
+
+// What tells the layout of a topic's type from any other. Empty for a name that is no topic's.
+[[nodiscard]] std::span<const std::byte> type_identity(std::string_view topic) noexcept;
+
 // A prepared statement. Bound values must live until the next step or reset.
 class Statement {
 public:

@@ -1,8 +1,10 @@
 // The session file: everything that went in and out of a session, in one SQLite database (WAL while it is written).
 //
-// Tables: meta(key, value), topic(id, name, size), sample(id, topic, time_ns, body), attachment(name, body).
-// A body is the bytes of the wire struct; its size is recorded with the topic, and a reader with another layout is
-// refused. Samples stand in the order in which they were recorded; time_ns is the host's UTC.
+// Tables: meta(key, value), topic(id, name, size, type), sample(id, topic, time_ns, body), attachment(name, body).
+// A body is the bytes of the wire struct. Its size and the identity of its type (a hash of all its members, made by
+// idlc) are recorded with the topic, and the version of the wire in meta; a file of another generation, and a topic of
+// another layout, are refused with both versions, never misread (docs/wire.md). Samples stand in the order in which
+// they were recorded; time_ns is the host's UTC.
 //
 // Threads: a SessionWriter or SessionReader belongs to one thread. A file may be read while it is written.
 // Errors: Result with a sentence that names the file; nothing throws.
@@ -25,13 +27,14 @@
 
 namespace bregma::casefile {
 
-inline constexpr int kSessionFileVersion = 1;
+inline constexpr int kSessionFileVersion = 2; // 1: enumerations had other numbers, and types no identity
 
 // True for wire types that are plain bytes: a body with a pointer in it means nothing in a file.
 template <class T>
 inline constexpr bool kIsRecordable =
     std::is_trivially_copyable_v<T> && !std::is_same_v<T, wire::ImageSlice> &&
-    !std::is_same_v<T, wire::SurfacePoints> && !std::is_same_v<T, wire::DeformationField>;
+    !std::is_same_v<T, wire::SurfacePoints> && !std::is_same_v<T, wire::DeformationField> &&
+    !std::is_same_v<T, wire::CorrectedSlice>;
 
 struct Attachment {
   std::string name; // for example "case.toml", "scalp.ply"
@@ -78,8 +81,8 @@ private:
 
 class SessionReader {
 public:
-  // Refuses what is not a session file, and one of an unknown version. A file whose writer was killed is read up to the
-  // last commit.
+  // Refuses what is not a session file, and one of an unknown version or of another generation of the wire. A file
+  // whose writer was killed is read up to the last commit.
   [[nodiscard]] static base::Result<SessionReader> open(const std::filesystem::path &file);
   SessionReader(SessionReader &&) noexcept;
   SessionReader &operator=(SessionReader &&) noexcept;
@@ -92,7 +95,7 @@ public:
   [[nodiscard]] base::Result<std::string> attachment(std::string_view name) const; // an error when there is none
 
   // Calls visit(const T &, std::int64_t time_ns) for each sample of T's topic, as recorded; returns their number, 0
-  // when nothing was recorded on the topic. An error when the file's T has another size than this program's.
+  // when nothing was recorded on the topic. An error when the file's T has another layout than this program's.
   template <class T, class Visit> [[nodiscard]] base::Result<std::size_t> each(Visit &&visit) const {
     static_assert(kIsRecordable<T>);
     T sample;

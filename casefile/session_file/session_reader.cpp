@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cstring>
 #include <string>
 #include <system_error>
@@ -7,6 +8,7 @@
 
 #include "casefile/session_file/session_database.hpp"
 #include "casefile/session_file/session_file.hpp"
+#include "idl/version.hpp"
 
 namespace bregma::casefile {
 
@@ -61,7 +63,15 @@ base::Result<SessionReader> SessionReader::open(const std::filesystem::path &fil
   }
   auto database = std::make_unique<Database>();
   database->connection = std::move(*connection);
-  return SessionReader(std::move(database));
+  SessionReader reader(std::move(database));
+  const auto stated = reader.meta(detail::kWireKey);
+  const auto recorded = stated && *stated ? wire::version_from(**stated) : std::nullopt;
+  if (!recorded || recorded->generation != wire::kWireVersion.generation) {
+    return base::failure(file.string() + ": recorded with wire " +
+                         (recorded ? wire::text_of(*recorded) : "(not stated)") + "; this program reads wire " +
+                         wire::text_of(wire::kWireVersion) + ": it takes the version of Bregma that recorded it");
+  }
+  return reader;
 }
 
 base::Result<std::vector<RecordedTopic>> SessionReader::topics() const {
@@ -115,7 +125,7 @@ base::Result<std::string> SessionReader::attachment(std::string_view name) const
 base::Result<std::size_t> SessionReader::each_body(std::string_view topic, std::span<std::byte> target,
                                                    const std::function<void(std::int64_t)> &visit) const {
   const std::string &file = database_->connection.file();
-  auto find = database_->connection.prepare("SELECT id, size FROM topic WHERE name = ?1");
+  auto find = database_->connection.prepare("SELECT id, size, type FROM topic WHERE name = ?1");
   auto select = database_->connection.prepare("SELECT time_ns, body FROM sample WHERE topic = ?1 ORDER BY id");
   if (!find || !select) {
     return tl::unexpected(find ? select.error() : find.error());
@@ -126,8 +136,14 @@ base::Result<std::size_t> SessionReader::each_body(std::string_view topic, std::
   }
   if (const auto size = static_cast<std::size_t>(find->integer(1)); size != target.size()) {
     return base::failure(file + ": topic " + std::string(topic) + " was recorded with " + std::to_string(size) +
-                         " bytes a sample, this program's has " + std::to_string(target.size()) +
+                         " bytes per sample, this program's has " + std::to_string(target.size()) +
                          ": it takes the version of Bregma that recorded it");
+  }
+  if (!std::ranges::equal(find->blob(2), detail::type_identity(topic))) {
+    return base::failure(
+        file + ": topic " + std::string(topic) +
+        " was recorded with another layout of the same size: it takes the version of Bregma that recorded "
+        "it");
   }
   select->bind(1, find->integer(0));
   std::size_t number = 0;

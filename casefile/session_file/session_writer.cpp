@@ -7,6 +7,7 @@
 
 #include "casefile/session_file/session_database.hpp"
 #include "casefile/session_file/session_file.hpp"
+#include "idl/version.hpp"
 
 namespace bregma::casefile {
 namespace {
@@ -18,7 +19,7 @@ constexpr const char *kPragmas = "PRAGMA journal_mode=WAL; PRAGMA synchronous=NO
 constexpr const char *kSchema =
     "CREATE TABLE meta(key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;"
     "CREATE TABLE topic(id INTEGER PRIMARY KEY, name TEXT UNIQUE NOT NULL, size INTEGER NOT "
-    "NULL);"
+    "NULL, type BLOB NOT NULL);"
     "CREATE TABLE sample(id INTEGER PRIMARY KEY, topic INTEGER NOT NULL, time_ns INTEGER "
     "NOT NULL, body BLOB NOT NULL);"
     "CREATE INDEX sample_by_topic ON sample(topic);"
@@ -50,7 +51,7 @@ struct SessionWriter::Database {
 
 base::Result<void> SessionWriter::Database::prepare() {
   const std::pair<detail::Statement *, const char *> statements[] = {
-      {&insert_topic, "INSERT OR IGNORE INTO topic(name, size) VALUES(?1, ?2)"},
+      {&insert_topic, "INSERT OR IGNORE INTO topic(name, size, type) VALUES(?1, ?2, ?3)"},
       {&find_topic, "SELECT id, size FROM topic WHERE name = ?1"},
       {&insert_sample, "INSERT INTO sample(topic, time_ns, body) VALUES(?1, ?2, ?3)"},
       {&set_meta, "INSERT OR REPLACE INTO meta(key, value) VALUES(?1, ?2)"},
@@ -69,7 +70,7 @@ base::Result<TopicEntry> SessionWriter::Database::topic(std::string_view name, s
   if (const auto known = topics.find(name); known != topics.end()) {
     return known->second;
   }
-  insert_topic.bind(1, name).bind(2, static_cast<std::int64_t>(size));
+  insert_topic.bind(1, name).bind(2, static_cast<std::int64_t>(size)).bind(3, detail::type_identity(name));
   if (auto inserted = connection.run(insert_topic); !inserted) {
     return tl::unexpected(inserted.error());
   }
@@ -123,7 +124,10 @@ base::Result<SessionWriter> SessionWriter::create(const std::filesystem::path &f
   if (!made) {
     return tl::unexpected(made.error());
   }
-  return SessionWriter(std::move(database));
+  SessionWriter writer(std::move(database));
+  const auto stated =
+      writer.set_meta(detail::kWireKey, wire::text_of(wire::kWireVersion)).and_then([&] { return writer.commit(); });
+  return stated.map([&] { return std::move(writer); });
 }
 
 base::Result<void> SessionWriter::set_meta(std::string_view key, std::string_view value) {

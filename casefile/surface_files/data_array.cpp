@@ -12,7 +12,7 @@ namespace {
 
 // Deflate gains at most 1032 to 1 (zlib's technical notes): a file that claims more is not believed before it is
 // unpacked.
-constexpr std::size_t kLargestGain = 1100;
+constexpr std::size_t kMaxCompression = 1100;
 
 int base64_value(char c) {
   if (c >= 'A' && c <= 'Z') {
@@ -62,7 +62,7 @@ std::string decode_base64(std::string_view text, std::size_t wanted) {
 }
 
 Parsed<std::string> inflated(std::string_view compressed, std::size_t size) {
-  if (size / kLargestGain > compressed.size()) {
+  if (size / kMaxCompression > compressed.size()) {
     return wrong(std::to_string(compressed.size()) + " compressed bytes cannot hold " + std::to_string(size));
   }
   std::string out(size, '\0');

@@ -23,9 +23,9 @@ Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
   if (content.starts_with('#')) {
     static_cast<void>(cursor.rest_of_line());
   }
-  constexpr std::size_t kSmallestLine = 8; // "0 0 0 0\n"
-  const auto vertices = cursor.count("number of vertices", kSmallestLine);
-  const auto triangles = vertices ? cursor.count("number of triangles", kSmallestLine) : vertices;
+  constexpr std::size_t kMinLineBytes = 8; // "0 0 0 0\n"
+  const auto vertices = cursor.count("number of vertices", kMinLineBytes);
+  const auto triangles = vertices ? cursor.count("number of triangles", kMinLineBytes) : vertices;
   if (!triangles) {
     return tl::unexpected(triangles.error());
   }

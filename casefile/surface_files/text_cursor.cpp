@@ -60,13 +60,13 @@ Parsed<double> TextCursor::number(const std::string &what) {
   return *value;
 }
 
-Parsed<std::size_t> TextCursor::count(const std::string &what, std::size_t smallest_size) {
+Parsed<std::size_t> TextCursor::count(const std::string &what, std::size_t min_bytes_each) {
   const std::string_view text = word();
   const auto value = base::parsed_number<std::uint32_t>(text);
   if (!value) {
     return wrong_line(line_, what + " = " + quoted(text) + ": must be a whole number");
   }
-  if (*value > left() / smallest_size) {
+  if (*value > left() / min_bytes_each) {
     return wrong_line(line_, what + " = " + std::string(text) + ": the file is too short for so many");
   }
   return *value;

@@ -24,9 +24,9 @@ public:
 
   // `what` names it in the message: "vertex 3: y".
   [[nodiscard]] Parsed<double> number(const std::string &what); // finite
-  // Of a file that may claim more than it holds: whole, from 0, and refused where `smallest_size` bytes each would not
+  // Of a file that may claim more than it holds: whole, from 0, and refused where `min_bytes_each` bytes each would not
   // fit into what is left.
-  [[nodiscard]] Parsed<std::size_t> count(const std::string &what, std::size_t smallest_size);
+  [[nodiscard]] Parsed<std::size_t> count(const std::string &what, std::size_t min_bytes_each);
   [[nodiscard]] Parsed<Eigen::Vector3d> point(const std::string &what);
   // A vertex's number below `vertices`.
   [[nodiscard]] Parsed<int> corner(const std::string &what, std::size_t vertices);

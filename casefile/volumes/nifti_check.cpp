@@ -21,7 +21,7 @@ constexpr double kPlacementTolerance_mm = 0.01;
 
 constexpr std::size_t kHeaderBytes = 348;
 constexpr std::size_t kDimensionsAt = 40;
-constexpr std::size_t kBitsAVoxelAt = 72;
+constexpr std::size_t kBitsPerVoxelOffset = 72;
 constexpr std::size_t kVoxelsStartAt = 108;
 constexpr std::size_t kMagicAt = 344;
 
@@ -66,7 +66,7 @@ base::Result<void> check_nifti_size(const fs::path &path, const itk::ImageIOBase
   const auto start = static_cast<double>(field<float>(header, kVoxelsStartAt, swapped));
   // As stored: ITK's own size is that of the scaled values.
   const double needed = start + static_cast<double>(io.GetImageSizeInPixels()) *
-                                    field<std::int16_t>(header, kBitsAVoxelAt, swapped) / 8.0;
+                                    field<std::int16_t>(header, kBitsPerVoxelOffset, swapped) / 8.0;
   double found = kHeaderBytes;
   std::vector<char> block(std::size_t{1} << 18);
   int got = 0;

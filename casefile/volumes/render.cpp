@@ -218,8 +218,8 @@ void draw_line(Canvas &canvas, const View &view, const SceneLine &line) {
   const double length = (line.to_mm - line.from_mm).norm();
   const int steps = 1 + static_cast<int>(length / std::max(0.05, 0.25 * line.radius_mm));
   for (int step = 0; step <= steps; ++step) {
-    const double share = static_cast<double>(step) / steps;
-    draw_sphere(canvas, view, {line.from_mm + share * (line.to_mm - line.from_mm), line.radius_mm, line.colour});
+    const double fraction = static_cast<double>(step) / steps;
+    draw_sphere(canvas, view, {line.from_mm + fraction * (line.to_mm - line.from_mm), line.radius_mm, line.colour});
   }
 }
 

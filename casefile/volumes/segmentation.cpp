@@ -37,7 +37,7 @@ Padding padding_of(const Eigen::Vector3d &spacing, const SurfaceOptions &options
 }
 
 template <class Voxel, class Inside>
-Mask::Pointer padded_mask(const VoxelGrid<Voxel> &volume, const Padding &padding, const Inside &inside) {
+Mask::Pointer padded_mask(const image::Image<Voxel, 3> &volume, const Padding &padding, const Inside &inside) {
   auto mask = Mask::New();
   Mask::SizeType size;
   Mask::SpacingType spacing;
@@ -82,7 +82,7 @@ template <class Wanted> LabelVolume cropped(const LabelVolume &volume, const Wan
     }
   }
   const Eigen::Array3i size = last - first + 1;
-  LabelVolume part{{size[0], size[1], size[2]}, volume.T_image_index, {}};
+  LabelVolume part{{{size[0], size[1], size[2]}, volume.T_image_index}, {}};
   part.T_image_index.topRightCorner<3, 1>() = volume.point_mm(first.cast<double>());
   for (int k = first[2]; k <= last[2]; ++k) {
     for (int j = first[1]; j <= last[1]; ++j) {

@@ -12,7 +12,7 @@ namespace bregma::casefile {
 // 1 inside the object, 0 outside, smooth between: its border is at 0.5. Padded, so that the object never touches the
 // border of the grid.
 struct Field {
-  VoxelGrid<float> grid;  // T_image_index holds for this grid's own indices
+  Volume grid;            // T_image_index holds for this grid's own indices
   double threshold = 0.0; // of the image, that was used
 };
 

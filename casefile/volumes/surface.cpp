@@ -43,7 +43,7 @@ Step step_within(const Progress &progress, double from, double to) {
 }
 
 // In the grid's own axes, mm: index times spacing.
-vtkSmartPointer<vtkPolyData> isosurface(const VoxelGrid<float> &grid) {
+vtkSmartPointer<vtkPolyData> isosurface(const Volume &grid) {
   vtkNew<vtkFloatArray> values;
   // Read only: VTK has no const arrays.
   values->SetArray(const_cast<float *>(grid.voxels.data()), static_cast<vtkIdType>(grid.voxels.size()), 1); // NOLINT
@@ -87,7 +87,7 @@ template <class Filter> vtkSmartPointer<vtkPolyData> decimated_by(Filter &filter
   return filter.GetOutput();
 }
 
-TriangleMesh mesh_in_image(vtkPolyData *data, const VoxelGrid<float> &grid) {
+TriangleMesh mesh_in_image(vtkPolyData *data, const Volume &grid) {
   const Eigen::Matrix3d A = grid.T_image_index.topLeftCorner<3, 3>() * grid.spacing_mm().cwiseInverse().asDiagonal();
   const Eigen::Vector3d origin = grid.T_image_index.topRightCorner<3, 1>();
   TriangleMesh mesh;

@@ -244,7 +244,7 @@ base::Result<LabelVolume> read_labels(const fs::path &path) {
   if (!volume) {
     return tl::unexpected(volume.error());
   }
-  LabelVolume labels{volume->size, volume->T_image_index, {}};
+  LabelVolume labels{{volume->size, volume->T_image_index}, {}};
   labels.voxels.reserve(volume->voxels.size());
   for (const float value : volume->voxels) {
     if (value != std::round(value) || std::abs(value) > float{std::numeric_limits<std::int16_t>::max()}) {

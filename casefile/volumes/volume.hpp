@@ -7,40 +7,18 @@
 // any thread, on different files at a time.
 #pragma once
 
-#include <array>
-#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <map>
 #include <string>
-#include <vector>
 
-#include <Eigen/Core>
-
+#include "algorithms/image/grid.hpp"
 #include "base/result.hpp"
 
 namespace bregma::casefile {
 
-template <class Voxel> struct VoxelGrid {
-  std::array<int, 3> size{};                                   // voxels along i, j, k; i runs fastest in memory
-  Eigen::Matrix4d T_image_index = Eigen::Matrix4d::Identity(); // voxel centres (i, j, k, 1) to RAS, mm; never singular
-  std::vector<Voxel> voxels;
-
-  [[nodiscard]] std::size_t offset(int i, int j, int k) const {
-    return (static_cast<std::size_t>(k) * static_cast<std::size_t>(size[1]) + static_cast<std::size_t>(j)) *
-               static_cast<std::size_t>(size[0]) +
-           static_cast<std::size_t>(i);
-  }
-  [[nodiscard]] Voxel at(int i, int j, int k) const { return voxels[offset(i, j, k)]; }
-  [[nodiscard]] Eigen::Vector3d point_mm(const Eigen::Vector3d &index) const {
-    return T_image_index.topLeftCorner<3, 3>() * index + T_image_index.topRightCorner<3, 1>();
-  }
-  // Distance between neighbouring voxels along i, j, k, mm.
-  [[nodiscard]] Eigen::Vector3d spacing_mm() const { return T_image_index.topLeftCorner<3, 3>().colwise().norm(); }
-};
-
-using Volume = VoxelGrid<float>;             // intensities; always finite
-using LabelVolume = VoxelGrid<std::int16_t>; // region numbers; 0 is the background
+using Volume = image::Image<float, 3>;             // intensities; always finite
+using LabelVolume = image::Image<std::int16_t, 3>; // region numbers; 0 is the background
 
 // `path` is a file or a folder with DICOM slices; `series` chooses by series UID where a folder holds several (refused
 // otherwise, naming them). Refused: no file, no such format, no voxels, more than kMaxVoxels, more or fewer than three

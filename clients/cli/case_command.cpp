@@ -96,7 +96,7 @@ int run_check(const std::string &folder, const Context &context) {
   const auto loaded = casefile::load_case(folder);
   std::vector<std::string> problems;
   if (loaded) {
-    problems = find_doubts(*loaded, facts_of(*loaded));
+    problems = find_warnings(*loaded, facts_of(*loaded));
   } else {
     problems.push_back(loaded.error().message);
   }

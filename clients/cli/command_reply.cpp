@@ -15,25 +15,25 @@ int show_reply(const base::Result<wire::CommandReply> &reply, const Context &con
   }
   const bool done = reply->result == bregma_wire_COMMAND_DONE;
   if (context.json) {
-    print_json({{"result", label(reply->result)},
-                {"session", label(reply->session)},
+    print_json({{"result", result_label(reply->result)},
+                {"session", session_label(reply->session)},
                 {"value_mm", json_number(reply->value_mm)},
                 {"text", reply->text}});
   } else if (done) {
     const std::string text = *reply->text == '\0' ? "done" : printable(reply->text);
-    print(text + " (session: " + std::string(label(reply->session)) + ")\n");
+    print(text + " (session: " + std::string(session_label(reply->session)) + ")\n");
   } else {
-    (void)fail(std::string(label(reply->result)) + ": " + printable(reply->text));
+    (void)fail(std::string(result_label(reply->result)) + ": " + printable(reply->text));
   }
   return done ? kOk : kRefused;
 }
 
-int send_and_show(const base::Result<wire::CommandBody> &body, const Context &context, DaemonLink::Duration timeout) {
-  if (!body) {
-    return fail(body.error());
+int send_and_show(const base::Result<wire::Command> &command, const Context &context, DaemonLink::Duration timeout) {
+  if (!command) {
+    return fail(command.error());
   }
   DaemonLink link(context.domain);
-  return show_reply(link.send(*body, timeout), context);
+  return show_reply(link.send(*command, timeout), context);
 }
 
 } // namespace bregma::cli

@@ -10,8 +10,8 @@ namespace bregma::cli {
 // answer came.
 int show_reply(const base::Result<wire::CommandReply> &reply, const Context &context);
 
-// Joins the domain, sends, shows. The error of a body that could not be made is shown as well.
-int send_and_show(const base::Result<wire::CommandBody> &body, const Context &context,
+// Joins the domain, sends, shows. The error of a command that could not be made is shown as well.
+int send_and_show(const base::Result<wire::Command> &command, const Context &context,
                   DaemonLink::Duration timeout = std::chrono::seconds(5));
 
 } // namespace bregma::cli

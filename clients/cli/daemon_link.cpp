@@ -28,27 +28,6 @@ std::string seconds_text(DaemonLink::Duration duration) {
   return milliseconds % 1000 == 0 ? std::to_string(milliseconds / 1000) + " s" : std::to_string(milliseconds) + " ms";
 }
 
-std::string too_long(std::string_view what, std::string_view text, std::size_t limit) {
-  return std::string(what) + " '" + std::string(text) + "' is too long: " + std::to_string(text.size()) +
-         " bytes, at most " + std::to_string(limit);
-}
-
-Result<void> put(wire::Name &field, std::string_view what, std::string_view text) {
-  if (text.empty()) {
-    return failure(std::string(what) + " is empty");
-  }
-  if (!wire::set_name(field, text)) {
-    return failure(too_long(what, text, wire::kNameLength));
-  }
-  return {};
-}
-
-wire::CommandBody body_of(wire::CommandKind kind) {
-  wire::CommandBody body{};
-  body._d = kind;
-  return body;
-}
-
 } // namespace
 
 std::int64_t utc_now_ns() {
@@ -60,7 +39,7 @@ DaemonLink::DaemonLink(std::uint32_t domain)
     : domain_(domain), client_(unique_client_name()), participant_(domain), commands_(participant_),
       replies_(participant_), registration_(participant_), fiducials_(participant_), accuracy_(participant_),
       navigation_(participant_), deformation_(participant_), alarms_(participant_), health_(participant_),
-      wait_(participant_) {
+      peers_(participant_), wait_(participant_) {
   wait_.attach(replies_);
   wait_.attach(registration_);
   wait_.attach(fiducials_);
@@ -72,7 +51,12 @@ DaemonLink::DaemonLink(std::uint32_t domain)
 }
 
 base::Error DaemonLink::no_daemon() const {
-  return {"no bregmad answers on domain " + std::to_string(domain_) + ": is it running?"};
+  return {"no bregmad answers on domain " + std::to_string(domain_) + ": " +
+          (snapshot_.other_wire.empty() ? "is it running?" : snapshot_.other_wire)};
+}
+
+bool DaemonLink::speaks_our_wire() const {
+  return snapshot_.health && snapshot_.health->wire_generation == wire::kWireVersion.generation;
 }
 
 bool DaemonLink::take_all() {
@@ -95,6 +79,8 @@ bool DaemonLink::take_all() {
     snapshot_.alarms[{wire::text(sample.kind), wire::text(sample.subject)}] = sample;
   });
   take(health_, [&](const auto &sample) { snapshot_.health = sample; });
+  peers_.update();
+  snapshot_.other_wire = dds::other_wire_text(peers_.of_another_wire());
   return news > 0;
 }
 
@@ -138,7 +124,11 @@ Result<void> DaemonLink::wait_for_daemon(Duration timeout) {
   const auto end = Clock::now() + timeout;
   for (;;) {
     (void)update(10ms);
-    if (alive(utc_now_ns()) && commands_.matched_readers() > 0 && replies_.matched_writers() > 0) {
+    const bool there = alive(utc_now_ns()) && commands_.matched_readers() > 0 && replies_.matched_writers() > 0;
+    if (there && !speaks_our_wire()) {
+      return tl::unexpected(no_daemon());
+    }
+    if (there) {
       return {};
     }
     if (Clock::now() >= end) {
@@ -151,17 +141,13 @@ Result<void> DaemonLink::wait_for_daemon(Duration timeout) {
   }
 }
 
-Result<wire::CommandReply> DaemonLink::send(const wire::CommandBody &body, Duration timeout) {
+Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration timeout) {
   if (auto there = wait_for_daemon(); !there) {
     return tl::unexpected(there.error());
   }
-  wire::Command command{};
-  if (!wire::set_name(command.client, client_)) {
-    return failure(too_long("client", client_, wire::kNameLength));
-  }
+  (void)wire::set_name(command.client, client_); // it was made to fit
   command.id = next_id_++;
   command.sent_time_ns = utc_now_ns();
-  command.body = body;
   if (!commands_.write(command)) {
     return failure("the command could not be sent on domain " + std::to_string(domain_));
   }
@@ -181,51 +167,12 @@ Result<wire::CommandReply> DaemonLink::send(const wire::CommandBody &body, Durat
   }
 }
 
-Result<wire::CommandBody> plain_command(wire::CommandKind kind) { return body_of(kind); }
-
-Result<wire::CommandBody> load_case_command(std::string_view folder) {
-  auto body = body_of(bregma_wire_COMMAND_LOAD_CASE);
-  auto &field = body._u.load_case.folder;
-  if (folder.empty()) {
-    return failure("case folder is empty");
+Result<wire::Command> make_command(wire::CommandKind kind, std::initializer_list<std::string_view> values) {
+  wire::Command command{};
+  if (const std::string wrong = wire::fill_command(command, kind, values); !wrong.empty()) {
+    return failure(wrong);
   }
-  if (folder.size() >= sizeof(field)) {
-    return failure(too_long("case folder", folder, sizeof(field) - 1));
-  }
-  std::memcpy(field, folder.data(), folder.size());
-  return body;
-}
-
-Result<wire::CommandBody> tool_command(wire::CommandKind kind, std::string_view tool) {
-  auto body = body_of(kind);
-  return put(body._u.tool.tool, "tool", tool).map([&] { return body; });
-}
-
-Result<wire::CommandBody> touch_command(wire::CommandKind kind, std::string_view tool, std::string_view point) {
-  auto body = body_of(kind);
-  return put(body._u.touch.tool, "tool", tool)
-      .and_then([&] { return put(body._u.touch.point, "point", point); })
-      .map([&] { return body; });
-}
-
-Result<wire::CommandBody> remove_fiducial_command(std::string_view fiducial) {
-  auto body = body_of(bregma_wire_COMMAND_REMOVE_FIDUCIAL);
-  return put(body._u.point.point, "fiducial", fiducial).map([&] { return body; });
-}
-
-Result<wire::CommandBody> navigate_command(std::string_view tool, std::string_view trajectory) {
-  auto body = body_of(bregma_wire_COMMAND_START_NAVIGATION);
-  return put(body._u.plan.tool, "tool", tool)
-      .and_then([&] { return put(body._u.plan.trajectory, "trajectory", trajectory); })
-      .map([&] { return body; });
-}
-
-Result<wire::CommandBody> acknowledge_command(std::string_view kind, std::string_view subject) {
-  auto body = body_of(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM);
-  if (!wire::set_name(body._u.alarm.subject, subject)) { // may be empty
-    return failure(too_long("subject", subject, wire::kNameLength));
-  }
-  return put(body._u.alarm.kind, "alarm", kind).map([&] { return body; });
+  return command;
 }
 
 } // namespace bregma::cli

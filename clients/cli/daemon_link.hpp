@@ -6,6 +6,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <initializer_list>
 #include <map>
 #include <optional>
 #include <string>
@@ -13,8 +14,10 @@
 #include <utility>
 
 #include "base/result.hpp"
+#include "idl/commands.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
+#include "idl/peers.hpp"
 
 namespace bregma::cli {
 
@@ -27,6 +30,7 @@ struct Snapshot {
   std::map<std::string, wire::NavigationState> tools;                // by tool
   std::map<std::string, wire::DeformationState> deformation;         // by point
   std::map<std::pair<std::string, std::string>, wire::Alarm> alarms; // by kind and subject
+  std::string other_wire; // who on the domain speaks another generation of the wire, as a sentence; empty: nobody
 };
 
 // Health is broadcast twice a second by default; after this long without one the daemon has stopped or hangs, and
@@ -39,12 +43,13 @@ public:
 
   explicit DaemonLink(std::uint32_t domain);
 
-  // Until a daemon is there and is known to hear commands and to reach us with replies.
+  // Until a daemon is there and is known to hear commands and to reach us with replies. An error names the wire that a
+  // daemon of another release speaks, and ours.
   [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout = std::chrono::seconds(3));
 
   // Waits for the daemon if need be, sends, and waits for the reply to this very command. A refusal is a reply
   // (see result and text), not an error.
-  [[nodiscard]] base::Result<wire::CommandReply> send(const wire::CommandBody &body,
+  [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command,
                                                       Duration timeout = std::chrono::seconds(5));
 
   // Takes in what has arrived; waits up to timeout when nothing has. True when something was new.
@@ -66,6 +71,7 @@ public:
 
 private:
   [[nodiscard]] base::Error no_daemon() const;
+  [[nodiscard]] bool speaks_our_wire() const;
   bool take_all();
 
   std::uint32_t domain_;
@@ -83,20 +89,15 @@ private:
   dds::Reader<wire::DeformationState> deformation_;
   dds::Reader<wire::Alarm> alarms_;
   dds::Reader<wire::SystemHealth> health_;
+  dds::Peers peers_;
   dds::WaitSet wait_;
   std::map<std::uint64_t, wire::CommandReply> arrived_replies_;
   Snapshot snapshot_;
 };
 
-// Bodies of the commands. A name longer than the wire holds is an error that shows it.
-[[nodiscard]] base::Result<wire::CommandBody> plain_command(wire::CommandKind kind);
-[[nodiscard]] base::Result<wire::CommandBody> load_case_command(std::string_view folder);
-[[nodiscard]] base::Result<wire::CommandBody> tool_command(wire::CommandKind kind, std::string_view tool);
-[[nodiscard]] base::Result<wire::CommandBody> touch_command(wire::CommandKind kind, std::string_view tool,
-                                                            std::string_view point);
-[[nodiscard]] base::Result<wire::CommandBody> remove_fiducial_command(std::string_view fiducial);
-[[nodiscard]] base::Result<wire::CommandBody> navigate_command(std::string_view tool, std::string_view trajectory);
-[[nodiscard]] base::Result<wire::CommandBody> acknowledge_command(std::string_view kind, std::string_view subject);
+// A command of the table (idl/commands.hpp) from its values. One that does not fit is an error that shows it.
+[[nodiscard]] base::Result<wire::Command> make_command(wire::CommandKind kind,
+                                                       std::initializer_list<std::string_view> values = {});
 
 // Host clock, ns since the Unix epoch (UTC).
 [[nodiscard]] std::int64_t utc_now_ns();

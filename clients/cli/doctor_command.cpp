@@ -13,8 +13,8 @@
 #include "clients/cli/completion.hpp"
 #include "clients/cli/doctor_measurements.hpp"
 #include "clients/cli/output.hpp"
-#include "server/config.hpp"
 #include "server/runtime/realtime.hpp"
+#include "server/runtime/state_directory.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -105,9 +105,7 @@ int run_doctor(const DoctorOptions &options, const Context &context) {
   checks.push_back(check_timer(options.quick ? duration : 3s));
   checks.push_back(check_loopback(echo, 250.0, duration));
   checks.push_back(check_loopback(echo, 1000.0, duration));
-  const std::string directory =
-      options.state_directory.empty() ? server::state_directory(server::Config()) : options.state_directory;
-  checks.push_back(check_disk(directory, options.quick ? 20 : 100));
+  checks.push_back(check_disk(runtime::state_directory(options.state_directory), options.quick ? 20 : 100));
 
   const bool bad =
       std::any_of(checks.begin(), checks.end(), [](const auto &one) { return one.fitness == Fitness::kBad; });

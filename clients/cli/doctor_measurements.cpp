@@ -111,8 +111,8 @@ Spread spread_of(std::vector<double> values) {
     return out;
   }
   std::sort(values.begin(), values.end());
-  const auto at = [&](double share) {
-    const double rank = std::ceil(share * static_cast<double>(values.size()));
+  const auto at = [&](double fraction) {
+    const double rank = std::ceil(fraction * static_cast<double>(values.size()));
     return values[static_cast<std::size_t>(std::max(1.0, rank)) - 1];
   };
   out.p50 = at(0.5);

@@ -153,7 +153,9 @@ void add_alarms_command(CLI::App &app, Context &context) {
   add_json_flag(*acknowledge, context);
   add_domain_option(*acknowledge, context);
   acknowledge->callback([name, &context] {
-    context.run = [name, &context] { return send_and_show(acknowledge_command(name->first, name->second), context); };
+    context.run = [name, &context] {
+      return send_and_show(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {name->first, name->second}), context);
+    };
   });
 }
 
@@ -174,14 +176,16 @@ void add_target_command(CLI::App &app, Context &context) {
   add_json_flag(*navigate, context);
   add_domain_option(*navigate, context);
   navigate->callback([plan, &context] {
-    context.run = [plan, &context] { return send_and_show(navigate_command(plan->first, plan->second), context); };
+    context.run = [plan, &context] {
+      return send_and_show(make_command(bregma_wire_COMMAND_START_NAVIGATION, {plan->first, plan->second}), context);
+    };
   });
 
   auto *stop = target->add_subcommand("stop", "Stops navigation");
   add_json_flag(*stop, context);
   add_domain_option(*stop, context);
   stop->callback([&context] {
-    context.run = [&context] { return send_and_show(plain_command(bregma_wire_COMMAND_STOP_NAVIGATION), context); };
+    context.run = [&context] { return send_and_show(make_command(bregma_wire_COMMAND_STOP_NAVIGATION), context); };
   });
 }
 

@@ -38,7 +38,7 @@ std::string consistency_text(const Snapshot &snapshot) {
     return "registration: no news";
   }
   const auto &registration = *snapshot.registration;
-  std::string out = "registration " + std::string(label(registration.status));
+  std::string out = "registration " + std::string(registration_label(registration.status));
   if (std::isfinite(registration.fre_mm)) {
     out += ", fiducials consistent to " + fixed(registration.fre_mm, 2, "mm") + " (FRE; not an accuracy)";
   }
@@ -60,7 +60,7 @@ DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns) {
     return out;
   }
   out.presence = Presence::kAlive;
-  out.text = label(snapshot.health->session);
+  out.text = session_label(snapshot.health->session);
   return out;
 }
 
@@ -84,7 +84,7 @@ ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon,
   if (!out.status.empty()) {
     return out;
   }
-  out.status = label(state.status);
+  out.status = pose_label(state.status);
   out.fresh = state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
   if (!out.fresh) {
     return out;
@@ -119,11 +119,11 @@ std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot) {
 }
 
 std::string alarm_line(const wire::Alarm &alarm, std::int64_t now_ns) {
-  std::string out = std::string(label(alarm.severity)) + ": " + printable(wire::view(alarm.kind));
+  std::string out = std::string(severity_label(alarm.severity)) + ": " + printable(wire::view(alarm.kind));
   if (!wire::view(alarm.subject).empty()) {
     out += " " + printable(wire::view(alarm.subject));
   }
-  out += " (" + std::string(label(alarm.state)) + ", raised " +
+  out += " (" + std::string(alarm_label(alarm.state)) + ", raised " +
          duration_text(seconds_between(alarm.raised_time_ns, now_ns)) + " ago";
   if (alarm.count > 1) {
     out += ", " + std::to_string(alarm.count) + " times";
@@ -135,8 +135,8 @@ std::string alarm_line(const wire::Alarm &alarm, std::int64_t now_ns) {
 nlohmann::json alarm_json(const wire::Alarm &alarm) {
   return {{"kind", wire::text(alarm.kind)},
           {"subject", wire::text(alarm.subject)},
-          {"state", label(alarm.state)},
-          {"severity", label(alarm.severity)},
+          {"state", alarm_label(alarm.state)},
+          {"severity", severity_label(alarm.severity)},
           {"raised_time_ns", alarm.raised_time_ns},
           {"changed_time_ns", alarm.changed_time_ns},
           {"count", alarm.count},
@@ -166,6 +166,7 @@ std::string watch_table(const Snapshot &snapshot, std::string_view tool, std::in
     out += view.fresh && state.phase != bregma_wire_PROBE_OUTSIDE ? "\nTissue  " + prediction_line(view) : "";
   }
   out += out.ends_with("\n") ? "" : "\n";
+  out += snapshot.other_wire.empty() ? "" : "\nWire: " + snapshot.other_wire + "\n";
   const auto alarms = standing_alarms(snapshot);
   out += alarms.empty() ? "\nAlarms: none\n" : "\nAlarms:\n";
   for (const auto &alarm : alarms) {
@@ -192,7 +193,7 @@ std::string watch_line(const Snapshot &snapshot, std::string_view tool, std::int
   for (const auto &alarm : standing_alarms(snapshot)) {
     out += " | " + alarm_line(alarm, now_ns);
   }
-  return out;
+  return snapshot.other_wire.empty() ? out : out + " | wire: " + snapshot.other_wire;
 }
 
 nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
@@ -202,6 +203,7 @@ nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, std::
                      {"daemon_alive", alive},
                      {"silent_s", json_number(daemon.silent_s)},
                      {"session", alive ? nlohmann::json(daemon.text) : nlohmann::json()},
+                     {"other_wire", snapshot.other_wire},
                      {"tools", nlohmann::json::array()},
                      {"alarms", nlohmann::json::array()}};
   each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {

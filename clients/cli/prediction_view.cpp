@@ -13,21 +13,21 @@ namespace bregma::cli {
 PredictionView view_prediction(const wire::DeformationState &state, const DaemonView &daemon, std::int64_t now_ns) {
   PredictionView out;
   out.point = printable(wire::view(state.point));
-  out.kind = label(state.kind);
+  out.kind = followed_label(state.kind);
   std::copy_n(state.imaged_mm, 3, out.imaged_mm);
   out.status = stale_text(daemon, state.time_ns, now_ns);
   if (!out.status.empty()) {
     return out;
   }
-  out.status = label(state.status);
+  out.status = deformation_label(state.status);
   if (state.reason != bregma_wire_DEFORMATION_REASON_NONE) {
-    out.status += " (" + std::string(label(state.reason)) + ")";
+    out.status += " (" + std::string(deformation_reason_label(state.reason)) + ")";
   }
   out.fresh = state.status == bregma_wire_DEFORMATION_VALID || state.status == bregma_wire_DEFORMATION_EXTRAPOLATING;
   if (!out.fresh) {
     return out;
   }
-  out.phase = label(state.phase);
+  out.phase = phase_label(state.phase);
   std::copy_n(state.displaced_mm, 3, out.predicted_mm);
   out.motion_mm = std::hypot(out.predicted_mm[0] - out.imaged_mm[0], out.predicted_mm[1] - out.imaged_mm[1],
                              out.predicted_mm[2] - out.imaged_mm[2]);
@@ -45,13 +45,13 @@ PredictionView view_prediction(const wire::DeformationState &state, const Daemon
 
 std::string prediction_line(const PredictionView &view) {
   std::string out =
-      view.point + (view.kind == label(bregma_wire_FOLLOWED_LANDMARK) ? " (landmark): " : ": ") + view.status;
+      view.point + (view.kind == followed_label(bregma_wire_FOLLOWED_LANDMARK) ? " (landmark): " : ": ") + view.status;
   if (!view.fresh) {
     return out;
   }
   out += "; predicted " + fixed(view.motion_mm, 2, "mm") + " from where it was imaged, +/- " +
          fixed(view.error_bound_mm, 2, "mm") + "; probe: " + view.phase;
-  if (view.phase != label(bregma_wire_PROBE_OUTSIDE)) {
+  if (view.phase != phase_label(bregma_wire_PROBE_OUTSIDE)) {
     out += ", tip " + fixed(view.tip_force_N, 3, "N") + ", shaft " + fixed(view.shaft_force_N, 3, "N") + ", depth " +
            fixed(view.depth_mm, 1, "mm");
   }

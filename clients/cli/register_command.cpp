@@ -68,8 +68,8 @@ int show_status(const Context &context) {
   }
   const wire::RegistrationState &r = *snapshot.registration;
   if (context.json) {
-    print_json({{"status", label(r.status)},
-                {"reason", label(r.reason)},
+    print_json({{"status", registration_label(r.status)},
+                {"reason", refusal_label(r.reason)},
                 {"subject", wire::text(r.subject)},
                 {"text", r.text},
                 {"revision", r.revision},
@@ -81,10 +81,10 @@ int show_status(const Context &context) {
                 {"fiducials", fiducials_json(snapshot)}});
     return kOk;
   }
-  print("Registration " + std::string(label(r.status)) + (*r.text == '\0' ? "" : ": " + printable(r.text)) + "\n" +
-        std::to_string(r.fiducial_count) + " fiducials, " + std::to_string(r.surface_count) + " surface points, FRE " +
-        fixed(r.fre_mm, 2, "mm") + ", surface RMS " + fixed(r.surface_rms_mm, 2, "mm") + "\n" +
-        fiducials_text(snapshot));
+  print("Registration " + std::string(registration_label(r.status)) +
+        (*r.text == '\0' ? "" : ": " + printable(r.text)) + "\n" + std::to_string(r.fiducial_count) + " fiducials, " +
+        std::to_string(r.surface_count) + " surface points, FRE " + fixed(r.fre_mm, 2, "mm") + ", surface RMS " +
+        fixed(r.surface_rms_mm, 2, "mm") + "\n" + fiducials_text(snapshot));
   return kOk;
 }
 
@@ -111,26 +111,28 @@ void add_touch_commands(CLI::App &parent, Context &context) {
   capture->add_option("fiducial", arguments->point, "Its name in the case")->required();
   add_tool_option(*capture, *arguments);
   on_run(capture, context, [arguments] {
-    return touch_command(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, arguments->tool, arguments->point);
+    return make_command(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, {arguments->tool, arguments->point});
   });
 
   auto *remove = add_live(parent, "remove", "Forgets the touch of a fiducial", context);
   remove->add_option("fiducial", arguments->point, "Its name in the case")->required();
-  on_run(remove, context, [arguments] { return remove_fiducial_command(arguments->point); });
+  on_run(remove, context,
+         [arguments] { return make_command(bregma_wire_COMMAND_REMOVE_FIDUCIAL, {arguments->point}); });
 
   auto *trace = add_live(parent, "trace", "Starts or stops tracing the skin", context);
   trace->add_option("action", arguments->action, "start or stop")->required()->check(CLI::IsMember({"start", "stop"}));
   add_tool_option(*trace, *arguments);
   on_run(trace, context, [arguments] {
-    return tool_command(arguments->action == "start" ? bregma_wire_COMMAND_START_TRACE : bregma_wire_COMMAND_STOP_TRACE,
-                        arguments->tool);
+    return make_command(arguments->action == "start" ? bregma_wire_COMMAND_START_TRACE : bregma_wire_COMMAND_STOP_TRACE,
+                        {arguments->tool});
   });
 
   auto *check = add_live(parent, "check", "Touches a check landmark: how far is what is shown?", context);
   check->add_option("landmark", arguments->point, "Its name in the case")->required();
   add_tool_option(*check, *arguments);
-  on_run(check, context,
-         [arguments] { return touch_command(bregma_wire_COMMAND_CHECK_TOUCH, arguments->tool, arguments->point); });
+  on_run(check, context, [arguments] {
+    return make_command(bregma_wire_COMMAND_CHECK_TOUCH, {arguments->tool, arguments->point});
+  });
 }
 
 } // namespace
@@ -147,13 +149,13 @@ void add_register_command(CLI::App &app, Context &context) {
   status->callback([&context] { context.run = [&context] { return show_status(context); }; });
 
   auto *start = add_live(*command, "start", "Begins a registration; an earlier one is given up", context);
-  on_run(start, context, [] { return plain_command(bregma_wire_COMMAND_START_REGISTRATION); });
+  on_run(start, context, [] { return make_command(bregma_wire_COMMAND_START_REGISTRATION); });
   add_touch_commands(*command, context);
   auto *accept = add_live(*command, "accept", "Accepts the present estimate", context);
-  on_run(accept, context, [] { return plain_command(bregma_wire_COMMAND_ACCEPT_REGISTRATION); });
+  on_run(accept, context, [] { return make_command(bregma_wire_COMMAND_ACCEPT_REGISTRATION); });
   auto *confirm =
       add_live(*command, "confirm", "Confirms that the checks were good: the patient may be navigated", context);
-  on_run(confirm, context, [] { return plain_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
+  on_run(confirm, context, [] { return make_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
   add_register_points(*command, context);
   add_register_surface(*command, context);
   add_register_cloud(*command, context);

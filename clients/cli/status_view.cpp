@@ -41,14 +41,23 @@ std::string case_text(const wire::SystemHealth &health) {
   return *health.case_folder == '\0' ? "no case loaded" : "case " + printable(health.case_folder);
 }
 
+std::string wire_text(const Snapshot &snapshot) {
+  const auto &health = *snapshot.health;
+  const wire::WireVersion daemon{health.wire_generation, health.wire_revision};
+  std::string out = "Wire " + wire::text_of(daemon);
+  out += daemon == wire::kWireVersion ? "" : ", this program " + wire::text_of(wire::kWireVersion);
+  out += health.other_wire > 0 ? ", " + std::to_string(health.other_wire) + " participants of another wire" : "";
+  return out + (snapshot.other_wire.empty() ? "\n" : ": " + snapshot.other_wire + "\n");
+}
+
 std::string registration_text(const Snapshot &snapshot) {
   if (!snapshot.registration) {
     return "Registration  no news\n";
   }
   const auto &state = *snapshot.registration;
-  std::string out = "Registration  " + std::string(label(state.status));
+  std::string out = "Registration  " + std::string(registration_label(state.status));
   if (state.status == bregma_wire_REGISTRATION_REFUSED) {
-    out += ": " + std::string(label(state.reason));
+    out += ": " + std::string(refusal_label(state.reason));
     out += wire::view(state.subject).empty() ? "" : " (" + printable(wire::view(state.subject)) + ")";
   }
   out += state.accepted_revision > 0 ? ", revision " + std::to_string(state.accepted_revision) + " accepted" : "";
@@ -93,15 +102,15 @@ std::string devices_text(const wire::SystemHealth &health, std::int64_t now_ns) 
   std::string reasons;
   for (const auto &device : devices(health)) {
     const std::string name = printable(wire::view(device.device));
-    table.row({name, std::string(label(device.kind)), std::string(label(device.status)), fixed(device.rate_hz, 1),
-               fixed(age_ms(device, health, now_ns), 1), fixed(device.latency_p50_ms, 2),
+    table.row({name, std::string(device_kind_label(device.kind)), std::string(device_status_label(device.status)),
+               fixed(device.rate_hz, 1), fixed(age_ms(device, health, now_ns), 1), fixed(device.latency_p50_ms, 2),
                fixed(device.latency_p99_ms, 2), std::to_string(device.taken), std::to_string(rejected(device)),
                std::to_string(device.lost), std::to_string(device.late), fixed(device.clock_offset_ms, 3),
                fixed(device.clock_drift_ppm, 1), std::to_string(device.connections)});
     for (std::size_t i = 0; i < std::size(device.rejected); ++i) {
       if (device.rejected[i] > 0) {
         reasons += "  " + name + " rejected " + std::to_string(device.rejected[i]) + ": " +
-                   std::string(label(static_cast<wire::RejectReason>(i))) + "\n";
+                   std::string(reject_label(static_cast<wire::RejectReason>(i))) + "\n";
       }
     }
   }
@@ -122,8 +131,8 @@ std::string loops_text(const wire::SystemHealth &health) {
 }
 
 json registration_json(const wire::RegistrationState &state) {
-  return {{"status", label(state.status)},
-          {"reason", label(state.reason)},
+  return {{"status", registration_label(state.status)},
+          {"reason", refusal_label(state.reason)},
           {"subject", wire::text(state.subject)},
           {"text", state.text},
           {"revision", state.revision},
@@ -153,11 +162,14 @@ json accuracy_json(const wire::AccuracyState &accuracy) {
 json device_json(const wire::DeviceHealth &device, const wire::SystemHealth &health, std::int64_t now_ns) {
   json by_reason = json::object();
   for (std::size_t i = 0; i < std::size(device.rejected); ++i) {
-    by_reason[std::string(label(static_cast<wire::RejectReason>(i)))] = device.rejected[i];
+    const std::string reason(reject_label(static_cast<wire::RejectReason>(i)));
+    if (i > 0 && (reason != kNotKnownHere || device.rejected[i] > 0)) {
+      by_reason[reason] = by_reason.value(reason, std::uint64_t{0}) + device.rejected[i];
+    }
   }
   return {{"device", wire::text(device.device)},
-          {"kind", label(device.kind)},
-          {"status", label(device.status)},
+          {"kind", device_kind_label(device.kind)},
+          {"status", device_status_label(device.status)},
           {"rate_hz", json_number(device.rate_hz)},
           {"age_ms", json_number(age_ms(device, health, now_ns))},
           {"latency_p50_ms", json_number(device.latency_p50_ms)},
@@ -186,6 +198,7 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
   if (daemon.presence != Presence::kAlive) {
     out += "THIS IS NOT THE PRESENT: what follows is the last word of a daemon that no longer speaks.\n";
   }
+  out += wire_text(snapshot);
   out += "\n" + registration_text(snapshot) + accuracy_text(snapshot) + "\n";
   if (!snapshot.tools.empty()) {
     out += tools_table(snapshot, {}, now_ns) + "\n";
@@ -224,6 +237,8 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t no
   }
   const auto &health = *snapshot.health;
   out["case_folder"] = health.case_folder;
+  out["wire"] = wire::text_of({health.wire_generation, health.wire_revision});
+  out["other_wire_participants"] = health.other_wire;
   out["started_time_ns"] = health.started_time_ns;
   out["unknown_device_samples"] = health.unknown_device_samples;
   out["resident_bytes"] = health.resident_bytes;

@@ -30,7 +30,7 @@ std::string law_text(const tissue::Material &material) {
 nlohmann::json material_json(const tissue::Material &material) {
   nlohmann::json prony = nlohmann::json::array();
   for (const tissue::PronyTerm &term : material.prony) {
-    prony.push_back({{"share", term.share}, {"time_s", term.time_s}});
+    prony.push_back({{"share", term.fraction}, {"time_s", term.time_s}});
   }
   const bool ogden = material.law == tissue::Law::kOgden;
   return {{"name", material.name},
@@ -41,7 +41,7 @@ nlohmann::json material_json(const tissue::Material &material) {
           {"ogden_alpha", ogden ? nlohmann::json(material.ogden_alpha) : nlohmann::json(nullptr)},
           {"bulk_Pa", material.bulk_Pa()},
           {"shear_Pa", material.shear_Pa()},
-          {"relaxed_shear_Pa", material.relaxed_share() * material.shear_Pa()},
+          {"relaxed_shear_Pa", material.relaxed_fraction() * material.shear_Pa()},
           {"prony", std::move(prony)},
           {"source", material.source}};
 }
@@ -60,7 +60,7 @@ int run_materials(const Context &context) {
   for (const tissue::Material &material : tissue::named_materials()) {
     table.row({material.name, law_text(material), fixed(material.young_Pa, 0), fixed(material.poisson, 3),
                fixed(material.density_kg_m3, 0), fixed(material.bulk_Pa(), 0), fixed(material.shear_Pa(), 0),
-               fixed(material.relaxed_share() * material.shear_Pa(), 0)});
+               fixed(material.relaxed_fraction() * material.shear_Pa(), 0)});
     sources += material.name + ": " + material.source + "\n";
   }
   print(table.text() + "\n" + sources +

@@ -6,33 +6,33 @@
 namespace bregma::cli {
 namespace {
 
-template <class Enum, std::size_t N> std::string_view nth(const std::array<std::string_view, N> &words, Enum value) {
-  const auto index = static_cast<std::size_t>(value);
-  return index < N ? words[index] : "invalid";
+template <std::size_t N> std::string_view nth(const std::array<std::string_view, N> &words, std::int32_t value) {
+  return value >= 0 && static_cast<std::size_t>(value) < N ? words[static_cast<std::size_t>(value)] : kNotKnownHere;
 }
 
 } // namespace
 
-std::string_view label(wire::SessionState value) {
-  static constexpr std::array<std::string_view, 8> kWords{"idle",     "case loaded", "registering", "registered",
-                                                          "verified", "navigating",  "degraded",    "fault"};
+std::string_view session_label(wire::SessionState value) {
+  static constexpr std::array<std::string_view, 9> kWords{
+      "unknown", "idle", "case loaded", "registering", "registered", "verified", "navigating", "degraded", "fault"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::PoseStatus value) {
+std::string_view pose_label(wire::PoseStatus value) {
   static constexpr std::array<std::string_view, 9> kWords{
       "unknown",          "live",           "unverified",    "stale", "lost", "tool hidden",
       "reference hidden", "not calibrated", "not registered"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::RegistrationStatus value) {
-  static constexpr std::array<std::string_view, 4> kWords{"none", "refused", "candidate", "accepted"};
+std::string_view registration_label(wire::RegistrationStatus value) {
+  static constexpr std::array<std::string_view, 5> kWords{"unknown", "none", "refused", "candidate", "accepted"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::RefusalReason value) {
-  static constexpr std::array<std::string_view, 7> kWords{"none",
+std::string_view refusal_label(wire::RefusalReason value) {
+  static constexpr std::array<std::string_view, 8> kWords{"unknown",
+                                                          "none",
                                                           "too few fiducials",
                                                           "collinear fiducials",
                                                           "contradicting fiducial",
@@ -42,13 +42,14 @@ std::string_view label(wire::RefusalReason value) {
   return nth(kWords, value);
 }
 
-std::string_view label(wire::DeformationStatus value) {
-  static constexpr std::array<std::string_view, 4> kWords{"no model", "valid", "extrapolating", "invalid"};
+std::string_view deformation_label(wire::DeformationStatus value) {
+  static constexpr std::array<std::string_view, 5> kWords{"unknown", "no model", "valid", "extrapolating", "invalid"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::DeformationReason value) {
-  static constexpr std::array<std::string_view, 13> kWords{"none",
+std::string_view deformation_reason_label(wire::DeformationReason value) {
+  static constexpr std::array<std::string_view, 14> kWords{"unknown",
+                                                           "none",
                                                            "the tissue still swings",
                                                            "the probe is not seen",
                                                            "the probe has jumped",
@@ -64,55 +65,48 @@ std::string_view label(wire::DeformationReason value) {
   return nth(kWords, value);
 }
 
-std::string_view label(wire::FollowedKind value) {
-  static constexpr std::array<std::string_view, 2> kWords{"target", "landmark"};
+std::string_view followed_label(wire::FollowedKind value) {
+  static constexpr std::array<std::string_view, 3> kWords{"unknown", "target", "landmark"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::ProbePhase value) {
-  static constexpr std::array<std::string_view, 4> kWords{"outside", "indentation", "penetration", "withdrawal"};
+std::string_view phase_label(wire::ProbePhase value) {
+  static constexpr std::array<std::string_view, 5> kWords{"unknown", "outside", "indentation", "penetration",
+                                                          "withdrawal"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::RejectReason value) {
-  static constexpr std::array<std::string_view, bregma_wire_REJECT_REASONS> kWords{
-      "not finite",     "not a rotation", "time backwards", "time in the future",
-      "unknown device", "unknown tool",   "duplicate",      "malformed"};
+std::string_view reject_label(wire::RejectReason value) {
+  static constexpr std::array<std::string_view, 9> kWords{"unknown",        "not finite",         "not a rotation",
+                                                          "time backwards", "time in the future", "unknown device",
+                                                          "unknown tool",   "duplicate",          "malformed"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::DeviceKind value) {
-  static constexpr std::array<std::string_view, 4> kWords{"tracker", "robot", "range", "force"};
+std::string_view device_kind_label(wire::DeviceKind value) {
+  static constexpr std::array<std::string_view, 7> kWords{"unknown", "tracker", "robot", "range",
+                                                          "force",   "scanner", "coils"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::DeviceStatus value) {
-  static constexpr std::array<std::string_view, 4> kWords{"never seen", "live", "stale", "lost"};
+std::string_view device_status_label(wire::DeviceStatus value) {
+  static constexpr std::array<std::string_view, 5> kWords{"unknown", "never seen", "live", "stale", "lost"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::AlarmState value) {
-  static constexpr std::array<std::string_view, 3> kWords{"raised", "acknowledged", "cleared"};
+std::string_view alarm_label(wire::AlarmState value) {
+  static constexpr std::array<std::string_view, 4> kWords{"unknown", "raised", "acknowledged", "cleared"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::AlarmSeverity value) {
-  static constexpr std::array<std::string_view, 3> kWords{"info", "warning", "critical"};
+std::string_view severity_label(wire::AlarmSeverity value) {
+  static constexpr std::array<std::string_view, 4> kWords{"unknown", "info", "warning", "critical"};
   return nth(kWords, value);
 }
 
-std::string_view label(wire::CommandKind value) {
-  static constexpr std::array<std::string_view, 15> kWords{
-      "load case",          "start pivot",          "finish pivot",
-      "start registration", "capture fiducial",     "remove fiducial",
-      "start trace",        "stop trace",           "accept registration",
-      "check touch",        "confirm verification", "start navigation",
-      "stop navigation",    "acknowledge alarm",    "close case"};
-  return nth(kWords, value);
-}
-
-std::string_view label(wire::CommandResult value) {
-  static constexpr std::array<std::string_view, 4> kWords{"done", "refused by state", "refused", "malformed"};
+std::string_view result_label(wire::CommandResult value) {
+  static constexpr std::array<std::string_view, 6> kWords{"unknown", "done",      "refused by state",
+                                                          "refused", "malformed", "unsupported"};
   return nth(kWords, value);
 }
 

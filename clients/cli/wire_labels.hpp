@@ -1,5 +1,5 @@
-// The words with which the wire's states are shown to a person and written to JSON. A value that the wire does not
-// define is "invalid", never the nearest word.
+// The words with which the wire's states are shown to a person and written to JSON, by the kind of state: on the wire
+// they are all integers. A value that this program does not know is never shown as the nearest word.
 #pragma once
 
 #include <string_view>
@@ -8,20 +8,21 @@
 
 namespace bregma::cli {
 
-[[nodiscard]] std::string_view label(wire::SessionState value);
-[[nodiscard]] std::string_view label(wire::PoseStatus value);
-[[nodiscard]] std::string_view label(wire::RegistrationStatus value);
-[[nodiscard]] std::string_view label(wire::RefusalReason value);
-[[nodiscard]] std::string_view label(wire::DeformationStatus value);
-[[nodiscard]] std::string_view label(wire::DeformationReason value);
-[[nodiscard]] std::string_view label(wire::FollowedKind value);
-[[nodiscard]] std::string_view label(wire::ProbePhase value);
-[[nodiscard]] std::string_view label(wire::RejectReason value);
-[[nodiscard]] std::string_view label(wire::DeviceKind value);
-[[nodiscard]] std::string_view label(wire::DeviceStatus value);
-[[nodiscard]] std::string_view label(wire::AlarmState value);
-[[nodiscard]] std::string_view label(wire::AlarmSeverity value);
-[[nodiscard]] std::string_view label(wire::CommandKind value);
-[[nodiscard]] std::string_view label(wire::CommandResult value);
+inline constexpr std::string_view kNotKnownHere = "not known here"; // a newer program's value, or nonsense
+
+[[nodiscard]] std::string_view session_label(wire::SessionState value);
+[[nodiscard]] std::string_view pose_label(wire::PoseStatus value);
+[[nodiscard]] std::string_view registration_label(wire::RegistrationStatus value);
+[[nodiscard]] std::string_view refusal_label(wire::RefusalReason value);
+[[nodiscard]] std::string_view deformation_label(wire::DeformationStatus value);
+[[nodiscard]] std::string_view deformation_reason_label(wire::DeformationReason value);
+[[nodiscard]] std::string_view followed_label(wire::FollowedKind value);
+[[nodiscard]] std::string_view phase_label(wire::ProbePhase value);
+[[nodiscard]] std::string_view reject_label(wire::RejectReason value);
+[[nodiscard]] std::string_view device_kind_label(wire::DeviceKind value);
+[[nodiscard]] std::string_view device_status_label(wire::DeviceStatus value);
+[[nodiscard]] std::string_view alarm_label(wire::AlarmState value);
+[[nodiscard]] std::string_view severity_label(wire::AlarmSeverity value);
+[[nodiscard]] std::string_view result_label(wire::CommandResult value);
 
 } // namespace bregma::cli

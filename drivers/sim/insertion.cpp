@@ -9,9 +9,9 @@ namespace {
 
 constexpr double kSpeedUp_s = 0.5; // from rest to full speed
 constexpr double kArrived_mm = 0.01;
-constexpr double kFastestCorrection_mm_s = 4.0;
-constexpr double kLongestStep_s = 0.05; // of steering: what a gap in the display leaves undone stays undone
-constexpr double kAlignTimes = 3.0;     // steering time constants until what is left is a twentieth
+constexpr double kMaxCorrection_mm_s = 4.0;
+constexpr double kMaxStep_s = 0.05; // of steering: what a gap in the display leaves undone stays undone
+constexpr double kAlignTimes = 3.0; // steering time constants until what is left is a twentieth
 constexpr double kSettleTimes = 2.0;
 constexpr double kWithdrawFaster = 2.0;
 
@@ -46,7 +46,7 @@ Insertion::Insertion(const Plan &plan, const Quaterniond &rotation, const Operat
                      const Vector3d &misplaced_mm)
     : plan_(plan), rotation_(rotation), parameters_(parameters),
       direction_((plan.target_mm - plan.entry_mm).normalized()), depth_mm_((plan.target_mm - plan.entry_mm).norm()),
-      way_mm_(-plan.standoff_mm), correction_(misplaced_mm), tip_before_(aim() + correction_), tip_(tip_before_) {}
+      advance_mm_(-plan.standoff_mm), correction_(misplaced_mm), tip_before_(aim() + correction_), tip_(tip_before_) {}
 
 bool Insertion::display_is_live(std::int64_t now_ns) const {
   return shown_ == bregma_wire_POSE_LIVE && seconds(seen_ns_, now_ns) <= parameters_.display_patience_s;
@@ -60,12 +60,12 @@ void Insertion::see(const wire::NavigationState &state, std::int64_t now_ns) {
   }
   const auto &t = state.T_image_tip.translation_mm;
   const Vector3d shown(t[0], t[1], t[2]);
-  const double step_s = steered_ns_ == 0 ? 0.0 : std::min(seconds(steered_ns_, now_ns), kLongestStep_s);
+  const double step_s = steered_ns_ == 0 ? 0.0 : std::min(seconds(steered_ns_, now_ns), kMaxStep_s);
   steered_ns_ = now_ns;
   const bool steering = phase_ != Phase::kWithdraw && phase_ != Phase::kDone;
   if (steering && shown.allFinite()) {
     const Vector3d off = shown - aim();
-    const double fastest = parameters_.steering_time_s * kFastestCorrection_mm_s;
+    const double fastest = parameters_.steering_time_s * kMaxCorrection_mm_s;
     correction_ -= (step_s / parameters_.steering_time_s) * off * std::min(1.0, fastest / std::max(off.norm(), 1e-9));
   }
 }
@@ -73,15 +73,15 @@ void Insertion::see(const wire::NavigationState &state, std::int64_t now_ns) {
 // Accelerates evenly, brakes so as to stop where it should.
 void Insertion::drive(double to_mm, double speed_mm_s, double elapsed_s, bool may_move) {
   const double acceleration = speed_mm_s / kSpeedUp_s;
-  const double left = to_mm - way_mm_;
+  const double left = to_mm - advance_mm_;
   const double wanted =
       may_move ? std::copysign(std::min(speed_mm_s, std::sqrt(2.0 * acceleration * std::abs(left))), left) : 0.0;
   speed_mm_s_ += std::clamp(wanted - speed_mm_s_, -2.0 * acceleration * elapsed_s, 2.0 * acceleration * elapsed_s);
   const double step = speed_mm_s_ * elapsed_s;
-  way_mm_ += std::abs(step) > std::abs(left) && may_move ? left : step;
+  advance_mm_ += std::abs(step) > std::abs(left) && may_move ? left : step;
 }
 
-bool Insertion::at(double way_mm) const { return std::abs(way_mm_ - way_mm) < kArrived_mm; }
+bool Insertion::at(double advance_mm) const { return std::abs(advance_mm_ - advance_mm) < kArrived_mm; }
 
 void Insertion::advance(std::int64_t now_ns) {
   const double elapsed_s = now_ns_ == 0 ? 0.0 : seconds(now_ns_, now_ns);

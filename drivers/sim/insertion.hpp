@@ -44,9 +44,9 @@ public:
 
 private:
   [[nodiscard]] bool display_is_live(std::int64_t now_ns) const;
-  [[nodiscard]] Vector3d aim() const { return plan_.entry_mm + way_mm_ * direction_; }
+  [[nodiscard]] Vector3d aim() const { return plan_.entry_mm + advance_mm_ * direction_; }
   void drive(double to_mm, double speed_mm_s, double elapsed_s, bool may_move);
-  [[nodiscard]] bool at(double way_mm) const;
+  [[nodiscard]] bool at(double advance_mm) const;
 
   Plan plan_;
   Quaterniond rotation_;
@@ -55,7 +55,7 @@ private:
   double depth_mm_; // entry to target
   Phase phase_ = Phase::kAlign;
   double phase_s_ = 0.0; // with a live display
-  double way_mm_;        // along the line; 0 at the entry
+  double advance_mm_;    // along the line; 0 at the entry
   double speed_mm_s_ = 0.0;
   Vector3d correction_;
   double waited_s_ = 0.0;

@@ -12,7 +12,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 constexpr double kTurnSpeed_rad_s = 1.2;
-constexpr double kShortest_s = 0.3;
+constexpr double kMinDuration_s = 0.3;
 constexpr double kRamp_s = 0.6;
 
 double mix(double a, double b, double way) { return a + (b - a) * way; }
@@ -35,7 +35,7 @@ double minimum_jerk(double u) {
 
 Reach::Reach(const HandPose &from, const HandPose &to, double mean_speed_mm_s, const Vector3d &bow_mm)
     : from_(from), to_(to), bow_(bow_mm),
-      duration_s_(std::max({kShortest_s, bowed_length(from.tip_mm, to.tip_mm, bow_mm) / mean_speed_mm_s,
+      duration_s_(std::max({kMinDuration_s, bowed_length(from.tip_mm, to.tip_mm, bow_mm) / mean_speed_mm_s,
                             geometry::angle_between(from.rotation, to.rotation) / kTurnSpeed_rad_s})) {}
 
 Vector3d Reach::position(double way) const {

@@ -64,7 +64,7 @@ private:
   [[nodiscard]] Action move(std::size_t tool, std::function<std::unique_ptr<Movement>()> plan);
   [[nodiscard]] Action reach(std::size_t tool, const HandPose &to);
   [[nodiscard]] Action wait(double seconds);
-  [[nodiscard]] Action ask(wire::CommandKind kind, std::function<void(wire::CommandBody &)> fill);
+  [[nodiscard]] Action ask(wire::CommandKind kind, std::vector<std::string> values = {});
   [[nodiscard]] Action judge(); // fails the step unless the last command was done
   [[nodiscard]] Action guide(std::size_t tool, const Insertion &insertion);
 

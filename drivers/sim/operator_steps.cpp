@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "drivers/sim/operator.hpp"
+#include "idl/commands.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::sim {
@@ -13,17 +14,6 @@ namespace {
 constexpr double kTouchSpeed_mm_s = 110.0; // onto the skin and off it
 constexpr double kFarOut_mm = 60.0;        // above where an insertion begins
 constexpr double kStandoff_mm = 20.0;      // of the probe's tip over the entry while it is aligned
-
-using Body = wire::CommandBody;
-
-// The names come from the case and the scenario's check against it, so they fit.
-auto tool_only(const std::string &tool) {
-  return [tool](Body &body) { (void)wire::set_name(body._u.tool.tool, tool); };
-}
-
-auto nothing() {
-  return [](Body &) {};
-}
 
 std::string reply_text(const wire::CommandReply &reply) {
   return {reply.text, strnlen(reply.text, sizeof(reply.text))};
@@ -46,14 +36,17 @@ Operator::Action Operator::wait(double seconds) {
   return {nullptr, [this, seconds] { return since_action_s() >= seconds; }};
 }
 
-Operator::Action Operator::ask(wire::CommandKind kind, std::function<void(Body &)> fill) {
-  const auto say = [this, kind, fill = std::move(fill)] {
+Operator::Action Operator::ask(wire::CommandKind kind, std::vector<std::string> values) {
+  const auto say = [this, kind, values = std::move(values)] {
     wire::Command command{};
     (void)wire::set_name(command.client, kOperatorClient);
     command.id = ++last_command_;
     command.sent_time_ns = now_ns_;
-    command.body._d = kind;
-    fill(command.body);
+    const std::vector<std::string_view> views(values.begin(), values.end());
+    if (const std::string wrong = wire::fill_command(command, kind, views); !wrong.empty()) {
+      fail(wrong);
+      return;
+    }
     reply_.reset();
     out_->commands.push_back(command);
   };
@@ -79,12 +72,8 @@ Operator::Action Operator::judge() {
 
 Operator::Actions Operator::actions_of(const Step &step) {
   switch (step.kind) {
-  case StepKind::kLoadCase: {
-    const std::string folder = case_->folder.string();
-    return {
-        ask(bregma_wire_COMMAND_LOAD_CASE, [folder](Body &body) { wire::set_text(body._u.load_case.folder, folder); }),
-        judge()};
-  }
+  case StepKind::kLoadCase:
+    return {ask(bregma_wire_COMMAND_LOAD_CASE, {case_->folder.string()}), judge()};
   case StepKind::kPivot:
     return pivot(step);
   case StepKind::kTouchFiducials:
@@ -97,22 +86,17 @@ Operator::Actions Operator::actions_of(const Step &step) {
   case StepKind::kWait:
     return {wait(step.duration_s)};
   case StepKind::kStartNavigation:
-    return {ask(bregma_wire_COMMAND_START_NAVIGATION,
-                [step](Body &body) {
-                  (void)wire::set_name(body._u.plan.tool, step.tool);
-                  (void)wire::set_name(body._u.plan.trajectory, step.trajectory);
-                }),
-            judge()};
+    return {ask(bregma_wire_COMMAND_START_NAVIGATION, {step.tool, step.trajectory}), judge()};
   case StepKind::kStartRegistration:
-    return {ask(bregma_wire_COMMAND_START_REGISTRATION, nothing()), judge()};
+    return {ask(bregma_wire_COMMAND_START_REGISTRATION), judge()};
   case StepKind::kAcceptRegistration:
-    return {ask(bregma_wire_COMMAND_ACCEPT_REGISTRATION, nothing()), judge()};
+    return {ask(bregma_wire_COMMAND_ACCEPT_REGISTRATION), judge()};
   case StepKind::kConfirmVerification:
-    return {ask(bregma_wire_COMMAND_CONFIRM_VERIFICATION, nothing()), judge()};
+    return {ask(bregma_wire_COMMAND_CONFIRM_VERIFICATION), judge()};
   case StepKind::kStopNavigation:
-    return {ask(bregma_wire_COMMAND_STOP_NAVIGATION, nothing()), judge()};
+    return {ask(bregma_wire_COMMAND_STOP_NAVIGATION), judge()};
   case StepKind::kCloseCase:
-    return {ask(bregma_wire_COMMAND_CLOSE_CASE, nothing()), judge()};
+    return {ask(bregma_wire_COMMAND_CLOSE_CASE), judge()};
   }
   return {};
 }
@@ -139,12 +123,12 @@ Operator::Actions Operator::pivot(const Step &step) {
   Actions out = take(tool);
   out.push_back(reach(tool, rest));
   out.push_back(wait(parameters_.settle_s));
-  out.push_back(ask(bregma_wire_COMMAND_START_PIVOT, tool_only(step.tool)));
+  out.push_back(ask(bregma_wire_COMMAND_START_PIVOT, {step.tool}));
   out.push_back(judge());
   out.push_back(move(tool, [rest, amplitudes, duration = step.duration_s] {
     return std::make_unique<Swing>(rest, amplitudes, duration);
   }));
-  out.push_back(ask(bregma_wire_COMMAND_FINISH_PIVOT, tool_only(step.tool)));
+  out.push_back(ask(bregma_wire_COMMAND_FINISH_PIVOT, {step.tool}));
   out.push_back(judge());
   return out;
 }
@@ -172,14 +156,10 @@ Operator::Actions Operator::touch(const Touch &touch) {
   const Vector3d normal = patient_->head.skin(touch.position_mm).normal;
   const HandPose contact = planning_.grip(true_tool(touch.tool), aimed, normal);
   const HandPose off = planning_.stand_off(contact, normal);
-  const auto fill = [tool = true_tool(touch.tool).model.name, point = touch.point](Body &body) {
-    (void)wire::set_name(body._u.touch.tool, tool);
-    (void)wire::set_name(body._u.touch.point, point);
-  };
   return {reach(touch.tool, off),
           move(touch.tool, [off, contact] { return std::make_unique<Reach>(off, contact, kTouchSpeed_mm_s); }),
           wait(parameters_.settle_s),
-          ask(touch.kind, fill),
+          ask(touch.kind, {true_tool(touch.tool).model.name, touch.point}),
           move(touch.tool, [off, contact] { return std::make_unique<Reach>(contact, off, kTouchSpeed_mm_s); }),
           call([this, touch] { judge_touch(touch); })};
 }
@@ -208,10 +188,10 @@ Operator::Actions Operator::trace(const Step &step) {
   out.push_back(reach(tool, off));
   out.push_back(move(tool, [off, on = path.front()] { return std::make_unique<Reach>(off, on, kTouchSpeed_mm_s); }));
   out.push_back(wait(parameters_.settle_s));
-  out.push_back(ask(bregma_wire_COMMAND_START_TRACE, tool_only(step.tool)));
+  out.push_back(ask(bregma_wire_COMMAND_START_TRACE, {step.tool}));
   out.push_back(judge());
   out.push_back(move(tool, [path, speed = step.speed_mm_s] { return std::make_unique<Glide>(path, speed); }));
-  out.push_back(ask(bregma_wire_COMMAND_STOP_TRACE, tool_only(step.tool)));
+  out.push_back(ask(bregma_wire_COMMAND_STOP_TRACE, {step.tool}));
   out.push_back(judge());
   out.push_back(reach(tool, planning_.stand_off(path.back(), last_normal)));
   return out;

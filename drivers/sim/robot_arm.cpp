@@ -71,7 +71,7 @@ T_BaseFlange RobotArm::forward(const Joints &joints) { return kinematics(joints)
 
 bool RobotArm::inverse(const T_BaseFlange &wanted, Joints &joints) {
   constexpr double kClose_mm = 1e-6;
-  constexpr double kLongestStep_rad = 0.2;
+  constexpr double kMaxStep_rad = 0.2;
   Vector6d scale;
   scale << 1, 1, 1, kRotationScale_mm, kRotationScale_mm, kRotationScale_mm;
   for (int iteration = 0; iteration < 200; ++iteration) {
@@ -90,7 +90,7 @@ bool RobotArm::inverse(const T_BaseFlange &wanted, Joints &joints) {
     A.diagonal().array() += damping * damping;
     Joints step = J.transpose() * A.ldlt().solve(error);
     const double longest = step.cwiseAbs().maxCoeff();
-    step *= longest > kLongestStep_rad ? kLongestStep_rad / longest : 1.0;
+    step *= longest > kMaxStep_rad ? kMaxStep_rad / longest : 1.0;
     joints += step;
   }
   return false;

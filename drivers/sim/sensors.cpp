@@ -57,6 +57,7 @@ std::optional<wire::RangeSample> RangeSensor::sample(const T_ImageFlange &T_imag
   wire::RangeSample out{};
   out.range_mm = std::max(0.0, *last_range_mm_ + error);
   out.sigma_mm = sigma_mm_;
+  out.status = bregma_wire_RANGE_VALID;
   return out;
 }
 

@@ -10,13 +10,8 @@ namespace {
 
 using wire::RejectReason;
 
-// An enumeration that came over the wire may hold any number, and must not be read as one before it is checked.
-template <class Enum> std::uint32_t raw(const Enum &value) noexcept {
-  static_assert(sizeof(Enum) == sizeof(std::uint32_t));
-  std::uint32_t out = 0;
-  std::memcpy(&out, &value, sizeof out);
-  return out;
-}
+// No constant of the wire is negative; a positive value that this program does not know is one of a later revision.
+bool is_constant(std::int32_t value) noexcept { return value >= 0; }
 
 bool is_name(const wire::Name &name) noexcept { return name[0] != '\0' && wire::is_terminated(name); }
 
@@ -46,8 +41,29 @@ Rejection check_pose(const wire::Pose &pose) noexcept {
   return std::nullopt;
 }
 
+// A covariance that is stated at all is one: finite, and by its diagonal a bound of what stands beside it. All 0 states
+// none.
+Rejection check_covariance(const wire::PoseCovariance &upper) noexcept {
+  for (const float entry : upper) {
+    if (!std::isfinite(entry)) {
+      return bregma_wire_REJECT_NOT_FINITE;
+    }
+  }
+  for (std::size_t row = 0; row < 6; ++row) {
+    for (std::size_t column = row; column < 6; ++column) {
+      const double entry = upper[wire::upper_index(row, column)];
+      const double variances = double{upper[wire::upper_index(row, row)]} * upper[wire::upper_index(column, column)];
+      const bool negative = row == column && entry < 0.0;
+      if (negative || entry * entry > variances * kCorrelationTolerance) {
+        return bregma_wire_REJECT_MALFORMED;
+      }
+    }
+  }
+  return std::nullopt;
+}
+
 bool is_tracked(const wire::TrackedTool &tool) noexcept {
-  return raw(tool.status) == bregma_wire_TOOL_VISIBLE || raw(tool.status) == bregma_wire_TOOL_PARTLY_VISIBLE;
+  return tool.status == bregma_wire_TOOL_VISIBLE || tool.status == bregma_wire_TOOL_PARTLY_VISIBLE;
 }
 
 bool is_well_formed(const wire::TrackerFrame &sample) noexcept {
@@ -56,7 +72,7 @@ bool is_well_formed(const wire::TrackerFrame &sample) noexcept {
   }
   for (std::uint32_t i = 0; i < sample.tool_count; ++i) {
     const wire::TrackedTool &tool = sample.tools[i];
-    if (!is_name(tool.tool) || raw(tool.status) > bregma_wire_TOOL_OUT_OF_VOLUME || tool.marker_rms_mm < 0.0) {
+    if (!is_name(tool.tool) || !is_constant(tool.status) || tool.marker_rms_mm < 0.0) {
       return false;
     }
     for (std::uint32_t j = 0; j < i; ++j) {
@@ -113,12 +129,16 @@ Rejection check_payload(const wire::TrackerFrame &sample, const KnownTools &tool
     if (const Rejection rejection = check_pose(tool.T_tracker_tool)) {
       return rejection;
     }
+    if (const Rejection rejection = check_covariance(tool.covariance)) {
+      return rejection;
+    }
   }
   return std::nullopt;
 }
 
 Rejection check_payload(const wire::RobotState &sample, const KnownTools & /*tools*/) noexcept {
-  if (sample.joint_count > bregma_wire_MAX_JOINTS || raw(sample.mode) > bregma_wire_ROBOT_FAULT) {
+  if (sample.joint_count > bregma_wire_MAX_JOINTS || !is_constant(sample.mode) || !wire::is_terminated(sample.tool) ||
+      !wire::is_terminated(sample.motion_client)) {
     return bregma_wire_REJECT_MALFORMED;
   }
   const std::size_t joints = sample.joint_count;
@@ -127,10 +147,17 @@ Rejection check_payload(const wire::RobotState &sample, const KnownTools & /*too
       !are_finite(std::span(sample.joint_effort_Nm).first(joints))) {
     return bregma_wire_REJECT_NOT_FINITE;
   }
-  return check_pose(sample.T_base_flange);
+  const Rejection pose = check_pose(sample.T_base_flange);
+  return pose ? pose : check_covariance(sample.covariance);
 }
 
 Rejection check_payload(const wire::RangeSample &sample, const KnownTools & /*tools*/) noexcept {
+  if (sample.status == bregma_wire_RANGE_UNKNOWN || !is_constant(sample.status)) {
+    return bregma_wire_REJECT_MALFORMED;
+  }
+  if (sample.status != bregma_wire_RANGE_VALID) {
+    return std::nullopt; // no reading: its figures are not looked at
+  }
   if (!std::isfinite(sample.range_mm) || !std::isfinite(sample.sigma_mm)) {
     return bregma_wire_REJECT_NOT_FINITE;
   }
@@ -160,8 +187,9 @@ std::string_view describe(RejectReason reason) noexcept {
     return "duplicate";
   case bregma_wire_REJECT_MALFORMED:
     return "malformed";
+  default:
+    return "unknown reason";
   }
-  return "unknown reason";
 }
 
 } // namespace bregma::inputs

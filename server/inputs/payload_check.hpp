@@ -15,6 +15,8 @@ namespace bregma::inputs {
 
 // A quaternion's norm may differ from 1 by so much: single precision on a device's own wire leaves 1e-7.
 inline constexpr double kRotationTolerance = 1e-3;
+// A covariance in single precision may claim a correlation a little beyond 1: of its square.
+inline constexpr double kCorrelationTolerance = 1.001;
 // Positions beyond are no room's.
 inline constexpr double kMaxPosition_mm = 20'000.0;
 inline constexpr std::int64_t kMinPeriod_ns = 200'000; // 5 kHz

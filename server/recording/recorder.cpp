@@ -22,7 +22,7 @@ constexpr const char *kPollChannel = "poll";
 Channel::Channel(std::string name, std::size_t bytes, const std::atomic<bool> &recording)
     : ring_(bytes), name_(std::move(name)), recording_(recording) {}
 
-bool Channel::push_bytes(const char *topic, std::int64_t time_ns, std::span<const std::byte> body) noexcept {
+bool Channel::push(const char *topic, std::int64_t time_ns, std::span<const std::byte> body) noexcept {
   if (!recording_.load(std::memory_order_relaxed)) {
     return true;
   }

@@ -70,8 +70,10 @@ public:
   // to do, and nothing is counted.
   template <class T> bool push(std::int64_t time_ns, const T &sample) noexcept {
     static_assert(casefile::kIsRecordable<T>);
-    return push_bytes(wire::Topic<T>::kName, time_ns, std::as_bytes(std::span(&sample, 1)));
+    return push(wire::Topic<T>::kName, time_ns, std::as_bytes(std::span(&sample, 1)));
   }
+  // The same for a sample that is known by its bytes. topic: of static storage.
+  bool push(const char *topic, std::int64_t time_ns, std::span<const std::byte> body) noexcept;
 
   [[nodiscard]] const std::string &name() const noexcept { return name_; }
   [[nodiscard]] std::uint64_t pushed() const noexcept { return ring_.pushed() + ring_.dropped(); }
@@ -83,7 +85,6 @@ private:
     const char *topic; // of static storage
     std::int64_t time_ns;
   };
-  bool push_bytes(const char *topic, std::int64_t time_ns, std::span<const std::byte> body) noexcept;
 
   runtime::ByteRing ring_;
   std::string name_;
@@ -116,7 +117,7 @@ public:
 
   [[nodiscard]] RecorderStatus status() const noexcept;
 
-  static constexpr std::size_t kMaxChannels = 16;
+  static constexpr std::size_t kMaxChannels = 64;
 
 private:
   using Task = std::packaged_task<base::Result<void>()>;

@@ -1,6 +1,7 @@
 // Time is injected, so that a run can be replayed and tests have no sleeps.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 
@@ -12,13 +13,19 @@ public:
   virtual ~Clock() = default;
   [[nodiscard]] virtual std::int64_t now_ns() const noexcept = 0;       // UTC, since the Unix epoch
   [[nodiscard]] virtual std::int64_t monotonic_ns() const noexcept = 0; // never steps; for durations and deadlines
+  [[nodiscard]] virtual std::int64_t boot_ns() const noexcept = 0;      // never steps, and goes on during suspend
 };
 
 class SystemClock final : public Clock {
 public:
   [[nodiscard]] std::int64_t now_ns() const noexcept override;
   [[nodiscard]] std::int64_t monotonic_ns() const noexcept override;
+  [[nodiscard]] std::int64_t boot_ns() const noexcept override;
 };
+
+// Identity of this run of the machine: two times of boot_ns() can be compared only where it is equal. All 0 where the
+// system does not tell.
+[[nodiscard]] std::array<std::uint8_t, 16> boot_id();
 
 class ManualClock final : public Clock {
 public:
@@ -27,6 +34,7 @@ public:
   [[nodiscard]] std::int64_t monotonic_ns() const noexcept override {
     return monotonic_ns_.load(std::memory_order_relaxed);
   }
+  [[nodiscard]] std::int64_t boot_ns() const noexcept override { return monotonic_ns(); }
   void advance(std::int64_t duration_ns) noexcept {
     now_ns_.fetch_add(duration_ns, std::memory_order_relaxed);
     monotonic_ns_.fetch_add(duration_ns, std::memory_order_relaxed);

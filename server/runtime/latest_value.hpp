@@ -81,4 +81,20 @@ private:
   alignas(64) std::array<Slot, kSlots> slots_{};
 };
 
+// A reader's end of a latest value: the copy that it works with, and which one that is. One thread.
+template <class T> class LatestInput {
+public:
+  // source: outlives this input. Once, before the first refresh.
+  void connect(const LatestValue<T> &source) noexcept { source_ = &source; }
+  // Brings the copy up to date; true when there was a newer value.
+  bool refresh() noexcept { return source_->load_newer(value_, seen_); }
+  // As of the last refresh; a default value before the first one that was stored.
+  [[nodiscard]] const T &value() const noexcept { return value_; }
+
+private:
+  const LatestValue<T> *source_ = nullptr;
+  T value_{};
+  std::uint64_t seen_ = 0;
+};
+
 } // namespace bregma::runtime

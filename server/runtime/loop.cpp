@@ -11,7 +11,7 @@ namespace bregma::runtime {
 namespace {
 
 // A slow loop looks this often whether it is to stop.
-constexpr std::int64_t kLongestSleep_ns = 50'000'000;
+constexpr std::int64_t kMaxSleep_ns = 50'000'000;
 
 void sleep_until(std::int64_t monotonic_ns) noexcept {
   const timespec time{monotonic_ns / 1'000'000'000, monotonic_ns % 1'000'000'000};
@@ -79,14 +79,15 @@ void PeriodicLoop::run() noexcept {
   while (!stopping_.load(std::memory_order_relaxed)) {
     const std::int64_t now_ns = monotonic_ns();
     if (!ticker.due(now_ns)) {
-      sleep_until(std::min(ticker.next_ns(), now_ns + kLongestSleep_ns));
+      sleep_until(std::min(ticker.next_ns(), now_ns + kMaxSleep_ns));
       continue;
     }
     {
       const TimedStep timed(statistics_);
       step_();
     }
-    statistics_.count_overruns(ticker.advance(monotonic_ns()));
+    const std::uint64_t missed = ticker.advance(monotonic_ns());
+    statistics_.count_overruns(options_.count_overruns ? missed : 0);
   }
 }
 

@@ -77,6 +77,7 @@ private:
 struct LoopOptions {
   ThreadOptions thread;
   std::int64_t period_ns = 0; // above 0
+  bool count_overruns = true; // false: a step may take as long as it takes
 };
 
 // Threads: start, stop and the destructor belong to one thread; the readers to any.

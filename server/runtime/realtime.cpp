@@ -116,8 +116,9 @@ TimerQuality measure_timer(std::int64_t period_ns, int wakes) {
       next = std::max(next + period_ns, now + 1);
     }
     std::sort(late.begin(), late.end());
-    const auto at = [&](double share) {
-      return 1e-3 * static_cast<double>(late[static_cast<std::size_t>(share * static_cast<double>(late.size() - 1))]);
+    const auto at = [&](double fraction) {
+      return 1e-3 *
+             static_cast<double>(late[static_cast<std::size_t>(fraction * static_cast<double>(late.size() - 1))]);
     };
     quality.p50_us = at(0.50);
     quality.p99_us = at(0.99);

@@ -123,13 +123,13 @@ RealtimeCheck check_synchronisation() {
 
 RealtimeCheck check_sockets() {
   constexpr long kNeeded = 1 << 20;
-  const long most = number("/proc/sys/net/core/rmem_max", 0);
-  const std::string found = "receive buffers up to " + std::to_string(most / 1024) + " KiB";
-  if (most > 0 && most < kNeeded) {
+  const long max_bytes = number("/proc/sys/net/core/rmem_max", 0);
+  const std::string found = "receive buffers up to " + std::to_string(max_bytes / 1024) + " KiB";
+  if (max_bytes > 0 && max_bytes < kNeeded) {
     return {"sockets", Fitness::kLimited, found + ": bursts of large samples may be lost",
             "set sysctl net.core.rmem_max=1048576"};
   }
-  return {"sockets", Fitness::kGood, most > 0 ? found : "limit of receive buffers unknown", ""};
+  return {"sockets", Fitness::kGood, max_bytes > 0 ? found : "limit of receive buffers unknown", ""};
 }
 
 } // namespace

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "idl/commands.hpp"
+#include "idl/version.hpp"
 #include "server/session/session_core.hpp"
 
 namespace bregma::server {
@@ -13,68 +15,48 @@ constexpr std::int64_t kSaveIntervalNs = 1'000'000'000; // of samples that come 
 // Raised when a registration stands that nobody has verified since a restart or a drift alarm.
 constexpr const char *kVerify = "verification";
 
-// What is wrong with a command from the wire; empty: nothing.
-std::string malformed(const wire::Command &command) {
-  int kind = 0; // as it came: a foreign writer may send one that the enumeration does not have
-  static_assert(sizeof kind == sizeof command.body._d);
-  std::memcpy(&kind, &command.body._d, sizeof kind);
-  if (kind < bregma_wire_COMMAND_LOAD_CASE || kind > bregma_wire_COMMAND_CLOSE_CASE) {
-    return "command kind " + std::to_string(kind) + " is not known";
+// Why a command of this kind is carried out by no state of this daemon; empty: it may be.
+std::string unsupported(wire::CommandKind kind) {
+  const wire::CommandEntry *entry = wire::find_command(kind);
+  if (entry == nullptr) {
+    return "command kind " + std::to_string(kind) + " is not known: this daemon speaks wire " +
+           wire::text_of(wire::kWireVersion);
   }
-  const auto &body = command.body._u;
-  const auto check = [](const char *field, const wire::Name &name) {
-    return wire::is_terminated(name) ? std::string() : std::string(field) + " is longer than a name can be";
-  };
-  switch (command.body._d) {
-  case bregma_wire_COMMAND_START_PIVOT:
-  case bregma_wire_COMMAND_FINISH_PIVOT:
-  case bregma_wire_COMMAND_START_TRACE:
-  case bregma_wire_COMMAND_STOP_TRACE:
-    return check("tool", body.tool.tool);
-  case bregma_wire_COMMAND_CAPTURE_FIDUCIAL:
-  case bregma_wire_COMMAND_CHECK_TOUCH: {
-    const std::string wrong = check("tool", body.touch.tool);
-    return wrong.empty() ? check("point", body.touch.point) : wrong;
-  }
-  case bregma_wire_COMMAND_REMOVE_FIDUCIAL:
-    return check("point", body.point.point);
-  case bregma_wire_COMMAND_START_NAVIGATION: {
-    const std::string wrong = check("tool", body.plan.tool);
-    return wrong.empty() ? check("trajectory", body.plan.trajectory) : wrong;
-  }
-  case bregma_wire_COMMAND_ACKNOWLEDGE_ALARM: {
-    const std::string wrong = check("kind", body.alarm.kind);
-    return wrong.empty() ? check("subject", body.alarm.subject) : wrong;
-  }
-  default:
-    return {};
-  }
+  return StateMachine::carries_out(kind)
+             ? std::string()
+             : std::string("this daemon cannot ") + entry->deed + " (" + entry->name + "): it has no part that does it";
 }
 
 } // namespace
 
 Session::Impl::Impl(SessionConfig config, SessionPorts &ports, Executor executor)
     : config_(std::move(config)), ports_(ports), executor_(std::move(executor)), file_(config_.state_directory),
-      board_([this](const wire::Alarm &alarm) { ports_.publish(alarm); }) {}
+      alarm_registry_([this](const wire::Alarm &alarm) { ports_.publish(alarm); }) {}
 
 void Session::Impl::handle(const wire::Command &command) {
   if (!wire::is_terminated(command.client) || wire::view(command.client).empty()) {
     ports_.log("a command without a client's name was dropped: nobody can be answered");
     return;
   }
-  Ticket ticket{wire::text(command.client), command.id, command.sent_time_ns};
-  if (const std::string wrong = malformed(command); !wrong.empty()) {
+  if (!wire::view(command.receiver).empty() && wire::view(command.receiver) != wire::kDaemonName) {
+    return; // a device carries it out and answers
+  }
+  const Ticket ticket{wire::text(command.client), command.id, command.sent_time_ns, command.kind};
+  if (const std::string why = unsupported(command.kind); !why.empty()) {
+    publish_reply(ticket, {bregma_wire_COMMAND_UNSUPPORTED, why}, false);
+    return;
+  }
+  if (const std::string wrong = wire::malformed(command); !wrong.empty()) {
     publish_reply(ticket, {bregma_wire_COMMAND_MALFORMED, wrong}, false);
     return;
   }
-  ticket.kind = command.body._d;
-  switch (book_.enter(ticket)) {
-  case ReplyBook::Seen::kUnderWay:
+  switch (reply_cache_.enter(ticket)) {
+  case ReplyCache::Seen::kUnderWay:
     return;
-  case ReplyBook::Seen::kAnswered:
-    ports_.publish(book_.reply(ticket));
+  case ReplyCache::Seen::kAnswered:
+    ports_.publish(reply_cache_.reply(ticket));
     return;
-  case ReplyBook::Seen::kNew:
+  case ReplyCache::Seen::kNew:
     break;
   }
   if (const auto refusal = machine_.refusal(ticket.kind)) {
@@ -97,13 +79,14 @@ void Session::Impl::publish_reply(const Ticket &ticket, const Answer &answer, bo
   wire::CommandReply reply{};
   (void)wire::set_name(reply.client, ticket.client); // it came as a name
   reply.id = ticket.id;
+  reply.kind = ticket.kind;
   reply.result = answer.result;
   reply.session = machine_.state();
   reply.value_mm = answer.value_mm;
   wire::set_text(reply.text, answer.text);
   if (remember) {
-    book_.answer(ticket, reply);
-    ports_.log(ticket.client + " " + std::string(command_name(ticket.kind)) + ": " +
+    reply_cache_.answer(ticket, reply);
+    ports_.log(ticket.client + " " + wire::command_name(ticket.kind) + ": " +
                (answer.result == bregma_wire_COMMAND_DONE ? "" : "refused: ") + answer.text);
   }
   ports_.publish(reply);
@@ -150,11 +133,11 @@ void Session::Impl::condition(const char *kind, std::string_view subject, bool a
   out.severity = severity;
   out.time_ns = now_ns;
   wire::set_text(out.text, text);
-  board_.update(out);
+  alarm_registry_.update(out);
 }
 
 void Session::Impl::on_condition(const AlarmCondition &condition) {
-  const bool changed = board_.update(condition);
+  const bool changed = alarm_registry_.update(condition);
   const std::string text(condition.text, strnlen(condition.text, sizeof condition.text));
   const std::string subject = wire::text(condition.subject);
   const std::string cause = wire::text(condition.kind) + (subject.empty() ? "" : " " + subject);

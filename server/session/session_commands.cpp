@@ -1,15 +1,15 @@
 // What each command does, but for those of the registration.
 #include <algorithm>
 
-#include "server/session/sentences.hpp"
 #include "server/session/session_core.hpp"
+#include "server/session/session_text.hpp"
 
 namespace bregma::server {
 Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &body) {
   const auto &of = body._u;
   switch (ticket.kind) {
   case bregma_wire_COMMAND_LOAD_CASE:
-    return load_case(of.load_case.folder);
+    return load_case(of.folder.folder);
   case bregma_wire_COMMAND_START_PIVOT:
     return start_pivot(wire::text(of.tool.tool));
   case bregma_wire_COMMAND_FINISH_PIVOT:
@@ -182,7 +182,7 @@ Answer Session::Impl::start_navigation(const std::string &tool, const std::strin
 }
 
 Answer Session::Impl::acknowledge(const std::string &kind, const std::string &subject) {
-  if (const auto refusal = board_.acknowledge(kind, subject, now_ns)) {
+  if (const auto refusal = alarm_registry_.acknowledge(kind, subject, now_ns)) {
     return refused(*refusal);
   }
   if (kind == alarm::kDrift) {

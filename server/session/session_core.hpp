@@ -10,9 +10,9 @@
 #include <tl/expected.hpp>
 
 #include "idl/names.hpp"
-#include "server/session/alarm_board.hpp"
+#include "server/session/alarm_registry.hpp"
 #include "server/session/pivot_run.hpp"
-#include "server/session/reply_book.hpp"
+#include "server/session/reply_cache.hpp"
 #include "server/session/session.hpp"
 #include "server/session/state_machine.hpp"
 
@@ -76,7 +76,7 @@ private:
   [[nodiscard]] Outcome finish_pivot(const Ticket &ticket, const std::string &tool);
   [[nodiscard]] Answer take_pivot(const calibration::PivotResult &result);
   [[nodiscard]] Answer start_registration();
-  [[nodiscard]] Outcome touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_ToolAtPoint &body);
+  [[nodiscard]] Outcome touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_TouchBody &body);
   [[nodiscard]] Answer take_fiducial(const CaptureRequest &request, const CaptureResult &result);
   [[nodiscard]] Answer take_check(const CaptureRequest &request, const CaptureResult &result);
   [[nodiscard]] Answer remove_fiducial(const std::string &point);
@@ -101,8 +101,8 @@ private:
   Executor executor_;
   SnapshotFile file_;
   StateMachine machine_;
-  AlarmBoard board_;
-  ReplyBook book_;
+  AlarmRegistry alarm_registry_;
+  ReplyCache reply_cache_;
   SessionData data_;
   bool unsaved_ = false;
   std::int64_t saved_ns_ = 0;

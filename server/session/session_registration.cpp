@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "server/session/sentences.hpp"
 #include "server/session/session_core.hpp"
+#include "server/session/session_text.hpp"
 #include "server/session/verdicts.hpp"
 
 namespace bregma::server {
@@ -18,7 +18,7 @@ Answer Session::Impl::start_registration() {
   return {.text = "touch the fiducials: " + names_of(case_->fiducials)};
 }
 
-Outcome Session::Impl::touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_ToolAtPoint &body) {
+Outcome Session::Impl::touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_TouchBody &body) {
   const bool check = kind == bregma_wire_CAPTURE_CHECK;
   const std::string point = wire::text(body.point);
   if (const auto tool = find_tool_with_tip(wire::text(body.tool)); !tool) {
@@ -222,7 +222,7 @@ Answer Session::Impl::confirm_verification() {
   if (capture_) {
     return refused("a touch is being captured: wait for it");
   }
-  if (board_.unacknowledged(alarm::kDrift)) {
+  if (alarm_registry_.unacknowledged(alarm::kDrift)) {
     return refused("a drift alarm is not acknowledged: acknowledge it, then check the landmarks again");
   }
   if (const auto refusal = refuse_verification(*case_, *data_.accepted, data_.checks, config_.min_checks)) {

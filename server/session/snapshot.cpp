@@ -7,13 +7,14 @@
 #include <nlohmann/json.hpp>
 
 #include "idl/names.hpp"
+#include "server/session/state_machine.hpp"
 
 namespace bregma::server {
 namespace {
 
 using nlohmann::json;
 
-constexpr int kVersion = 1;
+constexpr int kVersion = 2; // 1 wrote the stage as a number of an enumeration that has been numbered anew
 
 std::string checksum(const std::string &text) {
   boost::crc_32_type crc;
@@ -100,11 +101,12 @@ RegistrationAccepted read_accepted(const json &from) {
 
 SessionData read_session(const json &from) {
   SessionData data;
-  const int stage = from.at("stage");
-  if (stage < bregma_wire_SESSION_IDLE || stage > bregma_wire_SESSION_NAVIGATING) {
-    throw std::out_of_range("stage = " + std::to_string(stage) + " is no stage of a session");
+  const std::string name = from.at("stage");
+  const auto stage = stage_named(name);
+  if (!stage) {
+    throw std::out_of_range("stage = \"" + name + "\" is no stage of a session");
   }
-  data.stage = static_cast<wire::SessionState>(stage);
+  data.stage = *stage;
   from.at("case_folder").get_to(data.case_folder);
   from.at("case_id").get_to(data.case_id);
   from.at("recording").get_to(data.recording);
@@ -131,10 +133,9 @@ SessionData read_session(const json &from) {
 } // namespace
 
 std::string to_json(const SessionData &data) {
-  json session = {
-      {"stage", static_cast<int>(data.stage)}, {"case_folder", data.case_folder}, {"case_id", data.case_id},
-      {"recording", data.recording},           {"revision", data.revision},       {"tips", json::object()},
-      {"fiducials", json::object()},           {"surface", json::array()},        {"checks", json::object()}};
+  json session = {{"stage", state_name(data.stage)}, {"case_folder", data.case_folder}, {"case_id", data.case_id},
+                  {"recording", data.recording},     {"revision", data.revision},       {"tips", json::object()},
+                  {"fiducials", json::object()},     {"surface", json::array()},        {"checks", json::object()}};
   for (const auto &[tool, tip] : data.tips) {
     session["tips"][tool] = write(tip);
   }

@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <utility>
+
+#include "idl/commands.hpp"
 
 namespace bregma::server {
 namespace {
@@ -20,48 +23,37 @@ constexpr SessionState kSame = bregma_wire_SESSION_FAULT; // as a row's next sta
 
 struct Row {
   CommandKind kind;
-  const char *name;
-  const char *deed;         // completes "cannot ..."
   SessionState first, last; // the stages it fits, both included
   SessionState next;
   bool needs_tracking;  // measures or relies on what is measured now: refused while Degraded
   const char *too_late; // what to do where the stage is past `last`
 };
 
-constexpr std::array<Row, 15> kTable{{
-    {bregma_wire_COMMAND_LOAD_CASE, "LOAD_CASE", "load a case", kIdle, kIdle, kCaseLoaded, false,
-     "close the present case first"},
-    {bregma_wire_COMMAND_START_PIVOT, "START_PIVOT", "start a pivot calibration", kCaseLoaded, kVerified, kSame, true,
-     "stop the navigation first"},
-    {bregma_wire_COMMAND_FINISH_PIVOT, "FINISH_PIVOT", "finish a pivot calibration", kCaseLoaded, kVerified, kSame,
-     false, "stop the navigation first"},
-    {bregma_wire_COMMAND_START_REGISTRATION, "START_REGISTRATION", "start a registration", kCaseLoaded, kVerified,
-     kRegistering, false, "stop the navigation first"},
-    {bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "CAPTURE_FIDUCIAL", "capture a fiducial", kRegistering, kRegistering, kSame,
-     true, "start a new registration first"},
-    {bregma_wire_COMMAND_REMOVE_FIDUCIAL, "REMOVE_FIDUCIAL", "remove a fiducial", kRegistering, kRegistering, kSame,
-     false, "start a new registration first"},
-    {bregma_wire_COMMAND_START_TRACE, "START_TRACE", "trace the surface", kRegistering, kNavigating, kSame, true, ""},
-    {bregma_wire_COMMAND_STOP_TRACE, "STOP_TRACE", "stop a trace", kRegistering, kNavigating, kSame, false, ""},
-    {bregma_wire_COMMAND_ACCEPT_REGISTRATION, "ACCEPT_REGISTRATION", "accept a registration", kRegistering,
-     kRegistering, kRegistered, false, "one is accepted; start a new registration to replace it"},
-    {bregma_wire_COMMAND_CHECK_TOUCH, "CHECK_TOUCH", "check a landmark", kRegistered, kNavigating, kSame, true, ""},
-    {bregma_wire_COMMAND_CONFIRM_VERIFICATION, "CONFIRM_VERIFICATION", "confirm the verification", kRegistered,
-     kRegistered, kVerified, true, "the registration is verified"},
-    {bregma_wire_COMMAND_START_NAVIGATION, "START_NAVIGATION", "start the navigation", kVerified, kVerified,
-     kNavigating, true, "stop the present navigation first"},
-    {bregma_wire_COMMAND_STOP_NAVIGATION, "STOP_NAVIGATION", "stop the navigation", kNavigating, kNavigating, kVerified,
-     false, ""},
-    {bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, "ACKNOWLEDGE_ALARM", "acknowledge an alarm", kIdle, kNavigating, kSame,
-     false, ""},
-    {bregma_wire_COMMAND_CLOSE_CASE, "CLOSE_CASE", "close the case", kCaseLoaded, kVerified, kIdle, false,
-     "stop the navigation first"},
-}};
+constexpr Row kTable[] = {
+    {bregma_wire_COMMAND_LOAD_CASE, kIdle, kIdle, kCaseLoaded, false, "close the present case first"},
+    {bregma_wire_COMMAND_START_PIVOT, kCaseLoaded, kVerified, kSame, true, "stop the navigation first"},
+    {bregma_wire_COMMAND_FINISH_PIVOT, kCaseLoaded, kVerified, kSame, false, "stop the navigation first"},
+    {bregma_wire_COMMAND_START_REGISTRATION, kCaseLoaded, kVerified, kRegistering, false, "stop the navigation first"},
+    {bregma_wire_COMMAND_CAPTURE_FIDUCIAL, kRegistering, kRegistering, kSame, true, "start a new registration first"},
+    {bregma_wire_COMMAND_REMOVE_FIDUCIAL, kRegistering, kRegistering, kSame, false, "start a new registration first"},
+    {bregma_wire_COMMAND_START_TRACE, kRegistering, kNavigating, kSame, true, ""},
+    {bregma_wire_COMMAND_STOP_TRACE, kRegistering, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_ACCEPT_REGISTRATION, kRegistering, kRegistering, kRegistered, false,
+     "one is accepted; start a new registration to replace it"},
+    {bregma_wire_COMMAND_CHECK_TOUCH, kRegistered, kNavigating, kSame, true, ""},
+    {bregma_wire_COMMAND_CONFIRM_VERIFICATION, kRegistered, kRegistered, kVerified, true,
+     "the registration is verified"},
+    {bregma_wire_COMMAND_START_NAVIGATION, kVerified, kVerified, kNavigating, true,
+     "stop the present navigation first"},
+    {bregma_wire_COMMAND_STOP_NAVIGATION, kNavigating, kNavigating, kVerified, false, ""},
+    {bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, kIdle, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_CLOSE_CASE, kCaseLoaded, kVerified, kIdle, false, "stop the navigation first"}};
 
-const Row &row(CommandKind kind) {
-  // Commands are checked at the border (Session); the table is in the order of the enumeration, which a test holds it
-  // to.
-  return kTable[static_cast<std::size_t>(kind)];
+// nullptr: no command of the session.
+const Row *find_row(CommandKind kind) {
+  const auto *found =
+      std::find_if(std::begin(kTable), std::end(kTable), [kind](const Row &row) { return row.kind == kind; });
+  return found != std::end(kTable) ? found : nullptr;
 }
 
 // The step that is still missing in a stage that is too early for a command.
@@ -83,12 +75,19 @@ const char *missing_step(SessionState stage) {
 } // namespace
 
 std::string_view state_name(SessionState state) {
-  constexpr std::array<const char *, 8> kNames{"Idle",     "CaseLoaded", "Registering", "Registered",
-                                               "Verified", "Navigating", "Degraded",    "Fault"};
+  constexpr std::array<const char *, 9> kNames{"Unknown",  "Idle",       "CaseLoaded", "Registering", "Registered",
+                                               "Verified", "Navigating", "Degraded",   "Fault"};
   return kNames[static_cast<std::size_t>(state)];
 }
 
-std::string_view command_name(CommandKind kind) { return row(kind).name; }
+std::optional<SessionState> stage_named(std::string_view name) {
+  for (SessionState stage = kIdle; stage <= kNavigating; ++stage) {
+    if (state_name(stage) == name) {
+      return stage;
+    }
+  }
+  return std::nullopt;
+}
 
 SessionState StateMachine::state() const {
   if (!fault_.empty()) {
@@ -97,11 +96,13 @@ SessionState StateMachine::state() const {
   return causes_.empty() ? stage_ : bregma_wire_SESSION_DEGRADED;
 }
 
+bool StateMachine::carries_out(CommandKind kind) { return find_row(kind) != nullptr; }
+
 bool StateMachine::verified() const { return fault_.empty() && stage_ >= kVerified; }
 
 std::optional<std::string> StateMachine::refusal(CommandKind kind) const {
-  const Row &command = row(kind);
-  const std::string opening = std::string("cannot ") + command.deed + " while ";
+  const Row &command = *find_row(kind);
+  const std::string opening = std::string("cannot ") + wire::find_command(kind)->deed + " while ";
   if (kind == bregma_wire_COMMAND_ACKNOWLEDGE_ALARM) {
     return std::nullopt;
   }
@@ -127,7 +128,7 @@ std::optional<std::string> StateMachine::refusal(CommandKind kind) const {
 }
 
 void StateMachine::done(CommandKind kind) {
-  const Row &command = row(kind);
+  const Row &command = *find_row(kind);
   if (command.next != kSame) {
     stage_ = command.next;
   }

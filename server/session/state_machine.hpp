@@ -16,7 +16,8 @@
 namespace bregma::server {
 
 [[nodiscard]] std::string_view state_name(wire::SessionState state); // "Registering"
-[[nodiscard]] std::string_view command_name(wire::CommandKind kind); // "CAPTURE_FIDUCIAL"
+// Idle .. Navigating by its name; nothing for any other text.
+[[nodiscard]] std::optional<wire::SessionState> stage_named(std::string_view name);
 
 class StateMachine {
 public:
@@ -26,7 +27,10 @@ public:
   [[nodiscard]] wire::SessionState stage() const { return stage_; }
   [[nodiscard]] bool verified() const;
 
-  // Nothing when the command fits, else the sentence that refuses it and says what to do.
+  // False for a command that is no session's, such as one to a robot.
+  [[nodiscard]] static bool carries_out(wire::CommandKind kind);
+  // Only for commands that a session carries out. Nothing when the command fits, else the sentence that refuses it and
+  // says what to do.
   [[nodiscard]] std::optional<std::string> refusal(wire::CommandKind kind) const;
   // The command was carried out: moves to the state it leads to. Only after refusal() returned nothing.
   void done(wire::CommandKind kind);

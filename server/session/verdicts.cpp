@@ -8,10 +8,10 @@
 
 #include "algorithms/geometry/pose_covariance.hpp"
 #include "algorithms/monitoring/drift_monitor.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "idl/names.hpp"
-#include "server/session/sentences.hpp"
+#include "server/session/session_text.hpp"
 
 namespace bregma::server {
 namespace {

@@ -68,8 +68,8 @@ TEST(Drift, TwentyCleanOperationsRaiseNoDriftAlarm) {
     VirtualOperation operation(folder.loaded(), scenario, seed);
     ASSERT_TRUE(operation.run()) << "seed " << seed << ": " << operation.failure();
     EXPECT_EQ(drift_alarm(operation), nullptr) << "seed " << seed;
-    EXPECT_EQ(operation.engine().session().state(), bregma_wire_SESSION_VERIFIED) << "seed " << seed;
-    EXPECT_EQ(operation.engine().dropped_messages(), 0U) << "seed " << seed;
+    EXPECT_EQ(operation.session().state(), bregma_wire_SESSION_VERIFIED) << "seed " << seed;
+    EXPECT_EQ(operation.health().record_dropped, 0U) << "seed " << seed;
   }
 }
 

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "idl/names.hpp"
+#include "server/stages/session/stage.hpp"
 #include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
 
@@ -91,8 +92,8 @@ CaseFolder::CaseFolder() : case_(checked_case(folder_.path())) {}
 sim::Scenario scenario_of(const std::string &toml) { return sim::test::scenario_of(toml); }
 
 void register_in_virtual_time(const CaseFolder &folder, const std::string &state_folder, std::uint64_t seed) {
-  server::Config config;
-  config.state.directory = state_folder;
+  server::Config config = quick_config();
+  config.stages.of<server::SessionParameters>().state_directory = state_folder;
   VirtualOperation operation(folder.loaded(), scenario_of(kRegisterSteps), seed, config);
   if (!operation.run()) {
     throw std::runtime_error("seed " + std::to_string(seed) + ": " + operation.failure());

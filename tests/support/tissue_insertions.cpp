@@ -17,7 +17,7 @@ using tissue::ModelReason;
 using tissue::ModelStatus;
 
 constexpr double kBeyondHertz = 3.0;
-constexpr std::size_t kMostExamples = 5;
+constexpr std::size_t kMaxExamples = 5;
 constexpr double kAtRest_mm = 0.25; // what damping leaves after kCalm_s
 constexpr double kCalm_s = 2.0;
 
@@ -81,8 +81,8 @@ private:
     const double speed_mm_s = std::exp(uniform(std::log(2.0), std::log(50.0)));
     const Vector3d turning = chance(0.3) ? Vector3d(uniform(0.0, 0.2) * anywhere()) : Vector3d(Vector3d::Zero()); // 1/s
     while (std::abs(height_mm_ - height_mm) > 1e-9) {
-      const double most_mm = speed_mm_s * kUpdate_s;
-      height_mm_ += std::clamp(height_mm - height_mm_, -most_mm, most_mm);
+      const double max_mm = speed_mm_s * kUpdate_s;
+      height_mm_ += std::clamp(height_mm - height_mm_, -max_mm, max_mm);
       shaft_ = (shaft_ + kUpdate_s * turning.cross(shaft_)).normalized();
       update(seen());
     }
@@ -170,12 +170,12 @@ private:
     } else if (energy_J > bounds_.energy_J) {
       note(findings_.beyond_bounds, "valid with an energy (mJ) of", 1e3 * energy_J);
     }
-    if (const int turned = turned_over(); turned > 0) {
-      note(findings_.turned_over, "valid with tetrahedra turned over:", turned);
+    if (const int turned = inverted(); turned > 0) {
+      note(findings_.inverted, "valid with tetrahedra turned over:", turned);
     }
   }
 
-  [[nodiscard]] int turned_over() const {
+  [[nodiscard]] int inverted() const {
     int out = 0;
     for (int e = 0; e < model_.solver().elements(); ++e) {
       out += model_.solver().deformation_gradient(e).determinant() > 0.0 ? 0 : 1;
@@ -195,7 +195,7 @@ private:
 
   void note(int &counter, const char *what, double value) {
     ++counter;
-    if (findings_.examples.size() < kMostExamples) {
+    if (findings_.examples.size() < kMaxExamples) {
       char text[160];
       std::snprintf(text, sizeof text, "seed %u, update %d, %s, %.1f mm above the entry: %s %.3g", seed_,
                     findings_.updates, std::string(name_of(model_.state().phase)).c_str(), height_mm_, what, value);
@@ -218,9 +218,9 @@ PhysicalBounds physical_bounds(const tissue::BrainModelOptions &options) {
   const double nu = options.material.poisson;
   const double radius_m = 1e-3 * options.probe.radius_mm;
   const double force_N = options.insertion.rupture_force_N;
-  const double dent_m =
+  const double indentation_m =
       std::pow(0.75 * force_N * (1.0 - nu * nu) / (options.material.young_Pa * std::sqrt(radius_m)), 2.0 / 3.0);
-  return {.displacement_mm = kBeyondHertz * 1e3 * dent_m, .energy_J = kBeyondHertz * force_N * dent_m};
+  return {.displacement_mm = kBeyondHertz * 1e3 * indentation_m, .energy_J = kBeyondHertz * force_N * indentation_m};
 }
 
 void InsertionFindings::add(const InsertionFindings &other) {
@@ -228,14 +228,14 @@ void InsertionFindings::add(const InsertionFindings &other) {
   valid += other.valid;
   invalid += other.invalid;
   not_finite += other.not_finite;
-  turned_over += other.turned_over;
+  inverted += other.inverted;
   beyond_bounds += other.beyond_bounds;
   contradictions += other.contradictions;
   not_at_rest += other.not_at_rest;
   largest_mm = std::max(largest_mm, other.largest_mm);
   largest_J = std::max(largest_J, other.largest_J);
   for (const std::string &example : other.examples) {
-    if (examples.size() < kMostExamples) {
+    if (examples.size() < kMaxExamples) {
       examples.push_back(example);
     }
   }

@@ -37,7 +37,7 @@ struct PhysicalBounds {
 struct InsertionFindings {
   int updates = 0, valid = 0, invalid = 0;
   int not_finite = 0;                // a node, a prediction or a force, whatever the status
-  int turned_over = 0;               // tetrahedra of no or negative volume in an answer that is called valid
+  int inverted = 0;                  // tetrahedra of no or negative volume in an answer that is called valid
   int beyond_bounds = 0;             // valid answers beyond the physical bounds
   int contradictions = 0;            // a reason without a status that says so, or the other way round
   int not_at_rest = 0;               // insertions after which the tissue did not come back
@@ -46,7 +46,7 @@ struct InsertionFindings {
   std::vector<std::string> examples; // the first few
 
   void add(const InsertionFindings &other);
-  [[nodiscard]] int failures() const { return not_finite + turned_over + beyond_bounds + contradictions + not_at_rest; }
+  [[nodiscard]] int failures() const { return not_finite + inverted + beyond_bounds + contradictions + not_at_rest; }
 };
 
 // One insertion at random: a straight way to a random depth at up to 50 mm/s, with pauses, retreats, a turning shaft,

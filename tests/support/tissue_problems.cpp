@@ -19,7 +19,7 @@ using tissue::TetMesh;
 constexpr double kMetre = 1000.0; // mm
 constexpr unsigned kJitterSeed = 20261125;
 constexpr double kJitter = 0.15;
-constexpr tissue::RelaxOptions kTight{1e-5, 40000, false};
+constexpr tissue::RelaxationOptions kTight{1e-5, 40000, false};
 
 const Vector3d &rest(const TetMesh &mesh, int node) { return mesh.nodes_mm[static_cast<std::size_t>(node)]; }
 

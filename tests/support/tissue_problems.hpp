@@ -47,7 +47,7 @@ struct FieldAnswer {
   double displacement_error = 0.0;
   double stress_error = 0.0; // RMS over the volume, by the RMS of the reference
   Compared known;
-  tissue::Relaxation relaxation;
+  tissue::RelaxationResult relaxation;
 };
 
 // Hooke's law; octant of a sphere 20 to 40 mm under a pressure inside. Known: the inner radius' growth (mm).

@@ -99,7 +99,7 @@ double relaxing_bar_Pa(const tissue::Material &material, double strain, double t
   for (int i = 0; i < kSteps; ++i) {
     const double d = difference().first;
     for (std::size_t k = 0; k < taken.size(); ++k) {
-      taken[k] += -std::expm1(-dt / material.prony[k].time_s) * (material.prony[k].share * d - taken[k]);
+      taken[k] += -std::expm1(-dt / material.prony[k].time_s) * (material.prony[k].fraction * d - taken[k]);
     }
   }
   const auto [d, sum] = difference();

@@ -1,17 +1,22 @@
-// A whole operation in virtual time: the simulated operating room and the daemon's engine, in one thread, as fast as
-// the processor allows. What runs is what the daemon runs, but for threads and DDS; the same seed gives the same
-// operation.
+// A whole operation in virtual time: the simulated operating room and the daemon's stages, in one thread, as fast as
+// the processor allows. What runs is what bregmad runs, with its schedule and rates, but for threads and DDS; the same
+// seed publishes the same bytes (tests/component/repeat_test.cpp).
 #pragma once
 
 #include <cstdint>
 #include <deque>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "drivers/sim/simulated_room.hpp"
-#include "server/engine.hpp"
+#include "server/config.hpp"
+#include "server/stages/host.hpp"
+#include "server/wiring.hpp"
+#include "tests/support/memory_topics.hpp"
+#include "tests/support/virtual_loops.hpp"
 
 namespace bregma::test {
 
@@ -28,62 +33,67 @@ private:
   std::filesystem::path path_;
 };
 
-class VirtualOperation final : private server::ControlOutlet {
+// bregmad's defaults without a tissue model, which would take longer than all the rest.
+[[nodiscard]] server::Config quick_config();
+
+class VirtualOperation final : private server::Host {
 public:
   // Called for every state that navigation publishes, with the truth of the same frame where the room told it.
   using Observer = std::function<void(const wire::NavigationState &, const wire::SimulatedTruth *)>;
 
   // a_case: as loaded from its folder; the scenario's load_case step loads it again by that folder. The session's
-  // snapshot goes to config.state.directory, or to a folder that goes with the operation when that is empty.
+  // snapshot goes to the configured state directory, or to a folder that goes with the operation when that is empty.
   VirtualOperation(const casefile::Case &a_case, const sim::Scenario &scenario, std::uint64_t seed,
-                   server::Config config = {});
+                   server::Config config = quick_config());
+  ~VirtualOperation() override;
 
   void observe(Observer observer) { observer_ = std::move(observer); }
+  // For what is published on other topics, and for what is to be known of steps.
+  [[nodiscard]] MemoryTopics &topics() { return topics_; }
+  [[nodiscard]] VirtualLoops &loops() { return loops_; }
   // Runs the script to its end; false when a step failed (see failure()) or more than limit_s of virtual time went by.
   bool run(double limit_s = 600.0);
 
   [[nodiscard]] std::string failure() const;
-  [[nodiscard]] server::Engine &engine() { return engine_; }
+  [[nodiscard]] const server::Session &session() const { return wiring_.session(); }
   [[nodiscard]] const std::vector<wire::Alarm> &alarms() const { return alarms_; }
-  [[nodiscard]] const std::vector<wire::CommandReply> &replies() const { return all_replies_; }
+  [[nodiscard]] const std::vector<wire::CommandReply> &replies() const { return replies_; }
   [[nodiscard]] const std::vector<sim::StepEvent> &events() const { return events_; }
+  // The latest of each.
   [[nodiscard]] const wire::RegistrationState &registration() const { return registration_; }
   [[nodiscard]] const wire::FiducialReport &fiducials() const { return fiducials_; }
   [[nodiscard]] const wire::AccuracyState &accuracy() const { return accuracy_; }
-  [[nodiscard]] wire::SystemHealth health() const;
+  [[nodiscard]] const wire::SystemHealth &health() const { return health_; }
   [[nodiscard]] const std::string &step() const { return step_; }
   [[nodiscard]] std::int64_t now_ns() const { return now_ns_; }
   [[nodiscard]] std::uint64_t received_frames() const { return received_frames_; }
 
 private:
-  void publish(const wire::CommandReply &reply) override;
-  void publish(const wire::Alarm &alarm) override { alarms_.push_back(alarm); }
-  void publish(const wire::CapturedPoint &) override {}
-  void log(const std::string &) override {}
-  void case_changed(const casefile::Case *) override {}
+  [[nodiscard]] std::optional<int> fixed_solver_steps() const noexcept override;
 
   void deliver(const sim::RoomOutput &out);
-  void publish_states();
-  void give_replies();
+  void on_state(const wire::NavigationState &state);
   [[nodiscard]] const wire::SimulatedTruth *truth_of(std::uint64_t frame) const;
 
   TemporaryFolder folder_; // the daemon's state
   sim::SimulatedRoom room_;
   server::Config config_;
-  server::Engine engine_;
+  MemoryTopics topics_;
+  server::Wiring wiring_;
+  VirtualLoops loops_;
   Observer observer_;
   std::int64_t now_ns_;
   bool timed_out_ = false;
   std::uint64_t received_frames_ = 0;
-  std::deque<wire::CommandReply> replies_; // to the operator, when the daemon's call has returned
   std::deque<wire::SimulatedTruth> truths_;
-  std::vector<wire::CommandReply> all_replies_;
+  std::vector<wire::CommandReply> replies_;
   std::vector<wire::Alarm> alarms_;
   std::vector<sim::StepEvent> events_;
   std::string step_;
   wire::RegistrationState registration_{};
   wire::FiducialReport fiducials_{};
   wire::AccuracyState accuracy_{};
+  wire::SystemHealth health_{};
 };
 
 } // namespace bregma::test

@@ -162,7 +162,7 @@ CpdResult<D> register_cpd(const Points<D> &source_mm, const Points<D> &target_mm
     const Points<D> step = next - moved;
     const double squares = sums.squares - 2.0 * (step.array() * sums.pull.array()).sum() +
                            (step.colwise().squaredNorm() * sums.source_weight).value();
-    const double next_sigma = std::max(std::sqrt(std::max(squares, 0.0) / (total * D)), options.smallest_sigma);
+    const double next_sigma = std::max(std::sqrt(std::max(squares, 0.0) / (total * D)), options.min_sigma);
     out.log_likelihood = (sums.log_divisors -
                           N * (std::log(M / (1.0 - w)) + 0.5 * D * std::log(2.0 * std::numbers::pi * sigma * sigma))) /
                          N;

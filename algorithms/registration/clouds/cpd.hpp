@@ -23,10 +23,10 @@ enum class CpdModel { kRigid, kSimilarity, kAffine };
 
 struct CpdOptions {
   CpdModel model = CpdModel::kRigid;
-  double outlier_weight = 0.1;  // w, the share of targets that belong to no source; 0 to below 1
-  double start_sigma_mm = 0.0;  // 0: from the clouds, figure 2 of the paper
-  double smallest_sigma = 1e-6; // of the targets' size; reached by clouds without noise
-  double tolerance = 1e-6;      // RMS motion of the sources in one iteration, of the targets' size
+  double outlier_weight = 0.1; // w, the share of targets that belong to no source; 0 to below 1
+  double start_sigma_mm = 0.0; // 0: from the clouds, figure 2 of the paper
+  double min_sigma = 1e-6;     // of the targets' size; reached by clouds without noise
+  double tolerance = 1e-6;     // RMS motion of the sources in one iteration, of the targets' size
   int max_iterations = 300;
   int threads = 1;
 };

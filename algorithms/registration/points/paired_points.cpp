@@ -10,7 +10,7 @@
 #include <Eigen/SVD>
 
 #include "algorithms/registration/twist.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::registration {
 

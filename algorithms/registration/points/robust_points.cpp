@@ -6,7 +6,7 @@
 
 #include <Eigen/Cholesky>
 
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::registration {
 
@@ -95,7 +95,7 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
     return out;
   }
   out.count = static_cast<int>(pairs.size());
-  const std::size_t fewest = pairs.size() == 4 ? 3 : 4;
+  const std::size_t min_pairs = pairs.size() == 4 ? 3 : 4;
   const double each = 1.0 - std::pow(1.0 - options.false_alarm, 1.0 / out.count);
   const double limit = uncertainty::chi_square_upper_quantile(each, 3);
   const Proposal proposal = best_proposal(pairs, limit);
@@ -136,7 +136,7 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
     }
     // The worst goes out alone, since it drags the others' residuals; what then fits comes back.
     bool changed = false;
-    if (worst < pairs.size() && used > fewest) {
+    if (worst < pairs.size() && used > min_pairs) {
       out.inlier[worst] = false;
       changed = true;
     } else {
@@ -167,7 +167,7 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
     }
   }
   out.outliers = out.count - static_cast<int>(used);
-  out.found = used >= fewest && 2 * used > pairs.size() && fit.p_value >= kHopeless &&
+  out.found = used >= min_pairs && 2 * used > pairs.size() && fit.p_value >= kHopeless &&
               (used > 3 || only_three_agree(pairs, out, options.false_alarm));
   return out;
 }

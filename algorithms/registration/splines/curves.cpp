@@ -44,8 +44,8 @@ template <int D> tl::expected<Points<D>, std::string> subdivide(const Points<D> 
       ++segment;
       length = (path.col(segment + 1) - path.col(segment)).norm();
     }
-    const double share = length > 0.0 ? std::min((at - behind) / length, 1.0) : 1.0;
-    out.col(i) = path.col(segment) + share * (path.col(segment + 1) - path.col(segment));
+    const double fraction = length > 0.0 ? std::min((at - behind) / length, 1.0) : 1.0;
+    out.col(i) = path.col(segment) + fraction * (path.col(segment + 1) - path.col(segment));
   }
   return out;
 }

@@ -208,17 +208,17 @@ std::optional<typename ThinPlateSpline<D>::Vector> ThinPlateSpline<D>::inverse(c
     if (!move.allFinite()) {
       return std::nullopt;
     }
-    double share = 1.0;
+    double fraction = 1.0;
     Vector next = p + move;
     Vector next_residual = (*this)(next)-value_mm;
-    while (next_residual.norm() > residual.norm() && share > 1e-3) {
-      share *= 0.5;
-      next = p + share * move;
+    while (next_residual.norm() > residual.norm() && fraction > 1e-3) {
+      fraction *= 0.5;
+      next = p + fraction * move;
       next_residual = (*this)(next)-value_mm;
     }
     p = next;
     residual = next_residual;
-    if (share * move.norm() < 1e-9 * size_mm_) {
+    if (fraction * move.norm() < 1e-9 * size_mm_) {
       const bool settled = residual.norm() < 1e-8 * size_mm_ * std::max(1.0, affine.norm());
       const bool folded = jacobian(p).determinant() * affine.determinant() <= 0.0;
       return settled && !folded ? std::optional<Vector>(p) : std::nullopt;

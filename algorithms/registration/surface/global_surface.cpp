@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <vector>
 
-#include "algorithms/registration/surface/featureless_shape.hpp"
+#include "algorithms/registration/surface/degenerate_shape.hpp"
 #include "algorithms/registration/surface/pose_search.hpp"
 #include "algorithms/surface/neighbours.hpp"
 #include "algorithms/uncertainty/tre.hpp"
@@ -40,7 +40,7 @@ struct GlobalRegistration::Workspace {
     LocalOptions out;
     out.sigma_mm = std::hypot(options.sigma_mm, options.model_sigma_mm);
     out.correlation_length_mm = options.correlation_length_mm;
-    out.correlated_share = options.model_sigma_mm * options.model_sigma_mm / (out.sigma_mm * out.sigma_mm);
+    out.correlated_fraction = options.model_sigma_mm * options.model_sigma_mm / (out.sigma_mm * out.sigma_mm);
     return out;
   }
 
@@ -86,10 +86,10 @@ void GlobalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
   result.count = static_cast<int>(samples.size());
   neighbours.set(samples);
   std::fill(weight.begin(), weight.end(), 1.0);
-  const double alike = std::pow(options.model_sigma_mm / sigma, 2);
+  const double correlated = std::pow(options.model_sigma_mm / sigma, 2);
   neighbours.each([&](std::size_t i, std::size_t j, double rho) {
-    weight[i] += alike * rho;
-    weight[j] += alike * rho;
+    weight[i] += correlated * rho;
+    weight[j] += correlated * rho;
   });
   for (std::size_t i = 0; i < samples.size(); ++i) {
     weight[i] = 1.0 / weight[i];
@@ -211,7 +211,7 @@ void GlobalRegistration::Workspace::judge() {
     result.reason = VerdictReason::kAnotherPose;
   } else if (result.shape_log_odds < options.min_log_odds) {
     result.verdict = Verdict::kAmbiguous;
-    result.reason = VerdictReason::kShapeWithoutFeature;
+    result.reason = VerdictReason::kDegenerateShape;
   } else if (!(result.uncertainty_mm <= options.max_uncertainty_mm) || !(result.dilution <= options.max_dilution)) {
     result.verdict = Verdict::kAmbiguous;
     result.reason = VerdictReason::kDirectionNotFixed;
@@ -229,23 +229,23 @@ void GlobalRegistration::Workspace::advise() {
   const int stride = std::max(1, triangles / kTouchCandidates);
   const bool rival = result.hypothesis_count > 1 && result.reason == VerdictReason::kAnotherPose;
   const auto T_rival_best = result.hypotheses[rival ? 1 : 0].T_target_source * result.T_target_source.inverse();
-  double most = -1.0;
+  double best = -1.0;
   for (int t = 0; t < triangles; t += stride) {
     const surface::SurfaceModel::Box box = surface.box(t);
     const surface::SurfacePoint at = surface.closest_on(t, 0.5 * (box.low_mm + box.high_mm));
     if (at.normal.z() < -0.5) {
       continue; // from below nobody reaches it
     }
-    double told = 0.0;
+    double expected = 0.0;
     if (rival) {
       const Eigen::Vector3f there = (T_rival_best * at.point_mm).cast<float>();
       const surface::SurfaceField::Plane &plane = field->plane(there);
-      told = std::abs(static_cast<double>(plane.normal.dot(there) + plane.offset));
+      expected = std::abs(static_cast<double>(plane.normal.dot(there) + plane.offset));
     } else if (result.covariance.allFinite()) {
-      told = at.normal.dot(uncertainty::tre_covariance(result.covariance, at.point_mm) * at.normal);
+      expected = at.normal.dot(uncertainty::tre_covariance(result.covariance, at.point_mm) * at.normal);
     }
-    if (told > most) {
-      most = told;
+    if (expected > best) {
+      best = expected;
       result.touch_mm = at.point_mm;
     }
   }
@@ -266,7 +266,7 @@ GlobalRegistration &GlobalRegistration::operator=(GlobalRegistration &&) noexcep
 const GlobalResult &GlobalRegistration::locate(std::span<const Vector3d> source_mm) {
   Workspace &w = *workspace_;
   w.take(source_mm);
-  if (w.result.count < kFewestGlobalSamples) {
+  if (w.result.count < kMinGlobalSamples) {
     return w.result;
   }
   w.find_hypotheses();

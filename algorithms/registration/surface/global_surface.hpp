@@ -42,11 +42,11 @@ struct GlobalOptions {
 enum class Verdict { kFound, kAmbiguous, kRefused };
 enum class VerdictReason {
   kNone,
-  kTooFewSamples,      // refused
-  kFitsBadly,          // refused: no pose explains the samples within the stated error
-  kAnotherPose,        // ambiguous: a distinct pose is nearly as likely
-  kDirectionNotFixed,  // ambiguous: the pose can slide or turn along the surface
-  kShapeWithoutFeature // ambiguous: a plane, sphere or spheroid explains the samples as well
+  kTooFewSamples,     // refused
+  kFitsBadly,         // refused: no pose explains the samples within the stated error
+  kAnotherPose,       // ambiguous: a distinct pose is nearly as likely
+  kDirectionNotFixed, // ambiguous: the pose can slide or turn along the surface
+  kDegenerateShape    // ambiguous: a plane, sphere or spheroid explains the samples as well
 };
 
 struct PoseHypothesis {
@@ -58,7 +58,7 @@ struct PoseHypothesis {
 };
 
 inline constexpr std::size_t kMaxHypotheses = 8;
-inline constexpr int kFewestGlobalSamples = 20;
+inline constexpr int kMinGlobalSamples = 20;
 
 struct GlobalResult {
   Verdict verdict = Verdict::kRefused;

@@ -15,6 +15,7 @@
 #include "algorithms/registration/surface/plane_step.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/surface/neighbours.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::registration {
 
@@ -23,11 +24,12 @@ using geometry::Vector6d;
 
 namespace {
 
-constexpr std::size_t kFewest = 6;
+constexpr std::size_t kMinSamples = 6;
 constexpr std::size_t kCoarseSamples = 256; // that the first steps look at
 constexpr double kCoarseSettled_mm = 0.05;
 constexpr double kSettled_mm = 5e-3;
-constexpr double kMadToNormal = 1.4826;
+const double kMadToNormal = 1.0 / uncertainty::normal_quantile(0.75);
+const double kMedianOfNorm = std::sqrt(uncertainty::chi_square_upper_quantile(0.5, 3)); // in space, sigma 1 per axis
 constexpr double kWideReach = 3.0;    // of the first steps' loss, in their scale
 constexpr double kTukeyReach = 4.685; // 95 % efficient for normal errors, each
 constexpr double kHuberReach = 1.345;
@@ -50,8 +52,8 @@ double weight_of(RobustLoss loss, double z) {
     return inside * inside;
   }
   case RobustLoss::kGemanMcClure: {
-    const double share = kGemanReach * kGemanReach / (kGemanReach * kGemanReach + z * z);
-    return share * share;
+    const double falloff = kGemanReach * kGemanReach / (kGemanReach * kGemanReach + z * z);
+    return falloff * falloff;
   }
   case RobustLoss::kHampel: {
     const double size = std::abs(z);
@@ -72,7 +74,7 @@ struct LocalRegistration::Workspace {
       : field(field_in), cloud(cloud_in), options(options_in), neighbours(options_in.correlation_length_mm, capacity),
         samples(capacity), coarse(std::min(capacity, kCoarseSamples)), mapped(capacity), known(capacity),
         rows_each(options_in.metric == SurfaceMetric::kPointToPlane ? 1 : 3), rows(rows_each * capacity),
-        residuals(capacity), magnitudes(whole_lanes(capacity)), alike(capacity), sums(capacity) {
+        residuals(capacity), magnitudes(whole_lanes(capacity)), correlation_sum(capacity), sums(capacity) {
     if (!(options.sigma_mm > 0.0) || !(options.trim >= 0.0 && options.trim < 0.9) ||
         !(options.correlation_length_mm >= 0.0) || options.max_iterations < 1) {
       throw std::invalid_argument("local registration: sigma, trim, correlation length or iterations out of range");
@@ -103,7 +105,7 @@ struct LocalRegistration::Workspace {
   NormalRows rows;                                  // about the centre
   std::vector<double> residuals;                    // signed distance, or distance from the point
   std::vector<float> magnitudes;                    // of the residuals
-  std::vector<double> alike;                        // sum of correlations of a sample with all
+  std::vector<double> correlation_sum;              // sum of correlations of a sample with all
   std::vector<Vector6d> sums;
   Vector3d centre_source = Vector3d::Zero();
   Vector3d centre = Vector3d::Zero(); // in the target frame: what steps turn about
@@ -122,7 +124,7 @@ bool LocalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
   }
   result = LocalFit{};
   result.count = static_cast<int>(count);
-  if (count < kFewest) {
+  if (count < kMinSamples) {
     return false;
   }
   centre_source /= static_cast<double>(count);
@@ -132,10 +134,10 @@ bool LocalRegistration::Workspace::take(std::span<const Vector3d> source_mm) {
   }
   std::fill_n(known.begin(), count, surface::SurfaceField::Nearby{});
   neighbours.set({samples.data(), count});
-  std::fill_n(alike.begin(), count, 1.0);
+  std::fill_n(correlation_sum.begin(), count, 1.0);
   neighbours.each([this](std::size_t i, std::size_t j, double rho) {
-    alike[i] += options.correlated_share * rho;
-    alike[j] += options.correlated_share * rho;
+    correlation_sum[i] += options.correlated_fraction * rho;
+    correlation_sum[j] += options.correlated_fraction * rho;
   });
   return true;
 }
@@ -191,17 +193,17 @@ void LocalRegistration::Workspace::linearise(const PairedPose &T, bool rescale) 
     magnitudes[i] = static_cast<float>(std::abs(residuals[i]));
   }
   if (rescale && options.loss != RobustLoss::kSquare) {
-    // The median distance of a normal error in space is 1.538 sigma; along the normal alone, 1 / 1.4826.
     const auto middle = static_cast<double>(ranked(magnitudes, count, count / 2));
-    sigma = std::max(options.sigma_mm, middle * (plane ? kMadToNormal : 1.0 / 1.538));
+    sigma = std::max(options.sigma_mm, middle * (plane ? kMadToNormal : 1.0 / kMedianOfNorm));
   }
   float trimmed_at = std::numeric_limits<float>::infinity();
   if (options.trim > 0.0) {
     const auto kept = static_cast<std::size_t>((1.0 - options.trim) * static_cast<double>(count));
-    trimmed_at = ranked(magnitudes, count, std::max(kept, kFewest) - 1);
+    trimmed_at = ranked(magnitudes, count, std::max(kept, kMinSamples) - 1);
   }
   for (std::size_t i = 0; i < count; ++i) {
-    const double weight = magnitudes[i] <= trimmed_at ? weight_of(options.loss, residuals[i] / sigma) / alike[i] : 0.0;
+    const double weight =
+        magnitudes[i] <= trimmed_at ? weight_of(options.loss, residuals[i] / sigma) / correlation_sum[i] : 0.0;
     for (std::size_t k = 0; k < rows_each; ++k) {
       rows.set_weight(rows_each * i + k, weight);
     }
@@ -260,7 +262,7 @@ Matrix6d LocalRegistration::Workspace::covariance_about_centre() {
   if (options.metric == SurfaceMetric::kPointToPoint) { // neighbours as if all their rows were alike: an upper bound
     for (std::size_t i = 0; i < 3 * count; ++i) {
       const Vector6d J = rows.jacobian(i);
-      B.noalias() += (rows.weight(i) * rows.weight(i) * alike[i / 3] * J) * J.transpose();
+      B.noalias() += (rows.weight(i) * rows.weight(i) * correlation_sum[i / 3] * J) * J.transpose();
     }
     return sigma * sigma * (inverse * B * inverse);
   }
@@ -268,7 +270,7 @@ Matrix6d LocalRegistration::Workspace::covariance_about_centre() {
   if (options.correlation_length_mm > 0.0) {
     std::fill_n(sums.begin(), count, Vector6d::Zero());
     neighbours.each([&](std::size_t i, std::size_t j, double rho) {
-      sums[i] += options.correlated_share * rho * rows.weight(j) * rows.jacobian(j);
+      sums[i] += options.correlated_fraction * rho * rows.weight(j) * rows.jacobian(j);
     });
     Matrix6d between = Matrix6d::Zero();
     for (std::size_t i = 0; i < count; ++i) {
@@ -288,7 +290,7 @@ void LocalRegistration::Workspace::report(const PairedPose &T) {
     if (std::abs(residuals[i]) <= kInlier * sigma) {
       ++result.inliers;
       squares += residuals[i] * residuals[i];
-      result.effective += 1.0 / alike[i];
+      result.effective += 1.0 / correlation_sum[i];
     }
   }
   result.rms_mm = result.inliers > 0 ? std::sqrt(squares / result.inliers) : 0.0;

@@ -30,7 +30,7 @@ struct LocalOptions {
   double trim = 0.0;                   // share of the samples, those farthest off, that take no part; below 0.9
   double sigma_mm = 1.0;               // error of a sample along the surface's normal, 1-sigma
   double correlation_length_mm = 12.0; // over which errors are alike, exp(-d^2 / 2 l^2); 0: independent
-  double correlated_share = 1.0; // of the variance that is alike (skin, segmentation); the rest is each sample's own
+  double correlated_fraction = 1.0; // of the variance that is alike (skin, segmentation); the rest is each sample's own
   int max_iterations = 80;
 };
 

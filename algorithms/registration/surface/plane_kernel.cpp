@@ -129,9 +129,9 @@ BREGMA_INLINE void sums(const PlaneQuery &q, const std::array<float, 3> &centre,
     locate<Lanes>(q, i, at);
     Float r;
     residual<Lanes>(at, r);
-    Float share = reach2 / (reach2 + r * r);
-    Float loss = 1.0F - share;
-    keep_first<Lanes>(share, q.count - i, 0.0F);
+    Float falloff = reach2 / (reach2 + r * r);
+    Float loss = 1.0F - falloff;
+    keep_first<Lanes>(falloff, q.count - i, 0.0F);
     keep_first<Lanes>(loss, q.count - i, 0.0F);
     cost += loss;
     const Float x = at.x - centre[0];
@@ -144,7 +144,7 @@ BREGMA_INLINE void sums(const PlaneQuery &q, const std::array<float, 3> &centre,
                                  at.normal_y,
                                  at.normal_z};
     for (std::size_t a = 0, k = 0; a < 6; ++a) {
-      const Float weighted = share * share * J[a];
+      const Float weighted = falloff * falloff * J[a];
       gradient[a] += weighted * r;
       for (std::size_t b = 0; b <= a; ++b, ++k) {
         normal[k] += weighted * J[b];

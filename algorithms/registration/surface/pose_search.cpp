@@ -157,7 +157,7 @@ void PoseSearch::descend(std::span<PoseCandidate> candidates, std::size_t sample
   }
 }
 
-void PoseSearch::thin(std::size_t most, double distinct_mm) {
+void PoseSearch::thin(std::size_t max_count, double distinct_mm) {
   std::stable_sort(candidates_.begin(), candidates_.end(),
                    [](const PoseCandidate &a, const PoseCandidate &b) { return a.cost < b.cost; });
   kept_.clear();
@@ -175,7 +175,7 @@ void PoseSearch::thin(std::size_t most, double distinct_mm) {
     if (distinct) {
       kept_.push_back(candidate);
       kept_.back().middle_mm = middle;
-      if (kept_.size() == most) {
+      if (kept_.size() == max_count) {
         break;
       }
     }

@@ -44,7 +44,7 @@ private:
   void start_poses(std::span<const Vector3d> samples_mm);
   void descend(std::span<PoseCandidate> candidates, std::size_t samples, std::span<const double> reaches_mm) const;
   // Sorts by cost and keeps the best that are distinct, at most most.
-  void thin(std::size_t most, double distinct_mm);
+  void thin(std::size_t max_count, double distinct_mm);
 
   const surface::SurfaceField *field_;
   int threads_;

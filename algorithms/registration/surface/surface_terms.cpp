@@ -3,14 +3,17 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algorithms/uncertainty/distributions.hpp"
+
 namespace bregma::registration {
 
 using geometry::Vector6d;
 
 namespace {
-constexpr double kTukey = 4.685;       // 95 % efficient for normal errors
-constexpr double kMadToSigma = 1.4826; // median of |x| to standard deviation, normal errors
-constexpr double kOnSurface_mm = 1e-6; // nearer than this, only the surface knows its normal
+constexpr double kTukey = 4.685; // 95 % efficient for normal errors
+const double kMadToSigma =
+    1.0 / uncertainty::normal_quantile(0.75); // median of |x| to standard deviation, normal errors
+constexpr double kOnSurface_mm = 1e-6;        // nearer than this, only the surface knows its normal
 } // namespace
 
 SurfaceTerms::SurfaceTerms(const surface::SurfaceModel *surface, double sigma_mm, double correlation_length_mm,
@@ -20,7 +23,7 @@ SurfaceTerms::SurfaceTerms(const surface::SurfaceModel *surface, double sigma_mm
   const auto n = static_cast<std::size_t>(std::max(capacity, 0));
   samples_.resize(n);
   places_.resize(n);
-  alike_.resize(n);
+  correlation_sum_.resize(n);
   triangle_.resize(n, -1);
   terms_.resize(n);
   scratch_.resize(n);
@@ -33,14 +36,14 @@ void SurfaceTerms::set_samples(std::span<const SurfaceSample> samples) noexcept 
     if (samples[i].reference_mm.allFinite()) {
       samples_[n] = samples[i];
       places_[n] = samples[i].reference_mm;
-      alike_[n++] = 1.0;
+      correlation_sum_[n++] = 1.0;
     }
   }
   count_ = static_cast<int>(n);
   neighbours_.set({places_.data(), n});
   neighbours_.each([this](std::size_t i, std::size_t j, double rho) {
-    alike_[i] += rho;
-    alike_[j] += rho;
+    correlation_sum_[i] += rho;
+    correlation_sum_[j] += rho;
   });
   scale_ = 1.0;
 }
@@ -76,7 +79,7 @@ void SurfaceTerms::linearise(const ImageFromReference &T_image_reference, const 
     const double z = term.residual / (reach_ * std::sqrt(variance_ + term.own));
     const double inside = std::max(0.0, 1.0 - z * z);
     term.robust = inside * inside;
-    term.weight = term.robust / (scale_ * scale_ * (variance_ * alike_[i] + term.own));
+    term.weight = term.robust / (scale_ * scale_ * (variance_ * correlation_sum_[i] + term.own));
   }
 }
 
@@ -133,7 +136,7 @@ double SurfaceTerms::rms_mm() const noexcept {
 double SurfaceTerms::effective() const noexcept {
   double sum = 0.0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
-    sum += terms_[i].robust / alike_[i];
+    sum += terms_[i].robust / correlation_sum_[i];
   }
   return sum;
 }

@@ -49,8 +49,8 @@ private:
   std::vector<SurfaceSample> samples_;
   std::vector<Vector3d> places_; // of the samples, in Reference
   surface::Neighbours neighbours_;
-  std::vector<double> alike_; // sum of correlations with all samples, at least 1
-  std::vector<int> triangle_; // warm start of the next closest-point query
+  std::vector<double> correlation_sum_; // sum of correlations with all samples, at least 1
+  std::vector<int> triangle_;           // warm start of the next closest-point query
   std::vector<Term> terms_;
   std::vector<double> scratch_;
 };

@@ -13,22 +13,22 @@ constexpr int kCutSweeps = 4; // of Gauss-Seidel in a step
 
 } // namespace
 
-CutContact::CutContact(const TetMesh &mesh, const TetLocator &locator, double spacing_mm, double disc_radius_mm)
+CutContact::CutContact(const TetMesh &mesh, const TetLocator &locator, double spacing_mm, double section_radius_mm)
     : mesh_(&mesh), locator_(&locator), spacing_m_(static_cast<float>(spacing_mm / 1000.0)),
-      disc_radius_m_(static_cast<float>(disc_radius_mm / 1000.0)) {
-  held_.reserve(kMostHeld);
+      section_radius_m_(static_cast<float>(section_radius_mm / 1000.0)) {
+  sections_.reserve(kMaxSections);
 }
 
 void CutContact::begin(int tetrahedron) noexcept {
   active_ = fresh_ = true;
   guess_ = tetrahedron;
-  held_.clear();
+  sections_.clear();
   tip_ = {};
 }
 
 void CutContact::end() noexcept {
   active_ = false;
-  held_.clear();
+  sections_.clear();
   length_ = 0.0F;
 }
 
@@ -39,67 +39,67 @@ MaterialPoint CutContact::find(const NodeMotion &nodes, const Eigen::Vector3f &a
                         [&](int node) -> Eigen::Vector3d { return nodes.position_m(node).cast<double>(); });
 }
 
-void CutContact::Disc::add(const Eigen::Vector4i &tetrahedron, const MaterialPoint &point) noexcept {
+void CutContact::Section::add(const Eigen::Vector4i &tetrahedron, const MaterialPoint &point) noexcept {
   for (int k = 0; k < 4; ++k) {
     const auto end = node.begin() + count;
     const auto at = std::find(node.begin(), end, tetrahedron[k]);
     if (at == end) {
       node[static_cast<std::size_t>(count)] = tetrahedron[k];
-      share[static_cast<std::size_t>(count)] = 0.0F;
+      weight[static_cast<std::size_t>(count)] = 0.0F;
       ++count;
     }
-    share[static_cast<std::size_t>(at - node.begin())] += static_cast<float>(point.share[k]);
+    weight[static_cast<std::size_t>(at - node.begin())] += static_cast<float>(point.barycentric[k]);
   }
 }
 
 // The middle and six points around it, those that are in the mesh.
-CutContact::Disc CutContact::disc_around(const NodeMotion &nodes, const MaterialPoint &middle,
-                                         const Eigen::Vector3f &at_m) const noexcept {
-  constexpr int kAround = static_cast<int>(kDiscPoints) - 1;
+CutContact::Section CutContact::section_at(const NodeMotion &nodes, const MaterialPoint &middle,
+                                           const Eigen::Vector3f &at_m) const noexcept {
+  constexpr int kAround = static_cast<int>(kSectionPoints) - 1;
   const auto nodes_of = [this](const MaterialPoint &point) -> const Eigen::Vector4i & {
     return mesh_->tetrahedra[static_cast<std::size_t>(point.tetrahedron)];
   };
-  Disc disc;
-  disc.add(nodes_of(middle), middle);
+  Section section;
+  section.add(nodes_of(middle), middle);
   int points = 1;
   const Eigen::Vector3f side = probe_.shaft.unitOrthogonal();
   const Eigen::Vector3f other = probe_.shaft.cross(side);
   for (int i = 0; i < kAround; ++i) {
     const float angle = static_cast<float>(i) * (2.0F * std::numbers::pi_v<float> / static_cast<float>(kAround));
     const MaterialPoint point =
-        find(nodes, at_m + disc_radius_m_ * (std::cos(angle) * side + std::sin(angle) * other), middle.tetrahedron);
+        find(nodes, at_m + section_radius_m_ * (std::cos(angle) * side + std::sin(angle) * other), middle.tetrahedron);
     if (point.inside()) {
-      disc.add(nodes_of(point), point);
+      section.add(nodes_of(point), point);
       ++points;
     }
   }
-  for (int i = 0; i < disc.count; ++i) {
-    disc.share[static_cast<std::size_t>(i)] /= static_cast<float>(points);
+  for (int i = 0; i < section.count; ++i) {
+    section.weight[static_cast<std::size_t>(i)] /= static_cast<float>(points);
   }
-  const Eigen::Vector3f from_tip = grip(nodes, disc).from_tip;
-  disc.beside = from_tip - from_tip.dot(probe_.shaft) * probe_.shaft;
-  return disc;
+  const Eigen::Vector3f from_tip = grip(nodes, section).from_tip;
+  section.offset = from_tip - from_tip.dot(probe_.shaft) * probe_.shaft;
+  return section;
 }
 
-CutContact::Grip CutContact::grip(const NodeMotion &nodes, const Disc &disc) const noexcept {
+CutContact::Grip CutContact::grip(const NodeMotion &nodes, const Section &section) const noexcept {
   Grip grip;
   Eigen::Vector3f at = Eigen::Vector3f::Zero();
-  for (std::size_t k = 0; k < static_cast<std::size_t>(disc.count); ++k) {
-    const auto node = static_cast<std::size_t>(disc.node[k]);
+  for (std::size_t k = 0; k < static_cast<std::size_t>(section.count); ++k) {
+    const auto node = static_cast<std::size_t>(section.node[k]);
     const NodeVector &v = nodes.velocity_m_s[node];
-    at += disc.share[k] * nodes.position_m(disc.node[k]);
-    grip.slip += disc.share[k] * Eigen::Vector3f(v.x, v.y, v.z);
-    grip.mobility += disc.share[k] * disc.share[k] * nodes.inverse_mass_per_kg[node].x;
+    at += section.weight[k] * nodes.position_m(section.node[k]);
+    grip.slip += section.weight[k] * Eigen::Vector3f(v.x, v.y, v.z);
+    grip.mobility += section.weight[k] * section.weight[k] * nodes.inverse_mass_per_kg[node].x;
   }
   grip.from_tip = at - probe_.tip_m;
   grip.slip -= probe_.velocity_m_s(grip.from_tip.dot(probe_.shaft));
   return grip;
 }
 
-void CutContact::push(const NodeMotion &nodes, const Disc &disc, const Eigen::Vector3f &impulse) const noexcept {
-  for (std::size_t k = 0; k < static_cast<std::size_t>(disc.count); ++k) {
-    const float inverse_mass = nodes.inverse_mass_per_kg[static_cast<std::size_t>(disc.node[k])].x;
-    nodes.move(disc.node[k], (disc.share[k] * inverse_mass * nodes.step_s) * impulse);
+void CutContact::push(const NodeMotion &nodes, const Section &section, const Eigen::Vector3f &impulse) const noexcept {
+  for (std::size_t k = 0; k < static_cast<std::size_t>(section.count); ++k) {
+    const float inverse_mass = nodes.inverse_mass_per_kg[static_cast<std::size_t>(section.node[k])].x;
+    nodes.move(section.node[k], (section.weight[k] * inverse_mass * nodes.step_s) * impulse);
   }
 }
 
@@ -114,35 +114,36 @@ void CutContact::find_tip(const NodeMotion &nodes) noexcept {
   tip_rest_.setZero();
   const Eigen::Vector4i &t = mesh_->tetrahedra[static_cast<std::size_t>(tip_.tetrahedron)];
   for (int k = 0; k < 4; ++k) {
-    tip_rest_ += static_cast<float>(tip_.share[k]) * nodes.rest_m[static_cast<std::size_t>(t[k])];
+    tip_rest_ += static_cast<float>(tip_.barycentric[k]) * nodes.rest_m[static_cast<std::size_t>(t[k])];
   }
-  tip_disc_ = disc_around(nodes, tip_, probe_.tip_m);
+  tip_section_ = section_at(nodes, tip_, probe_.tip_m);
 }
 
-void CutContact::hold_and_give_up(const NodeMotion &nodes) noexcept {
-  const auto height = [&](const Disc &disc) { return grip(nodes, disc).from_tip.dot(probe_.shaft); };
+void CutContact::update_constraints(const NodeMotion &nodes) noexcept {
+  const auto height = [&](const Section &section) { return grip(nodes, section).from_tip.dot(probe_.shaft); };
   if (fresh_) {
     fresh_ = false;
     // From where the shaft comes out down to the tip; a blunt tip may stand just before the surface that it has broken.
     int near = guess_;
-    for (std::size_t i = 0; i < kMostHeld; ++i) {
+    for (std::size_t i = 0; i < kMaxSections; ++i) {
       const float up = static_cast<float>(i) * spacing_m_;
       const Eigen::Vector3f at = probe_.tip_m + up * probe_.shaft;
       const MaterialPoint point = find(nodes, at, near);
       if (point.inside()) {
         near = point.tetrahedron;
-        held_.insert(held_.begin(), disc_around(nodes, point, at));
+        sections_.insert(sections_.begin(), section_at(nodes, point, at));
       } else if (up > probe_.radius_m) {
         break;
       }
     }
     return;
   }
-  while (!held_.empty() && height(held_.back()) < 0.0F) {
-    held_.pop_back();
+  while (!sections_.empty() && height(sections_.back()) < 0.0F) {
+    sections_.pop_back();
   }
-  if (tip_.inside() && held_.size() < kMostHeld && (held_.empty() || height(held_.back()) > spacing_m_)) {
-    held_.push_back(tip_disc_);
+  if (tip_.inside() && sections_.size() < kMaxSections &&
+      (sections_.empty() || height(sections_.back()) > spacing_m_)) {
+    sections_.push_back(tip_section_);
   }
 }
 
@@ -153,52 +154,52 @@ void CutContact::apply(const NodeMotion &nodes) noexcept {
     return;
   }
   find_tip(nodes);
-  const bool was_inside = !held_.empty() || fresh_;
-  hold_and_give_up(nodes);
-  if (held_.empty()) {
+  const bool was_inside = !sections_.empty() || fresh_;
+  update_constraints(nodes);
+  if (sections_.empty()) {
     length_ = was_inside && tip_.inside() ? spacing_m_ : 0.0F;
   } else {
-    length_ = std::max(grip(nodes, held_.front()).from_tip.dot(probe_.shaft), 1e-6F);
+    length_ = std::max(grip(nodes, sections_.front()).from_tip.dot(probe_.shaft), 1e-6F);
   }
 
   const float dt = nodes.step_s;
-  constexpr float kShare = 1.0F / static_cast<float>(kCutSweeps); // of a step's friction, for one sweep
-  const float most_rub = forces_.friction_N_per_m * spacing_m_ * dt * kShare;
-  const float most_push = forces_.cutting_N * dt * kShare;
-  const float most_sideways = forces_.sideways_N_per_m * spacing_m_ * dt;
+  constexpr float kSweepFraction = 1.0F / static_cast<float>(kCutSweeps); // of a step's friction, for one sweep
+  const float max_friction_N_s = forces_.friction_N_per_m * spacing_m_ * dt * kSweepFraction;
+  const float max_cutting_N_s = forces_.cutting_N * dt * kSweepFraction;
+  const float max_sideways_N_s = forces_.sideways_N_per_m * spacing_m_ * dt;
   for (int sweep = 0; sweep < kCutSweeps; ++sweep) {
-    for (Disc &disc : held_) {
-      const Grip held = grip(nodes, disc);
+    for (Section &section : sections_) {
+      const Grip held = grip(nodes, section);
       if (held.mobility <= 0.0F) {
         continue;
       }
       if (sweep == 0) {
-        disc.pushed_N_s.setZero();
+        section.pushed_N_s.setZero();
       }
       // Sideways back to where it was gripped, along the shaft what friction can.
-      const Eigen::Vector3f aside = held.from_tip - held.from_tip.dot(probe_.shaft) * probe_.shaft - disc.beside;
-      Eigen::Vector3f pushed = disc.pushed_N_s - aside / (held.mobility * dt);
-      const bool cuts = pushed.norm() > most_sideways;
+      const Eigen::Vector3f aside = held.from_tip - held.from_tip.dot(probe_.shaft) * probe_.shaft - section.offset;
+      Eigen::Vector3f pushed = section.pushed_N_s - aside / (held.mobility * dt);
+      const bool cuts = pushed.norm() > max_sideways_N_s;
       if (cuts) {
-        pushed *= most_sideways / pushed.norm();
+        pushed *= max_sideways_N_s / pushed.norm();
       }
-      const Eigen::Vector3f back = pushed - disc.pushed_N_s;
-      disc.pushed_N_s = pushed;
+      const Eigen::Vector3f back = pushed - section.pushed_N_s;
+      section.pushed_N_s = pushed;
       if (cuts && sweep == kCutSweeps - 1) {
-        disc.beside += aside + held.mobility * dt * back;
+        section.offset += aside + held.mobility * dt * back;
       }
-      const float rub = std::clamp(-held.slip.dot(probe_.shaft) / held.mobility, -most_rub, most_rub);
+      const float rub = std::clamp(-held.slip.dot(probe_.shaft) / held.mobility, -max_friction_N_s, max_friction_N_s);
       const Eigen::Vector3f impulse = rub * probe_.shaft + back;
-      push(nodes, disc, impulse);
+      push(nodes, section, impulse);
       shaft_force_ += impulse / dt;
     }
     // The tip pushes and never pulls.
-    if (tip_.inside() && most_push > 0.0F) {
-      const Grip held = grip(nodes, tip_disc_);
+    if (tip_.inside() && max_cutting_N_s > 0.0F) {
+      const Grip held = grip(nodes, tip_section_);
       const float along = held.slip.dot(probe_.shaft);
       if (held.mobility > 0.0F && along > 0.0F) {
-        const float pushed = std::min(along / held.mobility, most_push);
-        push(nodes, tip_disc_, -pushed * probe_.shaft);
+        const float pushed = std::min(along / held.mobility, max_cutting_N_s);
+        push(nodes, tip_section_, -pushed * probe_.shaft);
         tip_force_ += pushed / dt;
       }
     }

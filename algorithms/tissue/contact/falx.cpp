@@ -14,7 +14,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-constexpr int kMostIterations = 30;
+constexpr int kMaxPlaneIterations = 30;
 constexpr double kSettled = 1e-6; // of a turn in rad and a shift in mm: less moves no node in or out
 // Layers of a body-centred lattice are half a cell apart: this close to a plane there is always one. A cell is 1.07
 // mean edges.
@@ -25,7 +25,7 @@ constexpr double kFrontDepth_mm = 25.0;
 constexpr double kBackDepth_mm = 50.0;
 // Above the horizontal through the brain's middle, seen from there: crista galli and inner occipital protuberance lie
 // somewhat below it.
-constexpr double kLowestElevation_rad = -15.0 * std::numbers::pi / 180.0;
+constexpr double kMinElevation_rad = -15.0 * std::numbers::pi / 180.0;
 
 Vector3d mean(const std::vector<Vector3d> &points) {
   Vector3d sum = Vector3d::Zero();
@@ -52,7 +52,7 @@ Plane symmetry_plane(const std::vector<Vector3d> &points_mm, const surface::Surf
                      const Vector3d &first_normal) {
   const Vector3d centre_mm = mean(points_mm);
   Plane plane(first_normal.normalized(), centre_mm);
-  for (int iteration = 0; iteration < kMostIterations; ++iteration) {
+  for (int iteration = 0; iteration < kMaxPlaneIterations; ++iteration) {
     Eigen::Matrix<double, 3, 2> aside; // in which the normal turns
     aside.col(0) = plane.normal().unitOrthogonal();
     aside.col(1) = plane.normal().cross(aside.col(0));
@@ -94,7 +94,7 @@ Falx::Falx(const TetMesh &mesh, const TetBoundary &boundary, const surface::Surf
     }
     const surface::SurfacePoint vault = surface.closest(at_mm);
     const double elevation_rad = elevation_rad_of(vault.point_mm - middle_mm);
-    if (elevation_rad > kLowestElevation_rad && elevation_rad < std::numbers::pi - kLowestElevation_rad &&
+    if (elevation_rad > kMinElevation_rad && elevation_rad < std::numbers::pi - kMinElevation_rad &&
         vault.distance_mm < depth_mm(elevation_rad)) {
       nodes_.push_back(static_cast<int>(i));
     }

@@ -15,18 +15,19 @@ namespace {
 constexpr float kSmoothing_s = 0.01F; // of contact forces, which come in impulses
 // Without a touch of the surface, or tissue around the shaft, until the probe counts as outside: after the rupture the
 // surface takes some milliseconds to close around the tip.
-constexpr float kLetGo_s = 0.05F;
+constexpr float kContactLoss_s = 0.05F;
 constexpr float kSearchAgain_m = 2e-3F;   // of the tip's way, between two looks for triangles near the probe
 constexpr float kSearchAgainTurn = 0.02F; // of its turn, rad: 2 mm at the end of 100 mm
 constexpr float kTurn_m = 0.5e-3F;        // of the tip's way back, from which it is no tremor: the phase is another
 constexpr float kTipRadii = 2.0F;         // up the shaft, that is the tip
-constexpr double kDiscEdges = 0.5; // of the discs' radius: a force on fewer edges would tear the mesh, not the tissue
-constexpr double kHeldEdges = 0.5; // between the discs along the shaft: no two middles in one tetrahedron
-constexpr double kCutSpacing_mm = 1.0;  // of the discs along the shaft
-constexpr float kCutMemory_m = 0.5e-3F; // spacing of the remembered cut
-constexpr float kCutWidth_m = 1.5e-3F;  // tissue nearer to the cut than this is cut
-constexpr std::size_t kMostCut = 4096;  // two metres of cuts
-constexpr std::size_t kMostEntries = 64;
+constexpr double kSectionRadiusEdges =
+    0.5; // of the discs' radius: a force on fewer edges would tear the mesh, not the tissue
+constexpr double kSectionSpacingEdges = 0.5; // between the discs along the shaft: no two middles in one tetrahedron
+constexpr double kSectionSpacing_mm = 1.0;   // of the discs along the shaft
+constexpr float kCutMemory_m = 0.5e-3F;      // spacing of the remembered cut
+constexpr float kCutWidth_m = 1.5e-3F;       // tissue nearer to the cut than this is cut
+constexpr std::size_t kMaxCutPoints = 4096;  // two metres of cuts
+constexpr std::size_t kMaxEntries = 64;
 constexpr double kNoStress_Pa = 1e9; // a limit that is not looked at
 
 void check(const ProbeShape &probe, const InsertionParameters &parameters) {
@@ -58,16 +59,16 @@ Insertion::Insertion(const TetMesh &mesh, const TetBoundary &boundary, const Tet
                      const ProbeShape &probe, const SurfaceContact::Options &contact,
                      const InsertionParameters &parameters)
     : shape_((check(probe, parameters), probe)), parameters_(parameters), surface_(mesh, boundary, contact),
-      cut_(mesh, locator, std::max(kCutSpacing_mm, kHeldEdges * mean_edge_mm(mesh)),
-           std::max(probe.radius_mm, kDiscEdges * mean_edge_mm(mesh))) {
-  cut_m_.reserve(kMostCut);
-  entries_m_.reserve(kMostEntries);
+      cut_(mesh, locator, std::max(kSectionSpacing_mm, kSectionSpacingEdges * mean_edge_mm(mesh)),
+           std::max(probe.radius_mm, kSectionRadiusEdges * mean_edge_mm(mesh))) {
+  cut_m_.reserve(kMaxCutPoints);
+  entries_m_.reserve(kMaxEntries);
 }
 
 // ---- where the probe is ----
 
 void Insertion::reset() noexcept {
-  disappear();
+  remove_probe();
   correction_.reset();
   cut_m_.clear();
   entries_m_.clear();
@@ -76,26 +77,26 @@ void Insertion::reset() noexcept {
   tip_force_N_ = shaft_force_N_ = 0.0F;
 }
 
-void Insertion::disappear() noexcept {
-  come_out();
+void Insertion::remove_probe() noexcept {
+  reset_to_outside();
   surface_.set_active(false);
 }
 
-void Insertion::appear_outside() noexcept { come_out(); }
+void Insertion::reappear_outside() noexcept { reset_to_outside(); }
 
-void Insertion::appear_inside(int tetrahedron) noexcept {
+void Insertion::reappear_inside(int tetrahedron) noexcept {
   surface_.set_active(false);
   cut_.begin(tetrahedron);
   phase_ = Phase::kPenetration;
-  way_known_ = false;
+  path_known_ = false;
   alone_s_ = back_m_ = 0.0F;
 }
 
-void Insertion::come_out() noexcept {
+void Insertion::reset_to_outside() noexcept {
   phase_ = Phase::kOutside;
   depth_mm_ = 0.0;
   alone_s_ = 0.0F;
-  way_known_ = true;
+  path_known_ = true;
   cut_.end();
   surface_.set_active(true);
   searched_ = false;
@@ -153,8 +154,8 @@ void Insertion::end_step(const ExplicitSolver &solver) noexcept {
   case Phase::kPenetration:
   case Phase::kWithdrawal:
     depth_mm_ = static_cast<double>(cut_.length_m()) * kMetre;
-    if (alone_s_ > kLetGo_s) {
-      come_out();
+    if (alone_s_ > kContactLoss_s) {
+      reset_to_outside();
       break;
     }
     back_m_ = std::max(0.0F, back_m_ + (phase_ == Phase::kPenetration ? -advance_m_ : advance_m_));
@@ -169,8 +170,8 @@ void Insertion::end_step(const ExplicitSolver &solver) noexcept {
 
 void Insertion::indent(const ExplicitSolver &solver) noexcept {
   depth_mm_ = surface_.depth_mm();
-  if (alone_s_ > kLetGo_s) {
-    come_out();
+  if (alone_s_ > kContactLoss_s) {
+    reset_to_outside();
     return;
   }
   const bool by_force = tip_force_N() > parameters_.rupture_force_N;
@@ -186,7 +187,7 @@ void Insertion::rupture() noexcept {
   if (!at_entry()) {
     ++ruptures_;
     rupture_force_N_ = tip_force_N();
-    if (entries_m_.size() < kMostEntries) {
+    if (entries_m_.size() < kMaxEntries) {
       entries_m_.push_back(surface_.touched_rest_m());
     }
   }
@@ -196,7 +197,7 @@ void Insertion::rupture() noexcept {
   cut_.begin(surface_.touched_tetrahedron());
 }
 
-void Insertion::give_way() noexcept {
+void Insertion::force_rupture() noexcept {
   if (phase_ == Phase::kIndentation && surface_.touched_tetrahedron() >= 0 && touches_with_tip()) {
     rupture();
   }
@@ -248,7 +249,7 @@ bool Insertion::cut_before() const noexcept {
 }
 
 void Insertion::remember_cut() noexcept {
-  if (!cut_.tip().inside() || cut_before() || cut_m_.size() == kMostCut) {
+  if (!cut_.tip().inside() || cut_before() || cut_m_.size() == kMaxCutPoints) {
     return;
   }
   if (cut_m_.empty() || (cut_m_.back() - cut_.tip_rest_m()).norm() > kCutMemory_m) {

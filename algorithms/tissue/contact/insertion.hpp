@@ -37,16 +37,16 @@ public:
   [[nodiscard]] std::array<Contact *, 2> contacts() noexcept { return {&surface_, &cut_}; }
 
   // ---- where the probe is, when its way there was not seen ----
-  void reset() noexcept;     // nowhere; what was cut is whole
-  void disappear() noexcept; // nowhere
-  void appear_outside() noexcept;
-  void appear_inside(int tetrahedron) noexcept; // that the tip is in
+  void reset() noexcept;        // nowhere; what was cut is whole
+  void remove_probe() noexcept; // nowhere
+  void reappear_outside() noexcept;
+  void reappear_inside(int tetrahedron) noexcept; // that the tip is in
 
   // ---- a step of the solver ----
   void begin_step(const PlacedProbe &probe, const ExplicitSolver &solver) noexcept;
   void end_step(const ExplicitSolver &solver) noexcept;
   // The step was taken back: a dent that would turn the tissue inside out has torn it, whatever the force.
-  void give_way() noexcept;
+  void force_rupture() noexcept;
 
   // A sensor's sample, positive where the tissue pushes back.
   void measure(double force_N, double elapsed_s) noexcept;
@@ -54,7 +54,7 @@ public:
   [[nodiscard]] Phase phase() const noexcept { return phase_; }
   [[nodiscard]] bool inside() const noexcept { return phase_ == Phase::kPenetration || phase_ == Phase::kWithdrawal; }
   // The way inside was seen from the surface on.
-  [[nodiscard]] bool way_known() const noexcept { return way_known_; }
+  [[nodiscard]] bool path_known() const noexcept { return path_known_; }
   // The tip has come out of the mesh again while the shaft is in it.
   [[nodiscard]] bool left_mesh() const noexcept;
   [[nodiscard]] double depth_mm() const noexcept { return depth_mm_; } // of the shaft inside, or of the dent
@@ -67,7 +67,7 @@ public:
 private:
   void indent(const ExplicitSolver &solver) noexcept;
   void rupture() noexcept;
-  void come_out() noexcept;
+  void reset_to_outside() noexcept;
   [[nodiscard]] bool touches_with_tip() const noexcept;
   [[nodiscard]] bool at_entry() const noexcept;
   [[nodiscard]] bool cut_before() const noexcept;
@@ -80,7 +80,7 @@ private:
   ForceCorrection correction_;
 
   Phase phase_ = Phase::kOutside;
-  bool way_known_ = true;
+  bool path_known_ = true;
   PlacedProbe probe_;
   bool searched_ = false; // for the surface near searched_for_
   PlacedProbe searched_for_;

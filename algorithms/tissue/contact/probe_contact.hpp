@@ -50,7 +50,7 @@ private:
   struct Point {
     int triangle;
     int node[3];
-    float share[3];
+    float barycentric[3];
   };
   struct Near {
     float distance_mm;
@@ -99,7 +99,7 @@ public:
   };
 
   // spacing_mm: between held discs.
-  CutContact(const TetMesh &mesh, const TetLocator &locator, double spacing_mm, double disc_radius_mm);
+  CutContact(const TetMesh &mesh, const TetLocator &locator, double spacing_mm, double section_radius_mm);
 
   void place(const PlacedProbe &probe) noexcept { probe_ = probe; }
   void set_forces(const Forces &forces) noexcept { forces_ = forces; }
@@ -118,16 +118,16 @@ public:
   [[nodiscard]] float length_m() const noexcept { return length_; }
 
 private:
-  static constexpr std::size_t kMostHeld = 256;
-  static constexpr std::size_t kDiscPoints = 7;
+  static constexpr std::size_t kMaxSections = 256;
+  static constexpr std::size_t kSectionPoints = 7;
 
-  struct Disc { // a weighted mean of nodes; the shares sum to one
-    std::array<int, 4 * kDiscPoints> node{};
-    std::array<float, 4 * kDiscPoints> share{};
+  struct Section { // a weighted mean of nodes; the shares sum to one
+    std::array<int, 4 * kSectionPoints> node{};
+    std::array<float, 4 * kSectionPoints> weight{};
     int count = 0;
     // From the axis to its mean when it was gripped, and by what the shaft has cut sideways since: not zero where part
     // of the disc lies outside the mesh.
-    Eigen::Vector3f beside = Eigen::Vector3f::Zero();
+    Eigen::Vector3f offset = Eigen::Vector3f::Zero();
     Eigen::Vector3f pushed_N_s = Eigen::Vector3f::Zero(); // sideways, in this step
 
     void add(const Eigen::Vector4i &tetrahedron, const MaterialPoint &point) noexcept;
@@ -139,24 +139,24 @@ private:
   };
 
   [[nodiscard]] MaterialPoint find(const NodeMotion &nodes, const Eigen::Vector3f &at_m, int guess) const noexcept;
-  [[nodiscard]] Disc disc_around(const NodeMotion &nodes, const MaterialPoint &middle,
-                                 const Eigen::Vector3f &at_m) const noexcept;
-  [[nodiscard]] Grip grip(const NodeMotion &nodes, const Disc &disc) const noexcept;
-  void push(const NodeMotion &nodes, const Disc &disc, const Eigen::Vector3f &impulse) const noexcept;
+  [[nodiscard]] Section section_at(const NodeMotion &nodes, const MaterialPoint &middle,
+                                   const Eigen::Vector3f &at_m) const noexcept;
+  [[nodiscard]] Grip grip(const NodeMotion &nodes, const Section &section) const noexcept;
+  void push(const NodeMotion &nodes, const Section &section, const Eigen::Vector3f &impulse) const noexcept;
   void find_tip(const NodeMotion &nodes) noexcept;
-  void hold_and_give_up(const NodeMotion &nodes) noexcept;
+  void update_constraints(const NodeMotion &nodes) noexcept;
 
   const TetMesh *mesh_;
   const TetLocator *locator_;
-  float spacing_m_, disc_radius_m_;
+  float spacing_m_, section_radius_m_;
   PlacedProbe probe_;
   Forces forces_;
   bool active_ = false;
-  bool fresh_ = false;     // begin() was called: nothing is held yet
-  int guess_ = 0;          // where the tip was last
-  std::vector<Disc> held_; // the lowest last
+  bool fresh_ = false;            // begin() was called: nothing is held yet
+  int guess_ = 0;                 // where the tip was last
+  std::vector<Section> sections_; // the lowest last
   MaterialPoint tip_;
-  Disc tip_disc_;
+  Section tip_section_;
   Eigen::Vector3f tip_rest_ = Eigen::Vector3f::Zero();
   float tip_force_ = 0.0F;
   float length_ = 0.0F;

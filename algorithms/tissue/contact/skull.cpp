@@ -48,7 +48,7 @@ bool Skull::open_at(const Eigen::Vector3d &rest_mm) const noexcept {
   return (rest_mm - options_.craniotomy.centre_mm).norm() < options_.craniotomy.radius_mm;
 }
 
-void Skull::hold(ExplicitSolver &solver) const {
+void Skull::apply_supports(ExplicitSolver &solver) const {
   if (!options_.sliding) {
     for (const Support &support : supports_) {
       solver.fix(support.node);

@@ -37,7 +37,7 @@ public:
   ~Skull() override;
 
   // Fixes the surface where it is not to slide. Call once, and again after the solver's nodes were released.
-  void hold(ExplicitSolver &solver) const;
+  void apply_supports(ExplicitSolver &solver) const;
 
   // True where the craniotomy leaves the surface free.
   [[nodiscard]] bool open_at(const Eigen::Vector3d &rest_mm) const noexcept;

@@ -17,12 +17,12 @@ constexpr float kNear_m = 0.5e-3F; // a point that is pushed out can push a neig
 SurfaceContact::SurfaceContact(const TetMesh &mesh, const TetBoundary &boundary, const Options &options)
     : mesh_(&mesh), boundary_(&boundary), options_(options) {
   for (const Eigen::Vector3i &t : boundary.triangles) {
-    double longest = 0.0;
+    double max_edge = 0.0;
     for (int i = 0; i < 3; ++i) {
       const auto node = [&](int k) { return mesh.nodes_mm[static_cast<std::size_t>(t[k % 3])]; };
-      longest = std::max(longest, (node(i) - node(i + 1)).norm());
+      max_edge = std::max(max_edge, (node(i) - node(i + 1)).norm());
     }
-    divisions_.push_back(std::max(1, static_cast<int>(std::ceil(longest / options.spacing_mm))));
+    divisions_.push_back(std::max(1, static_cast<int>(std::ceil(max_edge / options.spacing_mm))));
   }
   near_.reserve(boundary.triangles.size());
   points_.reserve(static_cast<std::size_t>(options.capacity));
@@ -79,7 +79,7 @@ void SurfaceContact::search(const ExplicitSolver &solver) noexcept {
 float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point, Push &push) noexcept {
   Eigen::Vector3f p = Eigen::Vector3f::Zero();
   for (int i = 0; i < 3; ++i) {
-    p += point.share[i] * nodes.position_m(point.node[i]);
+    p += point.barycentric[i] * nodes.position_m(point.node[i]);
   }
   const ProbeDistance distance = probe_.distance(p);
   const float depth = -distance.signed_m;
@@ -91,11 +91,11 @@ float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point, Push
   for (int i = 0; i < 3; ++i) {
     const auto node = static_cast<std::size_t>(point.node[i]);
     const NodeVector &v = nodes.velocity_m_s[node];
-    velocity += point.share[i] * Eigen::Vector3f(v.x, v.y, v.z);
+    velocity += point.barycentric[i] * Eigen::Vector3f(v.x, v.y, v.z);
     const Eigen::Vector3f &n = distance.normal;
     const NodeVector &free = nodes.inverse_mass_per_kg[node]; // along the normal, as far as axes are not fixed
-    mobility +=
-        point.share[i] * point.share[i] * (free.x * n.x() * n.x() + free.y * n.y() * n.y() + free.z * n.z() * n.z());
+    mobility += point.barycentric[i] * point.barycentric[i] *
+                (free.x * n.x() * n.x() + free.y * n.y() * n.y() + free.z * n.z() * n.z());
   }
   if (mobility <= 0.0F) {
     return depth;
@@ -107,15 +107,15 @@ float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point, Push
   Eigen::Vector3f slid = (velocity - probe_.velocity_m_s(height)) * nodes.step_s;
   slid -= slid.dot(distance.normal) * distance.normal;
   Eigen::Vector3f rubbed = push.aside_m - slid;
-  const float most = static_cast<float>(options_.friction) * push.out_m;
-  if (const float length = rubbed.norm(); length > most) {
-    rubbed *= most / length;
+  const float max_rub = static_cast<float>(options_.friction) * push.out_m;
+  if (const float length = rubbed.norm(); length > max_rub) {
+    rubbed *= max_rub / length;
   }
   const Eigen::Vector3f impulse = (out * distance.normal + rubbed - push.aside_m) / mobility;
   push.aside_m = rubbed;
   for (int i = 0; i < 3; ++i) {
     const NodeVector &free = nodes.inverse_mass_per_kg[static_cast<std::size_t>(point.node[i])];
-    nodes.move(point.node[i], point.share[i] * impulse.cwiseProduct(Eigen::Vector3f(free.x, free.y, free.z)));
+    nodes.move(point.node[i], point.barycentric[i] * impulse.cwiseProduct(Eigen::Vector3f(free.x, free.y, free.z)));
   }
   force_N_ += impulse / (nodes.step_s * nodes.step_s);
   return depth;
@@ -153,25 +153,25 @@ void SurfaceContact::apply(const NodeMotion &nodes) noexcept {
   const auto at_rest = [&](const Point &point) {
     Eigen::Vector3f rest = Eigen::Vector3f::Zero();
     for (int i = 0; i < 3; ++i) {
-      rest += point.share[i] * nodes.rest_m[static_cast<std::size_t>(point.node[i])];
+      rest += point.barycentric[i] * nodes.rest_m[static_cast<std::size_t>(point.node[i])];
     }
     return rest;
   };
   const auto moved = [&](const Point &point) {
     Eigen::Vector3f now = Eigen::Vector3f::Zero();
     for (int i = 0; i < 3; ++i) {
-      now += point.share[i] * nodes.position_m(point.node[i]);
+      now += point.barycentric[i] * nodes.position_m(point.node[i]);
     }
     return Eigen::Vector3f(now - at_rest(point));
   };
-  float dent_m = 0.0F;
+  float indentation_m = 0.0F;
   for (const NearPoint &near : near_points_) {
     if (near.push.out_m > 0.0F) {
       ++touching_;
-      dent_m = std::max(dent_m, -moved(*near.point).dot(probe_.shaft));
+      indentation_m = std::max(indentation_m, -moved(*near.point).dot(probe_.shaft));
     }
   }
-  depth_mm_ = static_cast<double>(kMetreFloat * dent_m);
+  depth_mm_ = static_cast<double>(kMetreFloat * indentation_m);
   touched_rest_ = at_rest(*touched);
   touched_height_ = (touched_rest_ + moved(*touched) - probe_.tip_m).dot(probe_.shaft);
   touched_tetrahedron_ = boundary_->tetrahedron[static_cast<std::size_t>(touched->triangle)];

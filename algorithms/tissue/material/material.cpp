@@ -5,12 +5,12 @@
 
 namespace bregma::tissue {
 
-double Material::relaxed_share() const {
-  double share = 1.0;
+double Material::relaxed_fraction() const {
+  double fraction = 1.0;
   for (const PronyTerm &term : prony) {
-    share -= term.share;
+    fraction -= term.fraction;
   }
-  return share;
+  return fraction;
 }
 
 void check(const Material &material) {
@@ -31,15 +31,15 @@ void check(const Material &material) {
     refuse("ogden_alpha", material.ogden_alpha, "finite and not 0");
   }
   for (const PronyTerm &term : material.prony) {
-    if (!(term.share > 0.0)) {
-      refuse("prony share", term.share, "positive");
+    if (!(term.fraction > 0.0)) {
+      refuse("prony fraction", term.fraction, "positive");
     }
     if (!(term.time_s > 0.0) || !std::isfinite(term.time_s)) {
       refuse("prony time_s", term.time_s, "positive");
     }
   }
-  if (!(material.relaxed_share() > 0.0)) {
-    refuse("1 - sum of prony shares", material.relaxed_share(), "positive");
+  if (!(material.relaxed_fraction() > 0.0)) {
+    refuse("1 - sum of prony fractions", material.relaxed_fraction(), "positive");
   }
 }
 

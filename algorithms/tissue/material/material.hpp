@@ -20,8 +20,8 @@ namespace bregma::tissue {
 enum class Law { kNeoHookean, kOgden, kLinear };
 
 struct PronyTerm {
-  double share = 0.0;  // g, of the instantaneous shear modulus
-  double time_s = 1.0; // tau
+  double fraction = 0.0; // g, of the instantaneous shear modulus
+  double time_s = 1.0;   // tau
 };
 
 struct Material {
@@ -37,7 +37,7 @@ struct Material {
   [[nodiscard]] double shear_Pa() const { return young_Pa / (2.0 * (1.0 + poisson)); }
   [[nodiscard]] double bulk_Pa() const { return young_Pa / (3.0 * (1.0 - 2.0 * poisson)); }
   [[nodiscard]] double wave_modulus_Pa() const { return bulk_Pa() + 4.0 / 3.0 * shear_Pa(); }
-  [[nodiscard]] double relaxed_share() const; // 1 - sum g: of the shear modulus, after all has relaxed
+  [[nodiscard]] double relaxed_fraction() const; // 1 - sum g: of the shear modulus, after all has relaxed
 };
 
 // Throws std::invalid_argument with the parameter's name and value.

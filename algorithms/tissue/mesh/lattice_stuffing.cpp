@@ -35,7 +35,7 @@ struct SnapShares {
 constexpr SnapShares kPaperSnap = {0.24999, 0.41189};
 constexpr SnapShares kFarSnap = {0.5, 0.5};
 // The least stable length that a far move may leave, as a share of the long edge; the lattice's own have 0.35.
-constexpr double kLeastStableLength = 0.07;
+constexpr double kMinStableLength = 0.07;
 
 struct Cut {
   double from_low = 0.5; // share of the edge, from the end from which the way leads
@@ -177,10 +177,10 @@ private:
       if (cut == nullptr) {
         continue;
       }
-      const double share = way < kWays ? cut->from_low : 1.0 - cut->from_low;
+      const double fraction = way < kWays ? cut->from_low : 1.0 - cut->from_low;
       const bool is_long = forward < kLongWays;
-      const double length = is_long ? share : share * kShortEdge;
-      if (share < (is_long ? snap.along_long : snap.along_short) && length < shortest) {
+      const double length = is_long ? fraction : fraction * kShortEdge;
+      if (fraction < (is_long ? snap.along_long : snap.along_short) && length < shortest) {
         shortest = length;
         nearest = &cut->point_mm;
       }
@@ -200,7 +200,7 @@ private:
     each_point([&](const Vector3i &p) {
       if (const Vector3d *const cut = near_cut(p, kFarSnap)) {
         const Vector3d before = std::exchange(point_mm_[index(p)], *cut);
-        if (thinnest_about(p) < kLeastStableLength * edge_mm_) {
+        if (thinnest_about(p) < kMinStableLength * edge_mm_) {
           point_mm_[index(p)] = before;
         } else {
           side_[index(p)] = Side::kOn;

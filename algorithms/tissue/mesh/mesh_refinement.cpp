@@ -22,8 +22,8 @@ using Edge = std::pair<int, int>; // the lower node first
 
 constexpr std::array<std::array<int, 2>, 6> kEdges{{{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}}};
 
-void check_places(std::span<const FinePlace> places) {
-  for (const FinePlace &place : places) {
+void check_places(std::span<const RefinementRegion> places) {
+  for (const RefinementRegion &place : places) {
     if (!place.centre_mm.allFinite() || !std::isfinite(place.radius_mm) || !(place.radius_mm > 0.0) ||
         !std::isfinite(place.edge_mm) || !(place.edge_mm > 0.0)) {
       throw std::invalid_argument("mesh refinement: radius " + std::to_string(place.radius_mm) + " mm, edge " +
@@ -44,7 +44,7 @@ public:
     }
   }
 
-  void refine(const FinePlace &place) {
+  void refine(const RefinementRegion &place) {
     for (std::size_t t = 0; t < mesh_.tetrahedra.size(); ++t) { // grows while it is gone through
       while (reaches(mesh_.tetrahedra[t], place) && length_of(longest_edge(t)) > place.edge_mm) {
         bisect(longest_edge(t));
@@ -59,7 +59,7 @@ private:
   [[nodiscard]] const Vector3d &node(int i) const { return mesh_.nodes_mm[static_cast<std::size_t>(i)]; }
   [[nodiscard]] double length_of(const Edge &edge) const { return (node(edge.first) - node(edge.second)).norm(); }
 
-  [[nodiscard]] bool reaches(const Vector4i &t, const FinePlace &place) const {
+  [[nodiscard]] bool reaches(const Vector4i &t, const RefinementRegion &place) const {
     return std::any_of(t.begin(), t.end(), [&](int i) { return (node(i) - place.centre_mm).norm() < place.radius_mm; });
   }
 
@@ -138,11 +138,11 @@ private:
 
 } // namespace
 
-TetMesh refined(const TetMesh &mesh, std::span<const FinePlace> places) {
+TetMesh refined(const TetMesh &mesh, std::span<const RefinementRegion> places) {
   check_places(places);
   check(mesh);
   Bisection bisection(mesh);
-  for (const FinePlace &place : places) {
+  for (const RefinementRegion &place : places) {
     bisection.refine(place);
   }
   return bisection.take();

@@ -13,7 +13,7 @@
 
 namespace bregma::tissue {
 
-struct FinePlace {
+struct RefinementRegion {
   Eigen::Vector3d centre_mm = Eigen::Vector3d::Zero();
   double radius_mm = 0.0;
   double edge_mm = 0.0; // the longest that is left there
@@ -22,6 +22,6 @@ struct FinePlace {
 // Nodes that are there keep their numbers and places; new ones follow, those on the boundary on its flat triangles.
 // Deterministic; safe from any thread. Throws std::invalid_argument for a place, radius or edge that is not finite or
 // not positive, or when more than kMaxTetrahedra (lattice_mesh.hpp) would be made.
-[[nodiscard]] TetMesh refined(const TetMesh &mesh, std::span<const FinePlace> places);
+[[nodiscard]] TetMesh refined(const TetMesh &mesh, std::span<const RefinementRegion> places);
 
 } // namespace bregma::tissue

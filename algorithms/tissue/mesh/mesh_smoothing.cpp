@@ -21,7 +21,7 @@ using surface::SurfacePoint;
 constexpr double kEnough = 0.28;
 // Steps of the search, as shares of the edge, and the least gain that is worth a move.
 constexpr std::array<double, 4> kSteps = {0.16, 0.08, 0.04, 0.02};
-constexpr double kLeastGain = 1e-3;
+constexpr double kMinGain = 1e-3;
 constexpr int kTriesAtOneStep = 4;
 
 // Towards the corners and faces of a cube.
@@ -114,10 +114,10 @@ private:
     if (best >= kEnough * edge_mm_) {
       return false;
     }
-    const double least_gain = kLeastGain * edge_mm_;
+    const double min_gain = kMinGain * edge_mm_;
     bool moved = false;
     for (const double step : kSteps) {
-      for (int tries = 0; tries < kTriesAtOneStep && try_step(node, step * edge_mm_, least_gain, best); ++tries) {
+      for (int tries = 0; tries < kTriesAtOneStep && try_step(node, step * edge_mm_, min_gain, best); ++tries) {
         moved = true;
       }
     }
@@ -125,7 +125,7 @@ private:
   }
 
   // The best of the places one step away, if it is better than where the node is.
-  bool try_step(std::size_t node, double step_mm, double least_gain, double &best) {
+  bool try_step(std::size_t node, double step_mm, double min_gain, double &best) {
     Vector3d &place = mesh_.nodes_mm[node];
     const Vector3d start = place;
     const SurfacePoint here = on_surface_[node] ? surface_.closest(start, triangle_[node]) : SurfacePoint{};
@@ -137,7 +137,7 @@ private:
         place -= step_mm * direction.dot(here.normal) * here.normal;
         place = surface_.closest(place, triangle_[node]).point_mm;
       }
-      if (const double found = worst(node, best + least_gain); found > best + least_gain) {
+      if (const double found = worst(node, best + min_gain); found > best + min_gain) {
         best = found;
         best_place = place;
         better = true;

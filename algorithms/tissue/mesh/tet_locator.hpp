@@ -16,8 +16,8 @@
 namespace bregma::tissue {
 
 struct MaterialPoint {
-  int tetrahedron = -1;                            // -1: outside the mesh
-  Eigen::Vector4d share = Eigen::Vector4d::Zero(); // of its nodes; they sum to one
+  int tetrahedron = -1;                                  // -1: outside the mesh
+  Eigen::Vector4d barycentric = Eigen::Vector4d::Zero(); // of its nodes; they sum to one
 
   [[nodiscard]] bool inside() const noexcept { return tetrahedron >= 0; }
 };
@@ -31,11 +31,11 @@ public:
   template <class Position>
   [[nodiscard]] MaterialPoint walk(const Eigen::Vector3d &p, int guess, const Position &position) const noexcept {
     int t = guess;
-    for (int steps = 0; steps < kLongestWalk && t >= 0; ++steps) {
-      const Eigen::Vector4d share = shares(t, p, position);
+    for (int steps = 0; steps < kMaxWalkSteps && t >= 0; ++steps) {
+      const Eigen::Vector4d barycentric = barycentric_of(t, p, position);
       int beyond = 0;
-      if (share.minCoeff(&beyond) >= -kOnFace) {
-        return {t, share};
+      if (barycentric.minCoeff(&beyond) >= -kOnFace) {
+        return {t, barycentric};
       }
       t = neighbours_[static_cast<std::size_t>(t)][static_cast<std::size_t>(beyond)];
     }
@@ -56,7 +56,8 @@ public:
 
   // Of p in the tetrahedron t; all in 0..1 inside.
   template <class Position>
-  [[nodiscard]] Eigen::Vector4d shares(int t, const Eigen::Vector3d &p, const Position &position) const noexcept {
+  [[nodiscard]] Eigen::Vector4d barycentric_of(int t, const Eigen::Vector3d &p,
+                                               const Position &position) const noexcept {
     const Eigen::Vector4i &nodes = mesh_->tetrahedra[static_cast<std::size_t>(t)];
     const Eigen::Vector3d base = position(nodes[0]);
     Eigen::Matrix3d edges;
@@ -72,27 +73,27 @@ public:
     const Eigen::Vector4i &nodes = mesh_->tetrahedra[static_cast<std::size_t>(point.tetrahedron)];
     Eigen::Vector3d p = Eigen::Vector3d::Zero();
     for (int i = 0; i < 4; ++i) {
-      p += point.share[i] * position(nodes[i]);
+      p += point.barycentric[i] * position(nodes[i]);
     }
     return p;
   }
 
 private:
-  static constexpr int kLongestWalk = 256;
+  static constexpr int kMaxWalkSteps = 256;
   static constexpr double kOnFace = 1e-6;
 
   template <class Position>
   [[nodiscard]] MaterialPoint search(const Eigen::Vector3d &p, const Position &position) const noexcept {
     const int count = static_cast<int>(mesh_->tetrahedra.size());
     for (int t = 0; t < count; ++t) {
-      // Cheaper than shares(): most are far away.
+      // Cheaper than barycentric_of(): most are far away.
       const Eigen::Vector3d near = position(mesh_->tetrahedra[static_cast<std::size_t>(t)][0]);
       if ((p - near).squaredNorm() > kReach * longest_edge_squared_) {
         continue;
       }
-      const Eigen::Vector4d share = shares(t, p, position);
-      if (share.minCoeff() >= -kOnFace) {
-        return {t, share};
+      const Eigen::Vector4d barycentric = barycentric_of(t, p, position);
+      if (barycentric.minCoeff() >= -kOnFace) {
+        return {t, barycentric};
       }
     }
     return {};

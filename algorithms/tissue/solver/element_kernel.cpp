@@ -137,9 +137,9 @@ template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementW
       Element<V> e;
       read<V>(pack, lane, work.nodes, e);
       Float own_change{};
-      if (work.own_bulk_Pa != 0.0F) {
+      if (work.element_bulk_Pa != 0.0F) {
         volume_change<V, kLaw>(e.h, own_change);
-        e.pressure += work.own_bulk_Pa * own_change;
+        e.pressure += work.element_bulk_Pa * own_change;
       }
       Float p[3][3];
       Float energy;
@@ -147,7 +147,7 @@ template <class V, Law kLaw> BREGMA_INLINE ElementSums add_forces(const ElementW
       stress<V, kLaw>(work, relaxed, lane, e, p, energy, inverted_here);
       Float volume;
       load(volume, pack.volume_m3 + lane);
-      energy_sum += (energy + (0.5F * work.own_bulk_Pa) * own_change * own_change) * volume;
+      energy_sum += (energy + (0.5F * work.element_bulk_Pa) * own_change * own_change) * volume;
       inverted_sum += inverted_here;
       push_nodes<V>(work, pack, lane, e.b, p, volume);
     }

@@ -49,7 +49,7 @@ struct ElementWork {
   const NodeVector *nodes = nullptr; // displacement (m), and the pressure that add_forces reads
   float shear_Pa = 0.0F;
   float bulk_Pa = 0.0F;
-  float own_bulk_Pa = 0.0F; // of a pressure that a tetrahedron has by its own volume, beside its nodes'
+  float element_bulk_Pa = 0.0F; // of a pressure that a tetrahedron has by its own volume, beside its nodes'
   float ogden_alpha = 2.0F;
 
   float *volume_change_m3 = nullptr; // by node; add_volumes adds a quarter of each tetrahedron's

@@ -14,10 +14,10 @@ namespace {
 constexpr std::uint64_t kLookInterval = 50; // steps between two looks at the critical step
 // Of a node in one step, in edge lengths: what is pushed by a contact may want to spring back far, for the contact to
 // stop it.
-constexpr float kLongestWay = 0.5F;
+constexpr float kMaxMove = 0.5F;
 
 // To a length, or to nothing where the forces were not finite.
-void limit(NodeVector &v, float length) {
+void clamp_length(NodeVector &v, float length) {
   const float scale = length / std::sqrt(dot(v, v));
   v = std::isfinite(scale) && scale > 0.0F ? NodeVector{v.x * scale, v.y * scale, v.z * scale} : NodeVector{};
 }
@@ -87,47 +87,47 @@ void ExplicitSolver::set_contacts(std::vector<Contact *> contacts) { contacts_ =
 
 // Leaves every thread's part of the elastic forces in its share, and the pressure in the nodes. On all threads.
 void ExplicitSolver::evaluate(int thread, std::vector<NodeVector> &nodes, bool viscous, float shear_Pa) noexcept {
-  Share &share = shares_[static_cast<std::size_t>(thread)];
+  ThreadPart &own = parts_[static_cast<std::size_t>(thread)];
   ElementWork work;
-  work.packs = std::span(packs_).subspan(share.packs.begin, share.packs.end - share.packs.begin);
+  work.packs = std::span(packs_).subspan(own.packs.begin, own.packs.end - own.packs.begin);
   work.nodes = nodes.data();
   work.shear_Pa = shear_Pa;
   work.bulk_Pa = static_cast<float>(material_.bulk_Pa());
-  work.own_bulk_Pa = static_cast<float>(options_.own_pressure * material_.bulk_Pa());
+  work.element_bulk_Pa = static_cast<float>(options_.element_pressure_fraction * material_.bulk_Pa());
   work.ogden_alpha = static_cast<float>(material_.ogden_alpha);
-  work.volume_change_m3 = share.volume_change.data();
-  work.force_N = share.force.data();
+  work.volume_change_m3 = own.volume_change.data();
+  work.force_N = own.force.data();
   if (viscous && !prony_.empty()) {
     work.prony = prony_;
-    work.relaxed = relaxed_.data() + share.packs.begin * prony_.size();
+    work.relaxed = relaxed_.data() + own.packs.begin * prony_.size();
   }
 
-  std::fill(share.volume_change.begin(), share.volume_change.end(), 0.0F);
+  std::fill(own.volume_change.begin(), own.volume_change.end(), 0.0F);
   kernel_->add_volumes(work, material_.law);
   team_->barrier();
 
-  const auto bulk = static_cast<float>((1.0 - options_.own_pressure) * material_.bulk_Pa());
+  const auto bulk = static_cast<float>((1.0 - options_.element_pressure_fraction) * material_.bulk_Pa());
   double energy = 0.0;
-  for (std::size_t i = share.nodes.begin; i < share.nodes.end; ++i) {
+  for (std::size_t i = own.nodes.begin; i < own.nodes.end; ++i) {
     float change = 0.0F;
-    for (const Share &other : shares_) {
+    for (const ThreadPart &other : parts_) {
       change += other.volume_change[i];
     }
     nodes[i].w = bulk * change / volume_m3_[i];
     energy += static_cast<double>(0.5F * nodes[i].w * change);
   }
-  share.volume_energy = energy;
-  std::fill(share.force.begin(), share.force.end(), NodeVector{});
+  own.volume_energy = energy;
+  std::fill(own.force.begin(), own.force.end(), NodeVector{});
   team_->barrier();
 
-  share.sums = kernel_->add_forces(work, material_.law);
+  own.sums = kernel_->add_forces(work, material_.law);
   team_->barrier();
 }
 
 NodeVector ExplicitSolver::total_force(std::size_t node) const noexcept {
-  NodeVector sum = shares_.front().force[node];
-  for (std::size_t t = 1; t < shares_.size(); ++t) {
-    const NodeVector &part = shares_[t].force[node];
+  NodeVector sum = parts_.front().force[node];
+  for (std::size_t t = 1; t < parts_.size(); ++t) {
+    const NodeVector &part = parts_[t].force[node];
     sum = {sum.x + part.x, sum.y + part.y, sum.z + part.z};
   }
   return sum;
@@ -135,9 +135,9 @@ NodeVector ExplicitSolver::total_force(std::size_t node) const noexcept {
 
 // Central differences for the share's nodes: v <- keep v + pull f / m, u <- u + dt v.
 void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how) noexcept {
-  Share &share = shares_[static_cast<std::size_t>(thread)];
-  share.limited = 0;
-  for (std::size_t i = share.nodes.begin; i < share.nodes.end; ++i) {
+  ThreadPart &own = parts_[static_cast<std::size_t>(thread)];
+  own.clamped = 0;
+  for (std::size_t i = own.nodes.begin; i < own.nodes.end; ++i) {
     const NodeVector force = total_force(i);
     const NodeVector &push = external_[i];
     const NodeVector &inverse = inverse_mass[i];
@@ -147,12 +147,12 @@ void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_
     v.x = how.keep * v.x + how.pull * inverse.x * (force.x + push.x);
     v.y = how.keep * v.y + how.pull * inverse.y * (force.y + push.y);
     v.z = how.keep * v.z + how.pull * inverse.z * (force.z + push.z);
-    const float way_squared = how.step * how.step * dot(v, v);
+    const float move_squared = how.step * how.step * dot(v, v);
     v.w = 0.0F;
-    if (!(way_squared <= how.longest_way * how.longest_way)) {
-      limit(v, how.longest_way / how.step);
-      v.w = kLimited;
-      ++share.limited;
+    if (!(move_squared <= how.max_move * how.max_move)) {
+      clamp_length(v, how.max_move / how.step);
+      v.w = kClamped;
+      ++own.clamped;
     }
     NodeVector &remainder = remainder_[i];
     add(u.x, remainder.x, how.step * v.x);
@@ -181,16 +181,16 @@ void ExplicitSolver::advance(int steps) noexcept {
   const auto shear = static_cast<float>(material_.shear_Pa());
   while (steps > 0) {
     if (steps_ % kLookInterval == 0 && steps_ > 0) {
-      look_at_step();
+      check_step();
     }
     const auto to_look = static_cast<int>(kLookInterval - steps_ % kLookInterval);
     const int now = std::min(steps, to_look);
     for (std::size_t k = 0; k < prony_.size(); ++k) {
       const double decay = std::exp(-static_cast<double>(step_s_) / material_.prony[k].time_s);
-      prony_[k] = {static_cast<float>(decay), static_cast<float>(material_.prony[k].share * (1.0 - decay))};
+      prony_[k] = {static_cast<float>(decay), static_cast<float>(material_.prony[k].fraction * (1.0 - decay))};
     }
     const float drag = 0.5F * static_cast<float>(options_.damping_per_s) * step_s_;
-    const Integration how{step_s_, (1.0F - drag) / (1.0F + drag), step_s_ / (1.0F + drag), kLongestWay * edge_m_};
+    const Integration how{step_s_, (1.0F - drag) / (1.0F + drag), step_s_ / (1.0F + drag), kMaxMove * edge_m_};
     team_->run([&](int thread) {
       for (int i = 0; i < now; ++i) {
         step(thread, inverse_mass_, how, true, shear);
@@ -224,10 +224,10 @@ void ExplicitSolver::reset() noexcept {
     std::fill(field->begin(), field->end(), NodeVector{});
   }
   std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
-  for (Share &share : shares_) {
-    share.sums = {};
-    share.volume_energy = 0.0;
-    share.limited = 0;
+  for (ThreadPart &own : parts_) {
+    own.sums = {};
+    own.volume_energy = 0.0;
+    own.clamped = 0;
   }
   step_s_ = step_at_rest_s_;
 }
@@ -246,8 +246,8 @@ Eigen::Vector3d ExplicitSolver::elastic_force_N(int node) const noexcept {
 
 Energies ExplicitSolver::energies() const noexcept {
   Energies sum;
-  for (const Share &share : shares_) {
-    sum.elastic_J += share.volume_energy + share.sums.elastic_J;
+  for (const ThreadPart &own : parts_) {
+    sum.elastic_J += own.volume_energy + own.sums.elastic_J;
   }
   for (std::size_t i = 0; i < velocity_.size(); ++i) {
     sum.kinetic_J += static_cast<double>(0.5F * mass_kg_[i] * dot(velocity_[i], velocity_[i]));
@@ -255,18 +255,18 @@ Energies ExplicitSolver::energies() const noexcept {
   return sum;
 }
 
-int ExplicitSolver::limited_nodes() const noexcept {
+int ExplicitSolver::clamped_nodes() const noexcept {
   int sum = 0;
-  for (const Share &share : shares_) {
-    sum += share.limited;
+  for (const ThreadPart &own : parts_) {
+    sum += own.clamped;
   }
   return sum;
 }
 
 int ExplicitSolver::inverted_elements() const noexcept {
   int sum = 0;
-  for (const Share &share : shares_) {
-    sum += share.sums.inverted;
+  for (const ThreadPart &own : parts_) {
+    sum += own.sums.inverted;
   }
   return sum;
 }
@@ -307,7 +307,7 @@ Eigen::Matrix3d ExplicitSolver::cauchy_Pa(int element) const noexcept {
     taken << s(0), s(5), s(4), s(5), s(1), s(3), s(4), s(3), s(2);
     shear -= taken;
   }
-  double pressure = options_.own_pressure * pressure_Pa(material_, f);
+  double pressure = options_.element_pressure_fraction * pressure_Pa(material_, f);
   for (const auto &corner : packs_[at.pack].node) {
     pressure += 0.25 * static_cast<double>(displacement_[static_cast<std::size_t>(corner[at.lane])].w);
   }

@@ -31,7 +31,7 @@ struct SolverOptions {
   double damping_per_s = 0.0;  // of the velocity, everywhere (mass-proportional)
   // Of the pressure, what each tetrahedron's own volume makes instead of its nodes'. 1: the plain constant-strain
   // tetrahedron of other programs, which locks; for comparison with them.
-  double own_pressure = 0.0;
+  double element_pressure_fraction = 0.0;
   const ElementKernel *kernel = nullptr; // null: the fastest that this processor has
 };
 
@@ -77,7 +77,7 @@ struct Energies {
   double elastic_J = 0.0; // as if nothing had relaxed
 };
 
-struct RelaxOptions {
+struct RelaxationOptions {
   double tolerance = 1e-4; // of the forces not balanced, against those that act; of the way left, against that gone
   int max_steps = 20000;
   // With the shear modulus after all relaxation; if not, as if nothing had relaxed. The answer is where advance() goes
@@ -85,7 +85,7 @@ struct RelaxOptions {
   bool relaxed = false;
 };
 
-struct Relaxation {
+struct RelaxationResult {
   bool converged = false; // never with tetrahedra that are turned over
   int steps = 0;
   double residual = 0.0; // in the terms of the tolerance
@@ -107,7 +107,7 @@ public:
   [[nodiscard]] const TetMesh &mesh() const noexcept { return mesh_; }
   [[nodiscard]] const Material &material() const noexcept { return material_; }
   [[nodiscard]] double step_s() const noexcept { return static_cast<double>(step_s_); }
-  [[nodiscard]] double added_mass_share() const noexcept { return added_mass_share_; } // by mass scaling
+  [[nodiscard]] double added_mass_fraction() const noexcept { return added_mass_fraction_; } // by mass scaling
   [[nodiscard]] double mass_kg(int node) const noexcept;
 
   // ---- what acts, until it is changed ----
@@ -122,7 +122,7 @@ public:
 
   // ---- motion ----
   void advance(int steps) noexcept;
-  Relaxation relax(const RelaxOptions &options = {}) noexcept;
+  RelaxationResult relax(const RelaxationOptions &options = {}) noexcept;
   void stop_motion() noexcept; // velocities to zero
   void reset() noexcept;       // to rest: displacement, velocity, relaxation
 
@@ -138,7 +138,7 @@ public:
   [[nodiscard]] int inverted_elements() const noexcept;                   // in the last step
   // Nodes that would have moved by a large part of an edge in the last step and were held: a sign of something
   // impossible that was asked for. The solver comes back from it, but what it says meanwhile is not an answer.
-  [[nodiscard]] int limited_nodes() const noexcept;
+  [[nodiscard]] int clamped_nodes() const noexcept;
   [[nodiscard]] bool finite() const noexcept; // all displacements and velocities
   // Cauchy stress of a tetrahedron, relaxation and nodal pressure included.
   [[nodiscard]] Eigen::Matrix3d cauchy_Pa(int element) const noexcept;
@@ -149,19 +149,19 @@ private:
   struct Range {
     std::size_t begin = 0, end = 0;
   };
-  struct Share { // of one thread
+  struct ThreadPart { // of one thread
     Range packs, nodes;
     std::vector<float> volume_change;
     std::vector<NodeVector> force;
     ElementSums sums;
     double volume_energy = 0.0;
-    int limited = 0;
+    int clamped = 0;
   };
   struct Integration {
     float step = 0.0F;
     float keep = 1.0F; // of the velocity
     float pull = 0.0F; // by what f / m changes it
-    float longest_way = 0.0F;
+    float max_move = 0.0F;
   };
 
   struct Slot { // of a tetrahedron
@@ -174,24 +174,24 @@ private:
   void predict(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how) noexcept;
   void step(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how, bool viscous,
             float shear_Pa) noexcept;
-  void look_at_step() noexcept;
+  void check_step() noexcept;
   void apply_stiffness(const std::vector<NodeVector> &direction, const std::vector<NodeVector> &inverse_mass,
                        float shear_Pa, std::vector<NodeVector> &out) noexcept;
-  void settle_prony(bool relaxed) noexcept;
+  void set_prony_equilibrium(bool relaxed) noexcept;
   [[nodiscard]] float largest_eigenvalue(int iterations, const std::vector<NodeVector> &inverse_mass,
                                          std::vector<NodeVector> &mode, float shear_Pa) noexcept;
   [[nodiscard]] NodeVector total_force(std::size_t node) const noexcept;
-  [[nodiscard]] float slowest_mode() const noexcept;
+  [[nodiscard]] float lowest_eigenvalue() const noexcept;
   [[nodiscard]] double unbalanced(const Integration &how) const noexcept;
-  [[nodiscard]] double way_left(const Integration &how) const noexcept;
-  [[nodiscard]] bool runs_away(const Integration &how) const noexcept;
+  [[nodiscard]] double remaining_motion(const Integration &how) const noexcept;
+  [[nodiscard]] bool diverges(const Integration &how) const noexcept;
 
   TetMesh mesh_;
   Material material_;
   SolverOptions options_;
   const ElementKernel *kernel_;
   std::unique_ptr<Team> team_;
-  std::vector<Share> shares_;
+  std::vector<ThreadPart> parts_;
   std::vector<Contact *> contacts_;
 
   std::vector<ElementPack> packs_;
@@ -199,7 +199,7 @@ private:
   std::vector<PronyStep> prony_;
   float step_s_ = 0.0F, step_at_rest_s_ = 0.0F, saved_step_s_ = 0.0F;
   float edge_m_ = 0.0F;
-  double added_mass_share_ = 0.0;
+  double added_mass_fraction_ = 0.0;
   std::uint64_t steps_ = 0;
 
   // By node.

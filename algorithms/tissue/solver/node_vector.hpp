@@ -7,7 +7,7 @@
 
 namespace bregma::tissue {
 
-inline constexpr float kLimited = 1.0F; // fourth component of a velocity that was cut to the longest way of a step
+inline constexpr float kClamped = 1.0F; // fourth component of a velocity that was cut to the longest way of a step
 
 inline float *axes(NodeVector &v) { return &v.x; }
 inline const float *axes(const NodeVector &v) { return &v.x; }

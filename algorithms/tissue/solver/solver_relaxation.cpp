@@ -10,13 +10,13 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr float kLongestRelaxWay = 0.1F; // of a node in one step, in edge lengths: nothing springs here
+constexpr float kMaxRelaxationMove = 0.1F; // of a node in one step, in edge lengths: nothing springs here
 // Steps between two looks at the slowest mode and the residual: the time that this mode takes, within limits. Where it
 // is very slow a fifth of its time, and no more than a part of all steps so far: in fewer it moves less than what
 // floats round off the others.
 constexpr int kRelaxInterval = 10;
 constexpr int kRelaxLonger = 60;
-constexpr float kRelaxShare = 0.2F;
+constexpr float kRelaxFraction = 0.2F;
 constexpr int kRelaxPart = 16;
 // By what a look may raise the slowest eigenvalue. Rayleigh's quotient is never below it, and far above it once the
 // slowest mode has all but come to rest: what follows would then creep.
@@ -29,8 +29,8 @@ constexpr float kNothing = 1e-6F;        // of an edge: what moves less has not 
 constexpr float kRounding = 3e-8F;       // of a displacement, half the last digit of a float
 
 int interval_between_looks(float slowest_takes, int steps_so_far) {
-  const int most = std::min(static_cast<int>(kRelaxShare * slowest_takes), steps_so_far / kRelaxPart);
-  return std::clamp(static_cast<int>(slowest_takes), kRelaxInterval, std::max(most, kRelaxLonger));
+  const int max_interval = std::min(static_cast<int>(kRelaxFraction * slowest_takes), steps_so_far / kRelaxPart);
+  return std::clamp(static_cast<int>(slowest_takes), kRelaxInterval, std::max(max_interval, kRelaxLonger));
 }
 
 } // namespace
@@ -40,15 +40,15 @@ int interval_between_looks(float slowest_takes, int steps_so_far) {
 // dynamic relaxation Underwood 1983). The masses make L about the same for all nodes (build_masses); L is looked at
 // while the tissue deforms, a is Rayleigh's quotient of the latest motion (Joldes, Wittek & Miller, Comput Methods Appl
 // Mech Eng 198 (2009) 2645).
-Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
-  const auto shear = static_cast<float>(material_.shear_Pa() * (options.relaxed ? material_.relaxed_share() : 1.0));
+RelaxationResult ExplicitSolver::relax(const RelaxationOptions &options) noexcept {
+  const auto shear = static_cast<float>(material_.shear_Pa() * (options.relaxed ? material_.relaxed_fraction() : 1.0));
   stop_motion();
-  Relaxation out;
+  RelaxationResult out;
   float slowest = 1e-3F;
   float stiffest = 4.0F;
-  double way_before = std::numeric_limits<double>::infinity();
+  double remaining_before = std::numeric_limits<double>::infinity();
   for (int look = 0; out.steps < options.max_steps; ++look) {
-    if (look % kRelaxLooks == 0 || limited_nodes() > 0) {
+    if (look % kRelaxLooks == 0 || clamped_nodes() > 0) {
       const int iterations = look == 0 ? kRelaxFirstLook : kRelaxLook;
       const float seen = kStiffestMargin * largest_eigenvalue(iterations, inverse_fictitious_, relax_mode_, shear);
       stiffest = std::isfinite(seen) && seen > 0.0F ? seen : 4.0F;
@@ -56,7 +56,7 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
     const float high = std::sqrt(stiffest);
     const float low = std::sqrt(std::min(slowest, 0.25F * stiffest));
     const float ratio = (high - low) / (high + low);
-    const Integration how{2.0F / (high + low), ratio * ratio, 2.0F / (high + low), kLongestRelaxWay * edge_m_};
+    const Integration how{2.0F / (high + low), ratio * ratio, 2.0F / (high + low), kMaxRelaxationMove * edge_m_};
     const auto run = [&](int steps) {
       team_->run([&](int thread) {
         for (int i = 0; i < steps; ++i) {
@@ -72,30 +72,30 @@ Relaxation ExplicitSolver::relax(const RelaxOptions &options) noexcept {
     std::copy(velocity_.begin(), velocity_.end(), velocity_before_.begin());
     run(1);
     out.steps += interval;
-    const double way = way_left(how);
-    out.residual = std::max({unbalanced(how), way, std::min(way_before, 1.0)});
-    way_before = way;
-    if (out.residual < options.tolerance && !runs_away(how)) {
+    const double remaining = remaining_motion(how);
+    out.residual = std::max({unbalanced(how), remaining, std::min(remaining_before, 1.0)});
+    remaining_before = remaining;
+    if (out.residual < options.tolerance && !diverges(how)) {
       out.converged = inverted_elements() == 0; // a fold that stands is no answer
       break;
     }
-    const float seen = slowest_mode(); // not positive: lost in what floats round off, or not yet a minimum's
+    const float seen = lowest_eigenvalue(); // not positive: lost in what floats round off, or not yet a minimum's
     slowest = seen > 0.0F ? std::clamp(seen, 0.5F * slowest, kRelaxRise * slowest) : kRelaxRise * slowest;
     slowest = std::clamp(slowest, 1e-8F, 1.0F);
   }
   stop_motion();
-  settle_prony(options.relaxed);
+  set_prony_equilibrium(options.relaxed);
   return out;
 }
 
 // The history that belongs to the answer of relax(): nothing has relaxed yet, or all of it.
-void ExplicitSolver::settle_prony(bool relaxed) noexcept {
+void ExplicitSolver::set_prony_equilibrium(bool relaxed) noexcept {
   if (!relaxed || prony_.empty()) {
     std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
     return;
   }
   for (std::size_t k = 0; k < prony_.size(); ++k) {
-    prony_[k] = {0.0F, static_cast<float>(material_.prony[k].share)};
+    prony_[k] = {0.0F, static_cast<float>(material_.prony[k].fraction)};
   }
   const auto shear = static_cast<float>(material_.shear_Pa());
   team_->run([&](int thread) { evaluate(thread, displacement_, true, shear); });
@@ -103,7 +103,7 @@ void ExplicitSolver::settle_prony(bool relaxed) noexcept {
 
 // Rayleigh's quotient du K du / du M du of the motion du of the latest interval: what floats round off the forces would
 // hide the slow modes in the motion of one step.
-float ExplicitSolver::slowest_mode() const noexcept {
+float ExplicitSolver::lowest_eigenvalue() const noexcept {
   double work = 0.0;
   double inertia = 0.0;
   for (std::size_t i = 0; i < displacement_.size(); ++i) {
@@ -134,12 +134,12 @@ double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
 }
 
 // A node was held back, and not because it presses on a contact that then put it back where it was.
-bool ExplicitSolver::runs_away(const Integration &how) const noexcept {
-  const float far_squared = 0.25F * how.longest_way * how.longest_way;
+bool ExplicitSolver::diverges(const Integration &how) const noexcept {
+  const float far_squared = 0.25F * how.max_move * how.max_move;
   for (std::size_t i = 0; i < velocity_.size(); ++i) {
     const NodeVector &v = velocity_[i];
     const bool pressed = std::isfinite(dot(elastic_[i], elastic_[i])) && how.step * how.step * dot(v, v) < far_squared;
-    if (v.w == kLimited && !pressed) {
+    if (v.w == kClamped && !pressed) {
       return true;
     }
   }
@@ -147,7 +147,7 @@ bool ExplicitSolver::runs_away(const Integration &how) const noexcept {
 }
 
 // How far the tissue will still go at the rate at which this iteration converges, against how far it has gone.
-double ExplicitSolver::way_left(const Integration &how) const noexcept {
+double ExplicitSolver::remaining_motion(const Integration &how) const noexcept {
   double left = 0.0;
   double gone = 0.0;
   for (std::size_t i = 0; i < velocity_.size(); ++i) {

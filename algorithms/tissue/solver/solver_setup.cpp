@@ -40,9 +40,9 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
   }
   if (options.threads < 1 || !(options.step_fraction > 0.0 && options.step_fraction <= 1.0) ||
       !(options.minimum_step_s >= 0.0) || !(options.damping_per_s >= 0.0) ||
-      !(options.own_pressure >= 0.0 && options.own_pressure <= 1.0)) {
+      !(options.element_pressure_fraction >= 0.0 && options.element_pressure_fraction <= 1.0)) {
     throw std::invalid_argument("solver options: threads at least 1, step_fraction in (0, 1], minimum_step_s and "
-                                "damping_per_s not negative, own_pressure in [0, 1]");
+                                "damping_per_s not negative, element_pressure_fraction in [0, 1]");
   }
   const std::size_t nodes = mesh_.nodes_mm.size();
   team_ = std::make_unique<Team>(options.threads);
@@ -59,15 +59,15 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
   build_packs();
   edge_m_ = std::cbrt(static_cast<float>(volume_mm3(mesh_) / static_cast<double>(nodes)) / 1e9F);
 
-  shares_.resize(static_cast<std::size_t>(team_->size()));
-  for (std::size_t t = 0; t < shares_.size(); ++t) {
+  parts_.resize(static_cast<std::size_t>(team_->size()));
+  for (std::size_t t = 0; t < parts_.size(); ++t) {
     const auto part = [&](std::size_t count) {
-      return Range{count * t / shares_.size(), count * (t + 1) / shares_.size()};
+      return Range{count * t / parts_.size(), count * (t + 1) / parts_.size()};
     };
-    shares_[t].packs = part(packs_.size());
-    shares_[t].nodes = part(nodes);
-    shares_[t].volume_change.assign(nodes, 0.0F);
-    shares_[t].force.assign(nodes, {});
+    parts_[t].packs = part(packs_.size());
+    parts_[t].nodes = part(nodes);
+    parts_[t].volume_change.assign(nodes, 0.0F);
+    parts_[t].force.assign(nodes, {});
   }
 
   build_masses(options.minimum_step_s);
@@ -150,7 +150,7 @@ void ExplicitSolver::build_masses(double minimum_step_s) {
     after += static_cast<double>(mass_kg_[i]);
     release(static_cast<int>(i));
   }
-  added_mass_share_ = after / before - 1.0;
+  added_mass_fraction_ = after / before - 1.0;
 }
 
 } // namespace bregma::tissue

@@ -107,7 +107,7 @@ float ExplicitSolver::largest_eigenvalue(int iterations, const std::vector<NodeV
   return static_cast<float>(eigenvalue);
 }
 
-void ExplicitSolver::look_at_step() noexcept {
+void ExplicitSolver::check_step() noexcept {
   const float stiffest = largest_eigenvalue(kLook, inverse_mass_, mode_, static_cast<float>(material_.shear_Pa()));
   const float now = static_cast<float>(options_.step_fraction) * 2.0F / std::sqrt(stiffest);
   if (std::isfinite(now) && now > 0.0F) {

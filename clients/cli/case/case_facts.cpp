@@ -191,28 +191,28 @@ json facts_json(const Case &c, const CaseFacts &facts) {
   return out;
 }
 
-std::vector<std::string> find_doubts(const Case &c, const CaseFacts &facts) {
-  std::vector<std::string> doubts;
+std::vector<std::string> find_warnings(const Case &c, const CaseFacts &facts) {
+  std::vector<std::string> warnings;
   if (const auto image = casefile::read_volume(c.image); !image) {
-    doubts.push_back(image.error().message);
+    warnings.push_back(image.error().message);
   } else if (!image_holds(*image, c.scalp.mesh)) {
-    doubts.push_back("the scalp reaches beyond the image " + c.image.string() + ": do they belong together?");
+    warnings.push_back("the scalp reaches beyond the image " + c.image.string() + ": do they belong together?");
   }
   for (const PointFacts &point : facts.points) {
     if (point.list != "target" && point.to_scalp_mm > kMaxOffScalp_mm) {
-      doubts.push_back(point.list + " \"" + point.name + "\" lies " + fixed(point.to_scalp_mm, 1) +
-                       " mm from the scalp; `bregma case snap` moves it there");
+      warnings.push_back(point.list + " \"" + point.name + "\" lies " + fixed(point.to_scalp_mm, 1) +
+                         " mm from the scalp; `bregma case snap` moves it there");
     }
   }
   for (const TrajectoryFacts &path : facts.trajectories) {
     for (const ClearanceFacts &clearance : path.clearances) {
       if (clearance.distance_mm < kMinClearance_mm) {
-        doubts.push_back("trajectory \"" + path.name + "\" comes to " + fixed(clearance.distance_mm, 1) + " mm of \"" +
-                         clearance.structure + "\"");
+        warnings.push_back("trajectory \"" + path.name + "\" comes to " + fixed(clearance.distance_mm, 1) +
+                           " mm of \"" + clearance.structure + "\"");
       }
     }
   }
-  return doubts;
+  return warnings;
 }
 
 } // namespace bregma::cli

@@ -47,6 +47,6 @@ struct CaseFacts {
 [[nodiscard]] nlohmann::json facts_json(const casefile::Case &c, const CaseFacts &facts);
 
 // Beyond what load_case refuses: sentences on what a person would have to look at before using the case.
-[[nodiscard]] std::vector<std::string> find_doubts(const casefile::Case &c, const CaseFacts &facts);
+[[nodiscard]] std::vector<std::string> find_warnings(const casefile::Case &c, const CaseFacts &facts);
 
 } // namespace bregma::cli

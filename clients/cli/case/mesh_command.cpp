@@ -7,7 +7,6 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
-#include "case_model/case_tissue.hpp"
 #include "casefile/tissue_files/tet_file.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
@@ -46,17 +45,18 @@ base::Result<MeshReport> make_mesh(const MeshOptions &options, const std::filesy
   if (auto on = goes_on(0.1, "tetrahedra"); !on) {
     return tl::unexpected(on.error());
   }
-  const auto filled = fill_brain(*loaded, options.request);
-  if (!filled) {
-    return tl::unexpected(filled.error());
+  const auto brain = fill_brain(*loaded, options.request);
+  if (!brain) {
+    return tl::unexpected(brain.error());
   }
   if (auto on = goes_on(0.9, "file"); !on) {
     return tl::unexpected(on.error());
   }
-  if (auto written = casefile::write_tet_mesh(file, filled->mesh, {}, quality_fields(filled->mesh)); !written) {
+  if (auto written = casefile::write_tet_mesh(file, brain->filled.mesh, {}, quality_fields(brain->filled.mesh));
+      !written) {
     return tl::unexpected(written.error());
   }
-  return report_of(*filled, case_model::material_of(*loaded, tissue::named_materials().front()));
+  return report_of(*brain);
 }
 
 int run_mesh(const MeshOptions &options, const Context &context) {

@@ -20,14 +20,6 @@ using Eigen::Vector3d;
 // Of the nodes that stand for the spline.
 constexpr double kGridSpacing_mm = 4.0;
 
-intensity::Grid<3> grid_of(const Volume &volume) {
-  intensity::Grid<3> out;
-  out.size = volume.size;
-  out.axes = volume.T_image_index.topLeftCorner<3, 3>();
-  out.origin_mm = volume.T_image_index.topRightCorner<3, 1>();
-  return out;
-}
-
 Eigen::AlignedBox3d box_of(const Volume &volume) {
   Eigen::AlignedBox3d out;
   for (unsigned corner = 0; corner < 8; ++corner) {
@@ -55,11 +47,9 @@ base::Result<WarpedImage> warp_image(const std::string &source_file, const std::
   const auto threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 2U));
   const Eigen::AlignedBox3d box = box_of(*target);
   const registration::SplineGrid<3> map(to_source, box.min(), box.max(), kGridSpacing_mm, threads);
-  const auto reference = grid_of(*target);
-  const auto floating = grid_of(*source);
   const auto unmoved = [](const Vector3d &p) { return p; };
-  std::vector<float> before = intensity::warp<3>(reference, floating, source->voxels, unmoved, threads);
-  std::vector<float> after = intensity::warp<3>(reference, floating, source->voxels, map, threads);
+  std::vector<float> before = intensity::warp<3>(*target, *source, source->voxels, unmoved, threads);
+  std::vector<float> after = intensity::warp<3>(*target, *source, source->voxels, map, threads);
   // Only voxels that both have: else an image that was pushed out of view would look alike.
   for (std::size_t i = 0; i < before.size(); ++i) {
     if (std::isnan(after[i])) {

@@ -9,15 +9,15 @@
 
 namespace bregma::cli {
 
-struct Likeness {
+struct ImageSimilarity {
   double rmse = 0.0;               // in units of the intensities
   double mutual_information = 0.0; // nats
 };
 
 struct WarpedImage {
-  casefile::Volume image;     // on the target's grid; 0 where the source image has nothing
-  Likeness before, after;     // over the voxels where both images have something
-  double grid_error_mm = 0.0; // largest difference between the spline and the grid that stands for it
+  casefile::Volume image;        // on the target's grid; 0 where the source image has nothing
+  ImageSimilarity before, after; // over the voxels where both images have something
+  double grid_error_mm = 0.0;    // largest difference between the spline and the grid that stands for it
 };
 
 // to_source: from the target's frame into the source's (the way an image is resampled). Blocks for seconds.

@@ -32,7 +32,7 @@ using registration::CpdModel;
 using registration::CpdResult;
 
 // Of scale and affine fits; the pose before them is found on as many.
-constexpr std::size_t kMostPoints = 4000;
+constexpr std::size_t kMaxPoints = 4000;
 // Natural logarithm of the odds against the runner-up below which it is nearly as likely: 1,000 to 1.
 constexpr double kMinLogOdds = 7.0;
 
@@ -56,13 +56,13 @@ Points3 columns(const std::vector<Eigen::Vector3d> &points) {
 
 // Evenly by index: the order of a scan says nothing about its shape.
 Points3 thinned(const Points3 &points) {
-  const auto most = static_cast<Eigen::Index>(kMostPoints);
-  if (points.cols() <= most) {
+  const auto max_count = static_cast<Eigen::Index>(kMaxPoints);
+  if (points.cols() <= max_count) {
     return points;
   }
-  Points3 out(3, most);
-  for (Eigen::Index i = 0; i < most; ++i) {
-    out.col(i) = points.col(i * points.cols() / most);
+  Points3 out(3, max_count);
+  for (Eigen::Index i = 0; i < max_count; ++i) {
+    out.col(i) = points.col(i * points.cols() / max_count);
   }
   return out;
 }

@@ -31,8 +31,8 @@ using registration::PairedPose;
 using registration::Verdict;
 
 // A fit from a start is believed only while most samples lie on the surface, as near as stated.
-constexpr double kFewestInliers = 0.7;
-constexpr double kLargestScale = 2.5;
+constexpr double kMinInlierFraction = 0.7;
+constexpr double kMaxScale = 2.5;
 
 struct SurfaceArguments {
   RegistrationFiles files;
@@ -151,11 +151,11 @@ Answer locally(const surface::SurfaceField &field, const std::vector<Vector3d> &
   if (!fit.converged) {
     say(Verdict::kRefused, fit.count < 6 ? "6 samples are needed, " + std::to_string(fit.count) + " are there"
                                          : "the estimate did not converge from this start: leave --start out");
-  } else if (fit.inliers < kFewestInliers * fit.count) {
+  } else if (fit.inliers < kMinInlierFraction * fit.count) {
     say(Verdict::kRefused, "only " + std::to_string(fit.inliers) + " of " + std::to_string(fit.count) +
                                " samples lie on the surface: the start is too far off (leave --start out), or this is "
                                "not the surface");
-  } else if (fit.scale > kLargestScale) {
+  } else if (fit.scale > kMaxScale) {
     say(Verdict::kRefused, "the residuals are " + fixed(fit.scale, 1) + " times as large as stated (--sigma-mm " +
                                fixed(arguments.sigma_mm, 2) + ")");
   } else {

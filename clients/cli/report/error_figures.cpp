@@ -139,7 +139,7 @@ std::string error_figure(const SessionAnalysis &session) {
                                 "is not known.");
 }
 
-std::string honesty_figure(const SessionAnalysis &session) {
+std::string calibration_figure(const SessionAnalysis &session) {
   if (!session.has_truth || session.tips.empty()) {
     return {};
   }

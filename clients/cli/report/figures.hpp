@@ -9,8 +9,8 @@
 namespace bregma::cli::report {
 
 [[nodiscard]] std::string timeline_figure(const SessionAnalysis &session);
-[[nodiscard]] std::string error_figure(const SessionAnalysis &session);   // true error and predicted TRE over time
-[[nodiscard]] std::string honesty_figure(const SessionAnalysis &session); // predicted against true error
+[[nodiscard]] std::string error_figure(const SessionAnalysis &session);       // true error and predicted TRE over time
+[[nodiscard]] std::string calibration_figure(const SessionAnalysis &session); // predicted against true error
 [[nodiscard]] std::string latency_figure(const SessionAnalysis &session);
 // The tissue under the probe, against depth.
 [[nodiscard]] std::string tissue_force_figure(const SessionAnalysis &session);

@@ -20,10 +20,11 @@ constexpr Colour kSkin{206, 201, 196};
 Colour colour_of(double residual_mm, double reach_mm) {
   const double place = std::clamp(0.5 + 0.5 * residual_mm / reach_mm, 0.0, 1.0) * (kStops.size() - 1);
   const auto below = std::min(static_cast<std::size_t>(place), kStops.size() - 2);
-  const double share = place - static_cast<double>(below);
+  const double fraction = place - static_cast<double>(below);
   Colour out{};
   for (std::size_t i = 0; i < 3; ++i) {
-    out[i] = static_cast<std::uint8_t>(std::lround((1.0 - share) * kStops[below][i] + share * kStops[below + 1][i]));
+    out[i] =
+        static_cast<std::uint8_t>(std::lround((1.0 - fraction) * kStops[below][i] + fraction * kStops[below + 1][i]));
   }
   return out;
 }

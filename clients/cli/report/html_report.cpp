@@ -265,7 +265,7 @@ base::Result<std::string> html_report(const SessionAnalysis &session, const std:
   out += section("Limits of the scenario", limits_table(judgements));
   out += section("The session", timeline_figure(session));
   out += section("Error of the shown tip", error_figure(session));
-  out += columns(section("Predicted against true error", honesty_figure(session)),
+  out += columns(section("Predicted against true error", calibration_figure(session)),
                  section("Latency", latency_figure(session)));
   if (session.insertion) {
     out += section("The brain under the probe", insertion_table(*session.insertion) + tissue_motion_figure(session));

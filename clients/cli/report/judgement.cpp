@@ -27,7 +27,7 @@ double worst_check_mm(const std::vector<CheckTouch> &checks) {
 }
 
 // Known only when it is known for every structure that was approached.
-double least_clearance_mm(const std::vector<Approach> &approaches) {
+double smallest_clearance_mm(const std::vector<Approach> &approaches) {
   double least = kNotKnown;
   for (const auto &approach : approaches) {
     if (!std::isfinite(approach.true_at_least_mm)) {
@@ -92,7 +92,7 @@ std::vector<Judgement> judge(const SessionAnalysis &session, const casefile::Run
   judge.at_most("max_lost_samples_percent", "lost tracker frames", lost_percent(session.devices),
                 limits.max_lost_samples_percent, "%");
   judge.at_least("min_clearance_mm", "true tip to the nearest critical structure, at least",
-                 least_clearance_mm(session.approaches), limits.min_clearance_mm, "mm");
+                 smallest_clearance_mm(session.approaches), limits.min_clearance_mm, "mm");
   judge.at_most("max_rejected", "rejected samples, all devices and reasons",
                 session.devices.empty() ? kNotKnown : static_cast<double>(session.rejected_in_all()),
                 real(limits.max_rejected), "");

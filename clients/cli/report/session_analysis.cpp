@@ -44,8 +44,8 @@ struct Conversation {
 
 Result<void> read_commands(const SessionReader &reader, SessionAnalysis &out, Conversation &talk) {
   auto read = visit_each<wire::Command>(reader, [&](const wire::Command &command, std::int64_t) {
-    Asked asked{command.body._d, {}, {}};
-    if (asked.kind == bregma_wire_COMMAND_CHECK_TOUCH) {
+    Asked asked{command.kind, {}, {}};
+    if (asked.kind == bregma_wire_COMMAND_CHECK_TOUCH && command.body._d == bregma_wire_FORM_TOUCH) {
       asked.tool = wire::text(command.body._u.touch.tool);
       asked.point = wire::text(command.body._u.touch.point);
     }
@@ -136,8 +136,8 @@ Result<void> read_alarms(const SessionReader &reader, SessionAnalysis &out) {
   std::map<std::pair<std::string, std::string>, bool> open_critical; // seen by a person
   auto read = visit_each<wire::Alarm>(reader, [&](const wire::Alarm &alarm, std::int64_t time_ns) {
     const std::pair key{wire::text(alarm.kind), wire::text(alarm.subject)};
-    out.alarms.push_back({time_ns, key.first, key.second, std::string(label(alarm.state)),
-                          std::string(label(alarm.severity)), bounded(alarm.text)});
+    out.alarms.push_back({time_ns, key.first, key.second, std::string(alarm_label(alarm.state)),
+                          std::string(severity_label(alarm.severity)), bounded(alarm.text)});
     const auto open = open_critical.find(key);
     if (alarm.state == bregma_wire_ALARM_CLEARED) {
       if (open != open_critical.end()) {
@@ -159,7 +159,7 @@ Result<void> read_alarms(const SessionReader &reader, SessionAnalysis &out) {
 
 DeviceSummary device_summary(const wire::DeviceHealth &last, const wire::DeviceHealth *first, double live_rate_hz) {
   DeviceSummary out{wire::text(last.device),
-                    std::string(label(last.kind)),
+                    std::string(device_kind_label(last.kind)),
                     live_rate_hz,
                     last.taken,
                     last.lost,
@@ -174,7 +174,7 @@ DeviceSummary device_summary(const wire::DeviceHealth &last, const wire::DeviceH
   for (std::size_t i = 0; i < std::size(last.rejected); ++i) {
     const std::uint64_t before = first != nullptr ? std::min(first->rejected[i], last.rejected[i]) : 0;
     if (last.rejected[i] > before) {
-      out.rejected[std::string(label(static_cast<wire::RejectReason>(i)))] = last.rejected[i] - before;
+      out.rejected[std::string(reject_label(static_cast<wire::RejectReason>(i)))] += last.rejected[i] - before;
     }
   }
   return out;
@@ -226,7 +226,7 @@ void make_state_spans(SessionAnalysis &out, Conversation &talk) {
   std::stable_sort(talk.states.begin(), talk.states.end(),
                    [](const auto &a, const auto &b) { return a.first < b.first; });
   for (const auto &[time_ns, state] : talk.states) {
-    const std::string name(label(state));
+    const std::string name(session_label(state));
     if (out.states.empty() || out.states.back().state != name) {
       if (!out.states.empty()) {
         out.states.back().to_ns = time_ns;

@@ -29,7 +29,7 @@ inline constexpr double kAtTargetDistance_mm = 3.0; // in all
 struct Distribution {
   std::vector<double> sorted;
   [[nodiscard]] std::size_t count() const { return sorted.size(); }
-  [[nodiscard]] double percentile(double share) const; // NaN when empty
+  [[nodiscard]] double percentile(double fraction) const; // NaN when empty
   [[nodiscard]] double max() const { return percentile(1.0); }
 };
 

@@ -281,11 +281,11 @@ Distribution distribution_of(std::vector<double> values) {
   return {std::move(values)};
 }
 
-double Distribution::percentile(double share) const {
+double Distribution::percentile(double fraction) const {
   if (sorted.empty()) {
     return kNotKnown;
   }
-  const double rank = std::ceil(share * static_cast<double>(sorted.size()));
+  const double rank = std::ceil(fraction * static_cast<double>(sorted.size()));
   const auto index = static_cast<std::size_t>(std::max(rank, 1.0)) - 1;
   return sorted[std::min(index, sorted.size() - 1)];
 }

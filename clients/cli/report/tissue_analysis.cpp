@@ -12,8 +12,8 @@ namespace {
 TissueSample sample_of(const wire::DeformationState &state) {
   TissueSample out;
   out.time_ns = state.time_ns;
-  out.phase = std::string(label(state.phase));
-  out.status = std::string(label(state.status));
+  out.phase = std::string(phase_label(state.phase));
+  out.status = std::string(deformation_label(state.status));
   out.depth_mm = state.depth_mm;
   out.tip_force_N = state.tip_force_N;
   out.shaft_force_N = state.shaft_force_N;
@@ -69,7 +69,7 @@ base::Result<void> analyse_tissue(const casefile::SessionReader &reader, Session
         std::fmax(insertion.largest_motion_mm, insertion.samples.back().motion_mm); // NaN is passed over
     ++insertion.states[insertion.samples.back().status];
     if (state.reason != bregma_wire_DEFORMATION_REASON_NONE) {
-      ++insertion.reasons[std::string(label(state.reason))];
+      ++insertion.reasons[std::string(deformation_reason_label(state.reason))];
     }
   });
   if (!read) {

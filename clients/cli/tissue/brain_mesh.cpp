@@ -1,7 +1,6 @@
 #include "clients/cli/tissue/brain_mesh.hpp"
 
 #include <cmath>
-#include <stdexcept>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -9,7 +8,6 @@
 #include <CLI/Validators.hpp>
 #include <nlohmann/json.hpp>
 
-#include "case_model/case_tissue.hpp"
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
@@ -24,16 +22,16 @@ std::string count_text(int count) {
 std::string edge_problem(const casefile::Case &c, double edge_mm, int count, double surface_mm3) {
   const auto edge_for = [&](int wanted) { return std::cbrt(12.0 * surface_mm3 / wanted); };
   return "--edge " + fixed(edge_mm, 2) + ": gives " + count_text(count) + " tetrahedra in the brain of " +
-         c.folder.string() + "; " + count_text(kFewestElements) + " to " + count_text(kMostElements) +
-         " are made, by edges of about " + fixed(edge_for(kMostElements), 1) + " to " +
-         fixed(edge_for(kFewestElements), 1) + " mm";
+         c.folder.string() + "; " + count_text(kMinElements) + " to " + count_text(kMaxElements) +
+         " are made, by edges of about " + fixed(edge_for(kMaxElements), 1) + " to " +
+         fixed(edge_for(kMinElements), 1) + " mm";
 }
 
 } // namespace
 
 void add_mesh_options(CLI::App &command, MeshRequest &request) {
   auto *elements = command.add_option("--elements", request.elements, "About as many tetrahedra")
-                       ->check(CLI::Range(kFewestElements, kMostElements))
+                       ->check(CLI::Range(kMinElements, kMaxElements))
                        ->capture_default_str();
   command.add_option("--edge", request.edge_mm, "Edge of the lattice that fills the brain, mm, instead")
       ->check(CLI::Range(0.5, 50.0))
@@ -48,28 +46,25 @@ void add_entry_option(CLI::App &command, MeshRequest &request) {
       ->capture_default_str();
 }
 
-base::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request) {
-  case_model::BrainMeshOptions options;
-  options.lattice.edge_mm = request.edge_mm;
-  options.lattice.tetrahedra = request.elements;
-  options.entry_edge_mm = request.entry_edge_mm;
-  try {
-    const surface::SurfaceModel brain(c.brain.mesh);
-    tissue::LatticeMesh filled = case_model::brain_mesh_of(
-        c, brain, case_model::craniotomy_of(c, brain, case_model::kCraniotomyRadius_mm), options);
-    const auto count = static_cast<int>(filled.mesh.tetrahedra.size());
-    if (request.edge_mm && (count < kFewestElements || count > kMostElements)) {
-      return base::failure(edge_problem(c, *request.edge_mm, count, filled.surface_mm3));
+base::Result<case_model::Brain> fill_brain(const casefile::Case &c, const MeshRequest &request) {
+  case_model::BrainSettings settings;
+  settings.mesh.lattice.edge_mm = request.edge_mm;
+  settings.mesh.lattice.tetrahedra = request.elements;
+  settings.mesh.entry_edge_mm = request.entry_edge_mm;
+  auto brain = case_model::brain_of(c, settings);
+  if (brain && request.edge_mm) {
+    const auto count = static_cast<int>(brain->filled.mesh.tetrahedra.size());
+    if (count < kMinElements || count > kMaxElements) {
+      return base::failure(edge_problem(c, *request.edge_mm, count, brain->filled.surface_mm3));
     }
-    return filled;
-  } catch (const std::invalid_argument &error) {
-    return base::failure(c.folder.string() + ": the brain's surface: " + error.what());
   }
+  return brain;
 }
 
-MeshReport report_of(const tissue::LatticeMesh &filled, const tissue::Material &material) {
-  MeshReport out{tissue::quality_of(filled.mesh), filled.edge_mm, filled.surface_mm3, material, 0.0};
-  out.step_s = tissue::stable_step_s(out.quality.stable_length_mm, material);
+MeshReport report_of(const case_model::Brain &brain) {
+  const tissue::LatticeMesh &filled = brain.filled;
+  MeshReport out{tissue::quality_of(filled.mesh), filled.edge_mm, filled.surface_mm3, brain.material, 0.0};
+  out.step_s = tissue::stable_step_s(out.quality.stable_length_mm, brain.material);
   return out;
 }
 

@@ -8,6 +8,7 @@
 
 #include "algorithms/tissue/mesh/lattice_mesh.hpp"
 #include "algorithms/tissue/mesh/mesh_quality.hpp"
+#include "case_model/brain.hpp"
 #include "casefile/case.hpp"
 
 namespace CLI {
@@ -17,8 +18,8 @@ class App;
 namespace bregma::cli {
 
 // Fewer do not follow a brain's surface, more are not stepped in real time.
-inline constexpr int kFewestElements = 10'000;
-inline constexpr int kMostElements = 100'000;
+inline constexpr int kMinElements = 10'000;
+inline constexpr int kMaxElements = 100'000;
 
 struct MeshRequest {
   int elements = 20'000;         // about as many
@@ -33,7 +34,7 @@ void add_entry_option(CLI::App &command, MeshRequest &request);
 
 // Blocks for about a second. Refuses a lattice's edge that gives fewer or more tetrahedra than above, and says which
 // ones do not.
-[[nodiscard]] base::Result<tissue::LatticeMesh> fill_brain(const casefile::Case &c, const MeshRequest &request);
+[[nodiscard]] base::Result<case_model::Brain> fill_brain(const casefile::Case &c, const MeshRequest &request);
 
 struct MeshReport {
   tissue::MeshQuality quality;
@@ -43,7 +44,7 @@ struct MeshReport {
   double step_s = 0.0; // the longest that is stable in this material
 };
 
-[[nodiscard]] MeshReport report_of(const tissue::LatticeMesh &filled, const tissue::Material &material);
+[[nodiscard]] MeshReport report_of(const case_model::Brain &brain);
 [[nodiscard]] std::string report_text(const MeshReport &report);
 [[nodiscard]] nlohmann::json report_json(const MeshReport &report);
 

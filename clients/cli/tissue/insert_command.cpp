@@ -9,10 +9,12 @@
 #include <CLI/Formatter.hpp>
 #include <CLI/Validators.hpp>
 
+#include "case_model/brain.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
-#include "clients/cli/tissue/case_model.hpp"
+#include "clients/cli/tissue/brain_mesh.hpp"
 #include "clients/cli/tissue/insertion.hpp"
+#include "clients/cli/tissue/tissue_state.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -68,32 +70,32 @@ Result<Insertion> run_insertion(const InsertOptions &options) {
   if (!trajectory) {
     return tl::unexpected(trajectory.error());
   }
-  const auto way = InsertionWay::along(*loaded, **trajectory, tissue::ProbeShape{}.radius_mm);
-  if (!way) {
-    return tl::unexpected(way.error());
+  const auto path = InsertionPath::along(*loaded, **trajectory, tissue::ProbeShape{}.radius_mm);
+  if (!path) {
+    return tl::unexpected(path.error());
   }
   if (!progress.show(0.02, "tetrahedra")) {
     return failure("stopped");
   }
-  const auto filled = fill_brain(*loaded, options.mesh);
-  if (!filled) {
-    return tl::unexpected(filled.error());
+  const auto brain = fill_brain(*loaded, options.mesh);
+  if (!brain) {
+    return tl::unexpected(brain.error());
   }
-  auto model = make_model(*loaded, *filled, {&(*trajectory)->target_mm, 1});
+  auto model = case_model::brain_model_of(*loaded, *brain, {&(*trajectory)->target_mm, 1});
   if (!model) {
     return tl::unexpected(model.error());
   }
   Insertion out{.trajectory = (*trajectory)->name,
-                .entry_to_target_mm = way->target_depth_mm(),
+                .entry_to_target_mm = path->target_depth_mm(),
                 .elements = (*model)->solver().elements(),
                 .material = (*model)->solver().material().name,
                 .updates = {},
                 .model = std::move(*model)};
   const InsertionPlan plan{.speed_mm_s = options.speed_mm_s,
-                           .depth_mm = options.depth_mm.value_or(way->target_depth_mm())};
+                           .depth_mm = options.depth_mm.value_or(path->target_depth_mm())};
   bool stopped = false;
-  out.updates = insert(*out.model, *way, plan, [&](const InsertionUpdate &update) {
-    const double gone = (update.depth_mm - way->start_depth_mm()) / (plan.depth_mm - way->start_depth_mm());
+  out.updates = insert(*out.model, *path, plan, [&](const InsertionUpdate &update) {
+    const double gone = (update.depth_mm - path->start_depth_mm()) / (plan.depth_mm - path->start_depth_mm());
     stopped = !progress.show(0.1 + 0.9 * gone, "insertion: " + fixed(update.depth_mm, 1, "mm"));
     return !stopped;
   });

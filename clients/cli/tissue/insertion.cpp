@@ -44,8 +44,8 @@ std::string state_text(const tissue::BrainState &state) {
 
 } // namespace
 
-base::Result<InsertionWay> InsertionWay::along(const casefile::Case &c, const casefile::Trajectory &trajectory,
-                                               double probe_radius_mm) {
+base::Result<InsertionPath> InsertionPath::along(const casefile::Case &c, const casefile::Trajectory &trajectory,
+                                                 double probe_radius_mm) {
   const auto entry =
       planning::surface_entry(surface::SurfaceModel(c.brain.mesh), trajectory.entry_mm, trajectory.target_mm);
   const std::string name = c.folder.string() + ": trajectory \"" + trajectory.name + "\" ";
@@ -55,27 +55,27 @@ base::Result<InsertionWay> InsertionWay::along(const casefile::Case &c, const ca
   if ((*entry - trajectory.entry_mm).norm() == 0.0) {
     return base::failure(name + "begins inside the brain: where it enters is not known");
   }
-  InsertionWay way;
-  way.entry_mm_ = *entry;
-  way.along_ = (trajectory.target_mm - trajectory.entry_mm).normalized();
-  way.target_depth_mm_ = (trajectory.target_mm - *entry).norm();
+  InsertionPath path;
+  path.entry_mm_ = *entry;
+  path.along_ = (trajectory.target_mm - trajectory.entry_mm).normalized();
+  path.target_depth_mm_ = (trajectory.target_mm - *entry).norm();
   // Where the way is slanted the side of the tip comes to the surface before its end does.
-  way.start_depth_mm_ = -kStandoff_mm - 2.0 * probe_radius_mm;
-  return way;
+  path.start_depth_mm_ = -kStandoff_mm - 2.0 * probe_radius_mm;
+  return path;
 }
 
-std::vector<InsertionUpdate> insert(tissue::BrainModel &model, const InsertionWay &way, const InsertionPlan &plan,
+std::vector<InsertionUpdate> insert(tissue::BrainModel &model, const InsertionPath &path, const InsertionPlan &plan,
                                     const std::function<bool(const InsertionUpdate &)> &goes_on) {
   const double elapsed_s = 1.0 / plan.rate_hz;
-  const double whole_way_mm = plan.depth_mm - way.start_depth_mm();
-  const int count = static_cast<int>(std::ceil(whole_way_mm / (plan.speed_mm_s * elapsed_s)));
+  const double whole_path_mm = plan.depth_mm - path.start_depth_mm();
+  const int count = static_cast<int>(std::ceil(whole_path_mm / (plan.speed_mm_s * elapsed_s)));
   std::vector<InsertionUpdate> updates;
   updates.reserve(static_cast<std::size_t>(count) + 1);
   for (int i = 0; i <= count; ++i) {
     const double time_s = i * elapsed_s;
-    const double depth_mm = std::min(plan.depth_mm, way.start_depth_mm() + plan.speed_mm_s * time_s);
+    const double depth_mm = std::min(plan.depth_mm, path.start_depth_mm() + plan.speed_mm_s * time_s);
     // All steps that the time asks for: simulated time waits.
-    (void)model.update({.seen = true, .pose = way.pose(depth_mm), .force_N = std::nullopt}, elapsed_s,
+    (void)model.update({.seen = true, .pose = path.pose(depth_mm), .force_N = std::nullopt}, elapsed_s,
                        std::numeric_limits<int>::max());
     updates.push_back(seen_now(model, time_s, depth_mm));
     if (!goes_on(updates.back())) {

@@ -28,11 +28,11 @@ struct InsertionUpdate {
 };
 
 // The straight way of the tip: from outside the brain to the plan's depth.
-class InsertionWay {
+class InsertionPath {
 public:
   // Refuses a trajectory that does not enter the brain, and a depth that is not in it.
-  [[nodiscard]] static base::Result<InsertionWay> along(const casefile::Case &c, const casefile::Trajectory &trajectory,
-                                                        double probe_radius_mm);
+  [[nodiscard]] static base::Result<InsertionPath>
+  along(const casefile::Case &c, const casefile::Trajectory &trajectory, double probe_radius_mm);
 
   [[nodiscard]] const Eigen::Vector3d &entry_mm() const { return entry_mm_; }
   [[nodiscard]] double target_depth_mm() const { return target_depth_mm_; }
@@ -47,7 +47,7 @@ private:
 
 // Drives the model, whose first point is the target. goes_on is called after every update with it; where it answers
 // false, what has been done so far comes back.
-[[nodiscard]] std::vector<InsertionUpdate> insert(tissue::BrainModel &model, const InsertionWay &way,
+[[nodiscard]] std::vector<InsertionUpdate> insert(tissue::BrainModel &model, const InsertionPath &path,
                                                   const InsertionPlan &plan,
                                                   const std::function<bool(const InsertionUpdate &)> &goes_on);
 

@@ -12,10 +12,8 @@
 #include <CLI/Formatter.hpp>
 #include <CLI/Validators.hpp>
 
-#include "algorithms/surface/surface_model.hpp"
 #include "algorithms/tissue/brain_shift.hpp"
 #include "algorithms/tissue/mesh/tet_locator.hpp"
-#include "case_model/case_tissue.hpp"
 #include "casefile/tissue_files/tet_file.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
@@ -94,25 +92,24 @@ Result<ShiftOfCase> run_model(const ShiftOptions &options) {
   if (!goes_on(0.1, "tetrahedra")) {
     return failure("stopped");
   }
-  auto filled = fill_brain(*loaded, options.mesh);
-  if (!filled) {
-    return tl::unexpected(filled.error());
+  auto brain = fill_brain(*loaded, options.mesh);
+  if (!brain) {
+    return tl::unexpected(brain.error());
   }
   if (!goes_on(0.4, "brain shift")) {
     return failure("stopped");
   }
   tissue::BrainShiftOptions how;
-  how.material = case_model::material_of(*loaded, tissue::named_materials().front());
+  how.material = brain->material;
   how.solver.threads = 2;
   how.skull.gap_mm = options.gap_mm;
   how.falx = !options.without_falx;
-  how.skull.craniotomy =
-      case_model::craniotomy_of(*loaded, surface::SurfaceModel(loaded->brain.mesh), case_model::kCraniotomyRadius_mm);
+  how.skull.craniotomy = brain->craniotomy;
   how.gravity = postures().at(options.posture);
   how.gravity_imaged = postures().at(options.imaged);
   how.fluid_drop_mm = options.fluid_drop_mm;
   try {
-    ShiftOfCase out{std::move(filled->mesh), how.material, {}, {}};
+    ShiftOfCase out{std::move(brain->filled.mesh), how.material, {}, {}};
     out.shift = tissue::predict_shift(out.mesh, how);
     out.points = moved_points(*loaded, out.mesh, out.shift);
     return goes_on(1.0, "brain shift") ? Result<ShiftOfCase>(std::move(out)) : failure("stopped");

@@ -4,7 +4,7 @@
 
 #include "algorithms/registration/clouds/cloud_covariance.hpp"
 #include "algorithms/registration/clouds/cpd.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
@@ -72,7 +72,8 @@ TEST(CloudCovariance, TheTruePoseLiesInItAsOftenAsItSays) {
     ASSERT_TRUE(covariance);
     const Vector3d error = found.transform.linear * target + found.transform.translation - target;
     const geometry::Matrix3d predicted = uncertainty::tre_covariance(*covariance, target);
-    inside += uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+    inside +=
+        uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::chi_square_upper_quantile(0.05, 3) ? 1 : 0;
     squared_true += error.squaredNorm() / kRuns;
     squared_predicted += predicted.trace() / kRuns;
   }

@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/registration/registration.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
@@ -45,7 +45,8 @@ struct Coverage {
 
   void add(const Matrix3d &predicted, const Vector3d &error) {
     ++runs;
-    inside += uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+    inside +=
+        uncertainty::mahalanobis_squared(predicted, error) <= uncertainty::chi_square_upper_quantile(0.05, 3) ? 1 : 0;
     squared_true += error.squaredNorm();
     squared_predicted += predicted.trace();
   }

@@ -191,7 +191,7 @@ TEST_F(NeverFound, AnEllipsoidOnItself) {
 }
 
 TEST_F(NeverFound, TooFewSamples) {
-  expect_not_found(searched_head().field, face_places(kFewestGlobalSamples - 1, rng_), rng_);
+  expect_not_found(searched_head().field, face_places(kMinGlobalSamples - 1, rng_), rng_);
 }
 
 TEST_F(NeverFound, AnotherHead) {

@@ -38,14 +38,15 @@ TEST(Similarity, MutualInformationOfKnownTables) {
 
 TEST(Warp, LinearImagesAreMovedExactly) {
   // Intensity = a linear function of the place in mm: linear interpolation has no error.
-  Grid<3> grid;
+  bregma::image::Grid<3> grid;
   grid.size = {12, 9, 7};
-  grid.axes = Eigen::Vector3d(2.0, -1.5, 3.0).asDiagonal(); // the second axis runs backwards
-  grid.origin_mm = {-10.0, 6.0, -9.0};
+  grid.T_image_index.topLeftCorner<3, 3>() =
+      Eigen::Vector3d(2.0, -1.5, 3.0).asDiagonal(); // the second axis runs backwards
+  grid.T_image_index.topRightCorner<3, 1>() = Eigen::Vector3d(-10.0, 6.0, -9.0);
   const auto intensity = [](const Eigen::Vector3d &p) { return 2.0 * p.x() - p.y() + 0.5 * p.z() + 40.0; };
   std::vector<float> image(grid.pixels());
   for (std::size_t i = 0; i < image.size(); ++i) {
-    image[i] = static_cast<float>(intensity(grid.point_mm(i)));
+    image[i] = static_cast<float>(intensity(grid.pixel_mm(i)));
   }
   const auto same = warp<3>(grid, grid, image, [](const Eigen::Vector3d &p) { return p; });
   EXPECT_LT(rmse(same, image), 1e-4);
@@ -57,7 +58,7 @@ TEST(Warp, LinearImagesAreMovedExactly) {
     for (std::size_t i = 0; i < moved.size(); ++i) {
       if (std::isfinite(moved[i])) {
         ++inside;
-        EXPECT_NEAR(moved[i], intensity(grid.point_mm(i) + shift), 1e-3);
+        EXPECT_NEAR(moved[i], intensity(grid.pixel_mm(i) + shift), 1e-3);
       }
     }
     EXPECT_EQ(inside, 11 * 8 * 6); // a layer of each side comes from outside
@@ -65,7 +66,7 @@ TEST(Warp, LinearImagesAreMovedExactly) {
 }
 
 TEST(Warp, OfAPictureInThePlane) {
-  Grid<2> grid;
+  bregma::image::Grid<2> grid;
   grid.size = {40, 30};
   std::mt19937 rng(kIntensitySeed);
   std::vector<float> image(grid.pixels());

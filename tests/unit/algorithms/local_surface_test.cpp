@@ -139,12 +139,12 @@ TEST(PlaneKernel, EveryVersionOfThisProcessorGivesTheFormulas) {
       const surface::SurfaceField::Plane &plane = field.plane(p.cast<float>());
       const Vector3d n = plane.normal.cast<double>();
       const double r = n.dot(p) + static_cast<double>(plane.offset);
-      const double share = kReach_mm * kReach_mm / (kReach_mm * kReach_mm + r * r);
+      const double falloff = kReach_mm * kReach_mm / (kReach_mm * kReach_mm + r * r);
       geometry::Vector6d J;
       J << (p - test::kHeadCentre).cross(n), n;
-      normal += share * share * J * J.transpose();
-      gradient += share * share * r * J;
-      cost += 1.0 - share;
+      normal += falloff * falloff * J * J.transpose();
+      gradient += falloff * falloff * r * J;
+      cost += 1.0 - falloff;
       residuals.push_back(std::abs(r));
     }
     PlaneQuery query{field.grid(), lanes.axis(0), lanes.axis(1), lanes.axis(2), count, {}, {}};

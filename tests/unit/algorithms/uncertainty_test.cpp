@@ -3,8 +3,9 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/registration/points/paired_points.hpp"
-#include "algorithms/uncertainty/chi_square.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
+#include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"
 
 namespace {
@@ -12,7 +13,6 @@ namespace {
 using namespace bregma;
 using geometry::Matrix3d;
 using geometry::Vector3d;
-using uncertainty::chi_square_cdf;
 using uncertainty::chi_square_survival;
 using uncertainty::chi_square_upper_quantile;
 constexpr unsigned kUncertaintySeed = 20260205;
@@ -20,7 +20,7 @@ constexpr unsigned kUncertaintySeed = 20260205;
 // Abramowitz & Stegun, table 26.8, and the closed form for two degrees of freedom.
 TEST(ChiSquare, QuantilesOfTheTables) {
   EXPECT_NEAR(chi_square_upper_quantile(0.05, 1), 3.84146, 1e-5);
-  EXPECT_NEAR(chi_square_upper_quantile(0.05, 3), uncertainty::kChiSquare95Of3, 1e-9);
+  EXPECT_NEAR(chi_square_upper_quantile(0.05, 3), 7.81473, 1e-5);
   EXPECT_NEAR(chi_square_upper_quantile(0.01, 10), 23.20925, 1e-5);
   EXPECT_NEAR(chi_square_upper_quantile(0.001, 18), 42.31240, 1e-5);
   EXPECT_NEAR(chi_square_upper_quantile(0.95, 30), 18.49266, 1e-5);
@@ -40,8 +40,41 @@ TEST(ChiSquare, EndsAndExtremesAreDefined) {
     for (const double tail : {1e-6, 0.01, 0.5, 0.99}) {
       EXPECT_NEAR(chi_square_survival(chi_square_upper_quantile(tail, dof), dof) / tail, 1.0, 1e-7);
     }
-    EXPECT_NEAR(chi_square_cdf(dof, dof) + chi_square_survival(dof, dof), 1.0, 1e-12);
   }
+}
+
+TEST(Distributions, OtherTablesAndFractionsOfADegree) {
+  EXPECT_NEAR(uncertainty::normal_quantile(0.95), 1.64485, 1e-5);
+  EXPECT_NEAR(uncertainty::normal_quantile(0.25), -0.67449, 1e-5);
+  // 3 x 15 / 13 times the 95 % point of F with 3 and 13 degrees of freedom, 3.4105.
+  EXPECT_NEAR(uncertainty::hotelling_upper_quantile(0.05, 3, 15), 11.8057, 1e-3);
+  const double between = chi_square_upper_quantile(0.05, 2.5);
+  EXPECT_GT(between, chi_square_upper_quantile(0.05, 2));
+  EXPECT_LT(between, chi_square_upper_quantile(0.05, 3));
+}
+
+TEST(Distributions, OutsideTheDomainIsNaNAndNothingThrows) {
+  for (const double tail : {-0.1, 0.0, 1.0, 1.1, std::nan("")}) {
+    EXPECT_TRUE(std::isnan(chi_square_upper_quantile(tail, 3))) << tail;
+    EXPECT_TRUE(std::isnan(uncertainty::normal_quantile(tail))) << tail;
+    EXPECT_TRUE(std::isnan(uncertainty::hotelling_upper_quantile(tail, 3, 15))) << tail;
+  }
+  EXPECT_TRUE(std::isnan(chi_square_survival(1.0, 0)));
+  EXPECT_TRUE(std::isnan(chi_square_upper_quantile(0.05, -1)));
+  EXPECT_TRUE(std::isnan(uncertainty::hotelling_upper_quantile(0.05, 3, 2)));
+}
+
+TEST(Distributions, DoNotAllocate) {
+  double sum = 0.0;
+  const test::AllocationScope scope;
+  for (const double dof : {1.0, 2.4, 3.0, 186.0}) {
+    for (const double tail : {1e-12, 0.05, 0.999}) {
+      sum += chi_square_survival(chi_square_upper_quantile(tail, dof), dof) + uncertainty::normal_quantile(tail);
+      sum += uncertainty::hotelling_upper_quantile(tail, dof, dof + 5.0);
+    }
+  }
+  EXPECT_EQ(scope.count(), 0U);
+  EXPECT_TRUE(std::isfinite(sum));
 }
 
 TEST(Ellipsoid95, AxesAreLongestFirstAndRebuildTheCovariance) {
@@ -52,12 +85,12 @@ TEST(Ellipsoid95, AxesAreLongestFirstAndRebuildTheCovariance) {
     EXPECT_GE(e.semi_axes_mm[0], e.semi_axes_mm[1]);
     EXPECT_GE(e.semi_axes_mm[1], e.semi_axes_mm[2]);
     EXPECT_NEAR(e.axes.determinant(), 1.0, 1e-12);
-    const Vector3d variances = e.semi_axes_mm.cwiseAbs2() / uncertainty::kChiSquare95Of3;
+    const Vector3d variances = e.semi_axes_mm.cwiseAbs2() / uncertainty::chi_square_upper_quantile(0.05, 3);
     EXPECT_TRUE((e.axes.transpose() * variances.asDiagonal() * e.axes).isApprox(C, 1e-10))
         << "seed " << kUncertaintySeed;
     // A point at the end of an axis is on the border.
     const Vector3d end = e.semi_axes_mm[0] * e.axes.row(0).transpose();
-    EXPECT_NEAR(uncertainty::mahalanobis_squared(C, end), uncertainty::kChiSquare95Of3, 1e-9);
+    EXPECT_NEAR(uncertainty::mahalanobis_squared(C, end), uncertainty::chi_square_upper_quantile(0.05, 3), 1e-9);
   }
 }
 
@@ -67,7 +100,9 @@ TEST(Ellipsoid95, HoldsNineteenOfTwenty) {
   int inside = 0;
   constexpr int kDraws = 20'000;
   for (int i = 0; i < kDraws; ++i) {
-    inside += uncertainty::mahalanobis_squared(C, test::draw(rng, C)) <= uncertainty::kChiSquare95Of3 ? 1 : 0;
+    inside += uncertainty::mahalanobis_squared(C, test::draw(rng, C)) <= uncertainty::chi_square_upper_quantile(0.05, 3)
+                  ? 1
+                  : 0;
   }
   EXPECT_NEAR(100.0 * inside / kDraws, 95.0, 0.6);
 }

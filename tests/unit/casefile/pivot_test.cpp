@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/calibration/pivot.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
 #include "casefile/poses.hpp"
 #include "tests/unit/casefile/files.hpp"
 
@@ -16,7 +17,7 @@ using bregma::geometry::Matrix3d;
 using bregma::geometry::Vector3d;
 
 constexpr unsigned kSeed = 20260301;
-constexpr double kChiSquare95 = 7.815; // three degrees of freedom
+const double kChiSquare95 = bregma::uncertainty::chi_square_upper_quantile(0.05, 3);
 const Vector3d kTip(-12.0, 150.0, 4.0);
 const Vector3d kPivot(100.0, -50.0, -1500.0);
 

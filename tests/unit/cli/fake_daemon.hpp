@@ -53,6 +53,7 @@ private:
         (void)wire::set_name(sample.daemon, "bregmad");
         sample.time_ns = cli::utc_now_ns();
         sample.session = bregma_wire_SESSION_VERIFIED;
+        sample.wire_generation = wire::kWireVersion.generation;
         (void)health.write(sample);
       }
       for (int i = 0; i < 10; ++i) {
@@ -75,6 +76,7 @@ inline wire::CommandReply reply_to(const wire::Command &command, wire::CommandRe
   wire::CommandReply out{};
   std::copy(std::begin(command.client), std::end(command.client), out.client);
   out.id = command.id;
+  out.kind = command.kind;
   out.result = result;
   out.session = bregma_wire_SESSION_NAVIGATING;
   out.value_mm = wire::kUnknown;

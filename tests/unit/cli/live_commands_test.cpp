@@ -54,7 +54,7 @@ TEST(LiveCommands, StatusTellsWhatTheDaemonSays) {
 
 TEST(LiveCommands, AlarmsAreListedAndAcknowledged) {
   const test::FakeDaemon daemon([](const wire::Command &command) {
-    EXPECT_EQ(command.body._d, bregma_wire_COMMAND_ACKNOWLEDGE_ALARM);
+    EXPECT_EQ(command.kind, bregma_wire_COMMAND_ACKNOWLEDGE_ALARM);
     const bool known = wire::view(command.body._u.alarm.kind) == "drift";
     return test::reply_to(command, known ? bregma_wire_COMMAND_DONE : bregma_wire_COMMAND_REFUSED,
                           known ? "acknowledged" : "there is no such alarm");

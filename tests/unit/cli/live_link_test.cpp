@@ -38,16 +38,16 @@ TEST(DaemonLink, StateComesWholeAndIsTakenAsThePresent) {
 
 TEST(DaemonLink, CommandArrivesAndItsOwnReplyComesBack) {
   const FakeDaemon daemon([](const wire::Command &command) {
-    EXPECT_EQ(command.body._d, bregma_wire_COMMAND_START_NAVIGATION);
+    EXPECT_EQ(command.kind, bregma_wire_COMMAND_START_NAVIGATION);
     EXPECT_EQ(wire::view(command.body._u.plan.tool), "Probe");
     EXPECT_EQ(wire::view(command.body._u.plan.trajectory), "Biopsy");
     return reply_to(command, bregma_wire_COMMAND_DONE, "navigating Probe along Biopsy");
   });
   DaemonLink link(own_domain());
-  const auto body = navigate_command("Probe", "Biopsy");
-  ASSERT_TRUE(body.has_value());
+  const auto command = make_command(bregma_wire_COMMAND_START_NAVIGATION, {"Probe", "Biopsy"});
+  ASSERT_TRUE(command.has_value());
   for (int i = 0; i < 3; ++i) {
-    const auto reply = link.send(*body);
+    const auto reply = link.send(*command);
     ASSERT_TRUE(reply.has_value()) << reply.error().message;
     EXPECT_EQ(reply->id, static_cast<std::uint64_t>(i + 1));
     EXPECT_STREQ(reply->text, "navigating Probe along Biopsy");
@@ -60,7 +60,7 @@ TEST(DaemonLink, RefusalIsAReplyWithItsReason) {
     return reply_to(command, bregma_wire_COMMAND_REFUSED_BY_STATE, "nobody has verified the registration");
   });
   DaemonLink link(own_domain());
-  const auto reply = link.send(*plain_command(bregma_wire_COMMAND_STOP_NAVIGATION));
+  const auto reply = link.send(*make_command(bregma_wire_COMMAND_STOP_NAVIGATION));
   ASSERT_TRUE(reply.has_value());
   testing::internal::CaptureStderr();
   EXPECT_EQ(show_reply(reply, Context{}), kRefused);
@@ -74,7 +74,7 @@ TEST(DaemonLink, ReplyToAnotherClientIsNotOurs) {
     return reply;
   });
   DaemonLink link(own_domain());
-  const auto reply = link.send(*plain_command(bregma_wire_COMMAND_STOP_NAVIGATION), 300ms);
+  const auto reply = link.send(*make_command(bregma_wire_COMMAND_STOP_NAVIGATION), 300ms);
   ASSERT_FALSE(reply.has_value());
   EXPECT_EQ(reply.error().message, "bregmad on domain " + std::to_string(own_domain()) +
                                        " did not reply within 300 ms; whether it carried the command out is not known");
@@ -92,6 +92,20 @@ TEST(DaemonLink, DaemonThatFallsSilentIsNotAlive) {
   EXPECT_EQ(view_daemon(link.snapshot(), later_ns).presence, Presence::kSilent);
 }
 
+TEST(DaemonLink, ADaemonOfAnotherWireIsNamedWithBothVersions) {
+  // A daemon whose types are another generation's does not match, and is seen by what its participant announces.
+  const dds::Participant other(own_domain(), {{3, 1}, "bregmad"});
+  const dds::Writer<wire::SystemHealth> health(other);
+  DaemonLink link(own_domain());
+  const auto there = link.wait_for_daemon(1s);
+  ASSERT_FALSE(there.has_value());
+  EXPECT_EQ(there.error().message, "no bregmad answers on domain " + std::to_string(own_domain()) +
+                                       ": bregmad speaks wire 3.1, this program speaks wire 2.0: install one release "
+                                       "on both");
+  EXPECT_TRUE(watch_json(link.snapshot(), {}, utc_now_ns())["other_wire"].get<std::string>().starts_with(
+      "bregmad speaks wire 3.1"));
+}
+
 TEST(DaemonLink, EveryClientHasANameOfItsOwn) {
   const DaemonLink one(own_domain());
   const DaemonLink two(own_domain());
@@ -99,13 +113,14 @@ TEST(DaemonLink, EveryClientHasANameOfItsOwn) {
   EXPECT_LE(one.client().size(), wire::kNameLength);
 }
 
-TEST(CommandBodies, NamesThatDoNotFitAreShownAndRefused) {
-  const auto long_name = touch_command(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", std::string(40, 'x'));
+TEST(MakeCommand, NamesThatDoNotFitAreShownAndRefused) {
+  const auto long_name = make_command(bregma_wire_COMMAND_CHECK_TOUCH, {"Stylus", std::string(40, 'x')});
   ASSERT_FALSE(long_name.has_value());
   EXPECT_EQ(long_name.error().message, "point '" + std::string(40, 'x') + "' is too long: 40 bytes, at most 31");
-  EXPECT_EQ(tool_command(bregma_wire_COMMAND_START_PIVOT, "").error().message, "tool is empty");
-  EXPECT_FALSE(load_case_command(std::string(2000, 'y')).has_value());
-  EXPECT_TRUE(acknowledge_command("drift", "").has_value()) << "an alarm may have no subject";
+  EXPECT_EQ(make_command(bregma_wire_COMMAND_START_PIVOT).error().message, "tool is empty");
+  EXPECT_FALSE(make_command(bregma_wire_COMMAND_LOAD_CASE, {std::string(2000, 'y')}).has_value());
+  EXPECT_TRUE(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {"drift"}).has_value())
+      << "an alarm may have no subject";
 }
 
 } // namespace

@@ -91,7 +91,8 @@ TEST(LiveView, FiguresOfEveryStatusButTwoAreDashes) {
     auto snapshot = navigating();
     snapshot.tools["Probe"].status = static_cast<wire::PoseStatus>(status);
     const bool shown = status == bregma_wire_POSE_LIVE || status == bregma_wire_POSE_UNVERIFIED;
-    EXPECT_EQ(has(watch_table(snapshot, {}, kNow_ns), "11.5"), shown) << label(static_cast<wire::PoseStatus>(status));
+    EXPECT_EQ(has(watch_table(snapshot, {}, kNow_ns), "11.5"), shown)
+        << pose_label(static_cast<wire::PoseStatus>(status));
   }
 }
 
@@ -203,8 +204,10 @@ TEST(LiveView, AlarmsThatStandAreListedGravestFirst) {
 }
 
 TEST(LiveView, ValueThatTheWireDoesNotDefineIsInvalid) {
-  EXPECT_EQ(label(static_cast<wire::PoseStatus>(15)), "invalid");
-  EXPECT_EQ(label(static_cast<wire::AlarmState>(3)), "invalid");
+  EXPECT_EQ(pose_label(15), "not known here");
+  EXPECT_EQ(pose_label(-1), "not known here");
+  EXPECT_EQ(pose_label(0), "unknown");
+  EXPECT_EQ(alarm_label(4), "not known here");
 }
 
 TEST(PlainText, DurationsAreSaidAsAPersonSaysThem) {

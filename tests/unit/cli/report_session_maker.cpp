@@ -29,10 +29,9 @@ void put_command(casefile::SessionWriter &writer, std::int64_t time_ns, std::uin
   wire::Command command{};
   name(command.client, "tester");
   command.id = id;
-  command.body._d = kind;
+  command.kind = kind;
   if (kind == bregma_wire_COMMAND_CHECK_TOUCH) {
-    name(command.body._u.touch.tool, "Stylus");
-    name(command.body._u.touch.point, point);
+    ASSERT_EQ(wire::fill_command(command, kind, {"Stylus", point}), "");
   }
   put(writer, time_ns, command);
   wire::CommandReply reply{};

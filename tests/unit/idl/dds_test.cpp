@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include "idl/commands.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
 
@@ -83,17 +84,13 @@ TEST(Dds, EveryKindOfCommandKeepsItsBody) {
   wire::Command command{};
   ASSERT_TRUE(wire::set_name(command.client, "test"));
   command.id = 1;
-  command.body._d = bregma_wire_COMMAND_LOAD_CASE;
-  wire::set_text(command.body._u.load_case.folder, "/cases/colin27");
+  ASSERT_EQ(wire::fill_command(command, bregma_wire_COMMAND_LOAD_CASE, {"/cases/colin27"}), "");
   ASSERT_TRUE(writer.write(command));
   command.id = 2;
-  command.body = {};
-  command.body._d = bregma_wire_COMMAND_ACCEPT_REGISTRATION; // no body
+  ASSERT_EQ(wire::fill_command(command, bregma_wire_COMMAND_ACCEPT_REGISTRATION, {}), "");
   ASSERT_TRUE(writer.write(command));
   command.id = 3;
-  command.body._d = bregma_wire_COMMAND_CAPTURE_FIDUCIAL;
-  ASSERT_TRUE(wire::set_name(command.body._u.touch.tool, "Stylus"));
-  ASSERT_TRUE(wire::set_name(command.body._u.touch.point, "Nasion"));
+  ASSERT_EQ(wire::fill_command(command, bregma_wire_COMMAND_CAPTURE_FIDUCIAL, {"Stylus", "Nasion"}), "");
   ASSERT_TRUE(writer.write(command));
 
   std::vector<wire::Command> taken;
@@ -102,8 +99,9 @@ TEST(Dds, EveryKindOfCommandKeepsItsBody) {
     reader.take_each([&](const wire::Command &sample, const auto &) { taken.push_back(sample); });
   }
   ASSERT_EQ(taken.size(), 3U);
-  EXPECT_STREQ(taken[0].body._u.load_case.folder, "/cases/colin27");
-  EXPECT_EQ(taken[1].body._d, bregma_wire_COMMAND_ACCEPT_REGISTRATION);
+  EXPECT_STREQ(taken[0].body._u.folder.folder, "/cases/colin27");
+  EXPECT_EQ(taken[1].kind, bregma_wire_COMMAND_ACCEPT_REGISTRATION);
+  EXPECT_EQ(taken[1].body._d, bregma_wire_FORM_EMPTY);
   EXPECT_EQ(wire::view(taken[2].body._u.touch.point), "Nasion");
 }
 

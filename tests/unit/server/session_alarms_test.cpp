@@ -1,4 +1,4 @@
-#include "server/session/alarm_board.hpp"
+#include "server/session/alarm_registry.hpp"
 
 #include <vector>
 
@@ -9,7 +9,7 @@
 namespace bregma::server {
 namespace {
 
-class AlarmBoardTest : public ::testing::Test {
+class AlarmRegistryTest : public ::testing::Test {
 protected:
   bool update(const char *kind, const char *subject, bool active, std::int64_t time_ns,
               wire::AlarmSeverity severity = bregma_wire_SEVERITY_CRITICAL, const char *text = "why") {
@@ -19,13 +19,13 @@ protected:
     condition.severity = severity;
     condition.time_ns = time_ns;
     wire::set_text(condition.text, text);
-    return board.update(condition);
+    return registry.update(condition);
   }
   std::vector<wire::Alarm> published;
-  AlarmBoard board{[this](const wire::Alarm &alarm) { published.push_back(alarm); }};
+  AlarmRegistry registry{[this](const wire::Alarm &alarm) { published.push_back(alarm); }};
 };
 
-TEST_F(AlarmBoardTest, RaisedAcknowledgedClearedAndRaisedAgain) {
+TEST_F(AlarmRegistryTest, RaisedAcknowledgedClearedAndRaisedAgain) {
   EXPECT_FALSE(update("drift", "Reference", false, 1)) << "the end of what never began";
   EXPECT_TRUE(update("drift", "Reference", true, 10));
   EXPECT_FALSE(update("drift", "Reference", true, 11));
@@ -34,21 +34,21 @@ TEST_F(AlarmBoardTest, RaisedAcknowledgedClearedAndRaisedAgain) {
   EXPECT_EQ(published[0].count, 1U);
   EXPECT_EQ(published[0].raised_time_ns, 10);
   EXPECT_STREQ(published[0].text, "why");
-  EXPECT_TRUE(board.unacknowledged("drift"));
+  EXPECT_TRUE(registry.unacknowledged("drift"));
 
-  EXPECT_FALSE(board.acknowledge("drift", "Reference", 20));
-  EXPECT_FALSE(board.acknowledge("drift", "Reference", 21)) << "again does no harm";
+  EXPECT_FALSE(registry.acknowledge("drift", "Reference", 20));
+  EXPECT_FALSE(registry.acknowledge("drift", "Reference", 21)) << "again does no harm";
   ASSERT_EQ(published.size(), 2U);
   EXPECT_EQ(published[1].state, bregma_wire_ALARM_ACKNOWLEDGED);
   EXPECT_EQ(published[1].changed_time_ns, 20);
   EXPECT_EQ(published[1].raised_time_ns, 10);
-  EXPECT_TRUE(board.active("drift"));
-  EXPECT_FALSE(board.unacknowledged("drift"));
+  EXPECT_TRUE(registry.active("drift"));
+  EXPECT_FALSE(registry.unacknowledged("drift"));
   EXPECT_FALSE(update("drift", "Reference", true, 25)) << "acknowledged, and the condition still holds";
 
   EXPECT_TRUE(update("drift", "Reference", false, 30));
   EXPECT_EQ(published.back().state, bregma_wire_ALARM_CLEARED);
-  EXPECT_FALSE(board.active("drift"));
+  EXPECT_FALSE(registry.active("drift"));
   EXPECT_TRUE(update("drift", "Reference", true, 40));
   EXPECT_EQ(published.back().state, bregma_wire_ALARM_RAISED);
   EXPECT_EQ(published.back().count, 2U);
@@ -56,9 +56,9 @@ TEST_F(AlarmBoardTest, RaisedAcknowledgedClearedAndRaisedAgain) {
   EXPECT_EQ(published.size(), 4U);
 }
 
-TEST_F(AlarmBoardTest, GrowingWorseIsRaisedAgain) {
+TEST_F(AlarmRegistryTest, GrowingWorseIsRaisedAgain) {
   update("disk", "", true, 1, bregma_wire_SEVERITY_WARNING, "1 GB left");
-  EXPECT_FALSE(board.acknowledge("disk", "", 2));
+  EXPECT_FALSE(registry.acknowledge("disk", "", 2));
   EXPECT_FALSE(update("disk", "", true, 3, bregma_wire_SEVERITY_CRITICAL, "full"));
   EXPECT_EQ(published.back().state, bregma_wire_ALARM_RAISED);
   EXPECT_EQ(published.back().severity, bregma_wire_SEVERITY_CRITICAL);
@@ -66,16 +66,16 @@ TEST_F(AlarmBoardTest, GrowingWorseIsRaisedAgain) {
   EXPECT_STREQ(published.back().text, "full");
 }
 
-TEST_F(AlarmBoardTest, SubjectsAreApart) {
+TEST_F(AlarmRegistryTest, SubjectsAreApart) {
   update("device_lost", "Robot", true, 1);
   update("device_lost", "Force", true, 2);
-  EXPECT_EQ(*board.acknowledge("device_lost", "Range", 3),
+  EXPECT_EQ(*registry.acknowledge("device_lost", "Range", 3),
             "no alarm device_lost of Range is raised; raised: device_lost of Force, device_lost of Robot");
-  EXPECT_FALSE(board.acknowledge("device_lost", "Robot", 4));
-  EXPECT_TRUE(board.unacknowledged("device_lost"));
+  EXPECT_FALSE(registry.acknowledge("device_lost", "Robot", 4));
+  EXPECT_TRUE(registry.unacknowledged("device_lost"));
   update("device_lost", "Robot", false, 5);
   update("device_lost", "Force", false, 6);
-  EXPECT_EQ(*board.acknowledge("device_lost", "Robot", 7), "no alarm device_lost of Robot is raised; none is");
+  EXPECT_EQ(*registry.acknowledge("device_lost", "Robot", 7), "no alarm device_lost of Robot is raised; none is");
 }
 
 } // namespace

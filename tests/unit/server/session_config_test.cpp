@@ -4,6 +4,13 @@
 
 #include <gtest/gtest.h>
 
+#include "idl/topics.hpp"
+#include "server/inputs/device_names.hpp"
+#include "server/runtime/state_directory.hpp"
+#include "server/stages/navigation/stage.hpp"
+#include "server/stages/sensors/stage.hpp"
+#include "server/stages/session/stage.hpp"
+
 namespace bregma::server {
 namespace {
 
@@ -19,12 +26,12 @@ TEST(Config, WhatIsPrintedIsReadBackToTheSameText) {
   const std::string printed = declare(config).to_toml();
   Config other;
   auto set = declare(other);
-  other.capture.window_ms = 123.0;
+  other.stages.of<SessionParameters>().capture_window_ms = 123.0;
   other.log.level = LogLevel::kError;
   const auto loaded = set.load_text(printed, "printed");
   ASSERT_TRUE(loaded) << loaded.error().message;
   EXPECT_EQ(set.to_toml(), printed);
-  EXPECT_EQ(other.capture.window_ms, 300.0);
+  EXPECT_EQ(other.stages.of<SessionParameters>().capture_window_ms, 300.0);
   EXPECT_EQ(other.log.level, LogLevel::kInfo);
 }
 
@@ -36,9 +43,10 @@ TEST(Config, ValuesArriveWhereTheyBelong) {
                                     "bregmad.toml");
   ASSERT_TRUE(loaded) << loaded.error().message;
   EXPECT_EQ(config.domain_id, 7);
-  EXPECT_EQ(config.navigation.floor_rate_hz, 25.0);
+  EXPECT_EQ(config.stages.of<NavigationParameters>().floor_rate_hz, 25.0);
   EXPECT_EQ(config.log.level, LogLevel::kDebug);
-  EXPECT_EQ(split_names(config.devices.trackers), (std::vector<std::string>{"Vega", "Polaris"}));
+  EXPECT_EQ(inputs::split_names(config.stages.of<NavigationParameters>().trackers),
+            (std::vector<std::string>{"Vega", "Polaris"}));
   EXPECT_TRUE(check(config));
 }
 
@@ -53,8 +61,8 @@ TEST(Config, UnknownKeysAndWrongValuesAreRefusedByName) {
 TEST(Config, DeviceNamesAreChecked) {
   const auto problem = [](const std::string &trackers, const std::string &robots) {
     Config config;
-    config.devices.trackers = trackers;
-    config.devices.robots = robots;
+    config.stages.of<NavigationParameters>().trackers = trackers;
+    config.stages.of<SensorParameters>().robots = robots;
     const auto checked = check(config);
     return checked ? std::string() : checked.error().message;
   };
@@ -66,28 +74,30 @@ TEST(Config, DeviceNamesAreChecked) {
   EXPECT_EQ(problem(longest, ""), "");
   EXPECT_EQ(problem(longest + "y", ""), "devices.trackers = \"" + longest + "y\": \"" + longest +
                                             "y\" is longer than 31 bytes, which the wire would have to cut");
-  EXPECT_EQ(problem("a,b,c,d,e,f,g,h,i,j,k,l,m,n,o", ""), "devices: 17 are named, at most 16 can be shown");
+  std::string many = "D1";
+  for (int i = 2; i <= bregma_wire_MAX_DEVICES - 1; ++i) {
+    many += ",D" + std::to_string(i);
+  }
+  EXPECT_EQ(problem(many, ""), "devices: 33 are named, at most 32 can be shown"); // a force and a range sensor beside
 }
 
 TEST(Config, NamesAreSplitAtCommas) {
-  EXPECT_TRUE(split_names("").empty());
-  EXPECT_TRUE(split_names(" \t").empty());
-  EXPECT_EQ(split_names(" A ,\tB C"), (std::vector<std::string>{"A", "B C"}));
-  EXPECT_EQ(split_names("A,"), (std::vector<std::string>{"A", ""}));
+  EXPECT_TRUE(inputs::split_names("").empty());
+  EXPECT_TRUE(inputs::split_names(" \t").empty());
+  EXPECT_EQ(inputs::split_names(" A ,\tB C"), (std::vector<std::string>{"A", "B C"}));
+  EXPECT_EQ(inputs::split_names("A,"), (std::vector<std::string>{"A", ""}));
 }
 
 TEST(Config, TheStateDirectoryFallsBackInOrder) {
-  Config config;
   ::setenv("HOME", "/home/nurse", 1);
   ::unsetenv("STATE_DIRECTORY");
   ::unsetenv("XDG_STATE_HOME");
-  EXPECT_EQ(state_directory(config), "/home/nurse/.local/state/bregma");
+  EXPECT_EQ(runtime::state_directory(""), "/home/nurse/.local/state/bregma");
   ::setenv("XDG_STATE_HOME", "/xdg", 1);
-  EXPECT_EQ(state_directory(config), "/xdg/bregma");
+  EXPECT_EQ(runtime::state_directory(""), "/xdg/bregma");
   ::setenv("STATE_DIRECTORY", "/var/lib/bregma:/var/lib/other", 1);
-  EXPECT_EQ(state_directory(config), "/var/lib/bregma");
-  config.state.directory = "/tmp/here";
-  EXPECT_EQ(state_directory(config), "/tmp/here");
+  EXPECT_EQ(runtime::state_directory(""), "/var/lib/bregma");
+  EXPECT_EQ(runtime::state_directory("/tmp/here"), "/tmp/here");
 }
 
 } // namespace

@@ -1,5 +1,6 @@
 #include "session_fakes.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <fstream>
@@ -8,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "idl/commands.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::server::testing {
@@ -172,42 +174,23 @@ std::vector<PivotPose> FakeLoops::pivot(std::uint64_t id, double sigma_mm, doubl
   return poses;
 }
 
-Desk::Desk(const fs::path &folder, FakeLoops &fakes, Session::Executor executor) : loops(fakes) {
+SessionHarness::SessionHarness(const fs::path &folder, FakeLoops &fakes, Session::Executor executor) : loops(fakes) {
   config.state_directory = folder / "state";
   session = std::make_unique<Session>(config, loops, std::move(executor));
 }
 
-wire::Command Desk::command(wire::CommandKind kind, const std::string &first, const std::string &second) {
+wire::Command SessionHarness::command(wire::CommandKind kind, const std::string &first, const std::string &second) {
   wire::Command out{};
   EXPECT_TRUE(wire::set_name(out.client, "test"));
   out.id = next_id_++;
   out.sent_time_ns = now_ns;
-  out.body._d = kind;
-  auto &of = out.body._u;
-  switch (kind) {
-  case bregma_wire_COMMAND_LOAD_CASE:
-    wire::set_text(of.load_case.folder, first);
-    break;
-  case bregma_wire_COMMAND_START_NAVIGATION:
-    EXPECT_TRUE(wire::set_name(of.plan.tool, first) && wire::set_name(of.plan.trajectory, second));
-    break;
-  case bregma_wire_COMMAND_CAPTURE_FIDUCIAL:
-  case bregma_wire_COMMAND_CHECK_TOUCH:
-    EXPECT_TRUE(wire::set_name(of.touch.tool, first) && wire::set_name(of.touch.point, second));
-    break;
-  case bregma_wire_COMMAND_REMOVE_FIDUCIAL:
-    EXPECT_TRUE(wire::set_name(of.point.point, first));
-    break;
-  case bregma_wire_COMMAND_ACKNOWLEDGE_ALARM:
-    EXPECT_TRUE(wire::set_name(of.alarm.kind, first) && wire::set_name(of.alarm.subject, second));
-    break;
-  default:
-    EXPECT_TRUE(wire::set_name(of.tool.tool, first));
-  }
+  const auto fields = wire::fields_of(wire::find_command(kind)->form);
+  const std::array<std::string_view, 2> values{first, second};
+  EXPECT_EQ(wire::fill_command(out, kind, std::span(values).first(std::min(fields.size(), values.size()))), "");
   return out;
 }
 
-std::optional<wire::CommandReply> Desk::send(const wire::Command &command) {
+std::optional<wire::CommandReply> SessionHarness::send(const wire::Command &command) {
   const std::size_t before = loops.replies.size();
   session->handle(command, now_ns);
   run(400.0);
@@ -219,7 +202,7 @@ std::optional<wire::CommandReply> Desk::send(const wire::Command &command) {
   return std::nullopt;
 }
 
-void Desk::run(double milliseconds) {
+void SessionHarness::run(double milliseconds) {
   for (double passed = 0.0; passed < milliseconds; passed += 50.0) {
     now_ns += 50'000'000;
     for (; answering && answered_ < loops.navigation.size(); ++answered_) {
@@ -234,19 +217,20 @@ void Desk::run(double milliseconds) {
   }
 }
 
-wire::CommandReply Desk::ask(wire::CommandKind kind, const std::string &first, const std::string &second) {
+wire::CommandReply SessionHarness::ask(wire::CommandKind kind, const std::string &first, const std::string &second) {
   const auto reply = send(command(kind, first, second));
   EXPECT_TRUE(reply) << "no reply to command " << kind;
   return reply.value_or(wire::CommandReply{});
 }
 
-wire::CommandReply Desk::done(wire::CommandKind kind, const std::string &first, const std::string &second) {
+wire::CommandReply SessionHarness::done(wire::CommandKind kind, const std::string &first, const std::string &second) {
   const auto reply = ask(kind, first, second);
   EXPECT_EQ(reply.result, bregma_wire_COMMAND_DONE) << reply.text;
   return reply;
 }
 
-void Desk::condition(const char *kind, const char *subject, bool active, SessionEffect effect, const char *text) {
+void SessionHarness::condition(const char *kind, const char *subject, bool active, SessionEffect effect,
+                               const char *text) {
   AlarmCondition out{};
   EXPECT_TRUE(wire::set_name(out.kind, kind) && wire::set_name(out.subject, subject));
   out.active = active;
@@ -257,7 +241,7 @@ void Desk::condition(const char *kind, const char *subject, bool active, Session
   session->on(out, now_ns);
 }
 
-void Desk::trace(const std::string &tool, int samples) {
+void SessionHarness::trace(const std::string &tool, int samples) {
   for (int i = 0; i < samples; ++i) {
     SurfaceSample sample{};
     EXPECT_TRUE(wire::set_name(sample.tool, tool));
@@ -270,7 +254,7 @@ void Desk::trace(const std::string &tool, int samples) {
   }
 }
 
-void Desk::pivot(const std::string &tool) {
+void SessionHarness::pivot(const std::string &tool) {
   done(bregma_wire_COMMAND_START_PIVOT, tool);
   for (const PivotPose &pose : loops.pivot(FakeLoops::last<PivotRequest>(loops.navigation).id, 0.1, 0.6, 7)) {
     session->on(NavigationEvent(pose), now_ns);
@@ -278,13 +262,13 @@ void Desk::pivot(const std::string &tool) {
   done(bregma_wire_COMMAND_FINISH_PIVOT, tool);
 }
 
-void Desk::check_landmarks() {
+void SessionHarness::check_landmarks() {
   for (const char *landmark : {"L1", "L2", "L3"}) {
     done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", landmark);
   }
 }
 
-void Desk::up_to(wire::SessionState stage, const fs::path &case_folder) {
+void SessionHarness::up_to(wire::SessionState stage, const fs::path &case_folder) {
   const std::array<std::function<void()>, 6> steps{
       [] {},
       [&] { done(bregma_wire_COMMAND_LOAD_CASE, case_folder.string()); },

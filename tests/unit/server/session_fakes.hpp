@@ -98,9 +98,9 @@ public:
 };
 
 // A session with its loops, a client, and time that the test moves.
-class Desk {
+class SessionHarness {
 public:
-  explicit Desk(const std::filesystem::path &folder, FakeLoops &fakes, Session::Executor executor = {});
+  explicit SessionHarness(const std::filesystem::path &folder, FakeLoops &fakes, Session::Executor executor = {});
 
   // Sends a command, lets the loops answer, and returns the reply; nothing while it is under way.
   std::optional<wire::CommandReply> send(const wire::Command &command);

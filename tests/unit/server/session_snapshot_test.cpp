@@ -194,10 +194,10 @@ protected:
 };
 
 TEST_F(RestartTest, NavigatingComesBackAsRegisteredAskingForVerification) {
-  Desk desk(folder.path(), loops);
-  desk.up_to(bregma_wire_SESSION_NAVIGATING, ball);
-  const SessionData before = desk.session->data(); // and then the process is killed: no destructor is waited for
-  Desk restarted(folder.path(), loops_after);
+  SessionHarness harness(folder.path(), loops);
+  harness.up_to(bregma_wire_SESSION_NAVIGATING, ball);
+  const SessionData before = harness.session->data(); // and then the process is killed: no destructor is waited for
+  SessionHarness restarted(folder.path(), loops_after);
   restarted.session->restore(restarted.now_ns);
   EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_REGISTERED) << log();
   const auto accepted = FakeLoops::last<RegistrationAccepted>(loops_after.navigation);
@@ -217,12 +217,12 @@ TEST_F(RestartTest, NavigatingComesBackAsRegisteredAskingForVerification) {
 }
 
 TEST_F(RestartTest, EveryReplyIsOnDiskBeforeItIsSent) {
-  Desk desk(folder.path(), loops);
-  desk.up_to(bregma_wire_SESSION_REGISTERING, ball);
+  SessionHarness harness(folder.path(), loops);
+  harness.up_to(bregma_wire_SESSION_REGISTERING, ball);
   for (const char *fiducial : {"F1", "F2"}) {
-    desk.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", fiducial);
+    harness.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", fiducial);
     FakeLoops other;
-    Desk restarted(folder.path(), other);
+    SessionHarness restarted(folder.path(), other);
     restarted.session->restore(restarted.now_ns);
     EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_REGISTERING);
     EXPECT_TRUE(restarted.session->data().fiducials.contains(fiducial));
@@ -231,36 +231,36 @@ TEST_F(RestartTest, EveryReplyIsOnDiskBeforeItIsSent) {
 }
 
 TEST_F(RestartTest, ATraceIsSavedWhileItGoesOn) {
-  Desk desk(folder.path(), loops);
-  desk.up_to(bregma_wire_SESSION_REGISTERING, ball);
-  desk.done(bregma_wire_COMMAND_START_TRACE, "Stylus");
-  desk.trace("Stylus", 12);
-  desk.run(1500.0);
-  Desk restarted(folder.path(), loops_after);
+  SessionHarness harness(folder.path(), loops);
+  harness.up_to(bregma_wire_SESSION_REGISTERING, ball);
+  harness.done(bregma_wire_COMMAND_START_TRACE, "Stylus");
+  harness.trace("Stylus", 12);
+  harness.run(1500.0);
+  SessionHarness restarted(folder.path(), loops_after);
   restarted.session->restore(restarted.now_ns);
   EXPECT_EQ(restarted.session->data().surface.size(), 12U);
 }
 
 TEST_F(RestartTest, AClosedCaseStaysClosed) {
-  Desk desk(folder.path(), loops);
-  desk.up_to(bregma_wire_SESSION_CASE_LOADED, ball);
-  desk.session->recording_to("/recordings/7.bregma");
-  desk.done(bregma_wire_COMMAND_CLOSE_CASE);
-  Desk restarted(folder.path(), loops_after);
+  SessionHarness harness(folder.path(), loops);
+  harness.up_to(bregma_wire_SESSION_CASE_LOADED, ball);
+  harness.session->recording_to("/recordings/7.bregma");
+  harness.done(bregma_wire_COMMAND_CLOSE_CASE);
+  SessionHarness restarted(folder.path(), loops_after);
   restarted.session->restore(restarted.now_ns);
   EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_IDLE);
   EXPECT_EQ(log(), "no session to restore\n");
-  EXPECT_EQ(desk.session->data().recording, "/recordings/7.bregma");
+  EXPECT_EQ(harness.session->data().recording, "/recordings/7.bregma");
 }
 
 TEST_F(RestartTest, ADamagedSnapshotStartsIdleWithTheReason) {
-  Desk desk(folder.path(), loops);
-  desk.up_to(bregma_wire_SESSION_REGISTERED, ball);
+  SessionHarness harness(folder.path(), loops);
+  harness.up_to(bregma_wire_SESSION_REGISTERED, ball);
   const fs::path snapshot = folder.path() / "state/session.json";
   std::string text = read(snapshot);
   text[text.find("rotation_wxyz") + 20] ^= 1;
   std::ofstream(snapshot) << text;
-  Desk restarted(folder.path(), loops_after);
+  SessionHarness restarted(folder.path(), loops_after);
   restarted.session->restore(restarted.now_ns);
   EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_IDLE);
   EXPECT_NE(log().find("the last session is not restored: " + snapshot.string() + ": "), std::string::npos) << log();
@@ -270,14 +270,14 @@ TEST_F(RestartTest, ADamagedSnapshotStartsIdleWithTheReason) {
 
 TEST_F(RestartTest, ACaseThatIsGoneOrAnotherStartsIdle) {
   {
-    Desk desk(folder.path(), loops);
-    desk.up_to(bregma_wire_SESSION_REGISTERED, ball);
+    SessionHarness harness(folder.path(), loops);
+    harness.up_to(bregma_wire_SESSION_REGISTERED, ball);
   }
   const fs::path snapshot = folder.path() / "state/session.json";
   const std::string kept = read(snapshot);
   const auto restart = [&] {
     loops_after.lines.clear();
-    Desk restarted(folder.path(), loops_after);
+    SessionHarness restarted(folder.path(), loops_after);
     restarted.session->restore(restarted.now_ns);
     EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_IDLE);
     EXPECT_EQ(read(snapshot.string() + ".bad"), kept);
@@ -291,14 +291,14 @@ TEST_F(RestartTest, ACaseThatIsGoneOrAnotherStartsIdle) {
 }
 
 TEST_F(RestartTest, AFullDiskIsAnAlarmAndStopsNothing) {
-  Desk desk(folder.path(), loops);
-  desk.up_to(bregma_wire_SESSION_REGISTERING, ball);
+  SessionHarness harness(folder.path(), loops);
+  harness.up_to(bregma_wire_SESSION_REGISTERING, ball);
   fs::create_directory(folder.path() / "state/session.json.tmp");
-  desk.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", "F1");
+  harness.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", "F1");
   EXPECT_EQ(wire::view(loops.alarms.back().kind), alarm::kDisk);
   EXPECT_EQ(loops.alarms.back().state, bregma_wire_ALARM_RAISED);
   fs::remove(folder.path() / "state/session.json.tmp");
-  desk.run(1500.0); // tried again by itself
+  harness.run(1500.0); // tried again by itself
   EXPECT_EQ(loops.alarms.back().state, bregma_wire_ALARM_CLEARED);
 }
 

@@ -108,11 +108,11 @@ TEST(Operator, GoesThroughTheWholeScriptInOrder) {
   for (const auto &command : run.all.commands) {
     EXPECT_EQ(wire::view(command.client), kOperatorClient);
     EXPECT_EQ(command.id, ++id);
-    ++count[command.body._d];
+    ++count[command.kind];
   }
   EXPECT_EQ(count[bregma_wire_COMMAND_CAPTURE_FIDUCIAL], 8);
   EXPECT_EQ(count[bregma_wire_COMMAND_CHECK_TOUCH], 3);
-  EXPECT_EQ(std::string(run.all.commands.front().body._u.load_case.folder), "/cases/ellipsoid");
+  EXPECT_EQ(std::string(run.all.commands.front().body._u.folder.folder), "/cases/ellipsoid");
 }
 
 TEST(Operator, TouchesTheTrueFiducialsWithTheStatedErrors) {
@@ -121,7 +121,7 @@ TEST(Operator, TouchesTheTrueFiducialsWithTheStatedErrors) {
   Vector3d sum_squared = Vector3d::Zero();
   int touches = 0;
   for (const auto &command : run.all.commands) {
-    if (command.body._d != bregma_wire_COMMAND_CAPTURE_FIDUCIAL) {
+    if (command.kind != bregma_wire_COMMAND_CAPTURE_FIDUCIAL) {
       continue;
     }
     const auto *planned = a_case.fiducial(wire::view(command.body._u.touch.point));
@@ -158,7 +158,7 @@ TEST(Operator, TracesOnTheSkinAndIsSeen) {
   Vector3d high = -low;
   for (const auto &truth : run.all.truths) {
     while (command < run.all.commands.size() && run.all.commands[command].sent_time_ns <= truth.time_ns) {
-      const auto kind = run.all.commands[command++].body._d;
+      const auto kind = run.all.commands[command++].kind;
       tracing = kind == bregma_wire_COMMAND_START_TRACE || (tracing && kind != bregma_wire_COMMAND_STOP_TRACE);
     }
     if (!tracing) {

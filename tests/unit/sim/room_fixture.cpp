@@ -59,8 +59,8 @@ void ScriptedDaemon::take(const RoomOutput &out, std::int64_t now_ns) {
     reply.result = bregma_wire_COMMAND_DONE;
     wire::set_text(reply.text, "done");
     const bool touch =
-        command.body._d == bregma_wire_COMMAND_CAPTURE_FIDUCIAL || command.body._d == bregma_wire_COMMAND_CHECK_TOUCH;
-    const auto found = refusals_.find({command.body._d, touch ? wire::text(command.body._u.touch.point) : ""});
+        command.kind == bregma_wire_COMMAND_CAPTURE_FIDUCIAL || command.kind == bregma_wire_COMMAND_CHECK_TOUCH;
+    const auto found = refusals_.find({command.kind, touch ? wire::text(command.body._u.touch.point) : ""});
     if (found != refusals_.end() && found->second.left-- > 0) {
       reply.result = bregma_wire_COMMAND_REFUSED;
       wire::set_text(reply.text, found->second.text);

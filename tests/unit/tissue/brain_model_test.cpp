@@ -145,22 +145,22 @@ TEST(BrainModelReasons, TissueThatStillSwingsIsSettling) {
 
 // What it swings is in the bound.
 TEST(BrainModelReasons, ASwingThatNoTrackerWouldSeeIsNotSettling) {
-  for (const double swing_mm : {0.1, 3.0}) {
+  for (const double vibration_mm : {0.1, 3.0}) {
     BrainModel model(block(), {}, in_an_opening());
     const int middle = model.solver().nodes() / 2;
-    model.solver().set_displacement_mm(middle, {swing_mm, 0.0, 0.0});
+    model.solver().set_displacement_mm(middle, {vibration_mm, 0.0, 0.0});
     bool settling = false;
-    double swing = 0.0;
+    double vibration = 0.0;
     ModelVerdict verdict;
     for (int update = 0; update < 20; ++update) {
       verdict.begin_update();
       model.solver().advance(3);
-      verdict.keep_or_take_back(model.solver(), test::kUpdate_s);
+      verdict.commit_or_roll_back(model.solver(), test::kUpdate_s);
       settling = settling || verdict.reason() == ModelReason::kSettling;
-      swing = std::max(swing, verdict.swing());
+      vibration = std::max(vibration, verdict.residual_vibration());
     }
-    EXPECT_EQ(settling, swing_mm > 1.0) << swing_mm;
-    EXPECT_GT(swing, 0.5);
+    EXPECT_EQ(settling, vibration_mm > 1.0) << vibration_mm;
+    EXPECT_GT(vibration, 0.5);
   }
 }
 
@@ -288,7 +288,7 @@ TEST(BrainModelRefusals, SayWhatIsWrong) {
   EXPECT_EQ(refusal([](O &o) { o.probe.radius_mm = 0.0; }), "probe.radius_mm = 0.000000, must be positive");
   EXPECT_EQ(refusal([](O &o) { o.insertion.rupture_force_N = -1.0; }),
             "insertion.rupture_force_N = -1.000000, must be positive");
-  EXPECT_EQ(refusal([](O &o) { o.fastest_probe_mm_s = NAN; }), "fastest_probe_mm_s = nan, must be positive");
+  EXPECT_EQ(refusal([](O &o) { o.max_probe_speed_mm_s = NAN; }), "max_probe_speed_mm_s = nan, must be positive");
   EXPECT_EQ(refusal([](O &o) { o.insertion.cutting_force_N = -0.5; }),
             "insertion: a cutting or friction force of -0.500000, must not be negative");
 }

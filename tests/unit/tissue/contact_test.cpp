@@ -95,17 +95,17 @@ TEST(SurfaceContactFriction, SlidingPullsWithItsShareOfThePressure) {
   for (const double friction : {0.1, 0.3}) {
     Rubbed block(friction);
     block.move({40e-3F, 0.0, 0.0}, 0.3); // 12 mm: far more than the block can be sheared by
-    const auto share = static_cast<double>(block.mean_N().x() / -block.mean_N().z());
-    EXPECT_NEAR(share, friction, 0.2 * friction) << friction;
+    const auto ratio = static_cast<double>(block.mean_N().x() / -block.mean_N().z());
+    EXPECT_NEAR(ratio, friction, 0.2 * friction) << friction;
   }
 }
 
 TEST(SurfaceContactFriction, ASmallPullSticks) {
   Rubbed block(0.8);
   block.move({2e-3F, 0.0, 0.0}, 0.1); // 0.2 mm
-  const float share = block.mean_N().x() / -block.mean_N().z();
-  EXPECT_GT(share, 0.02F);
-  EXPECT_LT(share, 0.7F);
+  const float ratio = block.mean_N().x() / -block.mean_N().z();
+  EXPECT_GT(ratio, 0.02F);
+  EXPECT_LT(ratio, 0.7F);
 }
 
 TEST(SurfaceContactFriction, AProbeThatIsNotActiveTouchesNothing) {
@@ -127,8 +127,8 @@ TEST(SurfaceContactFriction, AProbeThatIsNotActiveTouchesNothing) {
 // A thin probe that stands in the block from above.
 class CutBlock : public HeldBlock {
 public:
-  CutBlock(double depth_mm, const CutContact::Forces &forces, double disc_radius_mm = 2.5)
-      : contact(mesh, locator, 2.5, disc_radius_mm) {
+  CutBlock(double depth_mm, const CutContact::Forces &forces, double section_radius_mm = 2.5)
+      : contact(mesh, locator, 2.5, section_radius_mm) {
     solver.set_contacts({&contact});
     contact.set_forces(forces);
     probe_.radius_m = 1e-3F;
@@ -152,9 +152,9 @@ public:
       solver.advance(1);
       most_tip_N = std::max(most_tip_N, contact.tip_force_N());
       if (i >= settling) {
-        const float share = 1.0F / static_cast<float>(steps - settling);
-        mean_tip_N += share * contact.tip_force_N();
-        mean_shaft_N += share * contact.shaft_force_N();
+        const float ratio = 1.0F / static_cast<float>(steps - settling);
+        mean_tip_N += ratio * contact.tip_force_N();
+        mean_shaft_N += ratio * contact.shaft_force_N();
       }
     }
   }
@@ -209,21 +209,21 @@ TEST(CutContact, TissueAlongTheCutStaysOnTheAxis) {
 }
 
 TEST(CutContact, AShaftMovedAsideTakesTissueWithItAndDiscsSpareTheTetrahedraAroundIt) {
-  const auto most_squeezed = [](double disc_radius_mm) {
-    CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F}, disc_radius_mm);
+  const auto max_compression = [](double section_radius_mm) {
+    CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F}, section_radius_mm);
     block.move({20e-3F, 0.0F, 0.0F}, 0.2); // 4 mm
     double farthest_mm = 0.0;
     for (int i = 0; i < block.solver.nodes(); ++i) {
       farthest_mm = std::max(farthest_mm, block.solver.displacement_mm(i).x());
     }
-    EXPECT_NEAR(farthest_mm, 4.0, 1.0) << disc_radius_mm;
+    EXPECT_NEAR(farthest_mm, 4.0, 1.0) << section_radius_mm;
     double least = 1.0;
     for (int e = 0; e < block.solver.elements(); ++e) {
       least = std::min(least, block.solver.deformation_gradient(e).determinant());
     }
     return 1.0 - least;
   };
-  EXPECT_LT(most_squeezed(3.0), 0.8 * most_squeezed(0.0)); // 0.0: single points
+  EXPECT_LT(max_compression(3.0), 0.8 * max_compression(0.0)); // 0.0: single points
 }
 
 TEST(CutContact, AShaftPushedAsideWithMoreThanTissueBearsCutsIt) {

@@ -173,7 +173,7 @@ TEST_P(EveryKernel, MayTakeATetrahedronsOwnPressure) {
   for (std::size_t e = 0; e < pieces.gradient.size(); ++e) {
     pieces.pressure_Pa[e] = pressure_Pa(material, pieces.gradient[e]);
   }
-  work.own_bulk_Pa = static_cast<float>(material.bulk_Pa());
+  work.element_bulk_Pa = static_cast<float>(material.bulk_Pa());
   for (const ElementKernel &kernel : element_kernels()) {
     clear();
     (void)kernel.add_forces(work, material.law);
@@ -187,7 +187,7 @@ TEST_P(LargeDeformation, StatesTheEnergyWhoseGradientIsTheForce) {
     if (mirrored && material.law == Law::kLinear) {
       continue; // has no upside
     }
-    work.own_bulk_Pa = mirrored ? 0.0F : static_cast<float>(0.5 * material.bulk_Pa());
+    work.element_bulk_Pa = mirrored ? 0.0F : static_cast<float>(0.5 * material.bulk_Pa());
     if (mirrored) {
       for (std::size_t e = 0; e < pieces.gradient.size(); ++e) {
         // The last corner goes through the opposite face.

@@ -35,8 +35,8 @@ public:
   // To a height over the entry, at a speed.
   const BrainState &go_to(double to_mm, double speed_mm_s) {
     while (std::abs(height_mm - to_mm) > 1e-9) {
-      const double most_mm = speed_mm_s * test::kUpdate_s;
-      height_mm += std::clamp(to_mm - height_mm, -most_mm, most_mm);
+      const double max_mm = speed_mm_s * test::kUpdate_s;
+      height_mm += std::clamp(to_mm - height_mm, -max_mm, max_mm);
       update(seen());
     }
     return model.state();
@@ -47,8 +47,8 @@ public:
     }
     return model.state();
   }
-  const BrainState &update(const ProbeObservation &probe, int most_steps = test::kManySteps) {
-    const BrainState &state = model.update(probe, test::kUpdate_s, most_steps);
+  const BrainState &update(const ProbeObservation &probe, int max_steps = test::kManySteps) {
+    const BrainState &state = model.update(probe, test::kUpdate_s, max_steps);
     if (phases.empty() || phases.back() != state.phase) {
       phases.push_back(state.phase);
     }

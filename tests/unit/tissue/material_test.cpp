@@ -23,7 +23,7 @@ TEST(Material, ModuliFollowFromYoungAndPoisson) {
   EXPECT_NEAR(thesis.wave_modulus_Pa(), 7965.517, 0.001);
   const Material &miller = named_material("miller-chinzei");
   EXPECT_NEAR(miller.shear_Pa(), 842.0, 1e-9);
-  EXPECT_NEAR(miller.relaxed_share(), 0.185, 1e-12);
+  EXPECT_NEAR(miller.relaxed_fraction(), 0.185, 1e-12);
 }
 
 TEST(Material, WhatIsWrongIsNamedWithItsValue) {
@@ -43,7 +43,7 @@ TEST(Material, WhatIsWrongIsNamedWithItsValue) {
             "material 'thesis': poisson = 0.500000, must be at least 0 and below 0.5");
   EXPECT_NE(message([](Material &m) {
               m.prony = {{0.6, 1.0}, {0.5, 2.0}};
-            }).find("sum of prony shares"),
+            }).find("sum of prony fractions"),
             std::string::npos);
   EXPECT_NE(message([](Material &m) { m.prony = {{0.6, 0.0}}; }).find("prony time_s = 0.0"), std::string::npos);
 }

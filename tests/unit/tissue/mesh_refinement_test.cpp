@@ -29,7 +29,7 @@ double boundary_mm2(const TetMesh &mesh) {
   return sum;
 }
 
-double longest_edge_within_mm(const TetMesh &mesh, const FinePlace &place) {
+double longest_edge_within_mm(const TetMesh &mesh, const RefinementRegion &place) {
   double longest = 0.0;
   for (const Eigen::Vector4i &t : mesh.tetrahedra) {
     const auto node = [&](int i) -> const Vector3d & { return mesh.nodes_mm[static_cast<std::size_t>(t[i])]; };
@@ -49,7 +49,7 @@ double longest_edge_within_mm(const TetMesh &mesh, const FinePlace &place) {
 class Refinement : public testing::Test {
 protected:
   TetMesh coarse = fill_surface(test::make_box({-40, -30, -20}, {40, 30, 20}), {.edge_mm = 10.0}).mesh;
-  std::vector<FinePlace> places{{{38, 0, 0}, 12.0, 4.0}, {{38, 0, 0}, 6.0, 2.0}};
+  std::vector<RefinementRegion> places{{{38, 0, 0}, 12.0, 4.0}, {{38, 0, 0}, 6.0, 2.0}};
 };
 
 TEST_F(Refinement, IsFineWhereItWasAskedForAndConforming) {
@@ -59,11 +59,11 @@ TEST_F(Refinement, IsFineWhereItWasAskedForAndConforming) {
   // A node that hangs would leave faces inside that have one side only.
   EXPECT_NEAR(boundary_mm2(fine), boundary_mm2(coarse), 1e-6 * boundary_mm2(coarse));
   EXPECT_NEAR(volume_mm3(fine), volume_mm3(coarse), 1e-9 * volume_mm3(coarse));
-  for (const FinePlace &place : places) {
+  for (const RefinementRegion &place : places) {
     EXPECT_GT(longest_edge_within_mm(coarse, place), 2.0 * place.edge_mm);
     EXPECT_LE(longest_edge_within_mm(fine, place), place.edge_mm);
   }
-  const FinePlace far{{-40, 0, 0}, 20.0, 1.0};
+  const RefinementRegion far{{-40, 0, 0}, 20.0, 1.0};
   EXPECT_EQ(longest_edge_within_mm(fine, far), longest_edge_within_mm(coarse, far)) << "elsewhere all is as it was";
   EXPECT_LT(fine.tetrahedra.size(), 20'000U) << "from 8,160";
 }
@@ -81,7 +81,7 @@ TEST_F(Refinement, KeepsTheNodesThatAreThere) {
 TEST_F(Refinement, ShapesStayGoodHoweverDeepItGoes) {
   const MeshQuality before = quality_of(coarse);
   for (const double edge_mm : {5.0, 2.5, 1.25}) {
-    const FinePlace place{{38, 28, 18}, 4.0, edge_mm}; // at a corner, where the lattice was cut
+    const RefinementRegion place{{38, 28, 18}, 4.0, edge_mm}; // at a corner, where the lattice was cut
     const MeshQuality after = quality_of(refined(coarse, {&place, 1}));
     EXPECT_GT(after.min_dihedral_deg, 0.5 * before.min_dihedral_deg) << edge_mm;
     EXPECT_GT(after.min_radius_ratio, 0.3 * before.min_radius_ratio) << edge_mm;
@@ -89,7 +89,7 @@ TEST_F(Refinement, ShapesStayGoodHoweverDeepItGoes) {
 }
 
 TEST_F(Refinement, WhatCannotBeIsRefused) {
-  const auto refusal = [this](const FinePlace &place) {
+  const auto refusal = [this](const RefinementRegion &place) {
     try {
       (void)refined(coarse, {&place, 1});
     } catch (const std::invalid_argument &error) {

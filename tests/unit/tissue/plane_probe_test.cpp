@@ -49,7 +49,7 @@ PlaneProbeSettings wall(double friction) {
           .width_mm = 2000.0,
           .nose_mm = 0.01,
           .friction = friction,
-          .at_the_end = {1e-7, 50'000}};
+          .relax_at_end = {1e-7, 50'000}};
 }
 
 TEST(PlaneProbe, AFlatWallWithoutFrictionCompressesABlockEvenly) {
@@ -134,9 +134,10 @@ double overlap_mm(const PlaneSolver &solver, double tip_mm, double half_mm, doub
 TEST(PlaneProbe, IndentsRupturesAndPenetrates) {
   Disc disc;
   constexpr double kRupture_N_m = 8.0;
-  PlaneProbe probe(
-      disc.solver,
-      {.axis_y_mm = Disc::kAxis_mm, .rupture_N_m = kRupture_N_m, .cutting_share = 0.4, .at_the_end = {1e-4, 50'000}});
+  PlaneProbe probe(disc.solver, {.axis_y_mm = Disc::kAxis_mm,
+                                 .rupture_N_m = kRupture_N_m,
+                                 .cutting_fraction = 0.4,
+                                 .relax_at_end = {1e-4, 50'000}});
   EXPECT_NEAR(probe.entry_mm(), -Disc::kRadius_mm, 1e-3);
   const auto skull_N_m = [&] {
     double sum = 0.0;
@@ -221,7 +222,7 @@ TEST(PlaneProbe, WhatIsWrongIsNamed) {
   EXPECT_EQ(message({.width_mm = 0.0}), "plane probe: width_mm = 0.000000, must be positive");
   EXPECT_EQ(message({.nose_mm = -1.0}), "plane probe: nose_mm = -1.000000, must be positive");
   EXPECT_EQ(message({.friction = -0.1}), "plane probe: friction = -0.100000, must be at least 0");
-  EXPECT_EQ(message({.cutting_share = 1.5}), "plane probe: cutting_share = 1.500000, must be from 0 to 1");
+  EXPECT_EQ(message({.cutting_fraction = 1.5}), "plane probe: cutting_fraction = 1.500000, must be from 0 to 1");
   EXPECT_EQ(message({.step_mm = 0.0}), "plane probe: step_mm = 0.000000, must be positive");
 }
 

@@ -314,7 +314,7 @@ TEST(PlaneSolver, AThickTubeWidensByAThirdAsRivlinSays) {
   }
   PlaneSolver solver(tube.mesh, material); // the pressure follows the wall
   hold_symmetry(solver);
-  PlaneRelaxation last;
+  PlaneRelaxationResult last;
   for (const double share : {0.5, 1.0}) {
     solver.set_pressure(tube.inner, share * pressure_Pa);
     last = solver.relax({.tolerance = 1e-6, .max_steps = 400'000});
@@ -331,7 +331,7 @@ TEST(PlaneSolver, ATriangleTurnedOverComesBack) {
   }
   const int middle = nodes_where(mesh, [](const Vector2d &p) { return p == Vector2d(20.0, 20.0); }).front();
   solver.displace(middle, {17.0, 3.0}); // beyond its neighbours
-  const PlaneRelaxation relaxation = solver.relax({.tolerance = 1e-6});
+  const PlaneRelaxationResult relaxation = solver.relax({.tolerance = 1e-6});
   EXPECT_TRUE(relaxation.valid());
   EXPECT_LT(solver.displacement_mm(middle).norm(), 1e-3);
 }
@@ -370,7 +370,7 @@ TEST(PlaneSolver, StepsDoNotAllocate) {
       solver.hold(edge[0], {0.1 * mesh.nodes_mm[static_cast<std::size_t>(edge[0])].y(), 0.0});
     }
     const test::AllocationScope scope;
-    const PlaneRelaxation relaxation = solver.relax();
+    const PlaneRelaxationResult relaxation = solver.relax();
     EXPECT_EQ(scope.count(), 0U);
     EXPECT_TRUE(relaxation.valid());
   }
@@ -379,10 +379,10 @@ TEST(PlaneSolver, StepsDoNotAllocate) {
 TEST(PlaneSolver, WhatIsWrongIsNamed) {
   const PlaneMesh mesh = rectangle_mesh({1, 1}, {1.0, 1.0});
   try {
-    const PlaneSolver solver(mesh, tissue::Material{}, {.shear_share = 0.0});
+    const PlaneSolver solver(mesh, tissue::Material{}, {.shear_fraction = 0.0});
     FAIL();
   } catch (const std::invalid_argument &e) {
-    EXPECT_STREQ(e.what(), "shear_share = 0.000000, must be above 0 and at most 1");
+    EXPECT_STREQ(e.what(), "shear_fraction = 0.000000, must be above 0 and at most 1");
   }
   try {
     (void)PlaneSolver(mesh, tissue::Material{}).stress_at({2.0, 0.5});

@@ -15,14 +15,14 @@ using Eigen::Vector3d;
 
 const double kEggTop_mm = test::kEggHalf_mm.z();
 // Nodes that slide from one of the skull's triangles to the next keep about 0.002 of the forces unbalanced.
-constexpr RelaxOptions kStillEgg{5e-3, 20000, false};
+constexpr RelaxationOptions kStillEgg{5e-3, 20000, false};
 
 class Shaken {
 public:
   explicit Shaken(const SkullOptions &options)
       : mesh(test::make_egg(1500)), boundary(boundary_of(mesh)), surface({mesh.nodes_mm, boundary.triangles}),
         skull(mesh, boundary, options), solver(mesh, Material{}) {
-    skull.hold(solver);
+    skull.apply_supports(solver);
     solver.set_contacts({&skull});
   }
   void pull_N(const Vector3d &force_N) {

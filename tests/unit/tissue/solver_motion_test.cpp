@@ -220,7 +220,7 @@ TEST(TissueStep, FollowsTheTissueThatStiffens) {
       solver.set_displacement_mm(node, {0.0, 0.0, -down_mm});
     }
     solver.advance(1);
-    ASSERT_EQ(solver.limited_nodes(), 0) << "at " << down_mm << " mm";
+    ASSERT_EQ(solver.clamped_nodes(), 0) << "at " << down_mm << " mm";
   }
   EXPECT_LT(solver.step_s(), critical_step_s(material, mesh, solver, held)); // even while it moves
   solver.advance(1000);                                                      // a look every 50
@@ -237,7 +237,7 @@ TEST(TissueStep, MassScalingKeepsTheStepThatItWasAskedFor) {
     node.x() = node.x() * node.x() / 20.0;
   }
   const ExplicitSolver plain(mesh, material);
-  EXPECT_EQ(plain.added_mass_share(), 0.0);
+  EXPECT_EQ(plain.added_mass_fraction(), 0.0);
   SolverOptions options;
   options.minimum_step_s = 2.0 * plain.step_s();
   const ExplicitSolver scaled(mesh, material, options);
@@ -251,8 +251,8 @@ TEST(TissueStep, MassScalingKeepsTheStepThatItWasAskedFor) {
     after += scaled.mass_kg(i);
   }
   EXPECT_NEAR(before, 8e-3, 1e-8);
-  EXPECT_GT(scaled.added_mass_share(), 0.0);
-  EXPECT_NEAR(scaled.added_mass_share(), after / before - 1.0, 1e-5);
+  EXPECT_GT(scaled.added_mass_fraction(), 0.0);
+  EXPECT_NEAR(scaled.added_mass_fraction(), after / before - 1.0, 1e-5);
 }
 
 } // namespace

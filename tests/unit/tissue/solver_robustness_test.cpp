@@ -16,7 +16,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr RelaxOptions kTight{1e-5, 40000, false};
+constexpr RelaxationOptions kTight{1e-5, 40000, false};
 
 // A block on a plate that holds it.
 class StandingBlock {
@@ -54,7 +54,7 @@ TEST(TissueRobustness, ANodePushedThroughTheOppositeFacesComesBack) {
             block.solver->advance(1);
             EXPECT_GT(block.solver->inverted_elements(), 0);
           }
-          const Relaxation relaxation = block.solver->relax(kTight);
+          const RelaxationResult relaxation = block.solver->relax(kTight);
           EXPECT_TRUE(relaxation.converged);
           EXPECT_EQ(block.solver->inverted_elements(), 0);
           EXPECT_LT(block.largest_displacement_mm(), 1e-3) << "node " << node << ", " << far_mm << " mm";
@@ -90,13 +90,13 @@ TEST(TissueRobustness, AnImpossibleJumpIsFlaggedAndForgotten) {
   int limited = 0;
   for (int i = 0; i < 10; ++i) {
     block.solver->advance(1);
-    limited += block.solver->limited_nodes();
+    limited += block.solver->clamped_nodes();
     ASSERT_TRUE(block.solver->finite());
   }
   EXPECT_GT(limited, 0);
   push(block, 2.0);
   EXPECT_TRUE(block.solver->relax(kTight).converged);
-  EXPECT_EQ(block.solver->limited_nodes(), 0);
+  EXPECT_EQ(block.solver->clamped_nodes(), 0);
   for (int i = 0; i < calm.solver->nodes(); ++i) {
     EXPECT_LT((calm.solver->displacement_mm(i) - block.solver->displacement_mm(i)).norm(), 2e-3) << i;
   }
@@ -107,7 +107,7 @@ TEST(TissueRobustness, ForcesWithoutMeasureStayFinite) {
   block.solver->set_force_N(kCorner, {1e6, -1e6, 1e6});
   block.solver->advance(300);
   EXPECT_TRUE(block.solver->finite());
-  EXPECT_GT(block.solver->limited_nodes(), 0);
+  EXPECT_GT(block.solver->clamped_nodes(), 0);
   EXPECT_FALSE(block.solver->relax({1e-5, 300, false}).converged);
   EXPECT_TRUE(block.solver->finite());
   block.solver->reset();
@@ -219,7 +219,7 @@ TEST(TissueRefusals, SayWhatIsWrong) {
             }),
             "material 'thesis': 5 Prony terms, at most 4");
   const std::string options = "solver options: threads at least 1, step_fraction in (0, 1], minimum_step_s and "
-                              "damping_per_s not negative, own_pressure in [0, 1]";
+                              "damping_per_s not negative, element_pressure_fraction in [0, 1]";
   EXPECT_EQ(refusal([](M &, P &, O &o) { o.threads = 0; }), options);
   EXPECT_EQ(refusal([](M &, P &, O &o) { o.step_fraction = 1.01; }), options);
   EXPECT_EQ(refusal([](M &, P &, O &o) { o.step_fraction = 0.0; }), options);

@@ -24,7 +24,7 @@ role = "reference"
 markers_mm = [[0, 0, 0], [60, 0, 0], [0, 40, 0]]
 )";
 
-double least_distance(const Surface &surface, const std::vector<Eigen::Vector3d> &points) {
+double smallest_distance(const Surface &surface, const std::vector<Eigen::Vector3d> &points) {
   const std::vector<Eigen::Vector3d> nearest = nearest_on_surface(surface.mesh, points);
   double least = std::numeric_limits<double>::infinity();
   for (std::size_t at = 0; at < points.size(); ++at) {
@@ -151,7 +151,7 @@ TEST(CreateCase, SnapsPointsOntoTheScalp) {
   const auto loaded = load_case(head.scratch / "case");
   ASSERT_TRUE(loaded);
   for (const NamedPoint &fiducial : loaded->fiducials) {
-    EXPECT_NEAR(0.0, least_distance(loaded->scalp, {fiducial.position_mm}), 1e-3);
+    EXPECT_NEAR(0.0, smallest_distance(loaded->scalp, {fiducial.position_mm}), 1e-3);
     EXPECT_NEAR(20.0, fiducial.position_mm.norm(), 0.6);
   }
   std::vector<NamedPoint> far{{"near", {0, 21, 0}}, {"far", {0, 90, 0}}};
@@ -323,19 +323,19 @@ TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
   }
   for (const auto *points : {&loaded->fiducials, &loaded->landmarks}) {
     for (const NamedPoint &point : *points) {
-      EXPECT_LT(least_distance(loaded->scalp, {point.position_mm}), 0.2) << point.name;
+      EXPECT_LT(smallest_distance(loaded->scalp, {point.position_mm}), 0.2) << point.name;
     }
   }
   ASSERT_EQ(1U, loaded->trajectories.size());
   const Trajectory &path = loaded->trajectories.front();
-  EXPECT_LT(least_distance(loaded->scalp, {path.entry_mm}), 1.0);
+  EXPECT_LT(smallest_distance(loaded->scalp, {path.entry_mm}), 1.0);
   EXPECT_LT((path.target_mm - loaded->targets.front().position_mm).norm(), 1e-6);
   std::vector<Eigen::Vector3d> along;
   for (int step = 0; step <= 200; ++step) {
     along.emplace_back(path.entry_mm + step / 200.0 * (path.target_mm - path.entry_mm));
   }
   for (const Surface &structure : loaded->structures) {
-    EXPECT_GT(least_distance(structure, along), 10.0) << structure.name;
+    EXPECT_GT(smallest_distance(structure, along), 10.0) << structure.name;
   }
   EXPECT_TRUE(encode_png(render(case_scene(*loaded, {0.75, 0.6, 0.45}, 300, 300))));
 

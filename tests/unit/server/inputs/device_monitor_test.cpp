@@ -1,7 +1,7 @@
 // One device in virtual time: live, stale, lost, back again; one writer at a time; its figures.
 #include <gtest/gtest.h>
 
-#include "server/inputs/border.hpp"
+#include "server/inputs/input_guard.hpp"
 #include "tests/unit/server/inputs/samples.hpp"
 
 namespace bregma::inputs {
@@ -15,15 +15,15 @@ protected:
   // Frames first .. last - 1, each arriving a millisecond after its exposure.
   void send(std::uint64_t first, std::uint64_t last, std::uint64_t writer = kWriter) {
     for (std::uint64_t i = first; i < last; ++i) {
-      verdict = border.check(tracker_frame(i), writer, at(i));
+      verdict = guard.check(tracker_frame(i), writer, at(i));
     }
   }
   static std::int64_t at(std::uint64_t i) { return kStart_ns + static_cast<std::int64_t>(i) * kPeriod_ns + kMs; }
-  [[nodiscard]] wire::DeviceHealth health(std::int64_t now_ns) const { return border.health(now_ns).devices[0]; }
-  [[nodiscard]] const DeviceMonitor &device() const { return border.devices()[0]; }
+  [[nodiscard]] wire::DeviceHealth health(std::int64_t now_ns) const { return guard.health(now_ns).devices[0]; }
+  [[nodiscard]] const DeviceMonitor &device() const { return guard.devices()[0]; }
 
   std::vector<std::string> names{"Tracker"};
-  Border<wire::TrackerFrame> border{names, DeviceOptions{}};
+  InputGuard<wire::TrackerFrame> guard{names, DeviceOptions{}};
   Verdict verdict;
 };
 
@@ -49,9 +49,9 @@ TEST_F(DeviceMonitorTest, IsStaleAfterThreePeriodsAndLostAtTheDeadline) {
 
 TEST_F(DeviceMonitorTest, AWriterThatDiedIsLostAtOnce) {
   send(0, 10);
-  border.set_writers_alive(1);
+  guard.set_writers_alive(1);
   EXPECT_EQ(device().status(at(9)), bregma_wire_DEVICE_LIVE);
-  border.set_writers_alive(0);
+  guard.set_writers_alive(0);
   EXPECT_EQ(device().status(at(9)), bregma_wire_DEVICE_LOST);
 }
 
@@ -69,13 +69,13 @@ TEST_F(DeviceMonitorTest, ComesBackFromASilenceAsAReconnectAndCountsWhatWasLost)
 
 TEST_F(DeviceMonitorTest, ARestartedDriverWithAnotherClockAndCountIsTakenAfterASilence) {
   send(0, 100);
-  border.set_writers_alive(0);
+  guard.set_writers_alive(0);
   for (std::uint64_t i = 0; i < 50; ++i) {
     auto frame = tracker_frame(i);                                          // counts from the start again
     frame.device_time_ns = (static_cast<std::int64_t>(i) + 1) * kPeriod_ns; // its clock began at 1970
     const std::int64_t now_ns = at(150 + i);
     frame.sent_time_ns = now_ns;
-    verdict = border.check(frame, kOtherWriter, now_ns);
+    verdict = guard.check(frame, kOtherWriter, now_ns);
     EXPECT_TRUE(verdict.accepted) << i;
     EXPECT_EQ(verdict.reconnected, i == 0);
     EXPECT_NEAR(static_cast<double>(now_ns - verdict.acquired_time_ns), 0.0, 1e5);
@@ -88,8 +88,8 @@ TEST_F(DeviceMonitorTest, ARestartedDriverWithAnotherClockAndCountIsTakenAfterAS
 
 TEST_F(DeviceMonitorTest, ASecondDriverOfTheSameNameIsRefusedWhileTheFirstIsThere) {
   for (std::uint64_t i = 0; i < 100; ++i) {
-    EXPECT_TRUE(border.check(tracker_frame(i), kWriter, at(i)).accepted);
-    const auto other = border.check(tracker_frame(i + 5), kOtherWriter, at(i) + kMs);
+    EXPECT_TRUE(guard.check(tracker_frame(i), kWriter, at(i)).accepted);
+    const auto other = guard.check(tracker_frame(i + 5), kOtherWriter, at(i) + kMs);
     EXPECT_FALSE(other.accepted);
     EXPECT_EQ(other.reason, bregma_wire_REJECT_DUPLICATE);
   }
@@ -109,7 +109,7 @@ TEST_F(DeviceMonitorTest, LostIsWhatNeverCameNotWhatWasRefused) {
       frame.tools[0].T_tracker_tool.translation_mm[1] = wire::kUnknown;
       ++spoiled;
     }
-    static_cast<void>(border.check(frame, kWriter, at(i)));
+    static_cast<void>(guard.check(frame, kWriter, at(i)));
   }
   const auto now = health(at(399));
   EXPECT_EQ(now.rejected[bregma_wire_REJECT_NOT_FINITE], spoiled);
@@ -122,7 +122,7 @@ TEST_F(DeviceMonitorTest, AnAbsurdFrameNumberIsRefusedAndNotCountedAsALoss) {
   send(0, 10);
   auto frame = tracker_frame(10);
   frame.frame = ~std::uint64_t{0};
-  EXPECT_EQ(border.check(frame, kWriter, at(10)).reason, bregma_wire_REJECT_MALFORMED);
+  EXPECT_EQ(guard.check(frame, kWriter, at(10)).reason, bregma_wire_REJECT_MALFORMED);
   send(11, 20);
   EXPECT_TRUE(verdict.accepted);
   EXPECT_EQ(health(at(19)).lost, 1U); // number 110 was never seen
@@ -134,7 +134,7 @@ TEST_F(DeviceMonitorTest, ADeviceThatBeginsToCountAnewIsFollowedAfterFiveSamples
   for (std::uint64_t i = 100; i < 120; ++i) {
     auto frame = tracker_frame(i);
     frame.frame = i - 100;
-    refused += border.check(frame, kWriter, at(i)).accepted ? 0 : 1;
+    refused += guard.check(frame, kWriter, at(i)).accepted ? 0 : 1;
   }
   EXPECT_EQ(refused, 4);
   EXPECT_EQ(health(at(119)).lost, 0U);
@@ -143,7 +143,7 @@ TEST_F(DeviceMonitorTest, ADeviceThatBeginsToCountAnewIsFollowedAfterFiveSamples
 TEST_F(DeviceMonitorTest, LateRateAgeAndLatencyAreMeasured) {
   for (std::uint64_t i = 0; i < 1'000; ++i) {
     const std::int64_t held_up = i % 100 == 99 ? 5 * kMs : 0; // longer than a period
-    static_cast<void>(border.check(tracker_frame(i), kWriter, at(i) + held_up));
+    static_cast<void>(guard.check(tracker_frame(i), kWriter, at(i) + held_up));
   }
   const auto now = health(at(999) + 5 * kMs);
   EXPECT_EQ(now.late, 10U);
@@ -155,7 +155,7 @@ TEST_F(DeviceMonitorTest, LateRateAgeAndLatencyAreMeasured) {
 }
 
 TEST_F(DeviceMonitorTest, TheStatedLatencyIsPartOfTheAgeButDoesNotMakeItStale) {
-  Border<wire::TrackerFrame> slow(names, DeviceOptions{.clock = {.minimum_latency_ns = 20 * kMs}});
+  InputGuard<wire::TrackerFrame> slow(names, DeviceOptions{.clock = {.minimum_latency_ns = 20 * kMs}});
   for (std::uint64_t i = 0; i < 300; ++i) {
     verdict = slow.check(tracker_frame(i), kWriter, at(i));
   }

@@ -34,20 +34,17 @@ void expect_refusals(const Sample &good, const KnownTools &tools, const std::vec
   }
 }
 
-template <class Enum> void set_raw(Enum &out, std::uint32_t value) { std::memcpy(&out, &value, sizeof value); }
-
 TEST(PayloadCheck, TrackerFrames) {
   using Frame = wire::TrackerFrame;
   const auto tools = known_tools(std::vector<std::string>{"Reference", "Stylus"});
   ASSERT_TRUE(tools.has_value());
   expect_refusals<Frame>(
       tracker_frame(1), *tools,
-      {{"too many tools", [](Frame &f) { f.tool_count = 9; }, bregma_wire_REJECT_MALFORMED},
+      {{"too many tools", [](Frame &f) { f.tool_count = bregma_wire_MAX_TOOLS + 1; }, bregma_wire_REJECT_MALFORMED},
        {"name not ended", [](Frame &f) { std::memset(f.tools[0].tool, 'x', 32); }, bregma_wire_REJECT_MALFORMED},
        {"no name", [](Frame &f) { f.tools[0].tool[0] = '\0'; }, bregma_wire_REJECT_MALFORMED},
        {"tool twice", [](Frame &f) { name(f.tools[0].tool, "Stylus"); }, bregma_wire_REJECT_MALFORMED},
-       {"no such status", [](Frame &f) { set_raw(f.tools[1].status, 5); }, bregma_wire_REJECT_MALFORMED},
-       {"wild status", [](Frame &f) { set_raw(f.tools[1].status, 0xffffffff); }, bregma_wire_REJECT_MALFORMED},
+       {"negative status", [](Frame &f) { f.tools[1].status = -1; }, bregma_wire_REJECT_MALFORMED},
        {"negative residual", [](Frame &f) { f.tools[1].marker_rms_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
        {"a kilometre away", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[2] = -1e6; },
         bregma_wire_REJECT_MALFORMED},
@@ -62,7 +59,32 @@ TEST(PayloadCheck, TrackerFrames) {
        {"quaternion of length 1.002", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[0] = 1.002; },
         bregma_wire_REJECT_NOT_A_ROTATION},
        {"huge quaternion", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[0] = 1e200; },
-        bregma_wire_REJECT_NOT_A_ROTATION}});
+        bregma_wire_REJECT_NOT_A_ROTATION},
+       {"NaN covariance", [](Frame &f) { f.tools[0].covariance[20] = std::numeric_limits<float>::quiet_NaN(); },
+        bregma_wire_REJECT_NOT_FINITE},
+       {"negative variance", [](Frame &f) { f.tools[0].covariance[0] = -1e-6F; }, bregma_wire_REJECT_MALFORMED},
+       {"correlation without variance", [](Frame &f) { f.tools[0].covariance[1] = 1e-3F; },
+        bregma_wire_REJECT_MALFORMED}});
+}
+
+TEST(PayloadCheck, AStatusOfALaterRevisionIsAToolThatIsNotSeen) {
+  auto frame = tracker_frame(1);
+  frame.tools[1].status = 99;
+  frame.tools[1].T_tracker_tool = wire::unknown_pose();
+  EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
+}
+
+TEST(PayloadCheck, AStatedCovariancePasses) {
+  auto frame = tracker_frame(1);
+  auto &upper = frame.tools[0].covariance;
+  for (std::size_t i = 0; i < 6; ++i) {
+    upper[wire::upper_index(i, i)] = i < 3 ? 1e-6F : 0.04F;
+  }
+  upper[wire::upper_index(3, 4)] = 0.04F; // wholly correlated
+  EXPECT_EQ(wire::upper_index(5, 5), 20U);
+  EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
+  upper[wire::upper_index(3, 4)] = 0.05F;
+  EXPECT_EQ(check_payload(frame, KnownTools{}), bregma_wire_REJECT_MALFORMED);
 }
 
 TEST(PayloadCheck, ThePoseOfAHiddenToolIsNotLookedAt) {
@@ -87,7 +109,7 @@ TEST(PayloadCheck, WithoutACaseEveryToolMayCome) {
   auto frame = tracker_frame(1);
   name(frame.tools[1].tool, "Drill");
   EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
-  EXPECT_FALSE(known_tools(std::vector<std::string>(9, "Tool")).has_value());
+  EXPECT_FALSE(known_tools(std::vector<std::string>(bregma_wire_MAX_TOOLS + 1, "Tool")).has_value());
   EXPECT_FALSE(known_tools(std::vector<std::string>{std::string(32, 'x')}).has_value());
 }
 
@@ -96,7 +118,12 @@ TEST(PayloadCheck, RobotStates) {
   expect_refusals<Robot>(
       robot_state(1), {},
       {{"too many joints", [](Robot &r) { r.joint_count = 9; }, bregma_wire_REJECT_MALFORMED},
-       {"no such mode", [](Robot &r) { set_raw(r.mode, 7); }, bregma_wire_REJECT_MALFORMED},
+       {"negative mode", [](Robot &r) { r.mode = -2; }, bregma_wire_REJECT_MALFORMED},
+       {"tool not ended", [](Robot &r) { std::memset(r.tool, 'x', 32); }, bregma_wire_REJECT_MALFORMED},
+       {"motion's client not ended", [](Robot &r) { std::memset(r.motion_client, 'x', 32); },
+        bregma_wire_REJECT_MALFORMED},
+       {"infinite covariance", [](Robot &r) { r.covariance[3] = std::numeric_limits<float>::infinity(); },
+        bregma_wire_REJECT_NOT_FINITE},
        {"NaN joint", [](Robot &r) { r.joint_position_rad[5] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
        {"infinite velocity", [](Robot &r) { r.joint_velocity_rad_s[0] = kInf; }, bregma_wire_REJECT_NOT_FINITE},
        {"NaN effort", [](Robot &r) { r.joint_effort_Nm[0] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
@@ -105,15 +132,29 @@ TEST(PayloadCheck, RobotStates) {
   auto unused = robot_state(1);
   unused.joint_position_rad[6] = kNan; // beyond joint_count
   EXPECT_EQ(check_payload(unused, {}), std::nullopt);
+  unused.mode = 99; // of a later revision: as unknown
+  EXPECT_EQ(check_payload(unused, {}), std::nullopt);
+}
+
+TEST(PayloadCheck, AMissingReadingIsNoNumber) {
+  auto range = range_sample(1);
+  range.range_mm = range.sigma_mm = kNan;
+  for (const wire::RangeStatus status : {bregma_wire_RANGE_MISSING, bregma_wire_RANGE_TOO_FAR, 99}) {
+    range.status = status;
+    EXPECT_EQ(check_payload(range, {}), std::nullopt);
+  }
 }
 
 TEST(PayloadCheck, RangesAndForces) {
   using Range = wire::RangeSample;
-  expect_refusals<Range>(range_sample(1), {},
-                         {{"NaN range", [](Range &r) { r.range_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
-                          {"NaN sigma", [](Range &r) { r.sigma_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
-                          {"negative range", [](Range &r) { r.range_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
-                          {"negative sigma", [](Range &r) { r.sigma_mm = -0.1; }, bregma_wire_REJECT_MALFORMED}});
+  expect_refusals<Range>(
+      range_sample(1), {},
+      {{"no status", [](Range &r) { r.status = bregma_wire_RANGE_UNKNOWN; }, bregma_wire_REJECT_MALFORMED},
+       {"negative status", [](Range &r) { r.status = -1; }, bregma_wire_REJECT_MALFORMED},
+       {"NaN range", [](Range &r) { r.range_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN sigma", [](Range &r) { r.sigma_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"negative range", [](Range &r) { r.range_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
+       {"negative sigma", [](Range &r) { r.sigma_mm = -0.1; }, bregma_wire_REJECT_MALFORMED}});
   using Force = wire::ForceSample;
   expect_refusals<Force>(
       force_sample(1), {},

@@ -54,6 +54,7 @@ inline wire::RobotState robot_state(std::uint64_t i) {
 inline wire::RangeSample range_sample(std::uint64_t i) {
   auto out = stamped<wire::RangeSample>("Range", i);
   out.range_mm = 120.0;
+  out.status = bregma_wire_RANGE_VALID;
   out.sigma_mm = 0.2;
   return out;
 }

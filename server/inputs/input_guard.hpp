@@ -1,0 +1,76 @@
+// The border of one stream: every sample of TrackerFrame, RobotState, RangeSample or ForceSample passes here once, and
+// is either accepted with its time of exposure on the host's clock, or refused and counted by reason. What is behind
+// the border is finite, rotations are rotations, names end, counts are in range, and time goes forward.
+//
+//   InputGuard<wire::TrackerFrame> guard(names, options);
+//   reader.take_each([&](const wire::TrackerFrame &frame, const dds::SampleInfo &info) {
+//     if (const auto verdict = guard.check(frame, info.writer, clock.now_ns()); verdict.accepted) ...
+//   });
+//
+// A flood cannot hold up the others: a check costs about a µs, and the topic's depth bounds how many samples of a
+// device are waiting at a wake-up.
+//
+// Threads: one (that which reads the stream). Other threads get copies of health() through a runtime::LatestValue.
+// No allocation after construction, no exceptions.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <string>
+
+#include "idl/names.hpp"
+#include "server/inputs/device_monitor.hpp"
+
+namespace bregma::inputs {
+
+template <class Sample> struct KindOf;
+template <> struct KindOf<wire::TrackerFrame> { static constexpr auto kKind = bregma_wire_DEVICE_TRACKER; };
+template <> struct KindOf<wire::RobotState> { static constexpr auto kKind = bregma_wire_DEVICE_ROBOT; };
+template <> struct KindOf<wire::RangeSample> { static constexpr auto kKind = bregma_wire_DEVICE_RANGE; };
+template <> struct KindOf<wire::ForceSample> { static constexpr auto kKind = bregma_wire_DEVICE_FORCE; };
+
+// A stream's part of wire::SystemHealth.
+struct StreamHealth {
+  std::uint32_t device_count = 0;
+  wire::DeviceHealth devices[bregma_wire_MAX_DEVICES] = {};
+  std::uint64_t unknown_device_samples = 0;
+};
+
+// Appends the stream's devices and adds its unknown samples. Devices beyond MAX_DEVICES are left out.
+// health: a wire::SystemHealth, or the StreamHealth of several streams.
+template <class Health> void add_to(Health &health, const StreamHealth &stream) noexcept {
+  for (std::uint32_t i = 0; i < stream.device_count && health.device_count < bregma_wire_MAX_DEVICES; ++i) {
+    health.devices[health.device_count++] = stream.devices[i];
+  }
+  health.unknown_device_samples += stream.unknown_device_samples;
+}
+
+template <class Sample> class InputGuard {
+public:
+  // devices: names of at most wire::kNameLength bytes (longer ones throw std::invalid_argument), at most MAX_DEVICES.
+  InputGuard(std::span<const std::string> devices, DeviceOptions options);
+
+  void set_tools(const KnownTools &tools) noexcept { tools_ = tools; }
+
+  [[nodiscard]] Verdict check(const Sample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept;
+
+  // From ReaderStatus::writers_alive; 0 makes every device of the stream lost at once.
+  void set_writers_alive(std::uint32_t count) noexcept;
+
+  [[nodiscard]] const std::deque<DeviceMonitor> &devices() const noexcept { return devices_; }
+  [[nodiscard]] std::uint64_t unknown_device_samples() const noexcept { return unknown_; }
+  [[nodiscard]] StreamHealth health(std::int64_t now_ns) const noexcept;
+
+private:
+  std::deque<DeviceMonitor> devices_; // a histogram of atomics cannot be moved
+  KnownTools tools_;
+  std::uint64_t unknown_ = 0;
+};
+
+extern template class InputGuard<wire::TrackerFrame>;
+extern template class InputGuard<wire::RobotState>;
+extern template class InputGuard<wire::RangeSample>;
+extern template class InputGuard<wire::ForceSample>;
+
+} // namespace bregma::inputs

@@ -1,0 +1,45 @@
+// Which commands have come and how they were answered, so that one that is sent again is not carried out again.
+// Threads: one at a time.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <string>
+
+#include "idl/topics.hpp"
+
+namespace bregma::server {
+
+// A command is the same one only if it was also sent at the same time: a client that restarts counts from one again.
+struct Ticket {
+  std::string client;
+  std::uint64_t id = 0;
+  std::int64_t sent_time_ns = 0;
+  wire::CommandKind kind = bregma_wire_COMMAND_UNKNOWN;
+  [[nodiscard]] bool same_command(const Ticket &other) const {
+    return client == other.client && id == other.id && sent_time_ns == other.sent_time_ns;
+  }
+};
+
+class ReplyCache {
+public:
+  static constexpr std::size_t kKept = 256; // answered commands that are remembered, of all clients
+
+  enum class Seen { kNew, kUnderWay, kAnswered };
+  // A new one is entered.
+  [[nodiscard]] Seen enter(const Ticket &ticket);
+  void answer(const Ticket &ticket, const wire::CommandReply &reply);
+  // Of an answered command.
+  [[nodiscard]] const wire::CommandReply &reply(const Ticket &ticket) const;
+
+private:
+  struct Entry {
+    Ticket ticket;
+    std::optional<wire::CommandReply> reply;
+  };
+  [[nodiscard]] std::deque<Entry>::const_iterator find(const Ticket &ticket) const;
+  std::deque<Entry> entries_;
+};
+
+} // namespace bregma::server

@@ -1,0 +1,48 @@
+// The deformation pipeline: drives the tissue model with the navigated probe and the force sensor, and says for every
+// target, and every landmark in the brain, where it was imaged, where it is predicted, and what that is worth. Without
+// a model it says so and makes nothing up.
+//
+// The model comes ready from the stage tissue_model. One thread; no allocation in step(). Time is passed in: ns UTC.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "algorithms/tissue/brain_model.hpp"
+#include "server/stages/loaded_case.hpp"
+#include "server/stages/views.hpp"
+#include "server/stages/wire_values.hpp"
+
+namespace bregma::server {
+
+class DeformationPipeline {
+public:
+  void handle(const CaseChanged &change) noexcept;
+  void handle(const TissueModelReady &ready) noexcept;
+
+  // max_steps: of the solver, that there is time for.
+  void step(const ProbeView &probe, const ForceView &force, std::int64_t now_ns, int max_steps) noexcept;
+
+  // Of the case's targets, then of the landmarks in its brain, both in the case's order.
+  [[nodiscard]] std::span<const wire::DeformationState> states() const noexcept { return {states_.data(), count_}; }
+  [[nodiscard]] const PredictedTargets &predicted() const noexcept { return predicted_; }
+  [[nodiscard]] const tissue::BrainModel *model() const noexcept { return model_; }
+  [[nodiscard]] int steps_made() const noexcept { return steps_made_; } // by the solver, in the last step()
+  [[nodiscard]] std::uint64_t case_generation() const noexcept { return generation_; }
+
+private:
+  void follow(const std::vector<casefile::NamedPoint> &points, wire::FollowedKind kind) noexcept;
+  void fill(wire::DeformationState &state, const tissue::PointPrediction &prediction, double measured_N) noexcept;
+
+  std::array<wire::DeformationState, bregma_wire_MAX_TARGETS + bregma_wire_MAX_BRAIN_LANDMARKS> states_{};
+  std::size_t count_ = 0, targets_ = 0; // of states; the first of them
+  std::uint64_t generation_ = 0;
+  tissue::BrainModel *model_ = nullptr;
+  PredictedTargets predicted_;
+  std::int64_t stepped_ns_ = 0;
+  int steps_made_ = 0;
+};
+
+} // namespace bregma::server

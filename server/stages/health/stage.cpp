@@ -1,0 +1,52 @@
+#include "server/stages/health/stage.hpp"
+
+#include "idl/names.hpp"
+#include "idl/version.hpp"
+#include "server/runtime/process_memory.hpp"
+
+namespace bregma::server {
+
+void declare(base::ParameterSet &set, HealthParameters &p) {
+  set.number("health.rate_hz", &p.rate_hz, "Hz", 0.5, 50, "Rate at which the system's health is published.");
+}
+
+HealthStage::HealthStage(const HealthParameters &parameters, const StageContext &context)
+    : Stage(kName, {.thread = ThreadClass::kWorker, .rate_hz = parameters.rate_hz}), host_(context.host),
+      health_(context.link) {}
+
+void HealthStage::connect(const runtime::LatestValue<inputs::StreamHealth> &trackers,
+                          const runtime::LatestValue<inputs::StreamHealth> &sensors,
+                          const runtime::LatestValue<SessionView> &session, const NavigationEvents &events,
+                          const AlarmEvents &conditions) {
+  trackers_.connect(trackers);
+  sensors_.connect(sensors);
+  session_.connect(session);
+  events_ = &events;
+  conditions_ = &conditions;
+}
+
+void HealthStage::step(const Moment &now) noexcept {
+  (void)trackers_.refresh();
+  (void)sensors_.refresh();
+  (void)session_.refresh();
+  started_ns_ = started_ns_ == 0 ? now.utc_ns : started_ns_;
+  wire::SystemHealth health{};
+  (void)wire::set_name(health.daemon, wire::kDaemonName);
+  health.time_ns = now.utc_ns;
+  health.started_time_ns = started_ns_;
+  health.session = session_.value().state;
+  wire::set_text(health.case_folder, session_.value().case_folder);
+  inputs::add_to(health, trackers_.value());
+  inputs::add_to(health, sensors_.value());
+  health.wire_generation = wire::kWireVersion.generation;
+  health.wire_revision = wire::kWireVersion.revision;
+  host_.complete(health);
+  const recording::RecorderStatus recorder = host_.recorder();
+  health.recorded = recorder.recorded;
+  health.record_dropped = recorder.dropped + events_->dropped() + conditions_->dropped();
+  health.recorder_failing = recorder.failing;
+  health.resident_bytes = runtime::resident_bytes();
+  health_(health, now.utc_ns);
+}
+
+} // namespace bregma::server

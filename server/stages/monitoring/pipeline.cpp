@@ -1,0 +1,210 @@
+#include "server/stages/monitoring/pipeline.hpp"
+
+#include <cmath>
+
+#include "server/stages/wire_values.hpp"
+
+namespace bregma::server {
+namespace {
+
+// Joins the pieces of a sentence without allocating; what does not fit is left out.
+struct Sentence {
+  char text[256] = {};
+  std::size_t length = 0;
+  Sentence &operator<<(std::string_view piece) noexcept {
+    const std::size_t count = std::min(piece.size(), sizeof text - 1 - length);
+    std::copy_n(piece.data(), count, text + length);
+    length += count;
+    return *this;
+  }
+};
+
+std::uint64_t rejected(const wire::DeviceHealth &device) noexcept {
+  std::uint64_t sum = 0;
+  for (const std::uint64_t count : device.rejected) {
+    sum += count;
+  }
+  return sum;
+}
+
+} // namespace
+
+MonitoringPipeline::MonitoringPipeline(const MonitoringSettings &settings, AlarmEvents &alarms)
+    : settings_(settings), alarms_(alarms), drift_(settings.false_alarm_rate) {
+  on(CaseChanged{0, nullptr});
+}
+
+AlarmConditions::Kind MonitoringPipeline::kind(const char *name, wire::AlarmSeverity severity,
+                                               SessionEffect effect) const noexcept {
+  return {name, severity, effect, settings_.raise_after_ns, settings_.clear_after_ns};
+}
+
+void MonitoringPipeline::handle(const MonitoringInput &input) noexcept {
+  std::visit([this](const auto &content) noexcept { on(content); }, input);
+}
+
+void MonitoringPipeline::on(const CaseChanged &change) noexcept {
+  case_ = change.loaded;
+  accepted_.reset();
+  accuracy_ = {};
+  const casefile::ToolModel *reference = case_ != nullptr ? case_->data->reference() : nullptr;
+  (void)wire::set_name(accuracy_.reference,
+                       reference != nullptr ? std::string_view(reference->name) : std::string_view());
+  restart_drift();
+  predict_targets();
+}
+
+void MonitoringPipeline::on(const MonitoringMessage &message) noexcept {
+  struct Visitor {
+    MonitoringPipeline &self;
+    void operator()(const SessionChanged &change) const noexcept { self.session_ = change; }
+    void operator()(const CheckTouch &touch) const noexcept { self.add(touch); }
+    void operator()(const SurfaceSample &sample) const noexcept { self.add(sample); }
+    void operator()(const DriftRestart &) const noexcept { self.restart_drift(); }
+    void operator()(const RegistrationAccepted &accepted) const noexcept {
+      self.accepted_ = {wire::from_wire<frame::Image, frame::Reference>(accepted.T_image_reference),
+                        matrix_of(accepted.covariance)};
+      self.restart_drift();
+      self.predict_targets();
+    }
+    void operator()(const RegistrationReset &) const noexcept {
+      self.accepted_.reset();
+      self.restart_drift();
+      self.predict_targets();
+    }
+  };
+  std::visit(Visitor{*this}, message);
+}
+
+void MonitoringPipeline::restart_drift() noexcept {
+  drift_.reset(accepted_ ? accepted_->covariance : Matrix6d::Zero());
+  accuracy_.check_count = 0;
+  accuracy_.last_check_mm = accuracy_.last_check_limit_mm = wire::kUnknown;
+}
+
+void MonitoringPipeline::add(const CheckTouch &touch) noexcept {
+  if (!accepted_ || case_ == nullptr || touch.landmark_index >= case_->data->landmarks.size()) {
+    return;
+  }
+  const double landmark_sigma = case_->data->limits.landmark_sigma_mm;
+  drift_.add_check({static_cast<int>(touch.landmark_index), case_->data->landmarks[touch.landmark_index].position_mm,
+                    vector_of(touch.error_mm), matrix_of(touch.touch_covariance_mm2),
+                    Matrix3d::Identity() * landmark_sigma * landmark_sigma});
+  ++accuracy_.check_count;
+  accuracy_.last_check_mm = touch.distance_mm;
+  accuracy_.last_check_limit_mm = touch.limit_mm;
+}
+
+// Traced after the registration was accepted: does the skin still lie where it did?
+void MonitoringPipeline::add(const SurfaceSample &sample) noexcept {
+  if (!accepted_ || case_ == nullptr) {
+    return;
+  }
+  const Vector3d point = accepted_->pose * vector_of(sample.position_mm);
+  const Matrix3d R = accepted_->pose.rotation_matrix();
+  const auto closest = case_->scalp.closest(point);
+  const double own = closest.normal.dot(R * matrix_of(sample.covariance_mm2) * R.transpose() * closest.normal);
+  const double skin = case_->data->limits.surface_sigma_mm;
+  drift_.add_surface_residual(point, closest.signed_mm, std::sqrt(skin * skin + own), closest.normal);
+}
+
+void MonitoringPipeline::predict_targets() noexcept {
+  accuracy_.target_count = 0;
+  if (case_ == nullptr) {
+    return;
+  }
+  for (const casefile::NamedPoint &target : case_->data->targets) {
+    if (accuracy_.target_count == bregma_wire_MAX_TARGETS) {
+      break;
+    }
+    wire::TargetAccuracy &out = accuracy_.targets[accuracy_.target_count++];
+    (void)wire::set_name(out.target, target.name);
+    if (!accepted_) {
+      out.tre_rms_mm = wire::kUnknown;
+      put_unknown(out.covariance_mm2);
+      out.tre_95 = unknown_ellipsoid();
+      continue;
+    }
+    const Matrix3d covariance = uncertainty::tre_covariance(accepted_->covariance, target.position_mm);
+    out.tre_rms_mm = uncertainty::rms_mm(covariance);
+    put(covariance, out.covariance_mm2);
+    out.tre_95 = to_wire(uncertainty::ellipsoid_95(covariance));
+  }
+}
+
+void MonitoringPipeline::step(const MonitoringView &view, std::int64_t now_ns) noexcept {
+  accuracy_.time_ns = now_ns;
+  accuracy_.fre_mm = view.registration.fre_mm;
+  accuracy_.fre_expected_mm = view.registration.fre_expected_mm;
+  accuracy_.drift_statistic = drift_.statistic();
+  accuracy_.drift_threshold = drift_.threshold();
+  accuracy_.drift_detected = drift_.detected();
+
+  watch_devices(view, now_ns);
+  watch_tracking(view.tracking, now_ns);
+  watch_system(view, now_ns);
+  // The test itself decides when; its verdict stays until it is begun anew.
+  alarms_.update({alarm::kDrift, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kDemote, 0, 0},
+                 wire::view(accuracy_.reference), drift_.detected(),
+                 "the reference has moved against the head: register again, or check the landmarks", now_ns);
+}
+
+void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t now_ns) noexcept {
+  std::size_t index = 0;
+  for (const inputs::StreamHealth *stream : {&view.trackers, &view.sensors}) {
+    for (std::uint32_t i = 0; i < stream->device_count && index < std::size(rejected_seen_); ++i, ++index) {
+      const wire::DeviceHealth &device = stream->devices[i];
+      const std::string_view name = wire::view(device.device);
+      const bool tracker = device.kind == bregma_wire_DEVICE_TRACKER;
+      Sentence lost;
+      lost << name << (tracker ? " is silent: no pose is shown" : " is silent");
+      alarms_.update(tracker ? kind(alarm::kTrackerLost, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kDegrade)
+                             : kind(alarm::kDeviceLost, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone),
+                     name, device.status == bregma_wire_DEVICE_LOST, lost.text, now_ns);
+
+      Sentence refused;
+      refused << name << " sends samples that are refused: bregma status says for what reason";
+      const std::uint64_t count = rejected(device);
+      // Bad samples come one by one: an alarm at the first, cleared when none has come for a while.
+      alarms_.update(
+          {alarm::kRejected, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0, settings_.clear_after_ns}, name,
+          count != std::exchange(rejected_seen_[index], count), refused.text, now_ns);
+    }
+  }
+}
+
+void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept {
+  const bool navigating = session_.state == bregma_wire_SESSION_NAVIGATING;
+  bool tracked = false; // frames come: a hidden body is hidden, not silent with all others
+  for (std::uint32_t i = 0; i < tracking.tool_count; ++i) {
+    const TrackingView::Tool &tool = tracking.tools[i];
+    const std::string_view name = wire::view(tool.tool);
+    tracked = tracked || (tool.status != bregma_wire_POSE_LOST && tool.status != bregma_wire_POSE_STALE);
+    const bool shown = tool.status == bregma_wire_POSE_LIVE || tool.status == bregma_wire_POSE_UNVERIFIED;
+    Sentence hidden;
+    hidden << name << " is not seen by the tracker";
+    alarms_.update(kind(alarm::kToolHidden, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
+                   navigating && tool.planned && tool.status == bregma_wire_POSE_TOOL_HIDDEN, hidden.text, now_ns);
+    Sentence late;
+    late << name << " is shown late: its pose is older than the limit when it is published";
+    alarms_.update(kind(alarm::kLatency, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
+                   shown && tool.age_ns > settings_.max_age_ns, late.text, now_ns);
+  }
+  Sentence hidden;
+  hidden << wire::view(accuracy_.reference) << " is not seen by the tracker: no tool is shown";
+  alarms_.update(kind(alarm::kReferenceHidden, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone),
+                 wire::view(accuracy_.reference), accepted_ && tracked && !tracking.reference_visible, hidden.text,
+                 now_ns);
+}
+
+void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept {
+  Sentence disk;
+  disk << "the session is not being recorded: " << view.recorder.text;
+  alarms_.update({alarm::kDisk, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, settings_.clear_after_ns}, "",
+                 view.recorder.failing, disk.text, now_ns);
+  alarms_.update({alarm::kOverrun, bregma_wire_SEVERITY_INFO, SessionEffect::kNone, 0, settings_.clear_after_ns}, "",
+                 view.overruns != std::exchange(overruns_seen_, view.overruns),
+                 "a loop took longer than its period: bregma status says which", now_ns);
+}
+
+} // namespace bregma::server

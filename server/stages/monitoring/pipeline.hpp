@@ -1,0 +1,73 @@
+// The monitoring pipeline: how far the registration can be trusted (FRE as a consistency figure, predicted TRE at every
+// target, drift), whether the devices, the loops and the recorder do their work, and the alarms that follow.
+//
+// One thread; a step does not allocate, throw, lock or log.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <variant>
+
+#include "algorithms/monitoring/drift_monitor.hpp"
+#include "server/inputs/input_guard.hpp"
+#include "server/recording/recorder.hpp"
+#include "server/stages/loaded_case.hpp"
+#include "server/stages/monitoring/alarm_conditions.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+using MonitoringInput = std::variant<CaseChanged, MonitoringMessage>;
+
+// What the other stages last said.
+struct MonitoringView {
+  const TrackingView &tracking;
+  const inputs::StreamHealth &trackers;
+  const inputs::StreamHealth &sensors;
+  const wire::RegistrationState &registration;
+  recording::RecorderStatus recorder;
+  std::uint64_t overruns = 0; // of all stages
+};
+
+struct MonitoringSettings {
+  double false_alarm_rate = 1e-4;
+  std::int64_t raise_after_ns = 200'000'000;
+  std::int64_t clear_after_ns = 1'000'000'000;
+  std::int64_t max_age_ns = 50'000'000; // of a pose that is shown
+};
+
+class MonitoringPipeline {
+public:
+  // alarms: to the control thread; outlives the pipeline.
+  MonitoringPipeline(const MonitoringSettings &settings, AlarmEvents &alarms);
+
+  void handle(const MonitoringInput &input) noexcept;
+  void step(const MonitoringView &view, std::int64_t now_ns) noexcept;
+
+  [[nodiscard]] const wire::AccuracyState &accuracy() const noexcept { return accuracy_; }
+
+private:
+  void on(const CaseChanged &change) noexcept;
+  void on(const MonitoringMessage &message) noexcept;
+  void add(const CheckTouch &touch) noexcept;
+  void add(const SurfaceSample &sample) noexcept;
+  void restart_drift() noexcept;
+  void predict_targets() noexcept;
+  void watch_devices(const MonitoringView &view, std::int64_t now_ns) noexcept;
+  void watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept;
+  [[nodiscard]] AlarmConditions::Kind kind(const char *name, wire::AlarmSeverity severity,
+                                           SessionEffect effect) const noexcept;
+
+  MonitoringSettings settings_;
+  AlarmConditions alarms_;
+  LoadedCase *case_ = nullptr;
+  SessionChanged session_{bregma_wire_SESSION_IDLE, false};
+  std::optional<geometry::UncertainPose<geometry::frame::Image, geometry::frame::Reference>> accepted_;
+  monitoring::DriftMonitor drift_;
+  std::uint64_t rejected_seen_[bregma_wire_MAX_DEVICES] = {}; // in the order of trackers, then sensors
+  std::uint64_t overruns_seen_ = 0;
+  wire::AccuracyState accuracy_{};
+};
+
+} // namespace bregma::server

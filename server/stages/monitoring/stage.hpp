@@ -1,0 +1,55 @@
+// Stage monitoring: predicted TRE, drift test and alarm conditions at its rate (pipeline.hpp).
+#pragma once
+
+#include <cstdint>
+
+#include "base/parameters.hpp"
+#include "server/runtime/latest_value.hpp"
+#include "server/runtime/mailbox.hpp"
+#include "server/stages/case_store.hpp"
+#include "server/stages/host.hpp"
+#include "server/stages/monitoring/pipeline.hpp"
+#include "server/stages/ports.hpp"
+#include "server/stages/stage.hpp"
+
+namespace bregma::server {
+
+struct MonitoringParameters {
+  double rate_hz = 10.0;
+  double false_alarm_rate = 1e-4; // of the drift test, per check touch
+  double raise_after_ms = 200.0;  // a condition becomes an alarm when it has held for this time
+  double clear_after_ms = 1000.0; // and the alarm is cleared when the condition has been absent for this time
+  double max_age_ms = 50.0;       // of a pose when it is published; an older one is an alarm
+  std::int64_t priority = 40;
+};
+void declare(base::ParameterSet &set, MonitoringParameters &parameters);
+
+class MonitoringStage final : public Stage {
+public:
+  static constexpr const char *kName = "monitoring";
+  using Parameters = MonitoringParameters;
+  using Inbox = runtime::Mailbox<MonitoringInput, 1024>;
+
+  MonitoringStage(const MonitoringParameters &parameters, const StageContext &context);
+  void connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<TrackingView> &tracking,
+               const runtime::LatestValue<inputs::StreamHealth> &trackers,
+               const runtime::LatestValue<inputs::StreamHealth> &sensors,
+               const runtime::LatestValue<wire::RegistrationState> &estimate);
+
+  void step(const Moment &now) noexcept override;
+
+  AlarmEvents conditions; // for the session
+
+private:
+  Host &host_;
+  MonitoringPipeline pipeline_;
+  Publisher<wire::AccuracyState> states_;
+  Inbox *inbox_ = nullptr;
+  CaseLease lease_;
+  runtime::LatestInput<TrackingView> tracking_;
+  runtime::LatestInput<inputs::StreamHealth> trackers_;
+  runtime::LatestInput<inputs::StreamHealth> sensors_;
+  runtime::LatestInput<wire::RegistrationState> estimate_;
+};
+
+} // namespace bregma::server

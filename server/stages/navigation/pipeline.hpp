@@ -1,0 +1,119 @@
+// The navigation pipeline: from a tracker frame to where each tool's tip is in the image, how far that can be trusted,
+// and where it stands against the plan and the critical structures.
+//
+// T_image_tip = T_image_reference (T_tracker_reference)^-1 T_tracker_tool T_tool_tip, all of the same frame; its
+// motion of the tip in Reference is filtered (tip_filter.hpp), and the
+// covariance is propagated to first order from the markers of both bodies, the tip's calibration and the registration
+// (algorithms/geometry/pose_covariance.hpp), each taken as independent.
+//
+// One thread at a time. Nothing here allocates, throws, locks or logs. Time is passed in: ns UTC, host clock.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <variant>
+
+#include "algorithms/planning/critical_structures.hpp"
+#include "server/runtime/spsc_ring.hpp"
+#include "server/session/messages.hpp"
+#include "server/stages/loaded_case.hpp"
+#include "server/stages/navigation/capture.hpp"
+#include "server/stages/navigation/tip_filter.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+using NavigationInput = std::variant<CaseChanged, NavigationMessage>;
+using NavigationEvents = runtime::SpscRing<NavigationEvent, 4096>;
+
+struct NavigationSettings {
+  double marker_sigma_lateral_mm = 0.10;
+  double marker_sigma_depth_mm = 0.25;
+  std::int64_t latency_ns = 4'000'000; // exposure to arrival that is normal: a frame is stale three periods after it
+  std::int64_t lost_after_ns = wire::qos::kTracker.deadline_ns;
+  double filter_hz = 3.0; // up to which motions of a tip are followed; 0: each frame stands for itself
+};
+
+class NavigationPipeline {
+public:
+  // events: to the control thread; outlives the pipeline. What does not fit is counted there.
+  NavigationPipeline(const NavigationSettings &settings, NavigationEvents &events);
+
+  void handle(const NavigationInput &input) noexcept;
+  // A frame that has passed the border check; acquired_ns: its exposure on the host's clock.
+  void on_frame(const wire::TrackerFrame &frame, std::int64_t acquired_ns, std::int64_t now_ns) noexcept;
+  // Where the tissue model predicts the targets; what is older than a quarter of a second is not shown.
+  void on(const PredictedTargets &predicted) noexcept { predicted_ = predicted; }
+  // Without a frame: what the passing of time alone has done.
+  void on_tick(std::int64_t now_ns) noexcept;
+  // When a tick will change what is shown (a pose grows stale, the tracker is lost), if no frame comes before.
+  [[nodiscard]] std::int64_t next_change_ns() const noexcept;
+
+  // One a tool of the case that can be navigated, in the order of the case. As of the last frame or tick.
+  [[nodiscard]] std::span<const wire::NavigationState> states() const noexcept { return {states_.data(), tool_count_}; }
+  [[nodiscard]] bool reference_visible() const noexcept { return reference_.visible; }
+  // The probe as of the last frame or tick: what the tissue model is driven by.
+  [[nodiscard]] ProbeView probe() const noexcept;
+
+private:
+  struct BodyInTracker {
+    bool visible = false;
+    geometry::UncertainPose<geometry::frame::Tracker, geometry::frame::Tool> T_tracker_body;
+  };
+  struct Tool {
+    const casefile::ToolModel *model = nullptr;
+    wire::Name name{};
+    BodyInTracker body;
+    bool calibrated = false;
+    geometry::Vector3d tip_mm = geometry::Vector3d::Zero();
+    geometry::Matrix3d tip_covariance = geometry::Matrix3d::Zero();
+    const casefile::Trajectory *plan = nullptr;
+    TipFilter filter;
+    planning::CriticalStructures::Warm warm;
+  };
+  using TipPose = geometry::UncertainPose<geometry::frame::Reference, geometry::frame::Tip>;
+  using Registration = geometry::UncertainPose<geometry::frame::Image, geometry::frame::Reference>;
+
+  void on(const CaseChanged &change) noexcept;
+  void on(const NavigationMessage &message) noexcept;
+  [[nodiscard]] Tool *find(const wire::Name &name) noexcept;
+  [[nodiscard]] BodyInTracker locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model) const noexcept;
+  [[nodiscard]] std::int64_t stale_at_ns() const noexcept;
+  [[nodiscard]] std::int64_t lost_at_ns() const noexcept;
+  [[nodiscard]] wire::PoseStatus status_of(const Tool &tool, std::int64_t now_ns) const noexcept;
+  void record(Tool &tool, std::int64_t acquired_ns) noexcept;
+  void publish(Tool &tool, wire::NavigationState &state, std::int64_t now_ns) noexcept;
+  void fill_pose(Tool &tool, wire::NavigationState &state) noexcept;
+  void fill_prediction(const Tool &tool, wire::NavigationState &state) const noexcept;
+  [[nodiscard]] TipPose filtered(Tool &tool, const TipPose &T_reference_tip) const noexcept;
+  void update_states(std::int64_t now_ns) noexcept;
+  void reset_filters() noexcept;
+  [[nodiscard]] TipPose tip_in_reference(const Tool &tool) const noexcept;
+
+  NavigationSettings settings_;
+  NavigationEvents &events_;
+  LoadedCase *case_ = nullptr;
+  std::uint64_t generation_ = 0;
+  std::array<Tool, bregma_wire_MAX_TOOLS> tools_;
+  std::array<wire::NavigationState, bregma_wire_MAX_TOOLS> states_{};
+  std::size_t tool_count_ = 0;
+  BodyInTracker reference_;
+  std::optional<Registration> registration_;
+  PredictedTargets predicted_;
+  SessionChanged session_{bregma_wire_SESSION_IDLE, false};
+  TouchCapture touch_;
+  SurfaceTrace trace_;
+  PivotRequest pivot_{};
+
+  bool any_frame_ = false;
+  std::uint64_t frame_ = 0;
+  std::int64_t frame_sent_ns_ = 0;
+  wire::Name source_{}; // the tracker
+  std::int64_t acquired_ns_ = 0;
+  std::int64_t period_ns_ = 0;
+  std::int64_t evaluated_ns_ = 0; // when states_ were last brought up to date
+};
+
+} // namespace bregma::server

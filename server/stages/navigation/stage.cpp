@@ -1,0 +1,132 @@
+#include "server/stages/navigation/stage.hpp"
+
+#include <algorithm>
+
+#include "server/inputs/device_names.hpp"
+#include "server/stages/host.hpp"
+#include "server/stages/schedules.hpp"
+#include "server/stages/wire_values.hpp"
+
+namespace bregma::server {
+namespace {
+
+constexpr std::int64_t kShareInterval_ns = 100'000'000;
+
+NavigationSettings settings_of(const NavigationParameters &parameters) {
+  NavigationSettings out;
+  out.marker_sigma_lateral_mm = parameters.marker_sigma_lateral_mm;
+  out.marker_sigma_depth_mm = parameters.marker_sigma_depth_mm;
+  out.latency_ns = ns_of_ms(parameters.latency_ms);
+  out.filter_hz = parameters.filter_hz;
+  return out;
+}
+
+inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
+  inputs::DeviceOptions out;
+  out.clock.minimum_latency_ns = ns_of_ms(parameters.latency_ms);
+  return out;
+}
+
+} // namespace
+
+void declare(base::ParameterSet &set, NavigationParameters &p) {
+  set.string("devices.trackers", &p.trackers,
+             "Trackers that are listened to, by name, separated by commas. A sample of any other is rejected.");
+  set.number("tracker.marker_sigma_lateral_mm", &p.marker_sigma_lateral_mm, "mm", 0.001, 5,
+             "Error of a marker across the line of sight, 1 sigma of a coordinate. Every predicted error begins here.");
+  set.number("tracker.marker_sigma_depth_mm", &p.marker_sigma_depth_mm, "mm", 0.001, 10,
+             "Error of a marker along the line of sight, 1 sigma.");
+  set.number("tracker.latency_ms", &p.latency_ms, "ms", 0, 500,
+             "From exposure to the driver's write, as the manufacturer states it.");
+  set.number("navigation.floor_rate_hz", &p.floor_rate_hz, "Hz", 1, 1000,
+             "The navigation state is published at least this often, also when no frame comes.");
+  set.number("navigation.filter_hz", &p.filter_hz, "Hz", 0, 50,
+             "Motions of a tip up to this are followed, what is faster is averaged as marker noise; 0: no filter.");
+  declare_priority(set, NavigationStage::kName, p.priority);
+}
+
+NavigationStage::NavigationStage(const NavigationParameters &parameters, const StageContext &context)
+    : Stage(kName, {.thread = ThreadClass::kFifo,
+                    .fifo_priority = static_cast<int>(parameters.priority),
+                    .rate_hz = parameters.floor_rate_hz,
+                    .triggered = true}),
+      guard_(inputs::split_names(parameters.trackers), tracker_options(parameters)),
+      pipeline_(settings_of(parameters), events), frames_(context.link), states_(context.link),
+      boot_id_(context.host.boot_id()) {}
+
+void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted) {
+  inbox_ = &inbox;
+  lease_.connect(cases);
+  predicted_.connect(predicted);
+}
+
+std::int64_t NavigationStage::wake_ns(const Moment &now) const noexcept {
+  const std::int64_t change_utc_ns = pipeline_.next_change_ns();
+  return change_utc_ns == kNever ? kNever : now.monotonic_ns + (change_utc_ns - now.utc_ns);
+}
+
+void NavigationStage::step(const Moment &now) noexcept {
+  take_messages();
+  if (predicted_.refresh()) {
+    pipeline_.on(predicted_.value());
+  }
+  const std::size_t taken =
+      frames_.take_each(now.utc_ns, [&](const wire::TrackerFrame &frame, std::uint64_t writer) noexcept {
+        const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);
+        if (verdict.accepted) {
+          frame_period_ns_ = frame.period_ns;
+          pipeline_.on_frame(frame, verdict.acquired_time_ns, now.utc_ns);
+          publish(now);
+        }
+      });
+  if (taken == 0) {
+    guard_.set_writers_alive(frames_.writers_alive());
+  }
+  if (now.utc_ns >= pipeline_.next_change_ns() || (now.tick && !published_)) {
+    pipeline_.on_tick(now.utc_ns);
+    publish(now);
+  }
+  if (now.tick) {
+    published_ = false;
+  }
+  if (now.monotonic_ns - shared_ns_ >= kShareInterval_ns) {
+    shared_ns_ = now.monotonic_ns;
+    share(now);
+  }
+}
+
+void NavigationStage::take_messages() noexcept {
+  inbox_->take_each([this](const NavigationInput &input) noexcept {
+    pipeline_.handle(input);
+    if (const auto *change = std::get_if<CaseChanged>(&input)) {
+      guard_.set_tools(change->loaded != nullptr ? change->loaded->tools : inputs::KnownTools{});
+      lease_.take(*change);
+    }
+  });
+}
+
+void NavigationStage::publish(const Moment &now) noexcept {
+  for (wire::NavigationState state : pipeline_.states()) {
+    std::copy(boot_id_.begin(), boot_id_.end(), state.boot_id);
+    state.published_boot_ns = now.boot_ns;
+    states_(state, now.utc_ns);
+  }
+  probe.store(pipeline_.probe());
+  published_ = true;
+}
+
+void NavigationStage::share(const Moment &now) noexcept {
+  devices.store(guard_.health(now.utc_ns));
+  TrackingView view;
+  view.reference_visible = pipeline_.reference_visible();
+  for (const wire::NavigationState &state : pipeline_.states()) {
+    TrackingView::Tool &tool = view.tools[view.tool_count++];
+    copy_name(tool.tool, state.tool);
+    tool.status = state.status;
+    tool.planned = state.trajectory[0] != '\0';
+    tool.age_ns = state.age_ns;
+  }
+  tracking.store(view);
+}
+
+} // namespace bregma::server

@@ -1,0 +1,68 @@
+// Stage navigation: tracker frames in, NavigationState out, with every frame and at a floor rate where none comes.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+
+#include "base/parameters.hpp"
+#include "server/inputs/input_guard.hpp"
+#include "server/runtime/latest_value.hpp"
+#include "server/runtime/mailbox.hpp"
+#include "server/stages/case_store.hpp"
+#include "server/stages/navigation/pipeline.hpp"
+#include "server/stages/ports.hpp"
+#include "server/stages/stage.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+struct NavigationParameters {
+  std::string trackers = "Tracker"; // names, separated by commas
+  // The noise that poses are believed to have, 1 sigma of a marker's coordinate.
+  double marker_sigma_lateral_mm = 0.10;
+  double marker_sigma_depth_mm = 0.25;
+  double latency_ms = 4.0; // exposure to the driver's write, as the manufacturer states it
+  double floor_rate_hz = 50.0;
+  double filter_hz = 3.0; // motions of a tip up to this are followed; 0: no filter
+  std::int64_t priority = 70;
+};
+void declare(base::ParameterSet &set, NavigationParameters &parameters);
+
+class NavigationStage final : public Stage {
+public:
+  static constexpr const char *kName = "navigation";
+  using Parameters = NavigationParameters;
+  using Inbox = runtime::Mailbox<NavigationInput, 256>;
+
+  NavigationStage(const NavigationParameters &parameters, const StageContext &context);
+  void connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted);
+
+  void step(const Moment &now) noexcept override;
+  [[nodiscard]] std::int64_t wake_ns(const Moment &now) const noexcept override;
+  [[nodiscard]] std::int64_t budget_ns() const noexcept override { return frame_period_ns_; }
+
+  NavigationEvents events;                            // captures, traces, pivots; for the session
+  runtime::LatestValue<ProbeView> probe;              // with every frame
+  runtime::LatestValue<TrackingView> tracking;        // a few times per second, like the next
+  runtime::LatestValue<inputs::StreamHealth> devices; // trackers
+
+private:
+  void take_messages() noexcept;
+  void publish(const Moment &now) noexcept;
+  void share(const Moment &now) noexcept;
+
+  inputs::InputGuard<wire::TrackerFrame> guard_;
+  NavigationPipeline pipeline_;
+  Subscriber<wire::TrackerFrame> frames_;
+  Publisher<wire::NavigationState> states_;
+  Inbox *inbox_ = nullptr;
+  CaseLease lease_;
+  runtime::LatestInput<PredictedTargets> predicted_;
+  std::array<std::uint8_t, 16> boot_id_;
+  std::int64_t frame_period_ns_ = 0;
+  std::int64_t shared_ns_ = 0; // monotonic
+  bool published_ = false;     // since the last tick
+};
+
+} // namespace bregma::server

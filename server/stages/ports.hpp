@@ -1,0 +1,104 @@
+// The topics of a stage. In bregmad their ends are DDS with the recorder beside it (server/dds_topics.hpp), in tests
+// and benchmarks memory (tests/support/memory_topics.hpp).
+//
+// Threads: a link and its ports belong to one stage's thread once the stages run; making ports is for the main thread
+// before that. Reading and writing never throw and never wait.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+
+#include "casefile/session_file/session_file.hpp"
+#include "idl/dds.hpp"
+#include "idl/topics.hpp"
+
+namespace bregma::server {
+
+// A topic without its type.
+struct TopicInfo {
+  const char *name;
+  const dds_topic_descriptor_t *descriptor;
+  wire::Qos qos;
+  std::size_t bytes; // of a sample
+  bool plain;        // a sample is its bytes: no pointers in it
+};
+
+template <class T> [[nodiscard]] TopicInfo topic_info() {
+  return {wire::Topic<T>::kName, &wire::Topic<T>::descriptor(), wire::Topic<T>::kQos, sizeof(T),
+          casefile::kIsRecordable<T>};
+}
+
+class Source {
+public:
+  virtual ~Source() = default;
+  // Up to Batch's capacity of samples, on loan until they are given back. utc_ns: the time of taking.
+  virtual void take(dds::detail::Batch &batch) noexcept = 0;
+  virtual void give_back(dds::detail::Batch &batch, std::int64_t utc_ns) noexcept = 0;
+  [[nodiscard]] virtual std::uint32_t writers_alive() noexcept = 0;
+};
+
+class Sink {
+public:
+  virtual ~Sink() = default;
+  // What is not taken is counted by DDS or the recorder; the next sample replaces it.
+  virtual void write(const void *sample, std::int64_t utc_ns) noexcept = 0;
+  [[nodiscard]] virtual std::uint32_t matched_readers() const noexcept = 0;
+};
+
+// Where one stage's topics begin and end.
+class Link {
+public:
+  virtual ~Link() = default;
+  // Throw dds::Error.
+  [[nodiscard]] virtual std::unique_ptr<Source> source(const TopicInfo &topic) = 0;
+  [[nodiscard]] virtual std::unique_ptr<Sink> sink(const TopicInfo &topic) = 0;
+};
+
+template <class T> class Subscriber {
+public:
+  explicit Subscriber(Link &link) : source_(link.source(topic_info<T>())) {}
+
+  // Calls visit(const T &, std::uint64_t writer) for every sample since the last call, oldest first; a sample is gone
+  // when visit returns. Returns their number.
+  template <class Visit> std::size_t take_each(std::int64_t utc_ns, Visit &&visit) noexcept {
+    std::size_t total = 0;
+    dds::detail::Batch batch;
+    do {
+      source_->take(batch);
+      for (int i = 0; i < batch.count; ++i) {
+        if (batch.valid[i]) {
+          visit(*static_cast<const T *>(batch.samples[i]), batch.infos[i].writer);
+          ++total;
+        }
+      }
+      source_->give_back(batch, utc_ns);
+    } while (batch.count == static_cast<int>(dds::detail::kBatch));
+    return total;
+  }
+  // Also resets what wakes the stage for a missed deadline or a lost writer.
+  [[nodiscard]] std::uint32_t writers_alive() noexcept { return source_->writers_alive(); }
+
+private:
+  std::unique_ptr<Source> source_;
+};
+
+template <class T> class Publisher {
+public:
+  explicit Publisher(Link &link) : sink_(link.sink(topic_info<T>())) {}
+  void operator()(const T &sample, std::int64_t utc_ns) noexcept { sink_->write(&sample, utc_ns); }
+  [[nodiscard]] std::uint32_t matched_readers() const noexcept { return sink_->matched_readers(); }
+
+private:
+  std::unique_ptr<Sink> sink_;
+};
+
+// Makes the link of each stage.
+class Topics {
+public:
+  virtual ~Topics() = default;
+  // stage: its name. The link lives as long as the topics.
+  [[nodiscard]] virtual Link &link(const char *stage) = 0;
+};
+
+} // namespace bregma::server

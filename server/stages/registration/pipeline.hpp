@@ -1,0 +1,80 @@
+// The registration pipeline: keeps the set of samples that the session sends, and re-estimates the pose of the head
+// when the set has changed, from the last estimate on. The method is algorithms/registration/registration.hpp.
+//
+// It proposes; only a person accepts (RegistrationAccepted). What was accepted stays what it is, bit for bit, whatever
+// the estimate does afterwards. One thread; a step does not allocate, throw, lock or log.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <variant>
+#include <vector>
+
+#include "server/session/messages.hpp"
+#include "server/stages/loaded_case.hpp"
+#include "server/stages/pose_search/pose_search.hpp"
+
+namespace bregma::server {
+
+using RegistrationInput = std::variant<CaseChanged, RegistrationMessage>;
+
+inline constexpr std::size_t kMaxSurfaceSamples = kMaxSearchSamples; // that are kept of a trace
+
+class RegistrationPipeline {
+public:
+  RegistrationPipeline();
+
+  void handle(const RegistrationInput &input) noexcept;
+  void on(const PoseSearchAnswer &answer) noexcept;
+  void step(std::int64_t now_ns) noexcept;
+
+  // After a step: what has to be searched for, because there are too few fiducials and no pose to start from; null
+  // when nothing has, or a search is under way.
+  [[nodiscard]] const PoseSearchRequest *wanted_search() noexcept;
+
+  // As of the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
+  [[nodiscard]] const wire::RegistrationState &state() const noexcept { return state_; }
+  [[nodiscard]] const wire::FiducialReport &fiducials() const noexcept { return report_; }
+  // True when the last step made a new estimate: the fiducial report has changed.
+  [[nodiscard]] bool estimated() const noexcept { return estimated_; }
+
+private:
+  void on(const CaseChanged &change) noexcept;
+  void on(const RegistrationMessage &message) noexcept;
+  void clear() noexcept;
+  void put(const FiducialSample &sample) noexcept;
+  void remove(const wire::Name &point) noexcept;
+  void estimate() noexcept;
+  void show(const registration::RegistrationResult &result) noexcept;
+  // Their names, NUL-terminated and cut at the end of out.
+  void list_suspects(const registration::RegistrationResult &result, std::span<char> out) const noexcept;
+  void show_fiducials(const registration::RegistrationResult &result) noexcept;
+
+  LoadedCase *case_ = nullptr;
+  std::uint64_t generation_ = 0;
+  std::uint64_t revision_ = 0;
+  bool changed_ = false;
+  bool estimated_ = false;
+
+  std::array<FiducialSample, registration::kMaxFiducials> samples_{};
+  std::size_t sample_count_ = 0;
+  std::array<registration::FiducialObservation, registration::kMaxFiducials> observations_{};
+  std::vector<registration::SurfaceSample> surface_; // reserved once
+  std::array<Eigen::Vector3d, bregma_wire_MAX_TARGETS> targets_;
+  std::size_t target_count_ = 0;
+  std::optional<registration::ImageFromReference> previous_;
+
+  // The pose at which the skin alone was found; what the last search said when it was not; how many samples it had.
+  std::optional<registration::ImageFromReference> located_;
+  std::array<char, 256> search_text_{};
+  std::size_t searched_count_ = 0;
+  bool searching_ = false;
+  PoseSearchRequest search_;
+
+  wire::RegistrationState state_{};
+  wire::FiducialReport report_{};
+};
+
+} // namespace bregma::server

@@ -1,0 +1,54 @@
+#include "server/stages/sensors/stage.hpp"
+
+#include <algorithm>
+
+#include "server/inputs/device_names.hpp"
+
+namespace bregma::server {
+namespace {
+
+constexpr double kShareRate_hz = 10.0; // of device health towards monitoring and the health topic
+
+} // namespace
+
+void declare(base::ParameterSet &set, SensorParameters &p) {
+  set.string("devices.robots", &p.robots, "Robots, by name, separated by commas.");
+  set.string("devices.forces", &p.forces, "Force sensors, by name, separated by commas.");
+  set.string("devices.ranges", &p.ranges, "Range sensors, by name, separated by commas.");
+}
+
+SensorStage::SensorStage(const SensorParameters &parameters, const StageContext &context)
+    : Stage(kName, {.thread = ThreadClass::kFifo, .rate_hz = kShareRate_hz, .triggered = true}),
+      robot_guard_(inputs::split_names(parameters.robots), {}),
+      range_guard_(inputs::split_names(parameters.ranges), {}),
+      force_guard_(inputs::split_names(parameters.forces), {}), robots_(context.link), ranges_(context.link),
+      forces_(context.link) {}
+
+void SensorStage::step(const Moment &now) noexcept {
+  std::size_t taken = robots_.take_each(now.utc_ns, [&](const wire::RobotState &sample, std::uint64_t writer) noexcept {
+    (void)robot_guard_.check(sample, writer, now.utc_ns); // what is refused is counted there
+  });
+  taken += ranges_.take_each(now.utc_ns, [&](const wire::RangeSample &sample, std::uint64_t writer) noexcept {
+    (void)range_guard_.check(sample, writer, now.utc_ns);
+  });
+  taken += forces_.take_each(now.utc_ns, [&](const wire::ForceSample &sample, std::uint64_t writer) noexcept {
+    if (force_guard_.check(sample, writer, now.utc_ns).accepted) {
+      ForceView view{.arrived_ns = now.utc_ns};
+      std::copy_n(sample.force_N, 3, view.force_N);
+      force.store(view);
+    }
+  });
+  if (taken == 0 || now.tick) {
+    robot_guard_.set_writers_alive(robots_.writers_alive());
+    range_guard_.set_writers_alive(ranges_.writers_alive());
+    force_guard_.set_writers_alive(forces_.writers_alive());
+  }
+  if (now.tick) {
+    inputs::StreamHealth health = robot_guard_.health(now.utc_ns);
+    inputs::add_to(health, range_guard_.health(now.utc_ns));
+    inputs::add_to(health, force_guard_.health(now.utc_ns));
+    devices.store(health);
+  }
+}
+
+} // namespace bregma::server

@@ -1,0 +1,44 @@
+// Stage sensors: robot, range and force samples in, on a thread of their own, so that a sensor that floods costs the
+// navigation stage nothing.
+#pragma once
+
+#include <string>
+
+#include "base/parameters.hpp"
+#include "server/inputs/input_guard.hpp"
+#include "server/runtime/latest_value.hpp"
+#include "server/stages/ports.hpp"
+#include "server/stages/stage.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+struct SensorParameters { // names, separated by commas
+  std::string robots = "Robot";
+  std::string forces = "Force";
+  std::string ranges = "Range";
+};
+void declare(base::ParameterSet &set, SensorParameters &parameters);
+
+class SensorStage final : public Stage {
+public:
+  static constexpr const char *kName = "sensors";
+  using Parameters = SensorParameters;
+
+  SensorStage(const SensorParameters &parameters, const StageContext &context);
+
+  void step(const Moment &now) noexcept override;
+
+  runtime::LatestValue<ForceView> force;              // with every sample
+  runtime::LatestValue<inputs::StreamHealth> devices; // robots, ranges, forces; with every tick
+
+private:
+  inputs::InputGuard<wire::RobotState> robot_guard_;
+  inputs::InputGuard<wire::RangeSample> range_guard_;
+  inputs::InputGuard<wire::ForceSample> force_guard_;
+  Subscriber<wire::RobotState> robots_;
+  Subscriber<wire::RangeSample> ranges_;
+  Subscriber<wire::ForceSample> forces_;
+};
+
+} // namespace bregma::server

@@ -1,0 +1,89 @@
+// Stage session: commands in, replies out; the session decides (server/session/session.hpp), the other stages are told
+// through their inboxes. A worker: it waits for the disk.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "base/parameters.hpp"
+#include "server/runtime/latest_value.hpp"
+#include "server/session/session.hpp"
+#include "server/stages/case_store.hpp"
+#include "server/stages/host.hpp"
+#include "server/stages/monitoring/stage.hpp"
+#include "server/stages/navigation/stage.hpp"
+#include "server/stages/ports.hpp"
+#include "server/stages/registration/stage.hpp"
+#include "server/stages/stage.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+struct SessionParameters {
+  double capture_window_ms = 300.0;
+  double capture_max_motion_mm = 1.0;
+  double trace_spacing_mm = 3.0;
+  std::int64_t trace_max_samples = kMaxSurfaceSamples;
+  double pivot_min_rotation_deg = 20.0;
+  std::int64_t pivot_max_samples = 3000;
+  std::int64_t min_checks = 3;
+  std::string state_directory; // empty: $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/bregma or ~/.local/state/bregma
+  double correlation_length_mm = 12.0; // of the surface error: neighbouring samples share it
+};
+void declare(base::ParameterSet &set, SessionParameters &parameters);
+
+class SessionStage final : public Stage, private SessionPorts {
+public:
+  static constexpr const char *kName = "session";
+  using Parameters = SessionParameters;
+
+  SessionStage(const SessionParameters &parameters, const StageContext &context);
+  void connect(NavigationEvents &events, AlarmEvents &conditions,
+               const runtime::LatestValue<wire::RegistrationState> &estimate);
+
+  // The first step restores the last session.
+  void step(const Moment &now) noexcept override;
+
+  [[nodiscard]] const Session &session() const { return session_; }
+
+  CaseStore cases;
+  NavigationStage::Inbox to_navigation;
+  RegistrationStage::Inbox to_registration;
+  MonitoringStage::Inbox to_monitoring;
+  runtime::LatestValue<SessionView> view;
+
+private:
+  [[nodiscard]] base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
+  void send(const NavigationMessage &message) override { to_navigation.send(message); }
+  void send(const RegistrationMessage &message) override { to_registration.send(message); }
+  void send(const MonitoringMessage &message) override { to_monitoring.send(message); }
+  void publish(const wire::CommandReply &reply) override;
+  void publish(const wire::Alarm &alarm) override;
+  void publish(const wire::CapturedPoint &point) override { captures_(point, now_ns_); }
+  void log(const std::string &line) override { host_.log(LogLevel::kInfo, line); }
+
+  void take_in();
+  void tell_of_recording();
+  void share_view();
+
+  SessionParameters parameters_;
+  Host &host_;
+  Subscriber<wire::Command> commands_;
+  Publisher<wire::CommandReply> replies_;
+  Publisher<wire::Alarm> alarms_;
+  Publisher<wire::CapturedPoint> captures_;
+  NavigationEvents *events_ = nullptr;
+  AlarmEvents *conditions_ = nullptr;
+  runtime::LatestInput<wire::RegistrationState> estimate_;
+  std::int64_t now_ns_ = 0; // UTC, of the step under way
+  bool restored_ = false;
+  // The file of a case that the session has just taken, for when the session is done with the command that brought it.
+  std::optional<base::Result<std::optional<std::filesystem::path>>> recording_;
+  std::string case_folder_;
+  Session session_; // last: it calls the ports
+};
+
+} // namespace bregma::server

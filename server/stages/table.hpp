@@ -1,0 +1,55 @@
+// The list of stages, each with the outputs that it reads, as one type:
+//
+//   using Wiring = StageTable<Reads<SensorStage>,
+//                             Reads<DeformationStage, &NavigationStage::probe, &SensorStage::force>>;
+//
+// Making a table makes every stage and then calls connect() of each that reads something, with the outputs in the order
+// of its row; what does not fit does not compile.
+#pragma once
+
+#include <memory>
+#include <tuple>
+#include <vector>
+
+#include "base/parameters.hpp"
+#include "server/stages/parameters.hpp"
+#include "server/stages/ports.hpp"
+#include "server/stages/stage.hpp"
+
+namespace bregma::server {
+
+// A row: a stage, and members of other stages. Outputs: pointers to members.
+template <class StageType, auto... Outputs> struct Reads {
+  using Type = StageType;
+  template <class Find> static void connect(StageType &stage, const Find &find) {
+    if constexpr (sizeof...(Outputs) > 0) {
+      stage.connect(find(Outputs)...);
+    }
+  }
+};
+
+template <class... Rows> class StageTable {
+public:
+  static void declare_all(base::ParameterSet &set, StageParameters &parameters) {
+    (declare(set, parameters.of<typename Rows::Type::Parameters>()), ...);
+  }
+
+  // host and topics outlive the table.
+  StageTable(StageParameters &parameters, Topics &topics, Host &host)
+      : stages_(std::make_unique<typename Rows::Type>(parameters.of<typename Rows::Type::Parameters>(),
+                                                      StageContext{topics.link(Rows::Type::kName), host})...) {
+    const auto find = [this]<class Output, class Owner>(Output Owner::*output) -> Output & {
+      return stage<Owner>().*output;
+    };
+    (Rows::connect(stage<typename Rows::Type>(), find), ...);
+  }
+
+  template <class StageType> [[nodiscard]] StageType &stage() { return *std::get<std::unique_ptr<StageType>>(stages_); }
+  // In the order of the table.
+  [[nodiscard]] std::vector<Stage *> all() { return {&stage<typename Rows::Type>()...}; }
+
+private:
+  std::tuple<std::unique_ptr<typename Rows::Type>...> stages_;
+};
+
+} // namespace bregma::server

@@ -1,0 +1,64 @@
+// What stages show each other of their work, as far as others need it: plain data for latest values. Lengths in mm, in
+// Image where nothing else is said; times ns UTC.
+#pragma once
+
+#include <cstdint>
+
+#include "idl/topics.hpp"
+
+namespace bregma::tissue {
+class BrainModel;
+}
+
+namespace bregma::server {
+
+// The probe as navigation shows it: what the tissue model is driven by. The sensor in the probe's grip measures in the
+// probe's body.
+struct ProbeView {
+  bool live = false; // a pose that may be navigated by
+  std::int64_t acquired_ns = 0;
+  double tip_mm[3] = {};
+  double shaft[3] = {};         // unit, in Image, from the tip up the shaft
+  double shaft_in_tool[3] = {}; // the same in the probe's body
+};
+
+// The latest sample of the force sensor.
+struct ForceView {
+  std::int64_t arrived_ns = 0;
+  double force_N[3] = {};
+};
+
+// What navigation last showed, as far as monitoring needs it.
+struct TrackingView {
+  bool reference_visible = false;
+  std::uint32_t tool_count = 0;
+  struct Tool {
+    wire::Name tool{};
+    wire::PoseStatus status = bregma_wire_POSE_UNKNOWN;
+    bool planned = false;
+    std::int64_t age_ns = 0;
+  } tools[bregma_wire_MAX_TOOLS];
+};
+
+// A tissue model, or that none can be made (nullptr); of the case with this generation, which owns it.
+struct TissueModelReady {
+  std::uint64_t generation = 0;
+  tissue::BrainModel *model = nullptr;
+  float *field_mm = nullptr; // room for x, y, z per node
+};
+
+// Where the tissue model predicts the targets of the case, in its order.
+struct PredictedTargets {
+  std::uint64_t generation = 0; // of the case
+  std::int64_t time_ns = 0;
+  wire::DeformationStatus status[bregma_wire_MAX_TARGETS] = {};
+  double position_mm[bregma_wire_MAX_TARGETS][3] = {};
+};
+
+// The session, for the health topic.
+struct SessionView {
+  wire::SessionState state = bregma_wire_SESSION_IDLE;
+  char case_folder[1024] = {}; // empty: no case is loaded
+};
+
+} // namespace bregma::server

@@ -1,0 +1,89 @@
+// Which stage reads which output of which other stage: said here, and nowhere else.
+#include "server/wiring.hpp"
+
+#include <set>
+#include <stdexcept>
+#include <string>
+
+#include "server/inputs/device_names.hpp"
+#include "server/stages/deformation/stage.hpp"
+#include "server/stages/echo/stage.hpp"
+#include "server/stages/health/stage.hpp"
+#include "server/stages/monitoring/stage.hpp"
+#include "server/stages/navigation/stage.hpp"
+#include "server/stages/pose_search/stage.hpp"
+#include "server/stages/registration/stage.hpp"
+#include "server/stages/sensors/stage.hpp"
+#include "server/stages/session/stage.hpp"
+#include "server/stages/table.hpp"
+#include "server/stages/tissue_model/stage.hpp"
+
+namespace bregma::server {
+
+using Stages = StageTable< //
+    Reads<NavigationStage, &SessionStage::to_navigation, &SessionStage::cases, &DeformationStage::predicted>,
+    Reads<SensorStage>,
+    Reads<RegistrationStage, &SessionStage::to_registration, &SessionStage::cases, &PoseSearchStage::answer>,
+    Reads<PoseSearchStage, &SessionStage::cases, &RegistrationStage::search>,
+    Reads<TissueModelStage, &SessionStage::cases>,
+    Reads<MonitoringStage, &SessionStage::to_monitoring, &SessionStage::cases, &NavigationStage::tracking,
+          &NavigationStage::devices, &SensorStage::devices, &RegistrationStage::estimate>,
+    Reads<DeformationStage, &SessionStage::cases, &TissueModelStage::model, &NavigationStage::probe,
+          &SensorStage::force>,
+    Reads<SessionStage, &NavigationStage::events, &MonitoringStage::conditions, &RegistrationStage::estimate>,
+    Reads<EchoStage, &NavigationStage::probe>,
+    Reads<HealthStage, &NavigationStage::devices, &SensorStage::devices, &SessionStage::view, &NavigationStage::events,
+          &MonitoringStage::conditions>>;
+
+struct Wiring::Table : Stages {
+  using Stages::Stages;
+};
+
+void declare_stages(base::ParameterSet &set, StageParameters &parameters) { Stages::declare_all(set, parameters); }
+
+base::Result<void> check_stages(StageParameters &parameters) {
+  const auto &trackers = parameters.of<NavigationParameters>().trackers;
+  const auto &sensors = parameters.of<SensorParameters>();
+  if (inputs::split_names(trackers).empty()) {
+    return base::failure("devices.trackers = \"\": at least one tracker is needed");
+  }
+  return inputs::check_device_names({{"devices.trackers", trackers},
+                                     {"devices.robots", sensors.robots},
+                                     {"devices.forces", sensors.forces},
+                                     {"devices.ranges", sensors.ranges}});
+}
+
+Wiring::Wiring(StageParameters &parameters, Topics &topics, Host &host) {
+  if (const auto ok = check_stages(parameters); !ok) {
+    throw std::invalid_argument(ok.error().message);
+  }
+  table_ = std::make_unique<Table>(parameters, topics, host);
+  std::set<std::string_view> names;
+  for (Stage *stage : table_->all()) {
+    if (!names.insert(stage->name()).second) {
+      throw std::invalid_argument(std::string("stage ") + stage->name() + ": two stages have this name");
+    }
+    if (stage->schedule().rate_hz > 0.0) {
+      stages_.push_back(stage);
+    }
+  }
+  if (stages_.size() > bregma_wire_MAX_LOOPS) {
+    throw std::invalid_argument("stages: " + std::to_string(stages_.size()) + " are wired, at most " +
+                                std::to_string(bregma_wire_MAX_LOOPS) + " can be shown in SystemHealth");
+  }
+}
+
+Wiring::~Wiring() = default;
+
+Stage *Wiring::find(std::string_view name) const {
+  for (Stage *stage : table_->all()) {
+    if (stage->name() == name) {
+      return stage;
+    }
+  }
+  return nullptr;
+}
+
+const Session &Wiring::session() const { return table_->stage<SessionStage>().session(); }
+
+} // namespace bregma::server

@@ -1,0 +1,132 @@
+// Any bytes as samples of the four streams: nothing crashes, every sample is taken or refused, and what is taken keeps
+// what the border promises to the pipelines.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "server/inputs/input_guard.hpp"
+
+namespace {
+
+using namespace bregma;
+
+constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
+
+// Hands out the fuzzer's bytes; zeros when they are used up.
+class Bytes {
+public:
+  Bytes(const std::uint8_t *data, std::size_t size) : data_(data), left_(size) {}
+  [[nodiscard]] bool empty() const { return left_ == 0; }
+  template <class T> T take() {
+    T out{};
+    const std::size_t size = std::min(sizeof out, left_);
+    std::memcpy(static_cast<void *>(&out), data_, size);
+    data_ += size;
+    left_ -= size;
+    return out;
+  }
+
+private:
+  const std::uint8_t *data_;
+  std::size_t left_;
+};
+
+void require(bool condition) {
+  if (!condition) {
+    std::abort();
+  }
+}
+
+void require_rotation(const wire::Pose &pose) {
+  double squares = 0.0;
+  for (const double q : pose.rotation_wxyz) {
+    squares += q * q;
+  }
+  require(std::abs(std::sqrt(squares) - 1.0) < 2.0 * inputs::kRotationTolerance);
+  for (const double t : pose.translation_mm) {
+    require(std::abs(t) <= inputs::kMaxPosition_mm);
+  }
+}
+
+void require_usable(const wire::TrackerFrame &frame) {
+  require(frame.tool_count <= bregma_wire_MAX_TOOLS);
+  for (std::uint32_t i = 0; i < frame.tool_count; ++i) {
+    require(wire::is_terminated(frame.tools[i].tool));
+    require(frame.tools[i].status <= bregma_wire_TOOL_OUT_OF_VOLUME);
+    if (frame.tools[i].status == bregma_wire_TOOL_VISIBLE || frame.tools[i].status == bregma_wire_TOOL_PARTLY_VISIBLE) {
+      require_rotation(frame.tools[i].T_tracker_tool);
+    }
+  }
+}
+void require_usable(const wire::RobotState &state) { require_rotation(state.T_base_flange); }
+void require_usable(const wire::RangeSample &sample) { require(sample.range_mm >= 0.0 && sample.sigma_mm >= 0.0); }
+void require_usable(const wire::ForceSample &sample) {
+  for (const double force : sample.force_N) {
+    require(std::isfinite(force));
+  }
+}
+
+template <class Sample> void run(Bytes bytes) {
+  inputs::InputGuard<Sample> guard(std::vector<std::string>{"D"}, {});
+  std::int64_t now_ns = kStart_ns;
+  std::int64_t last_ns = 0;
+  std::uint64_t sent = 0;
+  while (!bytes.empty()) {
+    // The first byte says what is made plausible, so that the fuzzer gets past the first rule.
+    const auto plan = bytes.take<std::uint8_t>();
+    now_ns += bytes.take<std::uint16_t>() * std::int64_t{1'000};
+    auto sample = bytes.take<Sample>();
+    if ((plan & 1U) != 0) {
+      static_cast<void>(wire::set_name(sample.device, "D"));
+    }
+    if ((plan & 2U) != 0) {
+      sample.device_time_ns = now_ns + sample.device_time_ns % 100'000'000;
+      sample.sent_time_ns = now_ns;
+      sample.period_ns = 4'000'000;
+    }
+    if ((plan & 4U) != 0) {
+      sample.frame = sent;
+    }
+    const auto verdict = guard.check(sample, plan >> 6U, now_ns);
+    ++sent;
+    if (verdict.accepted) {
+      require_usable(sample);
+      require(verdict.acquired_time_ns > last_ns);
+      last_ns = verdict.acquired_time_ns;
+    }
+  }
+  const auto health = guard.health(now_ns);
+  const auto &rejected = health.devices[0].rejected;
+  require(health.devices[0].taken + std::accumulate(std::begin(rejected), std::end(rejected), std::uint64_t{0}) +
+              health.unknown_device_samples ==
+          sent);
+}
+
+} // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
+  if (size == 0) {
+    return 0;
+  }
+  const Bytes rest(data + 1, size - 1);
+  switch (data[0] % 4) {
+  case 0:
+    run<wire::TrackerFrame>(rest);
+    break;
+  case 1:
+    run<wire::RobotState>(rest);
+    break;
+  case 2:
+    run<wire::RangeSample>(rest);
+    break;
+  default:
+    run<wire::ForceSample>(rest);
+    break;
+  }
+  return 0;
+}

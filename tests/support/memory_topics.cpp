@@ -1,0 +1,117 @@
+#include "tests/support/memory_topics.hpp"
+
+#include <algorithm>
+#include <string_view>
+
+namespace bregma::test {
+namespace {
+
+using server::TopicInfo;
+
+constexpr std::size_t kReserved = 64; // samples of a topic that fit between two deliveries without an allocation
+constexpr std::uint64_t kWriter = 1;
+
+// What waits for a stage, and what it has on loan.
+struct Queue {
+  TopicInfo topic;
+  std::deque<std::vector<std::byte>> samples;
+};
+
+// What a stage has published since the last delivery.
+struct Outgoing {
+  TopicInfo topic;
+  std::vector<std::byte> bytes; // samples one after the other
+};
+
+class MemorySource final : public server::Source {
+public:
+  explicit MemorySource(Queue &queue) : queue_(queue) {}
+  void take(dds::detail::Batch &batch) noexcept override {
+    batch.count = static_cast<int>(std::min(queue_.samples.size(), dds::detail::kBatch));
+    for (int i = 0; i < batch.count; ++i) {
+      batch.samples[i] = queue_.samples[static_cast<std::size_t>(i)].data();
+      batch.infos[i] = {0, kWriter};
+      batch.valid[i] = true;
+    }
+  }
+  void give_back(dds::detail::Batch &batch, std::int64_t /*utc_ns*/) noexcept override {
+    queue_.samples.erase(queue_.samples.begin(), queue_.samples.begin() + batch.count);
+  }
+  [[nodiscard]] std::uint32_t writers_alive() noexcept override { return 1; }
+
+private:
+  Queue &queue_;
+};
+
+class MemorySink final : public server::Sink {
+public:
+  explicit MemorySink(Outgoing &outgoing) : outgoing_(outgoing) {}
+  void write(const void *sample, std::int64_t /*utc_ns*/) noexcept override {
+    const auto *bytes = static_cast<const std::byte *>(sample);
+    outgoing_.bytes.insert(outgoing_.bytes.end(), bytes, bytes + outgoing_.topic.bytes);
+  }
+  [[nodiscard]] std::uint32_t matched_readers() const noexcept override { return 1; }
+
+private:
+  Outgoing &outgoing_;
+};
+
+} // namespace
+
+class MemoryLink final : public server::Link {
+public:
+  [[nodiscard]] std::unique_ptr<server::Source> source(const TopicInfo &topic) override {
+    return std::make_unique<MemorySource>(incoming.emplace_back(Queue{topic, {}}));
+  }
+  [[nodiscard]] std::unique_ptr<server::Sink> sink(const TopicInfo &topic) override {
+    Outgoing &one = outgoing.emplace_back(Outgoing{topic, {}});
+    one.bytes.reserve(kReserved * topic.bytes);
+    return std::make_unique<MemorySink>(one);
+  }
+
+  std::deque<Queue> incoming; // the ends hold references
+  std::deque<Outgoing> outgoing;
+};
+
+MemoryTopics::MemoryTopics() = default;
+MemoryTopics::~MemoryTopics() = default;
+
+server::Link &MemoryTopics::link(const char *stage) {
+  return *links_.emplace(stage, std::make_unique<MemoryLink>()).first->second;
+}
+
+void MemoryTopics::put(const TopicInfo &topic, const void *sample) {
+  const auto *bytes = static_cast<const std::byte *>(sample);
+  for (const auto &[stage, link] : links_) {
+    for (Queue &queue : link->incoming) {
+      if (queue.topic.descriptor == topic.descriptor) {
+        queue.samples.emplace_back(bytes, bytes + topic.bytes);
+      }
+    }
+  }
+}
+
+void MemoryTopics::deliver() {
+  for (const auto &[stage, link] : links_) {
+    for (Outgoing &outgoing : link->outgoing) {
+      for (std::size_t at = 0; at < outgoing.bytes.size(); at += outgoing.topic.bytes) {
+        const std::byte *sample = outgoing.bytes.data() + at;
+        if (outgoing.topic.plain) {
+          put(outgoing.topic, sample);
+        }
+        for (const Observer &observer : observers_) {
+          observer(outgoing.topic, sample);
+        }
+      }
+      outgoing.bytes.clear();
+    }
+  }
+}
+
+bool MemoryTopics::waiting(const char *stage) const {
+  const auto found = links_.find(std::string_view(stage));
+  return found != links_.end() && std::any_of(found->second->incoming.begin(), found->second->incoming.end(),
+                                              [](const Queue &queue) { return !queue.samples.empty(); });
+}
+
+} // namespace bregma::test

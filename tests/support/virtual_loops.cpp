@@ -1,0 +1,57 @@
+#include "tests/support/virtual_loops.hpp"
+
+#include <algorithm>
+
+#include "server/stages/schedules.hpp"
+
+namespace bregma::test {
+
+VirtualLoops::VirtualLoops(const std::vector<server::Stage *> &stages, MemoryTopics &topics, std::int64_t start_utc_ns)
+    : topics_(topics), start_utc_ns_(start_utc_ns), now_utc_ns_(start_utc_ns) {
+  for (server::Stage *stage : stages) {
+    const std::int64_t period_ns = server::period_ns(stage->schedule().rate_hz);
+    loops_.push_back({stage, period_ns, period_ns});
+  }
+}
+
+server::Moment VirtualLoops::moment(std::int64_t utc_ns) const {
+  return {.utc_ns = utc_ns, .monotonic_ns = utc_ns - start_utc_ns_, .boot_ns = utc_ns - start_utc_ns_, .tick = false};
+}
+
+void VirtualLoops::advance(std::int64_t utc_ns) {
+  now_utc_ns_ = utc_ns;
+  for (Loop &loop : loops_) {
+    server::Moment now = moment(utc_ns);
+    now.tick = now.monotonic_ns >= loop.next_ns;
+    const bool asked = loop.stage->schedule().triggered && (!loop.stepped || topics_.waiting(loop.stage->name()) ||
+                                                            loop.stage->wake_ns(now) <= now.monotonic_ns);
+    if (now.tick || asked) {
+      step(loop, now);
+    }
+  }
+}
+
+void VirtualLoops::step(Loop &loop, const server::Moment &now) {
+  loop.stepped = true;
+  loop.next_ns += now.tick ? loop.period_ns : 0;
+  if (around_) {
+    around_(*loop.stage, [&] { loop.stage->step(now); });
+  } else {
+    loop.stage->step(now);
+  }
+  topics_.deliver();
+}
+
+std::int64_t VirtualLoops::next_due_ns() const {
+  const server::Moment now = moment(now_utc_ns_);
+  std::int64_t next_ns = server::Stage::kNever;
+  for (const Loop &loop : loops_) {
+    next_ns = std::min(next_ns, loop.next_ns);
+    if (loop.stage->schedule().triggered) {
+      next_ns = std::min(next_ns, loop.stage->wake_ns(now));
+    }
+  }
+  return start_utc_ns_ + next_ns;
+}
+
+} // namespace bregma::test

@@ -1,0 +1,43 @@
+// The daemon's stages in virtual time: one thread, the schedule that bregmad's loops keep (server/loops.hpp), and no
+// waiting. Stages that are due at the same time are stepped in the order of the wiring.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "server/stages/stage.hpp"
+#include "tests/support/memory_topics.hpp"
+
+namespace bregma::test {
+
+class VirtualLoops {
+public:
+  // Makes the step that it is given, for a test that wants to know something of it.
+  using Around = std::function<void(const server::Stage &, const std::function<void()> &step)>;
+
+  VirtualLoops(const std::vector<server::Stage *> &stages, MemoryTopics &topics, std::int64_t start_utc_ns);
+
+  void around(Around around) { around_ = std::move(around); }
+  // Steps every stage that is due by now, and delivers what it publishes. Time must not go back.
+  void advance(std::int64_t utc_ns);
+  [[nodiscard]] std::int64_t next_due_ns() const; // UTC
+
+private:
+  struct Loop {
+    server::Stage *stage;
+    std::int64_t period_ns;
+    std::int64_t next_ns; // monotonic, like all times here
+    bool stepped = false;
+  };
+  [[nodiscard]] server::Moment moment(std::int64_t utc_ns) const;
+  void step(Loop &loop, const server::Moment &now);
+
+  MemoryTopics &topics_;
+  std::int64_t start_utc_ns_;
+  std::int64_t now_utc_ns_;
+  std::vector<Loop> loops_;
+  Around around_;
+};
+
+} // namespace bregma::test
