@@ -1,16 +1,20 @@
 # What every target of Bregma is built with. Targets link bregma_settings; third-party headers are system headers.
 add_library(bregma_settings INTERFACE)
-target_include_directories(bregma_settings INTERFACE ${CMAKE_SOURCE_DIR})
+target_include_directories(bregma_settings INTERFACE
+  $<BUILD_INTERFACE:${CMAKE_SOURCE_DIR}> $<INSTALL_INTERFACE:${BREGMA_INCLUDE_DIR}>)
+target_compile_features(bregma_settings INTERFACE cxx_std_20)
 # x86-64-v2: every 64-bit machine a hospital may still have. Faster code is chosen by the release-v3 preset.
 set(BREGMA_MARCH "x86-64-v2" CACHE STRING "Instruction set to build for")
-target_compile_options(bregma_settings INTERFACE -march=${BREGMA_MARCH}
+# Programs that link the package are built for it as well: Eigen's alignment depends on it.
+target_compile_options(bregma_settings INTERFACE -march=${BREGMA_MARCH})
+target_compile_options(bregma_settings INTERFACE $<BUILD_INTERFACE:
   $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wnon-virtual-dtor -Werror
   # GCC 12 sees overlaps in std::string's own operator+ (GCC bug 105651), and takes the files of a unity build for headers.
-  $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict -Wno-subobject-linkage>>)
+  $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict -Wno-subobject-linkage>>>)
 
 if(BREGMA_SANITIZE)
   # GCC 12, with sanitizers, takes std::regex for uninitialized (GCC bug 105562).
-  target_compile_options(bregma_settings INTERFACE $<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>)
+  target_compile_options(bregma_settings INTERFACE $<BUILD_INTERFACE:$<$<CXX_COMPILER_ID:GNU>:-Wno-maybe-uninitialized>>)
   add_compile_options(-fsanitize=${BREGMA_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${BREGMA_SANITIZE})
 endif()

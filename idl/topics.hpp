@@ -41,6 +41,7 @@ BREGMA_WIRE_TYPE(DeviceKind);
 BREGMA_WIRE_TYPE(DeviceStatus);
 BREGMA_WIRE_TYPE(AlarmState);
 BREGMA_WIRE_TYPE(AlarmSeverity);
+BREGMA_WIRE_TYPE(DriverState);
 BREGMA_WIRE_TYPE(CommandKind);
 BREGMA_WIRE_TYPE(CommandForm);
 BREGMA_WIRE_TYPE(CommandResult);
@@ -90,7 +91,8 @@ inline constexpr Qos kControl{true, false, 0, 0, 0};
   X(Alarm, kState)                                                                                                     \
   X(Command, kControl)                                                                                                 \
   X(CommandReply, kControl)                                                                                            \
-  X(SimulatedTruth, kTruth)
+  X(SimulatedTruth, kTruth)                                                                                            \
+  X(DriverHealth, kState)
 
 template <class T> struct Topic;
 

@@ -39,7 +39,7 @@ DaemonLink::DaemonLink(std::uint32_t domain)
     : domain_(domain), client_(unique_client_name()), participant_(domain), commands_(participant_),
       replies_(participant_), registration_(participant_), fiducials_(participant_), accuracy_(participant_),
       navigation_(participant_), deformation_(participant_), alarms_(participant_), health_(participant_),
-      peers_(participant_), wait_(participant_) {
+      drivers_(participant_), peers_(participant_), wait_(participant_) {
   wait_.attach(replies_);
   wait_.attach(registration_);
   wait_.attach(fiducials_);
@@ -48,6 +48,7 @@ DaemonLink::DaemonLink(std::uint32_t domain)
   wait_.attach(deformation_);
   wait_.attach(alarms_);
   wait_.attach(health_);
+  wait_.attach(drivers_);
 }
 
 base::Error DaemonLink::no_daemon() const {
@@ -79,6 +80,7 @@ bool DaemonLink::take_all() {
     snapshot_.alarms[{wire::text(sample.kind), wire::text(sample.subject)}] = sample;
   });
   take(health_, [&](const auto &sample) { snapshot_.health = sample; });
+  take(drivers_, [&](const auto &sample) { snapshot_.drivers[wire::text(sample.device)] = sample; });
   peers_.update();
   snapshot_.other_wire = dds::other_wire_text(peers_.of_another_wire());
   return news > 0;

@@ -29,6 +29,7 @@ struct Snapshot {
   std::optional<wire::AccuracyState> accuracy;
   std::map<std::string, wire::NavigationState> tools;                // by tool
   std::map<std::string, wire::DeformationState> deformation;         // by point
+  std::map<std::string, wire::DriverHealth> drivers;                 // by device
   std::map<std::pair<std::string, std::string>, wire::Alarm> alarms; // by kind and subject
   std::string other_wire; // who on the domain speaks another generation of the wire, as a sentence; empty: nobody
 };
@@ -89,6 +90,7 @@ private:
   dds::Reader<wire::DeformationState> deformation_;
   dds::Reader<wire::Alarm> alarms_;
   dds::Reader<wire::SystemHealth> health_;
+  dds::Reader<wire::DriverHealth> drivers_;
   dds::Peers peers_;
   dds::WaitSet wait_;
   std::map<std::uint64_t, wire::CommandReply> arrived_replies_;

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <span>
 
+#include "clients/cli/driver_view.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
@@ -203,7 +204,8 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
   if (!snapshot.tools.empty()) {
     out += tools_table(snapshot, {}, now_ns) + "\n";
   }
-  out += devices_text(health, now_ns) + "\n" + loops_text(health) + "\n";
+  out +=
+      devices_text(health, now_ns) + "\n" + drivers_text(snapshot.drivers, now_ns) + "\n" + loops_text(health) + "\n";
   out += "Recorder  " + std::to_string(health.recorded) + " samples recorded, " +
          std::to_string(health.record_dropped) + " dropped" + (health.recorder_failing ? ", FAILING" : "") + "\n";
   out += "Memory  " + fixed(static_cast<double>(health.resident_bytes) / 1e6, 1, "MB") + " resident\n";
@@ -248,6 +250,7 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t no
   for (const auto &device : devices(health)) {
     out["devices"].push_back(device_json(device, health, now_ns));
   }
+  out["drivers"] = drivers_json(snapshot.drivers, now_ns);
   out["loops"] = json::array();
   for (const auto &loop : loops(health)) {
     out["loops"].push_back({{"loop", wire::text(loop.loop)},

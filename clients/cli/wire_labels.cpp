@@ -101,6 +101,11 @@ std::string_view device_status_label(wire::DeviceStatus value) {
   return nth(kWords, value);
 }
 
+std::string_view driver_state_label(wire::DriverState value) {
+  static constexpr std::array<std::string_view, 5> kWords{"unknown", "connecting", "connected", "waiting", "stopped"};
+  return nth(kWords, value);
+}
+
 std::string_view alarm_label(wire::AlarmState value) {
   static constexpr std::array<std::string_view, 4> kWords{"unknown", "raised", "acknowledged", "cleared"};
   return nth(kWords, value);

@@ -1,102 +1,142 @@
 #include "drivers/sim/room_on_the_wire.hpp"
 
 #include <algorithm>
-#include <thread>
+#include <cmath>
+#include <cstdio>
 
-#include <ctime>
+#include "drivers/frame/settings.hpp"
 
 namespace bregma::sim {
 
 namespace {
 
-constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::int64_t kMillisecond_ns = 1'000'000;
 
-std::int64_t read(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<std::int64_t>(now.tv_sec) * kSecond_ns + now.tv_nsec;
+// What --live repeats: the script from the first start of navigation on.
+std::vector<Step> live_part(const Scenario &scenario) {
+  const auto first = std::find_if(scenario.steps.begin(), scenario.steps.end(),
+                                  [](const Step &step) { return step.kind == StepKind::kStartNavigation; });
+  std::vector<Step> out(first, scenario.steps.end());
+  std::erase_if(out, [](const Step &step) { return step.kind == StepKind::kCloseCase; });
+  // A navigation that was never stopped would refuse to be started again.
+  if (!out.empty() && out.back().kind != StepKind::kStopNavigation) {
+    out.push_back({StepKind::kStopNavigation, "stop_navigation", {}, {}, {}});
+  }
+  return out;
 }
 
-// May return early for a signal.
-void sleep_until(std::int64_t monotonic_ns) {
-  const timespec at{monotonic_ns / kSecond_ns, monotonic_ns % kSecond_ns};
-  (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &at, nullptr);
-}
-
-} // namespace
-
-RoomOnTheWire::RoomOnTheWire(SimulatedRoom &room, std::uint32_t domain)
-    : room_(&room), participant_(domain), frames_(participant_), truths_(participant_), robot_states_(participant_),
-      force_samples_(participant_), range_samples_(participant_), commands_(participant_), replies_(participant_),
-      states_(participant_), utc_ahead_ns_(read(CLOCK_REALTIME) - read(CLOCK_MONOTONIC)) {}
-
-std::int64_t RoomOnTheWire::host_now_ns() const { return read(CLOCK_MONOTONIC) + utc_ahead_ns_; }
-
-bool RoomOnTheWire::wait_for_daemon(std::chrono::nanoseconds timeout, const std::atomic<bool> &stop) const {
-  const auto end = std::chrono::steady_clock::now() + timeout;
-  const auto present = [this] {
-    return commands_.matched_readers() > 0 && frames_.matched_readers() > 0 && replies_.matched_writers() > 0;
+// True when a daemon takes commands and frames; false when none came in time or the driver is to stop.
+bool wait_for_daemon(driver::Io &io, std::int64_t timeout_ns) {
+  const std::int64_t end_ns = io.now_ns() + timeout_ns;
+  const auto present = [&io] {
+    return io.matched<wire::Command>() > 0 && io.matched<wire::TrackerFrame>() > 0 &&
+           io.matched<wire::CommandReply>() > 0;
   };
   while (!present()) {
-    if (stop || std::chrono::steady_clock::now() > end) {
+    if (io.now_ns() > end_ns || !io.wait_until(io.now_ns() + 20 * kMillisecond_ns)) {
       return false;
     }
-    std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   return true;
 }
 
+} // namespace
+
+base::Result<void> RoomOnTheWire::prepare(const driver::Settings &settings) {
+  domain_ = settings.domain_id;
+  auto scenario = load_scenario(options_->scenario);
+  if (!scenario) {
+    return tl::unexpected(scenario.error());
+  }
+  if (options_->rate_hz > 0.0) {
+    scenario->tracker.rate_hz = options_->rate_hz;
+  }
+  if (options_->live) {
+    repeated_ = live_part(*scenario);
+    if (repeated_.empty()) {
+      return base::failure(options_->scenario.string() + ": --live needs a step start_navigation to repeat");
+    }
+    std::erase_if(scenario->steps, [](const Step &step) { return step.kind == StepKind::kCloseCase; });
+    if (scenario->steps.back().kind != StepKind::kStopNavigation) {
+      scenario->steps.push_back(repeated_.back());
+    }
+  }
+  const auto loaded = casefile::load_case(std::filesystem::absolute(options_->case_folder));
+  if (!loaded) {
+    return tl::unexpected(loaded.error());
+  }
+  room_.emplace(*loaded, *scenario, options_->seed);
+  return {};
+}
+
+driver::Outcome<void> RoomOnTheWire::connect(driver::Io &io) {
+  if (!wait_for_daemon(io, 300 * kMillisecond_ns) && !io.stopping()) {
+    std::fprintf(stderr, "bregma-sim-room: waiting for bregmad on domain %lld ...\n", static_cast<long long>(domain_));
+    if (!wait_for_daemon(io, std::llround(options_->timeout_s * 1e9)) && !io.stopping()) {
+      char text[96];
+      (void)std::snprintf(text, sizeof text, "no bregmad on domain %lld within %.0f s", static_cast<long long>(domain_),
+                          options_->timeout_s);
+      return driver::give_up(text);
+    }
+  }
+  due_ns_ = io.now_ns();
+  return {};
+}
+
 // A device that was stopped comes back with the present, not with what it missed: the gap shows in the numbers.
-template <class T>
-void RoomOnTheWire::write_all(const dds::Writer<T> &writer, const char *device, std::vector<T> &samples,
-                              std::int64_t now_ns) {
+template <class T> void RoomOnTheWire::write_all(driver::Io &io, const char *device, const std::vector<T> &samples) {
   Sent &sent = sent_[device];
-  for (T &sample : samples) {
-    if (now_ns - sample.sent_time_ns > kTooOld_ns) {
+  for (const T &sample : samples) {
+    if (io.now_ns() - sample.sent_time_ns > kTooOld_ns) {
       ++dropped_;
       continue;
     }
-    sample.sent_time_ns = now_ns;
-    const bool written = writer.write(sample);
+    const bool written = io.publish(sample);
     sent.written += written ? 1 : 0;
     dropped_ += written ? 0 : 1;
-    sent.last_number = std::max(sent.last_number, sample.frame);
+    sent.last_number = std::max<std::uint64_t>(sent.last_number, sample.frame);
   }
 }
 
-void RoomOnTheWire::write(RoomOutput &out, std::int64_t now_ns) {
-  write_all(frames_, kTrackerDevice, out.frames, now_ns); // first: their latency is measured
-  write_all(robot_states_, kRobotDevice, out.robot_states, now_ns);
-  write_all(force_samples_, kForceDevice, out.force_samples, now_ns);
-  write_all(range_samples_, kRangeDevice, out.range_samples, now_ns);
-  for (const auto &truth : out.truths) {
-    dropped_ += truths_.write(truth) ? 0 : 1;
+void RoomOnTheWire::write(driver::Io &io) {
+  write_all(io, kTrackerDevice, out_.frames); // first: their latency is measured
+  write_all(io, kRobotDevice, out_.robot_states);
+  write_all(io, kForceDevice, out_.force_samples);
+  write_all(io, kRangeDevice, out_.range_samples);
+  for (const auto &truth : out_.truths) {
+    dropped_ += io.publish(truth) ? 0 : 1;
   }
-  for (const auto &command : out.commands) {
-    dropped_ += commands_.write(command) ? 0 : 1;
+  for (const auto &command : out_.commands) {
+    dropped_ += io.publish(command) ? 0 : 1;
   }
 }
 
-void RoomOnTheWire::run(const std::atomic<bool> &stop, const Tell &tell) {
-  RoomOutput out;
-  std::int64_t due_ns = host_now_ns();
-  while (!stop && !room_->finished()) {
-    sleep_until(due_ns - utc_ahead_ns_);
-    const std::int64_t now_ns = host_now_ns();
-    if (now_ns < due_ns) { // a signal
-      continue;
-    }
-    replies_.take_each([this](const wire::CommandReply &reply, const dds::SampleInfo &) { room_->on_reply(reply); });
-    states_.take_each([this, now_ns](const wire::NavigationState &state, const dds::SampleInfo &) {
-      room_->on_navigation(state, now_ns);
-    });
-    room_->advance(now_ns, out);
-    write(out, host_now_ns());
-    for (const StepEvent &event : out.events) {
-      tell(event);
-    }
-    due_ns = room_->next_due_ns();
+driver::Outcome<driver::Progress> RoomOnTheWire::read(driver::Io &io) {
+  if (!io.wait_until(due_ns_)) {
+    return driver::Progress::kContinue;
   }
+  const std::int64_t now_ns = io.now_ns();
+  io.take<wire::CommandReply>([this](const wire::CommandReply &reply) { room_->on_reply(reply); });
+  io.take<wire::NavigationState>(
+      [this, now_ns](const wire::NavigationState &state) { room_->on_navigation(state, now_ns); });
+  room_->advance(now_ns, out_);
+  write(io);
+  for (const StepEvent &event : out_.events) {
+    tell_(event);
+  }
+  due_ns_ = room_->next_due_ns();
+  if (!room_->finished()) {
+    return driver::Progress::kContinue;
+  }
+  if (room_->failed()) {
+    return driver::give_up(room_->failure());
+  }
+  if (!options_->live) {
+    return driver::Progress::kFinished;
+  }
+  room_->continue_with(repeated_);
+  due_ns_ = io.now_ns();
+  return driver::Progress::kContinue;
 }
 
 } // namespace bregma::sim

@@ -1,31 +1,46 @@
-// Puts the simulated room on DDS in real time: samples are written when they fall due (absolute deadlines on the
-// monotonic clock), commands go out, replies and states come back. One thread, the caller's.
+// The simulated room as a device of the driver frame: samples are published when they fall due (absolute deadlines on
+// the host's clock), commands go out, replies and states come back.
 #pragma once
 
-#include <atomic>
-#include <chrono>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <map>
+#include <optional>
 #include <string>
+#include <vector>
 
+#include "drivers/frame/device.hpp"
+#include "drivers/frame/io.hpp"
 #include "drivers/sim/simulated_room.hpp"
-#include "idl/dds.hpp"
 
 namespace bregma::sim {
 
-class RoomOnTheWire {
+struct RoomOptions {
+  std::filesystem::path case_folder;
+  std::filesystem::path scenario;
+  std::uint64_t seed = 1;
+  double rate_hz = 0.0;    // of the tracker; 0: the scenario's
+  double timeout_s = 30.0; // to wait for a daemon
+  bool live = false;       // repeat the navigation until the driver is stopped
+};
+
+class RoomOnTheWire final : public driver::Device {
 public:
+  using Writes = driver::Topics<wire::TrackerFrame, wire::SimulatedTruth, wire::RobotState, wire::ForceSample,
+                                wire::RangeSample, wire::Command>;
+  using Reads = driver::Topics<wire::CommandReply, wire::NavigationState>;
   using Tell = std::function<void(const StepEvent &)>;
 
-  // Throws dds::Error.
-  RoomOnTheWire(SimulatedRoom &room, std::uint32_t domain);
+  // The options may change until prepare(). tell is called for every event of the script.
+  RoomOnTheWire(const RoomOptions &options, Tell tell) : options_(&options), tell_(std::move(tell)) {}
 
-  // True when a daemon takes commands and frames; false when none came in time or stop was set.
-  [[nodiscard]] bool wait_for_daemon(std::chrono::nanoseconds timeout, const std::atomic<bool> &stop) const;
-
-  // Until the script is over or stop is set. tell is called for every event of the script.
-  void run(const std::atomic<bool> &stop, const Tell &tell);
+  // Throws std::invalid_argument where the scenario does not fit the case.
+  [[nodiscard]] base::Result<void> prepare(const driver::Settings &settings) override;
+  // Waits for a daemon that takes commands and frames; that none comes in time is an error for good.
+  [[nodiscard]] driver::Outcome<void> connect(driver::Io &io) override;
+  [[nodiscard]] driver::Outcome<driver::Progress> read(driver::Io &io) override;
+  void disconnect() noexcept override {}
 
   // What one device has given to the wire. Numbers up to last_number that are not among `written` are lost samples:
   // the device lost them itself, or they fell due more than kTooOld ago (the process was stopped or starved).
@@ -40,22 +55,16 @@ public:
 private:
   static constexpr std::int64_t kTooOld_ns = 100'000'000;
 
-  [[nodiscard]] std::int64_t host_now_ns() const; // UTC that never steps
-  void write(RoomOutput &out, std::int64_t now_ns);
-  template <class T>
-  void write_all(const dds::Writer<T> &writer, const char *device, std::vector<T> &samples, std::int64_t now_ns);
+  void write(driver::Io &io);
+  template <class T> void write_all(driver::Io &io, const char *device, const std::vector<T> &samples);
 
-  SimulatedRoom *room_;
-  dds::Participant participant_;
-  dds::Writer<wire::TrackerFrame> frames_;
-  dds::Writer<wire::SimulatedTruth> truths_;
-  dds::Writer<wire::RobotState> robot_states_;
-  dds::Writer<wire::ForceSample> force_samples_;
-  dds::Writer<wire::RangeSample> range_samples_;
-  dds::Writer<wire::Command> commands_;
-  dds::Reader<wire::CommandReply> replies_;
-  dds::Reader<wire::NavigationState> states_;
-  std::int64_t utc_ahead_ns_; // the host's UTC at the start minus monotonic time
+  const RoomOptions *options_;
+  Tell tell_;
+  std::int64_t domain_ = 0;
+  std::vector<Step> repeated_; // with --live
+  std::optional<SimulatedRoom> room_;
+  RoomOutput out_;
+  std::int64_t due_ns_ = 0;
   std::map<std::string, Sent> sent_;
   std::uint64_t dropped_ = 0;
 };

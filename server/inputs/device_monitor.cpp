@@ -9,6 +9,8 @@
 namespace bregma::inputs {
 namespace {
 
+using base::TimeVerdict;
+
 constexpr std::int64_t kStalePeriods = 3;
 constexpr std::int64_t kRateWindow_ns = 1'000'000'000;
 

@@ -12,8 +12,8 @@
 
 #include <cstdint>
 
+#include "base/device_clock.hpp"
 #include "idl/topics.hpp"
-#include "server/inputs/device_clock.hpp"
 #include "server/inputs/frame_counter.hpp"
 #include "server/inputs/payload_check.hpp"
 #include "server/runtime/histogram.hpp"
@@ -21,7 +21,7 @@
 namespace bregma::inputs {
 
 struct DeviceOptions {
-  DeviceClockOptions clock;
+  base::DeviceClockOptions clock;
   std::int64_t deadline_ns = 0;                 // silent for longer: lost. 0: the deadline of the stream's topic
   std::int64_t sent_tolerance_ns = 100'000'000; // the driver's host clock may be ahead of ours by so much
 };
@@ -71,7 +71,7 @@ private:
 
   DeviceOptions options_;
   wire::DeviceHealth health_{}; // the counts live here
-  DeviceClock clock_;
+  base::DeviceClock clock_;
   FrameCounter frames_;
   runtime::Histogram latency_;
   bool writers_gone_ = false;

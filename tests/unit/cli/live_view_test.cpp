@@ -173,6 +173,25 @@ TEST(LiveView, StatusCountsWhatWasRejectedByReason) {
   EXPECT_NEAR(device["age_ms"].get<double>(), 304.0, 1e-6) << "its age has grown since the daemon stated it";
 }
 
+TEST(LiveView, StatusShowsWhatTheDriversSay) {
+  auto snapshot = navigating();
+  wire::DriverHealth driver{};
+  driver.time_ns = kNow_ns - 400 * kMs;
+  driver.state = bregma_wire_DRIVER_WAITING;
+  driver.published = 1200;
+  driver.skipped = 7;
+  driver.failures = 3;
+  wire::set_text(driver.failure, "tcp://10.0.0.9:4000: Connection refused");
+  snapshot.drivers["Force"] = driver;
+  const std::string text = status_text(snapshot, 7, kNow_ns);
+  EXPECT_TRUE(has(text, "Force   waiting")) << text;
+  EXPECT_TRUE(has(text, "Force, latest failure: tcp://10.0.0.9:4000: Connection refused\n")) << text;
+  const auto json = status_json(snapshot, 7, kNow_ns)["drivers"][0];
+  EXPECT_EQ(json["device"], "Force");
+  EXPECT_EQ(json["unreadable"], 7);
+  EXPECT_EQ(status_json(snapshot, 7, kNow_ns + 5000 * kMs)["drivers"][0]["state"], "silent");
+}
+
 TEST(LiveView, CountsBeyondTheWiresArraysAreNotFollowed) {
   auto snapshot = navigating();
   snapshot.health->device_count = 4'000'000'000U;

@@ -7,10 +7,10 @@
 
 #include <gtest/gtest.h>
 
-#include "server/inputs/device_clock.hpp"
+#include "base/device_clock.hpp"
 #include "tests/support/allocation_counter.hpp"
 
-namespace bregma::inputs {
+namespace bregma::base {
 namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
@@ -188,4 +188,4 @@ TEST(DeviceClock, AllocatesNothing) {
 }
 
 } // namespace
-} // namespace bregma::inputs
+} // namespace bregma::base

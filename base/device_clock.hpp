@@ -16,7 +16,7 @@
 #include <cstddef>
 #include <cstdint>
 
-namespace bregma::inputs {
+namespace bregma::base {
 
 struct DeviceClockOptions {
   std::int64_t minimum_latency_ns = 0;           // exposure to arrival at best, from the device's data sheet
@@ -86,4 +86,4 @@ private:
   std::int64_t candidate_last_ns_ = 0; // device time
 };
 
-} // namespace bregma::inputs
+} // namespace bregma::base

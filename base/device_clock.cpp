@@ -1,9 +1,9 @@
-#include "server/inputs/device_clock.hpp"
+#include "base/device_clock.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-namespace bregma::inputs {
+namespace bregma::base {
 namespace {
 
 // The line needs so many blocks before its slope says more about the drift than about the latency's scatter.
@@ -160,4 +160,4 @@ void DeviceClock::fit() noexcept {
   anchor_ = {origin.device_ns + std::llround(lowest->t), origin.offset_ns + std::llround(lowest->y)};
 }
 
-} // namespace bregma::inputs
+} // namespace bregma::base

@@ -1,0 +1,43 @@
+// A stream of bytes to a device, over TCP or a serial line, that can be waited for without missing the driver's end.
+//
+// Addresses: tcp://HOST:PORT, or serial:///dev/ttyUSB0?baud=115200 (8 data bits, no parity, 1 stop bit; 115200 unless
+// given). A host that is not a number is looked up by the system's resolver, for as long as that takes.
+//
+// Threads: one. Errors are DeviceErrors that begin with the address; open() may be called again after any of them.
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "base/result.hpp"
+#include "drivers/frame/device.hpp"
+
+namespace bregma::driver {
+
+// For Device::prepare: "key = address: must be ...".
+[[nodiscard]] base::Result<void> check_address(const std::string &key, const std::string &address);
+
+class ByteStream {
+public:
+  using Duration = std::chrono::nanoseconds;
+
+  ByteStream();
+  ~ByteStream();
+
+  [[nodiscard]] Outcome<void> open(const std::string &address, const Io &io,
+                                   Duration timeout = std::chrono::seconds(3));
+  // What has come, as soon as something has; empty when the time is over or the driver is to stop. Valid until the next
+  // call.
+  [[nodiscard]] Outcome<std::string_view> read(const Io &io, Duration timeout = std::chrono::milliseconds(200));
+  // All of it, or an error.
+  [[nodiscard]] Outcome<void> write(std::string_view bytes, const Io &io, Duration timeout = std::chrono::seconds(1));
+  void close() noexcept;
+
+private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+} // namespace bregma::driver

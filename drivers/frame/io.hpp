@@ -1,0 +1,115 @@
+// What a device is given to work with: its topics, the host's clock, and the wish to stop.
+//
+// Two small interfaces keep DDS and the operating system out, so that devices and the driver's loop are tested without
+// either: a Bus carries samples, a Host has the clock. dds_bus.hpp and system_host.hpp are the real ones.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+#include <string_view>
+
+#include "base/device_clock.hpp"
+#include "drivers/frame/status.hpp"
+#include "idl/names.hpp"
+#include "idl/topics.hpp"
+
+namespace bregma::driver {
+
+// Topics are those of the topic table (idl/topics.hpp), by name. A sample must be of the topic's type.
+class Bus {
+public:
+  virtual ~Bus() = default;
+  // False when the sample was not taken, for example because the driver does not write this topic.
+  [[nodiscard]] virtual bool write(std::string_view topic, const void *sample) = 0;
+  // Visits what has arrived since the last call, oldest first; samples are gone when visit returns.
+  virtual void take(std::string_view topic, const std::function<void(const void *)> &visit) = 0;
+  // Readers of a topic that the driver writes, writers of a topic that it takes.
+  [[nodiscard]] virtual std::uint32_t matched(std::string_view topic) const = 0;
+};
+
+// Threads: any.
+class Host {
+public:
+  virtual ~Host() = default;
+  // UTC in ns, taken once at the start and carried on by the monotonic clock: it never steps.
+  [[nodiscard]] virtual std::int64_t now_ns() const = 0;
+  // True when that time has come; false at once when the driver is to stop.
+  [[nodiscard]] virtual bool wait_until(std::int64_t time_ns) = 0;
+  [[nodiscard]] virtual bool stopping() const = 0;
+};
+
+struct IoOptions {
+  std::string device;                  // name of samples that carry none; at most wire::kNameLength bytes
+  bool map_device_time = true;         // false: device_time_ns goes out as the device gave it
+  std::int64_t minimum_latency_ns = 0; // of the way from the device's exposure to its driver
+};
+
+// A sample of a device: what the frame completes before it goes out.
+template <class T>
+concept DeviceSample = requires(T sample) {
+  sample.device;
+  sample.frame;
+  sample.device_time_ns;
+  sample.sent_time_ns;
+};
+
+// Threads: the loop's. Nothing here throws but the visitors of take().
+class Io {
+public:
+  Io(Bus &bus, Host &host, Status &status, IoOptions options);
+
+  // Sends one sample. Of a device's sample the device fills frame (its own count, or one up per sample), device_time_ns
+  // (its own clock; the time of arrival where it has none) and period_ns; the frame fills device, maps device_time_ns
+  // to this host's clock, and fills sent_time_ns. arrival_ns: when the bytes came, by now_ns(); 0 stands for now.
+  // False when the sample was dropped: out of step with the device's clock, or refused by DDS. Both are counted.
+  template <class T> bool publish(T sample, std::int64_t arrival_ns = 0) {
+    if constexpr (DeviceSample<T>) {
+      std::int64_t period_ns = 0;
+      if constexpr (requires { sample.period_ns; }) {
+        period_ns = sample.period_ns;
+      }
+      if (!stamp(wire::Topic<T>::kName, {sample.device, sample.device_time_ns, sample.sent_time_ns}, period_ns,
+                 arrival_ns)) {
+        return false;
+      }
+    }
+    return write(wire::Topic<T>::kName, &sample);
+  }
+
+  // visit(const T &) for every sample that has arrived since the last call.
+  template <class T, class Visit> void take(Visit &&visit) {
+    bus_->take(wire::Topic<T>::kName, [&visit](const void *sample) { visit(*static_cast<const T *>(sample)); });
+  }
+
+  // Readers of a topic that the device writes, writers of a topic that it takes.
+  template <class T> [[nodiscard]] std::uint32_t matched() const { return bus_->matched(wire::Topic<T>::kName); }
+
+  // Input that the protocol cannot read was skipped. Counted; the latest reason is reported once per second.
+  void skipped(std::uint64_t count, std::string_view reason);
+
+  [[nodiscard]] std::int64_t now_ns() const { return host_->now_ns(); }
+  [[nodiscard]] bool wait_until(std::int64_t time_ns) { return host_->wait_until(time_ns); }
+  [[nodiscard]] bool stopping() const { return host_->stopping(); }
+
+  // For the loop: the device's clock may be another one now.
+  void start_connection();
+
+private:
+  struct Stamps {
+    wire::Name &device;
+    std::int64_t &device_time_ns;
+    std::int64_t &sent_time_ns;
+  };
+  [[nodiscard]] bool stamp(std::string_view topic, Stamps sample, std::int64_t period_ns, std::int64_t arrival_ns);
+  [[nodiscard]] bool write(std::string_view topic, const void *sample);
+
+  Bus *bus_;
+  Host *host_;
+  Status *status_;
+  IoOptions options_;
+  std::map<std::string_view, base::DeviceClock> clocks_; // by topic: each must be in step with itself
+};
+
+} // namespace bregma::driver

@@ -1,0 +1,30 @@
+// The real host: its clock, and a stop that wakes the thread that waits.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+
+#include "drivers/frame/io.hpp"
+
+namespace bregma::driver {
+
+class SystemHost final : public Host {
+public:
+  SystemHost(); // throws std::system_error when the process has no file descriptor left
+  ~SystemHost() override;
+  SystemHost(const SystemHost &) = delete;
+  SystemHost &operator=(const SystemHost &) = delete;
+
+  [[nodiscard]] std::int64_t now_ns() const override;
+  [[nodiscard]] bool wait_until(std::int64_t time_ns) override;
+  [[nodiscard]] bool stopping() const override { return stopping_.load(std::memory_order_acquire); }
+
+  void stop() noexcept;
+
+private:
+  std::int64_t utc_ahead_ns_; // UTC minus monotonic time, at the start
+  std::atomic<bool> stopping_{false};
+  int wake_; // readable once stop() was called
+};
+
+} // namespace bregma::driver

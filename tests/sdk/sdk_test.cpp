@@ -1,0 +1,212 @@
+// The package, as another project sees it: installed into a folder of its own; a driver and a client are built from the
+// installed examples, outside the tree, and run against the installed daemon.
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "tests/support/force_lines.hpp"
+#include "tests/support/process.hpp"
+#include "tests/support/tcp_device.hpp"
+#include "tests/unit/cli/temporary_folder.hpp"
+
+namespace bregma::test {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+std::string read_file(const fs::path &file) {
+  std::ifstream stream(file);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+bool holds(const std::string &text, const std::string &part) { return text.find(part) != std::string::npos; }
+
+// The force sensor: 200 lines per second, of which every tenth has a wrong checksum.
+class ForceSensor {
+public:
+  ForceSensor()
+      : thread_([this] {
+          while (!stop_) {
+            if (device_.accept(100ms)) {
+              while (!stop_ && device_.send(next_line())) {
+                std::this_thread::sleep_for(5ms);
+              }
+            }
+          }
+        }) {}
+  ~ForceSensor() {
+    stop_ = true;
+    thread_.join();
+  }
+  ForceSensor(const ForceSensor &) = delete;
+  ForceSensor &operator=(const ForceSensor &) = delete;
+  [[nodiscard]] std::string address() const { return device_.address(); }
+
+private:
+  std::string next_line() {
+    const auto time_us =
+        std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now() - start_);
+    std::string line =
+        force_line_of("FRC," + std::to_string(count_) + "," + std::to_string(time_us.count()) + ",100,-200,300");
+    if (++count_ % 10 == 0) {
+      line.back() = line.back() == '0' ? '1' : '0';
+    }
+    return line + "\r\n";
+  }
+
+  TcpDevice device_;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  std::uint64_t count_ = 0;
+  std::atomic<bool> stop_{false};
+  std::thread thread_; // last: it uses the others
+};
+
+class Sdk : public testing::Test {
+protected:
+  static void SetUpTestSuite() {
+    folder_ = new TemporaryFolder;
+    run("cmake --install '" BREGMA_BINARY_DIR "' --prefix '" + prefix().string() + "'");
+    for (const char *example : {"new_driver", "new_client"}) {
+      const std::string build = (*folder_ / example).string();
+      run("cmake -G Ninja -DCMAKE_BUILD_TYPE=Release -DCMAKE_PREFIX_PATH='" + prefix().string() + "' -B '" + build +
+          "' '" + (doc() / "examples" / example).string() + "' && cmake --build '" + build + "'");
+    }
+  }
+  static void TearDownTestSuite() {
+    delete folder_;
+    folder_ = nullptr;
+  }
+  void SetUp() override { ASSERT_EQ(failed_, "") << read_file(log("build")); }
+
+  static fs::path prefix() { return *folder_ / "prefix"; }
+  static fs::path doc() { return prefix() / "share/doc/bregma"; }
+  static fs::path log(const std::string &name) { return *folder_ / (name + ".log").c_str(); }
+  static std::string program(const char *name) { return (prefix() / "bin" / name).string(); }
+  static std::string example(const char *folder, const char *name) { return (*folder_ / folder / name).string(); }
+
+private:
+  static void run(const std::string &command) {
+    const std::string whole = "(" + command + ") >>'" + log("build").string() + "' 2>&1 </dev/null";
+    if (failed_.empty() && std::system(whole.c_str()) != 0) { // NOLINT(bugprone-command-processor,cert-env33-c)
+      failed_ = command;
+    }
+  }
+  static TemporaryFolder *folder_;
+  static std::string failed_;
+};
+
+TemporaryFolder *Sdk::folder_ = nullptr;
+std::string Sdk::failed_;
+
+TEST_F(Sdk, EverythingIsInItsPlace) {
+  for (const char *file :
+       {"bin/bregma", "bin/bregmad", "bin/bregma-sim-room", "include/bregma/idl/dds.hpp",
+        "include/bregma/algorithms/geometry/rigid3.hpp", "include/bregma/drivers/frame/program.hpp",
+        "share/bregma/idl/streams.idl", "share/bregma/cyclonedds-local.xml", "share/bregma/bregma-limits.conf",
+        "share/doc/bregma/LICENSE", "share/doc/bregma/docs/new-driver.md", "lib/sysusers.d/bregma.conf",
+        "share/man/man1/bregmad.1", "share/man/man1/bregma-sim-room.1", "share/zsh/site-functions/_bregma"}) {
+    EXPECT_TRUE(fs::is_regular_file(prefix() / file)) << file;
+  }
+  const std::string unit = read_file(prefix() / "lib/systemd/system/bregmad.service");
+  EXPECT_TRUE(holds(unit, "ExecStart=" + program("bregmad") + " --config")) << unit;
+  Process doctor({program("bregmad"), "--config", (prefix() / "share/bregma/bregmad.toml").string(), "--print-config"},
+                 log("config").string());
+  EXPECT_EQ(doctor.wait(30.0), 0) << doctor.log();
+}
+
+// The pages are made from --help when the package is installed; this asks whether nothing was lost on the way.
+TEST_F(Sdk, TheManualSaysWhatHelpSays) {
+  const std::string page = read_file(prefix() / "share/man/man1/bregma-register-points.1");
+  EXPECT_TRUE(holds(page, ".TH BREGMA-REGISTER-POINTS \"1\"")) << page;
+  for (const char *command : {"bregma register points", "bregma watch", "bregmad", "bregma-sim-room"}) {
+    std::vector<std::string> words;
+    std::istringstream stream(command);
+    std::string name;
+    for (std::string word; stream >> word;) {
+      words.push_back(words.empty() ? program(word.c_str()) : word);
+      name += (name.empty() ? "" : "-") + word;
+    }
+    words.emplace_back("--help");
+    Process help(words, log("help-" + name).string());
+    ASSERT_EQ(help.wait(30.0), 0) << command;
+    const std::string manual = read_file(prefix() / ("share/man/man1/" + name + ".1"));
+    std::istringstream lines(help.log());
+    int options = 0;
+    for (std::string line; std::getline(lines, line);) {
+      if (const std::size_t dashes = line.find("--"); dashes != std::string::npos && line.starts_with("  -")) {
+        std::string option = line.substr(dashes + 2, line.find_first_of(" =", dashes + 2) - dashes - 2);
+        for (std::size_t at = 0; (at = option.find('-', at)) != std::string::npos; at += 2) {
+          option.replace(at, 1, "\\-"); // as troff writes it
+        }
+        EXPECT_TRUE(holds(manual, "\\-\\-" + option)) << name << ": --" << option;
+        ++options;
+      }
+    }
+    EXPECT_GE(options, 3) << command;
+  }
+}
+
+TEST_F(Sdk, BashCompletesTheCommands) {
+  const std::string script = (prefix() / "share/bash-completion/completions/bregma").string();
+  Process shell({"/bin/bash", "-c",
+                 "source '" + script +
+                     "' && COMP_WORDS=(bregma reg) COMP_CWORD=1 && _bregma && echo \"completed ${COMPREPLY[*]}\""},
+                log("completion").string());
+  EXPECT_EQ(shell.wait(30.0), 0) << shell.log();
+  EXPECT_EQ(shell.log(), "completed register\n");
+}
+
+TEST_F(Sdk, AnExampleDriverAndAnExampleClientWorkWithTheInstalledDaemon) {
+  const std::string domain = std::to_string(100 + getpid() % 100);
+  const fs::path state = log("state").replace_extension();
+  Process daemon({program("bregmad"), "--set", "domain_id=" + domain, "--set", "state.directory=" + state.string()},
+                 log("bregmad").string());
+  ForceSensor sensor;
+  Process driver({example("new_driver", "my-force"), "--domain", domain, "--set", "address=" + sensor.address()},
+                 log("my-force").string());
+  Process client({example("new_client", "my-client"), domain, "60"}, log("my-client").string());
+  const auto end = std::chrono::steady_clock::now() + 50s; // bounds a hang, measures nothing
+  while (!holds(client.log(), "Force: live") && std::chrono::steady_clock::now() < end) {
+    std::this_thread::sleep_for(100ms);
+  }
+  EXPECT_TRUE(holds(client.log(), "Force: live")) << client.log() << driver.log() << daemon.log();
+  driver.signal(SIGTERM);
+  EXPECT_EQ(driver.wait(20.0), 0) << driver.log();
+  EXPECT_TRUE(holds(driver.log(), "unreadable (last: wrong checksum)")) << driver.log();
+  daemon.signal(SIGTERM);
+  EXPECT_EQ(daemon.wait(20.0), 0) << daemon.log();
+}
+
+TEST_F(Sdk, TheExamplesSayHowTheyAreUsed) {
+  Process help({example("new_driver", "my-force"), "--help"}, log("force-help").string());
+  EXPECT_EQ(help.wait(30.0), 0);
+  EXPECT_TRUE(holds(help.log(), "Examples:\n  my-force --set address=serial:///dev/ttyUSB0")) << help.log();
+  Process wrong({example("new_driver", "my-force"), "--set", "address=ttyUSB0"}, log("force-wrong").string());
+  EXPECT_EQ(wrong.wait(30.0), 2);
+  EXPECT_TRUE(holds(wrong.log(), "address = ttyUSB0: must be tcp://HOST:PORT or serial:///DEVICE?baud=N"))
+      << wrong.log();
+  Process client({example("new_client", "my-client")}, log("client-wrong").string());
+  EXPECT_EQ(client.wait(30.0), 2);
+}
+
+// The first line is what a foreign program needs to be heard at all.
+TEST_F(Sdk, ThePageOnDriversBeginsWithTheSettingsOfCyclone) {
+  const std::string page = read_file(doc() / "docs/new-driver.md");
+  EXPECT_TRUE(holds(page.substr(0, page.find('\n')), "CYCLONEDDS_URI=file:///usr/share/bregma/cyclonedds-local.xml"));
+}
+
+} // namespace
+} // namespace bregma::test

@@ -1,0 +1,20 @@
+// The bytes that the force sensor of examples/new_driver sends; written apart from the parser that reads them.
+#pragma once
+
+#include <cstdio>
+#include <string>
+
+namespace bregma::test {
+
+// Without the line's end.
+inline std::string force_line_of(const std::string &content) {
+  int sum = 0;
+  for (const unsigned char c : content) {
+    sum ^= c;
+  }
+  char digits[8];
+  (void)std::snprintf(digits, sizeof digits, "*%02X", static_cast<unsigned>(sum));
+  return "$" + content + digits;
+}
+
+} // namespace bregma::test

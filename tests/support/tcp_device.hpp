@@ -1,0 +1,72 @@
+// A device at the other end of a TCP connection: listens on a free port of the loopback interface and sends what the
+// test says.
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+namespace bregma::test {
+
+class TcpDevice {
+public:
+  TcpDevice() : listener_(socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof address;
+    if (bind(listener_, reinterpret_cast<const sockaddr *>(&address), size) != 0 || listen(listener_, 1) != 0 ||
+        getsockname(listener_, reinterpret_cast<sockaddr *>(&address), &size) != 0) {
+      throw std::runtime_error("cannot listen on the loopback interface");
+    }
+    port_ = ntohs(address.sin_port);
+  }
+  ~TcpDevice() {
+    hang_up();
+    close(listener_);
+  }
+  TcpDevice(const TcpDevice &) = delete;
+  TcpDevice &operator=(const TcpDevice &) = delete;
+
+  [[nodiscard]] std::string address() const { return "tcp://127.0.0.1:" + std::to_string(port_); }
+
+  // True when a driver has connected within the time. A driver that was there before is hung up on.
+  bool accept(std::chrono::milliseconds timeout = std::chrono::seconds(10)) {
+    hang_up();
+    pollfd waiting{listener_, POLLIN, 0};
+    if (poll(&waiting, 1, static_cast<int>(timeout.count())) == 1) {
+      connection_ = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
+    }
+    return connection_ >= 0;
+  }
+  // False when the driver has gone.
+  bool send(std::string_view bytes) const {
+    return ::send(connection_, bytes.data(), bytes.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(bytes.size());
+  }
+  [[nodiscard]] std::string receive(std::size_t size) const {
+    std::string out(size, '\0');
+    out.resize(static_cast<std::size_t>(std::max<ssize_t>(recv(connection_, out.data(), size, MSG_WAITALL), 0)));
+    return out;
+  }
+  void hang_up() {
+    if (connection_ >= 0) {
+      close(connection_);
+    }
+    connection_ = -1;
+  }
+
+private:
+  int listener_;
+  int connection_ = -1;
+  std::uint16_t port_ = 0;
+};
+
+} // namespace bregma::test
