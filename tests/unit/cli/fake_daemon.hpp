@@ -40,6 +40,7 @@ private:
     const dds::Writer<wire::CommandReply> replies(participant);
     wire::Alarm alarm{};
     (void)wire::set_name(alarm.kind, "drift");
+    alarm.state = bregma_wire_ALARM_RAISED;
     (void)alarms.write(alarm);
     for (const char *tool : {"Probe", "Stylus"}) {
       wire::NavigationState state{};

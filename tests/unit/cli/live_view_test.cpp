@@ -100,6 +100,7 @@ wire::DeformationState dented() {
   wire::DeformationState state{};
   EXPECT_TRUE(wire::set_name(state.point, "Deep"));
   state.time_ns = kNow_ns - 20 * kMs;
+  state.kind = bregma_wire_FOLLOWED_TARGET;
   state.status = bregma_wire_DEFORMATION_VALID;
   state.phase = bregma_wire_PROBE_INDENTATION;
   state.imaged_mm[0] = 10.0;

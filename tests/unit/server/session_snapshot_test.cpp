@@ -157,9 +157,11 @@ TEST(Snapshot, ADamagedFileIsKeptAsideWithTheReason) {
   };
   const std::string name = file.path().string();
   EXPECT_EQ(load_text(R"({"bregma_session":9,"crc32":"00000000","session":{}})"),
-            name + ": bregma_session = 9: this program reads version 1");
-  EXPECT_EQ(load_text(R"({"bregma_session":1,"crc32":"00000000","session":{}})"),
+            name + ": bregma_session = 9: this program reads version 2");
+  EXPECT_EQ(load_text(R"({"bregma_session":2,"crc32":"00000000","session":{}})"),
             name + ": crc32 = \"00000000\": the content has \"a3a6bf43\", the file is damaged");
+  EXPECT_EQ(load_text(R"({"bregma_session":1,"crc32":"00000000","session":{}})"),
+            name + ": bregma_session = 1: this program reads version 2");
   EXPECT_NE(load_text("{").find(name + ": not a session that can be read: "), std::string::npos);
   const auto none = file.load();
   ASSERT_TRUE(none);

@@ -101,7 +101,7 @@ TEST(InputGuard, ConfigurationErrorsSayWhatIsWrong) {
   EXPECT_EQ(message({"An optical tracker with a name too long"}),
             "device name 'An optical tracker with a name too long': must have 1 to 31 bytes");
   EXPECT_EQ(message({""}), "device name '': must have 1 to 31 bytes");
-  EXPECT_EQ(message(std::vector<std::string>(17, "T")), "more than 16 devices for topic TrackerFrame");
+  EXPECT_EQ(message(std::vector<std::string>(33, "T")), "more than 32 devices for topic TrackerFrame");
 }
 
 TEST(InputGuard, ToolsAreThoseOfTheCase) {
