@@ -47,8 +47,8 @@ std::string wire_text(const Snapshot &snapshot) {
   const wire::WireVersion daemon{health.wire_generation, health.wire_revision};
   std::string out = "Wire " + wire::text_of(daemon);
   out += daemon == wire::kWireVersion ? "" : ", this program " + wire::text_of(wire::kWireVersion);
-  out += health.other_wire > 0 ? ", " + std::to_string(health.other_wire) + " participants of another wire" : "";
-  return out + (snapshot.other_wire.empty() ? "\n" : ": " + snapshot.other_wire + "\n");
+  out += health.other_wire > 0 ? ", participants of another wire: " + std::to_string(health.other_wire) : "";
+  return out + (snapshot.other_wire.empty() ? "\n" : "; " + snapshot.other_wire + "\n");
 }
 
 std::string registration_text(const Snapshot &snapshot) {
