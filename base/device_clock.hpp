@@ -2,9 +2,8 @@
 //
 // A sample arrives at  host = device + offset + drift * device + latency,  latency >= the path's minimum. Latency only
 // ever adds, so the line that supports the points (device, host - device) from below is the clocks' relation plus the
-// minimum latency (Moon, Skelly & Towsley, "Estimation and removal of clock skew from network delay measurements",
-// INFOCOM 1999, by its linear programme; here on the lowest point of each block of time, so that work and memory are
-// bounded). The minimum itself cannot be observed: it is stated by whoever knows the device, and taken off.
+// minimum latency [Moon 1999]. Its linear programme is solved here on the lowest point of each block of time, so that
+// work and memory are bounded. The minimum itself cannot be observed: it is a parameter of the device, and subtracted.
 //
 // A latency that rises and stays is not told from a clock that was set back: the age is then overstated for the length
 // of the window, never understated.

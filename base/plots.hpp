@@ -9,7 +9,7 @@
 
 namespace bregma::base {
 
-namespace colour { // told apart also by those who confuse red and green (Okabe & Ito 2008)
+namespace colour { // distinguishable with red-green colour blindness [Okabe 2008]
 inline constexpr const char *kBlue = "#0072b2";
 inline constexpr const char *kOrange = "#d55e00";
 inline constexpr const char *kGreen = "#009e73";

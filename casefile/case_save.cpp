@@ -66,7 +66,7 @@ std::string tool_text(const ToolModel &tool) {
 }
 
 std::string limits_text(const Limits &limits) {
-  return "\n# 1-sigma errors a coordinate, and what a registration has to keep.\n[limits]\nfle_image_mm = " +
+  return "\n# 1-sigma errors per coordinate, and limits of a registration.\n[limits]\nfle_image_mm = " +
          number(limits.fle_image_mm) + "\nfle_touch_mm = " + number(limits.fle_touch_mm) +
          "\nsurface_sigma_mm = " + number(limits.surface_sigma_mm) +
          "\nlandmark_sigma_mm = " + number(limits.landmark_sigma_mm) +

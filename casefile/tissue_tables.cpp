@@ -94,7 +94,7 @@ CraniotomyPlan read_craniotomy(base::TableReader &reader) {
   plan.trajectory = reader.string("trajectory", "");
   plan.centre_mm = reader.vector3("centre_mm", plan.centre_mm);
   if (reader.has("trajectory") == reader.has("centre_mm")) {
-    reader.refuse("centre_mm", "either this or trajectory says where the craniotomy is");
+    reader.refuse("centre_mm", "give either centre_mm or trajectory");
   } else if (reader.has("trajectory") && plan.trajectory.empty()) {
     reader.refuse("trajectory", "must be the name of a trajectory");
   }
@@ -125,7 +125,7 @@ std::string tissue_tables_text(const Case &c) {
     out += c.craniotomy->radius_mm ? line("radius_mm", *c.craniotomy->radius_mm) : "";
   }
   if (c.tissue) {
-    out += "\n# What the tissue model takes the brain for.\n[tissue]\n" + line("material", c.tissue->material);
+    out += "\n# Material of the brain in the tissue model.\n[tissue]\n" + line("material", c.tissue->material);
     for (const Override &known : kOverrides) {
       const std::optional<double> &value = (*c.tissue).*known.value;
       out += value ? line(known.key, *value) : "";

@@ -198,10 +198,10 @@ private:
   std::vector<double> weights_;
 };
 
-// Ranges of the rotation vectors about the mean rotation, along the axes on which they vary most, widest first. The
-// outer 1 % at each end are left out: a single wrong pose is no rotation.
+// Ranges of the rotation vectors about the mean rotation, along their principal axes, widest first. The outer 1 % at
+// each end are left out: a single wrong pose must not count as rotation.
 std::array<double, 2> rotation_ranges(std::span<const PivotPose> poses) {
-  // Mean rotation: the eigenvector of the largest eigenvalue of sum q q' (Markley 2007).
+  // Mean rotation: the eigenvector of the largest eigenvalue of sum q q' [Markley 2007].
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
   for (const PivotPose &pose : poses) {
     const Eigen::Vector4d q = pose.T_fixed_tool.rotation().coeffs();

@@ -49,8 +49,8 @@ void DriftMonitor::open_onset() noexcept {
   onsets_[static_cast<std::size_t>(onset_count_++)] = Onset{};
 }
 
-// One step of the filter without drift, and of every hypothesis: Willsky & Jones 1976, eqs. (11)-(17), for a state that
-// does not change between observations.
+// One step of the filter without drift, and of every hypothesis, for a state that does not change between observations
+// [Willsky 1976, eqs. 11-17].
 template <int Rows>
 void DriftMonitor::update(const Eigen::Matrix<double, Rows, kMaxState> &H,
                           const Eigen::Matrix<double, Rows, 3> &shift_part,
@@ -145,7 +145,7 @@ void DriftMonitor::add_surface_residual(const Vector3d &point_mm, double signed_
 double DriftMonitor::check_limit_95_mm(const CheckTouch &touch) const noexcept {
   const geometry::Matrix36d J = geometry::point_jacobian(touch.landmark_mm);
   const Matrix3d C = J * registration_covariance_ * J.transpose() + touch.landmark_covariance + touch.touch_covariance;
-  // The squared length is like g times a chi-square of h degrees of freedom (Satterthwaite 1946).
+  // The squared length is about g times a chi-square of h degrees of freedom [Satterthwaite 1946].
   const double mean = C.trace();
   const double g = C.squaredNorm() / mean;
   const double h = mean / g;

@@ -71,14 +71,13 @@ void describe(const RegistrationResult &result, const RegistrationOptions &optio
     break;
   }
   case Refusal::kFreTooLarge:
-    std::snprintf(
-        out.data(), out.size(),
-        "FRE is %.2f mm where the stated errors give %.2f mm, and it cannot be told which fiducials are wrong: "
-        "touch them again",
-        result.fre_mm, result.fre_expected_mm);
+    std::snprintf(out.data(), out.size(),
+                  "FRE is %.2f mm where the stated errors give %.2f mm, and the wrong fiducials cannot be identified: "
+                  "touch them again",
+                  result.fre_mm, result.fre_expected_mm);
     break;
   case Refusal::kNotConverged:
-    std::snprintf(out.data(), out.size(), "the estimate did not settle in %d iterations", options.max_iterations);
+    std::snprintf(out.data(), out.size(), "the estimate did not converge in %d iterations", options.max_iterations);
     break;
   }
 }

@@ -66,7 +66,7 @@ bool segment_meets_box(const Vector3d &low, const Vector3d &high, const Vector3d
   return enter <= leave * (1.0 + 1e-12);
 }
 
-// Moeller & Trumbore 1997, without culling.
+// [Moeller 1997], without culling.
 bool segment_meets_triangle(const Vector3d &a, const Vector3d &b, const Vector3d &c, const Vector3d &from,
                             const Vector3d &along) noexcept {
   const Vector3d ab = b - a;
@@ -180,7 +180,7 @@ void SurfaceModel::build_normals(const TriangleMesh &mesh) {
   }
 }
 
-// Ericson 2005, section 5.1.5: by the Voronoi regions of the corners, edges and the face.
+// [Ericson 2005, section 5.1.5]: by the Voronoi regions of the corners, edges and the face.
 SurfaceModel::Closest SurfaceModel::closest_on_triangle(const Corners &t, const Vector3d &p) noexcept {
   const Vector3d ab = t.b - t.a;
   const Vector3d ac = t.c - t.a;

@@ -29,7 +29,7 @@ struct Trace {
 
   [[nodiscard]] double rmse_mm(const PairedPose &estimate) const { return rmse_mm(estimate, true_mm); }
   [[nodiscard]] double rmse_mm(const PairedPose &estimate, const std::vector<Vector3d> &at_mm) const;
-  // Seed 002, equation (1): how far the end of a 100 mm line along x diverges under the rotation's error.
+  // [NeuroGuide, eq. 1]: displacement of the end of a 100 mm line along x by the rotation's error.
   [[nodiscard]] double error_at_10cm_mm(const PairedPose &estimate) const;
 };
 

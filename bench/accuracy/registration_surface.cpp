@@ -98,10 +98,10 @@ constexpr std::array<Row, 15> kTable{
      {14, 3, Noise::kAll, 60, 9.1, 7},
      {15, 3, Noise::kDepth, 30, std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()}}};
 
-// Seed 002, table 1: random subsets of the face's vertices, from arbitrary start poses. RMSE over all of the face.
+// [NeuroGuide, table 1]: random subsets of the face's vertices, from arbitrary start poses. RMSE over all of the face.
 void paper_table(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   report.note(
-      format("seed 002, table 1: %d seeds a row from %u, start anywhere in SO(3) and 200 mm; row 15 is not in the "
+      format("NeuroGuide, table 1: %d seeds per row from %u, start anywhere in SO(3) and 200 mm; row 15 is not in the "
              "paper. RMSE over the face's 3,000 true points, median and largest; floor: local from the truth",
              runs, kSurfaceSeed));
   report.note(" #  noise mm axis points | paper RMSE E10cm |  RMSE   max  floor E10cm | found % wrong");

@@ -1,8 +1,9 @@
 // Brain shift on the case's brain: time, plausibility, picture. The skull is open by 30 mm around the entry of the
-// case's first trajectory, and the fluid has run out to the opening's lowest edge.
+// case's first trajectory, and the fluid has drained to the opening's lowest edge.
 //
-// The limits are what the thesis (seed 000, chapter 1) reports of operations: 10 to 25 mm at the surface, 6 to 7 mm
-// deep in the brain. They are figures of patients, not of this head: a model is plausible within them, not verified.
+// The limits are the upper ends of the ranges that [thesis, chapter 1] reports of operations: 10 to 25 mm at the
+// surface, 6 to 7 mm in depth. They are figures of patients, not of this head. Staying below them makes the model
+// plausible, not verified; the lower ends are not tested.
 #include <chrono>
 #include <cstdio>
 #include <filesystem>

@@ -20,7 +20,7 @@ struct ShiftLevel {
   double up_to_mm;
   const char *colour;
 };
-// ColorBrewer YlGnBu: told apart in grey as well.
+// [ColorBrewer] YlGnBu: distinguishable in greyscale too.
 constexpr std::array<ShiftLevel, 8> kShiftLevels = {{{1, "#ffffd9"},
                                                      {2, "#edf8b1"},
                                                      {4, "#c7e9b4"},

@@ -1,4 +1,4 @@
-// The thesis' own set-up (seed 000, section 6.3) in the plane: docs/tissue_plane.md.
+// The set-up of [thesis, section 6.3] in the plane: docs/tissue_plane.md.
 #pragma once
 
 #include <string>

@@ -95,7 +95,7 @@ Parsed<RawSurface> parse_gifti(std::string_view content) {
     return tl::unexpected(document.error());
   }
   if (document->name != "GIFTI") {
-    return wrong_line(document->line, quoted(document->name) + " stands where GIFTI must");
+    return wrong_line(document->line, quoted(document->name) + " where GIFTI is expected");
   }
   RawSurface out;
   out.format = "GIFTI";

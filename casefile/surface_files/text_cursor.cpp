@@ -67,7 +67,7 @@ Parsed<std::size_t> TextCursor::count(const std::string &what, std::size_t min_b
     return wrong_line(line_, what + " = " + quoted(text) + ": must be a whole number");
   }
   if (*value > left() / min_bytes_each) {
-    return wrong_line(line_, what + " = " + std::string(text) + ": the file is too short for so many");
+    return wrong_line(line_, what + " = " + std::string(text) + ": the file is too short for this number");
   }
   return *value;
 }

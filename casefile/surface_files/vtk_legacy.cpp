@@ -52,11 +52,11 @@ public:
     surface_.format = "VTK";
     const std::string_view encoding = cursor_.word();
     if (encoding != "ASCII" && encoding != "BINARY") {
-      return wrong_line(cursor_.line(), quoted(encoding) + " stands where ASCII or BINARY must");
+      return wrong_line(cursor_.line(), quoted(encoding) + " where ASCII or BINARY is expected");
     }
     binary_ = encoding == "BINARY";
     if (const auto word = cursor_.word(); word != "DATASET") {
-      return wrong_line(cursor_.line(), quoted(word) + " stands where DATASET must");
+      return wrong_line(cursor_.line(), quoted(word) + " where DATASET is expected");
     }
     if (const auto kind = cursor_.word(); kind != "POLYDATA") {
       return wrong_line(cursor_.line(), "the dataset is " + quoted(kind) + ", only POLYDATA is read");
@@ -190,7 +190,7 @@ private:
         return tl::unexpected(offsets.error());
       }
       if (const auto word = cursor_.word(); word != "CONNECTIVITY") {
-        return wrong_line(cursor_.line(), quoted(word) + " stands where CONNECTIVITY must");
+        return wrong_line(cursor_.line(), quoted(word) + " where CONNECTIVITY is expected");
       }
       const auto corner_type = type();
       const auto corners =

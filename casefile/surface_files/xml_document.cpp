@@ -25,7 +25,7 @@ struct TreeBuilder {
   static void start(void *self, const char *name, const char **attributes) {
     auto &builder = *static_cast<TreeBuilder *>(self);
     if (builder.open.size() == kDeepest) {
-      builder.stop("elements lie more than 64 deep in each other");
+      builder.stop("elements are nested more than 64 deep");
       return;
     }
     XmlElement element;

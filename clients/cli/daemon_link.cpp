@@ -135,7 +135,8 @@ Result<void> DaemonLink::wait_for_daemon(Duration timeout) {
     }
     if (Clock::now() >= end) {
       if (const auto quiet = silence(utc_now_ns()); quiet && health_.matched_writers() > 0) {
-        return failure("bregmad on domain " + std::to_string(domain_) + " hangs: it last spoke " +
+        return failure("bregmad on domain " + std::to_string(domain_) +
+                       " does not respond: its last message was sent " +
                        seconds_text(std::chrono::duration_cast<std::chrono::seconds>(*quiet)) + " ago");
       }
       return tl::unexpected(no_daemon());
@@ -163,7 +164,7 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
     }
     if (Clock::now() >= end) {
       return failure("bregmad on domain " + std::to_string(domain_) + " did not reply within " + seconds_text(timeout) +
-                     "; whether it carried the command out is not known");
+                     "; it is not known whether it carried out the command");
     }
     (void)update(20ms);
   }

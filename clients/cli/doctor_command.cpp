@@ -142,11 +142,11 @@ int run_doctor(const DoctorOptions &options, const Context &context) {
 
 void add_doctor_command(CLI::App &app, Context &context) {
   auto options = std::make_shared<DoctorOptions>();
-  auto *command = app.add_subcommand("doctor", "Says whether this machine can keep the rates, and what to set");
+  auto *command = app.add_subcommand("doctor", "Checks whether this machine can keep the rates, and what to set");
   command->add_flag("--quick", options->quick, "Measure for half a second each");
   command->add_option("--state", options->state_directory, "Directory whose disk is measured (default: the daemon's)");
   add_json_flag(*command, context);
-  command->footer("Run it on the machine and as the user of the daemon, without other load. Sets nothing.\n"
+  command->footer("Run it on the daemon's machine, as its user, without other load. It changes no settings.\n"
                   "Exit code 1 when something is bad.\n\nExamples:\n  bregma doctor\n  bregma doctor --quick --json");
   command->callback(
       [options, &context] { context.run = [options, &context] { return run_doctor(*options, context); }; });

@@ -70,7 +70,7 @@ std::string stale_text(const DaemonView &daemon, std::int64_t published_ns, std:
   }
   const std::int64_t silent_ns = now_ns - published_ns;
   return silent_ns < kToolSilent_ns ? std::string()
-                                    : "no news for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+                                    : "no data for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
 }
 
 ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns) {

@@ -41,7 +41,7 @@ int run(int argc, char **argv) {
   app.set_version_flag("--version", std::string("bregma ") + BREGMA_VERSION);
   app.require_subcommand(1);
   app.footer("Every command has --help with examples, and --json.\n"
-             "Exit codes: 0 done, 1 the answer is no (refused, limit not held), 2 it could not run.");
+             "Exit codes: 0 done; 1 negative result (refused, limit exceeded); 2 the command could not run.");
   Context context;
   for (const auto add : kCommands) {
     add(app, context);

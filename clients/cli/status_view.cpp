@@ -53,7 +53,7 @@ std::string wire_text(const Snapshot &snapshot) {
 
 std::string registration_text(const Snapshot &snapshot) {
   if (!snapshot.registration) {
-    return "Registration  no news\n";
+    return "Registration  no data\n";
   }
   const auto &state = *snapshot.registration;
   std::string out = "Registration  " + std::string(registration_label(state.status));
@@ -67,7 +67,7 @@ std::string registration_text(const Snapshot &snapshot) {
          " surface points\n";
   if (std::isfinite(state.fre_mm)) {
     out += "  FRE " + fixed(state.fre_mm, 2, "mm") +
-           ": how well the fiducials agree, not how well the target is hit; surface RMS " +
+           ": consistency of the fiducials, not the error at the target; surface RMS " +
            fixed(state.surface_rms_mm, 2, "mm") + "\n";
   }
   return out;
@@ -116,7 +116,7 @@ std::string devices_text(const wire::SystemHealth &health, std::int64_t now_ns) 
     }
   }
   if (health.unknown_device_samples > 0) {
-    reasons += "  " + std::to_string(health.unknown_device_samples) + " samples of devices that nobody configured\n";
+    reasons += "  " + std::to_string(health.unknown_device_samples) + " samples of devices that are not configured\n";
   }
   return (table.empty() ? "Devices  none\n" : table.text()) + reasons;
 }
@@ -197,7 +197,7 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
   out += ", " + case_text(health) + ", up " +
          duration_text(static_cast<double>(health.time_ns - health.started_time_ns) * 1e-9) + "\n";
   if (daemon.presence != Presence::kAlive) {
-    out += "THIS IS NOT THE PRESENT: what follows is the last word of a daemon that no longer speaks.\n";
+    out += "NOT CURRENT: these are the last values of a daemon that is silent.\n";
   }
   out += wire_text(snapshot);
   out += "\n" + registration_text(snapshot) + accuracy_text(snapshot) + "\n";

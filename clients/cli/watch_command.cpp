@@ -167,12 +167,12 @@ int watch(const WatchOptions &options, const Context &context) {
 
 void add_watch_command(CLI::App &app, Context &context) {
   auto options = std::make_shared<WatchOptions>();
-  auto *command = app.add_subcommand("watch", "Shows session, tools and alarms as they change");
+  auto *command = app.add_subcommand("watch", "Shows session, tools and alarms continuously");
   command->add_option("--tool", options->tool, "Only this tool");
-  command->add_option("--rate", options->rate_hz, "Drawings (with --json: objects) a second")
+  command->add_option("--rate", options->rate_hz, "Redraws (with --json: objects) per second")
       ->check(CLI::Range(0.1, 100.0))
       ->capture_default_str();
-  command->add_option("--wait", options->wait_s, "Seconds to wait for a daemon that is not there yet")
+  command->add_option("--wait", options->wait_s, "Seconds to wait for a daemon that has not started yet")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
   command->add_flag("--until-end", options->until_end, "End when the daemon has stopped or its case was closed");
@@ -180,8 +180,8 @@ void add_watch_command(CLI::App &app, Context &context) {
   add_json_flag(*command, context);
   add_domain_option(*command, context);
   command->footer(
-      "On a terminal a table that is redrawn; into a pipe one line a second; with --json one object a line.\n"
-      "A figure that is not the present is shown as \"-\" (null in JSON).\n\n"
+      "On a terminal: a table that is redrawn. Into a pipe: one line per second. With --json: one object per line.\n"
+      "A value that is not current is shown as \"-\" (null in JSON).\n\n"
       "Examples:\n"
       "  bregma watch --tool Probe\n"
       "  bregma watch --json --rate 2 --until-end > run.jsonl");

@@ -35,7 +35,7 @@ Session::Impl::Impl(SessionConfig config, SessionPorts &ports, Executor executor
 
 void Session::Impl::handle(const wire::Command &command) {
   if (!wire::is_terminated(command.client) || wire::view(command.client).empty()) {
-    ports_.log("a command without a client's name was dropped: nobody can be answered");
+    ports_.log("a command without a client's name was dropped: there is no client to answer");
     return;
   }
   if (!wire::view(command.receiver).empty() && wire::view(command.receiver) != wire::kDaemonName) {
@@ -155,7 +155,7 @@ void Session::Impl::on_condition(const AlarmCondition &condition) {
     unsaved_ = true;
     if (machine_.demote()) {
       this->condition(kVerify, "", true, bregma_wire_SEVERITY_WARNING,
-                      "The registration is in doubt (" + cause +
+                      "The registration is no longer verified (" + cause +
                           "): check the landmarks and confirm, or register anew.");
     }
   }

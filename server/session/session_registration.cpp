@@ -125,7 +125,7 @@ Answer Session::Impl::start_trace(const std::string &tool) {
   }
   const bool registering = machine_.stage() == bregma_wire_SESSION_REGISTERING;
   if (registering && data_.surface.size() >= config_.trace_max_samples) {
-    return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the most that are kept");
+    return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the maximum");
   }
   tracing_ = tool;
   traced_ = 0;
@@ -170,8 +170,7 @@ void Session::Impl::on_surface(SurfaceSample sample) {
   unsaved_ = true;
   ports_.send(RegistrationMessage(sample));
   if (data_.surface.size() >= config_.trace_max_samples) {
-    ports_.log("the trace ends: " + std::to_string(data_.surface.size()) +
-               " surface samples are the most that are kept");
+    ports_.log("the trace ends: " + std::to_string(data_.surface.size()) + " surface samples are kept at most");
     end_trace();
   }
 }

@@ -145,7 +145,7 @@ std::optional<std::string> refuse_verification(const casefile::Case &the_case, c
       }
     }
     return std::to_string(checks.size()) + " of at least " + std::to_string(min_checks) +
-           " landmarks checked since the registration was accepted or put in doubt; not checked: " +
+           " landmarks checked since the registration was accepted or lost its verification; not checked: " +
            (left.empty() ? "none, the case has too few landmarks" : left);
   }
   const auto worst = std::max_element(checks.begin(), checks.end(), [](const auto &a, const auto &b) {
@@ -161,7 +161,7 @@ std::optional<std::string> refuse_verification(const casefile::Case &the_case, c
   if (!(p >= kVerificationTail)) {
     char chance[32];
     std::snprintf(chance, sizeof chance, "%.1e", p);
-    return "the checks do not fit the registration (chance " + std::string(chance) + "); " + worst_text +
+    return "the checks contradict the registration (probability " + std::string(chance) + "); " + worst_text +
            ": register anew";
   }
   return std::nullopt;

@@ -1,5 +1,5 @@
 // Hertz' problem for the contact between probe and tissue: a rigid sphere is pressed into a half space without
-// friction. F = 4/3 E / (1 - nu^2) sqrt(R) d^(3/2) (Johnson, Contact Mechanics, 1985, 4.2).
+// friction. F = 4/3 E / (1 - nu^2) sqrt(R) d^(3/2) [Johnson 1985, section 4.2].
 //
 // Deterministic; every call has its own solver.
 #pragma once

@@ -42,7 +42,7 @@ template <int D> double constant_of(double volume, double sigma, double w, Eigen
          volume;
 }
 
-// The rotation nearest to A (lemma 1 of the paper). False where A does not tell one.
+// The rotation nearest to A [Myronenko 2010, lemma 1]. False where A does not determine one.
 template <int D> bool nearest_rotation(const Matrix<D> &A, Matrix<D> &out) {
   const Eigen::JacobiSVD<Matrix<D>> svd(A, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Vector<D> signs = Vector<D>::Ones();

@@ -64,7 +64,7 @@ std::optional<PairedPose> fit_rigid(std::span<const Vector3d> source_mm, std::sp
   }
   source_mean /= total;
   target_mean /= total;
-  Matrix3d H = Matrix3d::Zero(); // Arun 1987, eq. (11)
+  Matrix3d H = Matrix3d::Zero(); // [Arun 1987, eq. 11]
   for (std::size_t i = 0; i < n; ++i) {
     H += weight(i) * (source_mm[i] - source_mean) * (target_mm[i] - target_mean).transpose();
   }
@@ -75,7 +75,7 @@ std::optional<PairedPose> fit_rigid(std::span<const Vector3d> source_mm, std::sp
   if (!(svd.singularValues()[1] > 1e-9 * svd.singularValues()[0])) {
     return std::nullopt;
   }
-  // Umeyama 1991, eq. (43): the last axis is flipped where the best orthogonal matrix is a reflection.
+  // [Umeyama 1991, eq. 43]: the last axis is flipped where the best orthogonal matrix is a reflection.
   const double sign = svd.matrixU().determinant() * svd.matrixV().determinant() < 0.0 ? -1.0 : 1.0;
   const Matrix3d R = svd.matrixV() * Vector3d(1.0, 1.0, sign).asDiagonal() * svd.matrixU().transpose();
   const PairedPose rotation(R, Vector3d::Zero());

@@ -35,7 +35,7 @@ constexpr std::array<Stage, 3> kStages{{{32, {40, 25, 15, 10, 0}, 400, 4.0},
                                         {64, {20, 12, 8, 8, 6, 6, 6, 6}, 60, 6.0},
                                         {200, {8, 6, 5, 4, 4, 4, 4, 4}, 12, 0.0}}};
 
-// Where a ray from outside meets the surface, by steps of the distance itself (sphere tracing, Hart 1996).
+// Intersection of a ray from outside with the surface, by steps of the distance itself (sphere tracing [Hart 1996]).
 double ray_radius(const surface::SurfaceField &field, const Vector3d &centre, const Vector3d &direction) {
   double at = kRayStart_mm;
   for (int i = 0; i < kRaySteps; ++i) {

@@ -301,7 +301,7 @@ int register_curves(const CurvesArguments &arguments, const Context &context) {
   }
   return arguments.source_image.empty()
              ? register_in<2>(arguments, pairs, context)
-             : fail("all marks of a side have the same z: from them a slice can be warped, but no image in space");
+             : fail("all points of a side have the same z: they define a warp in the plane, but not of a 3-D image");
 }
 
 } // namespace
@@ -311,11 +311,14 @@ void add_register_curves(CLI::App &parent, Context &context) {
   auto a = std::make_shared<CurvesArguments>();
   command->add_option("source", a->source, "Curves to map: .mrk.json (Curve, ClosedCurve, Line) or .csv (curve,x,y,z)")
       ->required();
-  command->add_option("target", a->target, "Where they lie; paired by name, marked in the same direction")->required();
-  command->add_option("--source-points", a->source_points, "Landmarks beside the curves: .csv, .mrk.json or .fcsv");
-  command->add_option("--target-points", a->target_points, "Where they lie; paired by name");
+  command
+      ->add_option("target", a->target, "The same curves in the target; paired by name, marked in the same direction")
+      ->required();
+  command->add_option("--source-points", a->source_points,
+                      "Landmarks in addition to the curves: .csv, .mrk.json or .fcsv");
+  command->add_option("--target-points", a->target_points, "The same landmarks in the target; paired by name");
   command->add_option("--source-image", a->source_image, "The image of the source, to be warped");
-  command->add_option("--target-image", a->target_image, "The image that it is to become alike");
+  command->add_option("--target-image", a->target_image, "The image of the target, to compare it with");
   command->add_option("--warped", a->warped, "Writes the warped image (.nii.gz, .nii, .nrrd, .mha)");
   command->add_option("--count", a->count, "Points on each curve, at equal arc length")
       ->check(CLI::Range(2, 500))
@@ -326,12 +329,13 @@ void add_register_curves(CLI::App &parent, Context &context) {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   add_json_flag(*command, context);
-  command->footer("The held-out error is what a landmark, or a whole curve, errs by when it takes no part. Where every "
-                  "z of a side\n"
-                  "is the same, the spline is one of the plane.\n\nExamples:\n"
-                  "  bregma register curves sulci_mr.mrk.json sulci_ct.mrk.json\n"
-                  "  bregma register curves a.csv b.csv --source-points pa.csv --target-points pb.csv \\\n"
-                  "      --source-image mr.nii.gz --target-image ct.nii.gz --warped mr_on_ct.nii.gz");
+  command->footer(
+      "The held-out error is that of a landmark, or of a whole curve, when the fit does not use it. Where every "
+      "z of a side\n"
+      "is the same, the spline is fitted in the plane.\n\nExamples:\n"
+      "  bregma register curves sulci_mr.mrk.json sulci_ct.mrk.json\n"
+      "  bregma register curves a.csv b.csv --source-points pa.csv --target-points pb.csv \\\n"
+      "      --source-image mr.nii.gz --target-image ct.nii.gz --warped mr_on_ct.nii.gz");
   command->callback([a, &context] { context.run = [a, &context] { return register_curves(*a, context); }; });
 }
 

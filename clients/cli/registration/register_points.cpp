@@ -209,8 +209,8 @@ std::string suspects_text(const Registration &r, const std::vector<Pair> &pairs)
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     if (r.suspect(i)) {
       out += (out.empty() ? "\"" : ", \"") + printable(pairs[i].name) + "\" (" +
-             fixed(r.robust.fit.fiducials[i].leave_one_out_mm, 2, "mm") + " from where the others put it, chance " +
-             scientific(r.robust.p_value[i]) + ")";
+             fixed(r.robust.fit.fiducials[i].leave_one_out_mm, 2, "mm") +
+             " from where the others predict it, probability " + scientific(r.robust.p_value[i]) + ")";
     }
   }
   return out;
@@ -218,10 +218,10 @@ std::string suspects_text(const Registration &r, const std::vector<Pair> &pairs)
 
 std::string contradiction(const Registration &r, const std::vector<Pair> &pairs) {
   const std::string chance =
-      "the residuals are too large for the stated error (chance " + scientific(r.fit.p_value) + ")";
+      "the residuals are too large for the stated error (probability " + scientific(r.fit.p_value) + ")";
   return r.suspects() > 0
-             ? chance + ", and these points do not agree with the others: " + suspects_text(r, pairs)
-             : chance + ": several points are wrong, or the error is larger; which ones, the residuals do not tell";
+             ? chance + ", and these points contradict the others: " + suspects_text(r, pairs)
+             : chance + ": several points are wrong, or the error is larger; the residuals do not show which";
 }
 
 double tre_at(const Registration &r, const Vector3d &source_point) {
@@ -256,7 +256,7 @@ std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const
   }
   out += "\nFRE " + fixed(r.fit.fre_mm, 3, "mm") + " over " + std::to_string(r.fit.count) +
          " points: a figure of consistency, not of accuracy\n";
-  out += "Error of a point " + fixed(r.sigma_mm, 3, "mm") + " (1 sigma a coordinate, " +
+  out += "Error of a point " + fixed(r.sigma_mm, 3, "mm") + " (1 sigma per coordinate, " +
          (r.sigma_stated ? "as stated)\n" : "estimated from the residuals)\n");
   out += "Predicted TRE (RMS) at the centroid " + fixed(tre_at(r, centroid(pairs)), 3, "mm") + "\n";
   if (!arguments.at_mm.empty()) {
@@ -351,22 +351,23 @@ void add_register_points(CLI::App &parent, Context &context) {
   auto arguments = std::make_shared<PointsArguments>();
   add_registration_files(*command, arguments->files, "source",
                          "Points to map: .csv (name,x,y,z and perhaps their errors), .mrk.json or .fcsv", "target",
-                         "Where they lie; paired by name, or else by order");
-  command->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma a coordinate, both lists together")
+                         "The same points in the target; paired by name, otherwise by order");
+  command
+      ->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma per coordinate, both lists combined")
       ->check(CLI::Range(1e-4, 100.0));
   command->add_flag("--leave-out-suspects", arguments->leave_out_suspects,
-                    "Registers by the points that agree within their stated error; the others are named");
+                    "Register with the points that agree within their stated error; the others are named");
   command->add_option("--at", arguments->at_mm, "A point in source coordinates to predict the TRE at")
       ->expected(3)
       ->type_name("X Y Z");
   command->add_option("--targets", arguments->targets, "Points in target coordinates to predict the TRE at");
   add_json_flag(*command, context);
-  command->footer(
-      "Slicer's files are taken in RAS, .csv as it is. Errors in a .csv file: name,x,y,z,sx,sy,sz (1 sigma) or\n"
-      "name,x,y,z,cxx,cxy,cxz,cyy,cyz,czz (covariance), mm.\n\nExamples:\n"
-      "  bregma register points touched.csv fiducials.mrk.json --targets lesion.mrk.json\n"
-      "  bregma register points touched.csv fiducials.mrk.json --sigma-mm 0.3 --tfm patient_to_image.tfm\n"
-      "  bregma register points a.csv b.csv --sigma-mm 0.3 --at 10 -20 35 --json");
+  command->footer("Slicer's files are converted to RAS, .csv is taken as RAS. Errors in a .csv file: "
+                  "name,x,y,z,sx,sy,sz (1 sigma) or\n"
+                  "name,x,y,z,cxx,cxy,cxz,cyy,cyz,czz (covariance), mm.\n\nExamples:\n"
+                  "  bregma register points touched.csv fiducials.mrk.json --targets lesion.mrk.json\n"
+                  "  bregma register points touched.csv fiducials.mrk.json --sigma-mm 0.3 --tfm patient_to_image.tfm\n"
+                  "  bregma register points a.csv b.csv --sigma-mm 0.3 --at 10 -20 35 --json");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return register_points(*arguments, context); }; });
 }

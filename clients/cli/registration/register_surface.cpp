@@ -116,7 +116,7 @@ Answer globally(const surface::SurfaceField &field, const std::vector<Vector3d> 
   if (found.hypothesis_count > 0) {
     out.rms_mm = found.hypotheses[0].rms_mm;
     out.inliers = found.hypotheses[0].inliers;
-    out.details_text = "\nPoses that were weighed\n" + table.text();
+    out.details_text = "\nPoses that were compared\n" + table.text();
   }
   out.details = {{"method", "global"},
                  {"hypotheses", std::move(hypotheses)},
@@ -170,7 +170,7 @@ Answer locally(const surface::SurfaceField &field, const std::vector<Vector3d> &
   }
   out.details = {
       {"method", "local"}, {"iterations", fit.iterations}, {"effective_samples", json_number(fit.effective)}};
-  out.details_text = "\nFrom the given start; other poses were not looked for\n";
+  out.details_text = "\nFrom the given start; other poses were not searched\n";
   return out;
 }
 
@@ -266,21 +266,21 @@ void add_register_surface(CLI::App &parent, Context &context) {
                          "Traced or touched skin: .csv (x,y,z), .mrk.json, .fcsv, or a mesh, whose vertices are taken",
                          "surface",
                          "PLY, STL, VTK, GIFTI or FreeSurfer; or an image of the head, whose scalp is extracted");
-  command->add_option("--start", arguments->start, "A .tfm near the pose: it alone is refined, no other is looked for");
+  command->add_option("--start", arguments->start,
+                      "A .tfm near the pose: only this pose is refined, no other is searched");
   command->add_option("--sigma-mm", arguments->sigma_mm, "Error of a sample along the surface's normal, 1 sigma")
       ->check(CLI::Range(0.01, 20.0))
       ->capture_default_str();
-  command->add_option("--outliers", arguments->outliers, "Share of the samples that may be off the surface")
+  command->add_option("--outliers", arguments->outliers, "Fraction of the samples that may be off the surface")
       ->check(CLI::Range(0.0, 0.5))
       ->capture_default_str();
   command->add_option("--targets", arguments->targets, "Points in the surface's coordinates to predict the TRE at");
   add_json_flag(*command, context);
-  command->footer(
-      "From any pose, without a start: the verdict is found, ambiguous or refused (exit code 1), with advice where to\n"
-      "touch next. Only what was found is printed as a transform and written by --tfm.\n\nExamples:\n"
-      "  bregma register surface trace.csv scalp.ply --targets lesion.mrk.json --tfm patient_to_image.tfm\n"
-      "  bregma register surface trace.csv head.nii.gz --sigma-mm 0.7 --json\n"
-      "  bregma register surface trace.csv skin.stl --target-space ras --start last.tfm");
+  command->footer("Searches all poses. The verdict is found, ambiguous or refused (exit code 1), with advice where to\n"
+                  "touch next. Only a pose that is found is printed as a transform and written by --tfm.\n\nExamples:\n"
+                  "  bregma register surface trace.csv scalp.ply --targets lesion.mrk.json --tfm patient_to_image.tfm\n"
+                  "  bregma register surface trace.csv head.nii.gz --sigma-mm 0.7 --json\n"
+                  "  bregma register surface trace.csv skin.stl --target-space ras --start last.tfm");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return register_surface(*arguments, context); }; });
 }

@@ -133,7 +133,7 @@ std::string error_figure(const SessionAnalysis &session) {
   plot.y.from = 0.0;
   plot.y.to = axis_end(std::move(heights), 1.15);
   return full_width(plot, session.has_truth
-                              ? "How far the shown tip was from the true one (pale: each state; line: median of half a "
+                              ? "Error of the shown tip (pale: each state; line: median of half a "
                                 "second), and what the daemon predicted at that moment (dashed: TRE, RMS). Lines "
                                 "break where no pose was shown."
                               : "The error that the daemon predicted. The session holds no truth, so the true error "
@@ -185,8 +185,9 @@ std::string calibration_figure(const SessionAnalysis &session) {
   const double end = axis_end(std::move(both), 1.1);
   plot.x.from = plot.y.from = 0.0;
   plot.x.to = plot.y.to = end;
-  return half_width(plot, "One dot a published pose. An honest prediction has most dots below about one and a half "
-                          "times the diagonal, and not all of them far below it.");
+  return half_width(plot,
+                    "One dot per published pose. With a realistic prediction most dots lie below about one and a half "
+                    "times the diagonal, and not all of them far below.");
 }
 
 } // namespace bregma::cli::report

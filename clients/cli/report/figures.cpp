@@ -141,8 +141,8 @@ std::string residual_figure(const SessionAnalysis &session) {
   plot.y.from = 0.0;
   plot.series.push_back(std::move(bars));
   plot.rules.push_back({base::RuleKind::kVertical, 0.0, "", base::colour::kGrey});
-  return full_width(plot, "Distances of the traced points to the scalp after registration. They tell how well skin "
-                          "and model agree, not how well the target is hit.");
+  return full_width(plot, "Distances of the traced points from the scalp after registration. They show how well skin "
+                          "and model agree, not the error at the target.");
 }
 
 } // namespace bregma::cli::report

@@ -30,10 +30,10 @@ std::string edge_problem(const casefile::Case &c, double edge_mm, int count, dou
 } // namespace
 
 void add_mesh_options(CLI::App &command, MeshRequest &request) {
-  auto *elements = command.add_option("--elements", request.elements, "About as many tetrahedra")
+  auto *elements = command.add_option("--elements", request.elements, "Approximate number of tetrahedra")
                        ->check(CLI::Range(kMinElements, kMaxElements))
                        ->capture_default_str();
-  command.add_option("--edge", request.edge_mm, "Edge of the lattice that fills the brain, mm, instead")
+  command.add_option("--edge", request.edge_mm, "Edge of the mesh's lattice, mm, instead of --elements")
       ->check(CLI::Range(0.5, 50.0))
       ->excludes(elements);
 }
@@ -41,7 +41,7 @@ void add_mesh_options(CLI::App &command, MeshRequest &request) {
 void add_entry_option(CLI::App &command, MeshRequest &request) {
   request.entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
   command
-      .add_option("--entry-edge", request.entry_edge_mm, "Longest edge where trajectories enter, mm; 0: as elsewhere")
+      .add_option("--entry-edge", request.entry_edge_mm, "Maximum edge where trajectories enter, mm; 0: no refinement")
       ->check(CLI::Range(0.0, 20.0))
       ->capture_default_str();
 }

@@ -53,7 +53,7 @@ base::Result<InsertionPath> InsertionPath::along(const casefile::Case &c, const 
     return base::failure(name + "does not enter the brain");
   }
   if ((*entry - trajectory.entry_mm).norm() == 0.0) {
-    return base::failure(name + "begins inside the brain: where it enters is not known");
+    return base::failure(name + "begins inside the brain: its entry is not known");
   }
   InsertionPath path;
   path.entry_mm_ = *entry;

@@ -1,6 +1,7 @@
 // Similarity of images and their warp.
 #include <cmath>
 #include <random>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -34,6 +35,22 @@ TEST(Similarity, MutualInformationOfKnownTables) {
   EXPECT_NEAR(mutual_information(with_gap, other, 2), std::log(2.0), 1e-12);
   EXPECT_TRUE(std::isnan(mutual_information(a, other)));
   EXPECT_EQ(mutual_information(std::vector<float>(5, 1.0F), std::vector<float>(5, 2.0F)), 0.0);
+}
+
+TEST(Similarity, FiguresOfSeveralWarpsAreOverTheirCommonOverlap) {
+  const std::vector<float> reference = {0, 10, 20, 30};
+  std::vector<float> first = {3, 10, 16, kNaN};
+  std::vector<float> second = {kNaN, 10, 20, 31};
+  EXPECT_NEAR(rmse(reference, second), std::sqrt(1.0 / 3.0), 1e-6) << "over its own pixels";
+  restrict_to_overlap({&first, &second});
+  for (const auto *image : {&first, &second}) {
+    EXPECT_TRUE(std::isnan(image->front()));
+    EXPECT_TRUE(std::isnan(image->back()));
+  }
+  EXPECT_NEAR(rmse(reference, first), std::sqrt(8.0), 1e-6);
+  EXPECT_EQ(rmse(reference, second), 0.0);
+  std::vector<float> shorter = {1};
+  EXPECT_THROW(restrict_to_overlap({&first, &shorter}), std::invalid_argument);
 }
 
 TEST(Warp, LinearImagesAreMovedExactly) {

@@ -155,8 +155,9 @@ TEST(ThinPlateSpline, RegularisationTradesFitForSmoothness) {
   EXPECT_LT((flat->jacobian(probes.col(0)) - flat->jacobian(probes.col(1))).norm(), 1e-8);
 }
 
-// In the plane r^2 ln r converges in the mean square with the square of the centres' distance for smooth maps (Duchon
-// 1978; faster inside, slower at the border), r in space likewise: four (eight) times as many centres, about a quarter.
+// In the plane r^2 ln r converges in the mean square with the square of the centres' distance for smooth maps [Duchon
+// 1978] (faster inside, slower at the boundary), r in space likewise: four (eight) times as many centres, about a
+// quarter.
 TEST(ThinPlateSpline, HoldOutErrorFallsWithTheNumberOfCentres) {
   std::mt19937 rng(kSplineSeed);
   const auto error = [&]<int D>(SplineKernel kernel, Eigen::Index side) {

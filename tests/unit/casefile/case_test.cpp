@@ -247,10 +247,9 @@ TEST_F(CaseOnDisk, WhatIsWrongInTheTablesOfTheTissueModelIsNamed) {
     const std::string rest = message.substr(std::min(message.size(), file.size()));
     return std::to_string(std::atoi(rest.c_str()) - end) + rest.substr(std::min(rest.size(), rest.find(':')));
   };
-  EXPECT_EQ(error_of("[craniotomy]\nradius_mm = 15\n"),
-            "1: craniotomy.centre_mm: either this or trajectory says where the craniotomy is");
+  EXPECT_EQ(error_of("[craniotomy]\nradius_mm = 15\n"), "1: craniotomy.centre_mm: give either centre_mm or trajectory");
   EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Biopsy\"\ncentre_mm = [0, 0, 75]\n"),
-            "3: craniotomy.centre_mm = [ 0, 0, 75 ]: either this or trajectory says where the craniotomy is");
+            "3: craniotomy.centre_mm = [ 0, 0, 75 ]: give either centre_mm or trajectory");
   EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Bipsy\"\n"),
             "2: craniotomy.trajectory = \"Bipsy\": no such trajectory; there are \"Biopsy\"");
   EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"\"\n"),

@@ -239,7 +239,7 @@ TEST(SurfaceFile, WrongTextsAreRefusedWithLineAndValue) {
             "a.asc:10: triangle 3: corner = \"4\": must be a vertex, 0 to 3");
   EXPECT_EQ(error_of("a.asc", fs.substr(0, fs.size() - 6)), "a.asc:10: the file ends before triangle 3");
   EXPECT_EQ(error_of("a.asc", replaced(fs, "4 4", "4000 4")),
-            "a.asc:2: number of vertices = 4000: the file is too short for so many");
+            "a.asc:2: number of vertices = 4000: the file is too short for this number");
   EXPECT_EQ(error_of("a.asc", replaced(fs, "4 4", "-4 4")),
             "a.asc:2: number of vertices = \"-4\": must be a whole number");
 
@@ -248,7 +248,7 @@ TEST(SurfaceFile, WrongTextsAreRefusedWithLineAndValue) {
             "a.stl:5: triangle 0: corner 1: y = \"inf\": must be a finite number");
   EXPECT_EQ(error_of("a.stl", stl.substr(0, stl.find("endloop\nendfacet\nendsolid"))),
             "a.stl:14: the file ends where \"endloop\" must stand");
-  EXPECT_EQ(error_of("a.stl", replaced(stl, "outer loop", "outer lop")), "a.stl:3: \"lop\" stands where \"loop\" must");
+  EXPECT_EQ(error_of("a.stl", replaced(stl, "outer loop", "outer lop")), "a.stl:3: \"lop\" where \"loop\" is expected");
   EXPECT_EQ(error_of("a.stl", "solid nothing\nendsolid\n"),
             "a.stl: the mesh is empty: it has 0 vertices and no triangle");
 

@@ -57,14 +57,14 @@ TEST(DaemonLink, CommandArrivesAndItsOwnReplyComesBack) {
 
 TEST(DaemonLink, RefusalIsAReplyWithItsReason) {
   const FakeDaemon daemon([](const wire::Command &command) {
-    return reply_to(command, bregma_wire_COMMAND_REFUSED_BY_STATE, "nobody has verified the registration");
+    return reply_to(command, bregma_wire_COMMAND_REFUSED_BY_STATE, "the registration is not verified");
   });
   DaemonLink link(own_domain());
   const auto reply = link.send(*make_command(bregma_wire_COMMAND_STOP_NAVIGATION));
   ASSERT_TRUE(reply.has_value());
   testing::internal::CaptureStderr();
   EXPECT_EQ(show_reply(reply, Context{}), kRefused);
-  EXPECT_EQ(testing::internal::GetCapturedStderr(), "bregma: refused by state: nobody has verified the registration\n");
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "bregma: refused by state: the registration is not verified\n");
 }
 
 TEST(DaemonLink, ReplyToAnotherClientIsNotOurs) {
@@ -76,8 +76,9 @@ TEST(DaemonLink, ReplyToAnotherClientIsNotOurs) {
   DaemonLink link(own_domain());
   const auto reply = link.send(*make_command(bregma_wire_COMMAND_STOP_NAVIGATION), 300ms);
   ASSERT_FALSE(reply.has_value());
-  EXPECT_EQ(reply.error().message, "bregmad on domain " + std::to_string(own_domain()) +
-                                       " did not reply within 300 ms; whether it carried the command out is not known");
+  EXPECT_EQ(reply.error().message,
+            "bregmad on domain " + std::to_string(own_domain()) +
+                " did not reply within 300 ms; it is not known whether it carried out the command");
 }
 
 TEST(DaemonLink, DaemonThatFallsSilentIsNotAlive) {

@@ -69,7 +69,7 @@ TEST(LiveView, NothingOfASilentDaemonIsShownAsThePresent) {
     EXPECT_FALSE(has(text, "live,")) << text;
   }
   EXPECT_TRUE(has(watch_line(snapshot, {}, later_ns), "SILENT for 4.3 s"));
-  EXPECT_TRUE(has(status_text(snapshot, 0, later_ns), "THIS IS NOT THE PRESENT"));
+  EXPECT_TRUE(has(status_text(snapshot, 0, later_ns), "NOT CURRENT"));
   const auto json = watch_json(snapshot, {}, later_ns);
   EXPECT_FALSE(json["daemon_alive"]);
   EXPECT_TRUE(json["session"].is_null());

@@ -267,7 +267,7 @@ TEST(RegisterCurves, MarksOnASliceAreRegisteredInThePlane) {
   folder.write("image.mha", ball_image({46, 46, 46}));
   EXPECT_EQ(
       run_bregma(folder, "register curves source.csv target.csv --source-image image.mha --target-image image.mha").err,
-      "bregma: all marks of a side have the same z: from them a slice can be warped, but no image in space\n");
+      "bregma: all points of a side have the same z: they define a warp in the plane, but not of a 3-D image\n");
   // A landmark off the slice makes it a registration in space.
   folder.write("off.csv", "P,20,30,7.5\nQ,35,60,7\n");
   const auto space =

@@ -353,9 +353,9 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
   const auto json = cli::report::summary_json(*session, {});
   EXPECT_EQ(json["insertion"]["rupture_force_N"], 0.11);
   EXPECT_EQ(json["insertion"]["landmarks"][0]["landmark"], "Landmark");
-  EXPECT_NE(
-      cli::report::summary_text(*session, {}).find("1 rupture, the first at a modelled 0.110 N after a dent of 4.0 mm"),
-      std::string::npos);
+  EXPECT_NE(cli::report::summary_text(*session, {})
+                .find("1 rupture, the first at a modelled 0.110 N after an indentation of 4.0 mm"),
+            std::string::npos);
 
   std::filesystem::remove(file_);
   const auto without = analysed([](auto &writer) { test::write_run(writer, {}); });

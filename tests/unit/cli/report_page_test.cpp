@@ -67,7 +67,7 @@ TEST(Plots, EmptyPlotIsAFrameAndNotANumberNowhere) {
   EXPECT_EQ(svg.find("nan"), std::string::npos) << svg;
 }
 
-TEST(Page, Base64IsThatOfTheStandard) { // RFC 4648, section 10
+TEST(Page, Base64IsThatOfTheStandard) { // [RFC 4648, section 10]
   const auto of = [](std::string_view text) { return base64({text.begin(), text.end()}); };
   EXPECT_EQ(of(""), "");
   EXPECT_EQ(of("f"), "Zg==");

@@ -143,7 +143,7 @@ TEST_F(TissueInsert, WhatCannotBeInsertedIsOneSentence) {
   c.trajectories[0].entry_mm = {0.0, 0.0, 60.0};
   save(c);
   EXPECT_EQ(error_of("tissue insert ball"),
-            "bregma: ball: trajectory \"Biopsy\" begins inside the brain: where it enters is not known\n");
+            "bregma: ball: trajectory \"Biopsy\" begins inside the brain: its entry is not known\n");
   c.trajectories.clear();
   save(c);
   EXPECT_EQ(error_of("tissue insert ball"), "bregma: ball: the case has no trajectory to insert along\n");

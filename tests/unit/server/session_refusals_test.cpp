@@ -191,9 +191,10 @@ TEST_F(RefusalTest, VerificationsThatMustNotBeConfirmed) {
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L1");
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L3");
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L1"); // the same landmark counts once
-  expect_refused("2 of at least 3 landmarks checked since the registration was accepted or put in doubt; not checked: "
-                 "L2, L4, L5",
-                 bregma_wire_COMMAND_CONFIRM_VERIFICATION);
+  expect_refused(
+      "2 of at least 3 landmarks checked since the registration was accepted or lost its verification; not checked: "
+      "L2, L4, L5",
+      bregma_wire_COMMAND_CONFIRM_VERIFICATION);
   loops.miss_mm = {0.0, 3.5, 0.0};
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L2");
   const auto far = harness.ask(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
@@ -205,7 +206,7 @@ TEST_F(RefusalTest, VerificationsThatMustNotBeConfirmed) {
   harness.check_landmarks();
   const auto joint = harness.ask(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
   EXPECT_EQ(joint.result, bregma_wire_COMMAND_REFUSED);
-  EXPECT_EQ(std::string(joint.text).rfind("the checks do not fit the registration (chance ", 0), 0U) << joint.text;
+  EXPECT_EQ(std::string(joint.text).rfind("the checks contradict the registration (probability ", 0), 0U) << joint.text;
   loops.miss_mm = {0.0, 0.4, 0.0};
   harness.check_landmarks();
   harness.done(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
@@ -259,11 +260,11 @@ TEST_F(RefusalTest, MalformedCommands) {
   expect(command, "point is longer than a name can be");
   command = harness.command(bregma_wire_COMMAND_START_PIVOT, "Stylus");
   std::memset(command.body._u.tool.tool, 'x', sizeof(wire::Name));
-  expect(command, "tool is longer than a name can be");
+  expect(command, "tool is too long for a name");
   command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
   command.client[0] = '\0';
   EXPECT_FALSE(harness.send(command));
-  EXPECT_EQ(loops.lines.back(), "a command without a client's name was dropped: nobody can be answered");
+  EXPECT_EQ(loops.lines.back(), "a command without a client's name was dropped: there is no client to answer");
 }
 
 } // namespace

@@ -244,7 +244,7 @@ TEST_F(SessionTest, TheTraceEndsWhenItIsFull) {
   EXPECT_EQ(harness.session->data().surface.size(), 30U);
   EXPECT_FALSE(FakeLoops::last<TraceRequest>(loops.navigation).on);
   EXPECT_STREQ(harness.ask(bregma_wire_COMMAND_START_TRACE, "Stylus").text,
-               "there are 30 surface samples, the most that are kept");
+               "there are 30 surface samples, the maximum");
 }
 
 } // namespace

@@ -181,7 +181,7 @@ TEST(PlaneSolver, SimpleShearHasRivlinsStresses) {
   }
 }
 
-// Timoshenko & Goodier, section 21: a cantilever under a parabolic shear at its end; held at the root as the exact
+// [Timoshenko 1951, section 21]: a cantilever under a parabolic shear at its end; held at the root as the exact
 // solution moves there. Returns the error of the end's deflection, relative.
 double cantilever_error(double poisson, int cells_high) {
   constexpr double kL = 48.0;

@@ -41,7 +41,7 @@ TEST(TissuePatch, HoldsInEveryKernelAndOnTwoThreads) {
   }
 }
 
-// Rivlin: s_xy = mu gamma, s_xx - s_yy = mu gamma^2.
+// [Rivlin 1948]: s_xy = mu gamma, s_xx - s_yy = mu gamma^2.
 TEST(TissuePatch, SimpleShearOfANeoHookeanBlock) {
   constexpr double kGamma = 0.4;
   Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
