@@ -12,7 +12,7 @@
 namespace bregma::casefile::detail {
 namespace {
 
-// Bone and dura lie between a craniotomy as it is planned on the head and the brain; farther off is another head.
+// Bone and dura lie between a craniotomy planned on the head and the brain. A larger distance means another head.
 constexpr double kMaxBrainDistance_mm = 30.0;
 
 struct Override {
@@ -21,7 +21,7 @@ struct Override {
   const char *unit;
   double min, max;
 };
-// What any soft tissue has; above nu = 0.499 the solver locks.
+// Range of soft tissue. Above nu = 0.499 the solver locks.
 constexpr std::array<Override, 4> kOverrides{{{"young_Pa", &TissueChoice::young_Pa, "Pa", 10.0, 1e6},
                                               {"poisson", &TissueChoice::poisson, "", 0.0, 0.499},
                                               {"density_kg_m3", &TissueChoice::density_kg_m3, "kg/m^3", 100.0, 10000.0},
@@ -76,7 +76,7 @@ std::optional<CaseProblem> tissue_problem(const TissueChoice &choice) {
   return std::nullopt;
 }
 
-// Asks in any case, so that a key that is misspelt can be told from this one.
+// Reads the key in all cases, so that a misspelt key is recognized as unknown.
 std::optional<double> number_if_there(base::TableReader &reader, const char *key, const char *unit, double min,
                                       double max) {
   const double value = reader.number(key, min, unit, min, max);

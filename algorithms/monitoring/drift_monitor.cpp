@@ -12,11 +12,11 @@ namespace bregma::monitoring {
 
 namespace {
 
-// The onsets in view are tested together, but they share most of their data: this many independent tests stand for
-// them. Measured: DriftMonitor.CleanTouchesRaiseNoAlarm counts what remains.
+// The hypotheses are tested together, but share most of their data: they correspond to this many independent tests.
+// Measured: DriftMonitor.CleanTouchesRaiseNoAlarm counts the false alarms.
 constexpr double kIndependentOnsets = 4.0;
-constexpr double kCorrelation_mm = 12.0; // surface samples nearer than this repeat each other
-constexpr int kSurfaceBurst = 8;         // surface samples an onset
+constexpr double kCorrelation_mm = 12.0; // surface samples nearer than this are correlated
+constexpr int kSurfaceBurst = 8;         // surface samples per hypothesis
 
 } // namespace
 
@@ -39,8 +39,8 @@ void DriftMonitor::reset(const Matrix6d &registration_covariance) noexcept {
   surface_count_ = 0;
 }
 
-// The newest hypothesis: the shift begins with the observation that comes next. The first one stays in view, so that a
-// registration that was wrong from the beginning is found too.
+// The newest hypothesis: the shift begins with the next observation. The first one is always kept, so that a
+// registration that was wrong from the beginning is detected too.
 void DriftMonitor::open_onset() noexcept {
   if (onset_count_ == kMaxOnsets) {
     std::move(onsets_.begin() + 2, onsets_.end(), onsets_.begin() + 1);
@@ -78,7 +78,7 @@ void DriftMonitor::judge() noexcept {
   statistic_ = 0.0;
   for (int i = 0; i < onset_count_; ++i) {
     const Onset &onset = onsets_[static_cast<std::size_t>(i)];
-    // Surface residuals alone may leave directions of the shift open: those take no part.
+    // Surface residuals alone may leave directions of the shift undetermined: those are not used.
     const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(onset.information);
     Vector3d shift = Vector3d::Zero();
     for (int k = 0; k < 3; ++k) {

@@ -74,7 +74,7 @@ Marks read_marks(const std::string &name) {
   return out;
 }
 
-// [thesis, table 3.1]: before, points, curve, hybrid.
+// [thesis, table 3.1]: before, points, curves, hybrid.
 void table_of(Report &report, const std::string &title, const std::string &label, const Slice &reference,
               const Slice &floating, const Marks &on_reference, const Marks &on_floating) {
   CurvePair<2> head{on_reference.head, on_floating.head, 31, false};

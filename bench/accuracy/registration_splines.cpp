@@ -83,8 +83,8 @@ void fit_figures(Report &report, bool quick) {
   }
 }
 
-// Leave-one-out over the 336 marker pairs of the MRI distortion toolkit's phantom. The peers are the figures that
-// accompany the data, for a plain spline.
+// Leave-one-out over the 336 marker pairs of the MRI distortion toolkit's phantom. The peers are the figures supplied
+// with the data, for a plain spline.
 void marker_figures(Report &report) {
   if (!is_present(report, kShared / "distortion/repeat")) {
     return;

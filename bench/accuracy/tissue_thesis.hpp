@@ -8,7 +8,7 @@
 namespace bregma::bench {
 
 struct TissueBenchOptions : Options {
-  std::string case_folder = "out/cases/colin27"; // its brain is cut
+  std::string case_folder = "out/cases/colin27"; // the section is cut from its brain
   std::string thesis_picture;                    // SVG of the run; none when empty
 };
 

@@ -1,4 +1,4 @@
-// STL, ASCII and binary: three corners a triangle, whose equal positions become one vertex.
+// STL, ASCII and binary: three corners per triangle. Corners at equal positions become one vertex.
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -16,7 +16,7 @@ constexpr std::size_t kStlHeader = 80;
 constexpr std::size_t kStlStart = kStlHeader + 4; // after the number of triangles
 constexpr std::size_t kStlTriangle = 50;          // normal, three corners, two bytes of attributes
 
-// Joins corners at exactly the same place. STL repeats a vertex for each of its triangles.
+// Merges corners at exactly the same position. STL repeats a vertex for each of its triangles.
 class VertexMerger {
 public:
   explicit VertexMerger(surface::TriangleMesh &mesh) : mesh_(mesh) {}
@@ -153,7 +153,7 @@ Parsed<RawSurface> binary_stl(std::string_view content) {
   return out;
 }
 
-// "solid" begins an ASCII file, but some programs begin the header of a binary one with it as well.
+// An ASCII file begins with "solid", but some programs begin the header of binary files with it as well.
 bool is_binary_stl(std::string_view content) {
   if (!content.starts_with("solid")) {
     return true;

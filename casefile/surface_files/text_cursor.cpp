@@ -52,7 +52,7 @@ Parsed<double> TextCursor::number(const std::string &what) {
   if (text.empty()) {
     return wrong_line(line_, "the file ends before " + what);
   }
-  // A leading plus is not taken by from_chars.
+  // from_chars does not accept a leading plus.
   const auto value = base::parsed_number<double>(text.front() == '+' ? text.substr(1) : text);
   if (!value || !std::isfinite(*value)) {
     return wrong_line(line_, what + " = " + quoted(text) + ": must be a finite number");

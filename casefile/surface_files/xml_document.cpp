@@ -13,7 +13,7 @@ constexpr std::size_t kDeepest = 64;
 
 struct TreeBuilder {
   XML_Parser parser = nullptr;
-  std::vector<XmlElement> open; // from the outermost to the present one
+  std::vector<XmlElement> open; // from the outermost to the current one
   XmlElement root;
   std::string problem;
 

@@ -1,4 +1,4 @@
-// `bregma case`: makes a case folder from images and plans, shows it, checks it, draws it, and fills its brain.
+// `bregma case`: makes a case folder from images and plans, shows it, checks it, renders it, and meshes its brain.
 #include <filesystem>
 #include <fstream>
 #include <memory>

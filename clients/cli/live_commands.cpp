@@ -1,4 +1,4 @@
-// `bregma status | watch | alarms | target`: what a running daemon says, and what it is asked to do.
+// `bregma status | watch | alarms | target`: state of a running daemon, and commands to it.
 #include <memory>
 #include <string>
 
@@ -134,7 +134,7 @@ void add_alarms_command(CLI::App &app, Context &context) {
   add_json_flag(*alarms, context);
   add_domain_option(*alarms, context);
   alarms->footer("Examples:\n  bregma alarms\n  bregma alarms ack drift\n  bregma alarms ack tool_hidden Probe");
-  // Called after the subcommand's own callback, which it must not replace.
+  // Runs after the subcommand's own callback and must not replace it.
   alarms->callback([alarms, &context] {
     if (alarms->get_subcommands().empty()) {
       context.run = [&context] { return list_alarms(context); };

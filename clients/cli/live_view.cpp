@@ -32,7 +32,7 @@ std::string nearest_text(const ToolView &view) {
   return std::isfinite(view.nearest_mm) ? view.nearest_structure + " " + fixed(view.nearest_mm, 1) : "-";
 }
 
-// FRE only ever in these words: it says how well the fiducials agree, not how well the target is hit.
+// The only wording for the FRE: it measures the agreement of the fiducials, not the error at the target.
 std::string consistency_text(const Snapshot &snapshot) {
   if (!snapshot.registration) {
     return "registration: no news";

@@ -20,7 +20,7 @@ constexpr void (*kCommands[])(CLI::App &, Context &) = {
     bregma::cli::add_doctor_command,
 };
 
-// One sentence: what was wrong, and where the help is that says how it is right.
+// One sentence: the error, and the help command that shows the correct form.
 std::string explain(const CLI::App &app, const CLI::ParseError &error) {
   const CLI::App *command = &app;
   std::string path = app.get_name();

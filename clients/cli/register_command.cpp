@@ -1,4 +1,4 @@
-// `bregma register`: of points in files, and the steps of the daemon's registration.
+// `bregma register`: registration of points in files, and the steps of the daemon's registration.
 #include <algorithm>
 #include <array>
 #include <memory>
@@ -24,7 +24,7 @@ using nlohmann::json;
 struct LiveArguments {
   std::string tool = "Stylus";
   std::string point;
-  std::string action; // of trace: start or stop
+  std::string action; // for trace: start or stop
 };
 
 json fiducials_json(const Snapshot &snapshot) {
@@ -95,7 +95,7 @@ CLI::App *add_live(CLI::App &parent, const char *name, const char *text, Context
   return command;
 }
 
-// The command is made when it runs: its arguments are known only then.
+// The command is built when it runs, because its arguments are known only then.
 template <class MakeBody> void on_run(CLI::App *command, Context &context, MakeBody make_body) {
   command->callback(
       [make_body, &context] { context.run = [make_body, &context] { return send_and_show(make_body(), context); }; });

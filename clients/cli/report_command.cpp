@@ -1,4 +1,4 @@
-// `bregma report`: what a session file says about its run.
+// `bregma report`: report on a recorded session.
 #include <filesystem>
 #include <fstream>
 #include <memory>

@@ -1,4 +1,4 @@
-// `bregma status`: the whole state, once, for a person and for a program.
+// `bregma status`: prints the whole state once, as text or as JSON.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -29,7 +29,7 @@ std::span<const wire::TargetAccuracy> targets(const wire::AccuracyState &accurac
   return {accuracy.targets, std::min<std::size_t>(accuracy.target_count, std::size(accuracy.targets))};
 }
 
-// Its age has grown since the daemon stated it.
+// Adds the time since the daemon stated the age.
 double age_ms(const wire::DeviceHealth &device, const wire::SystemHealth &health, std::int64_t now_ns) {
   return device.age_ms + static_cast<double>(now_ns - health.time_ns) * 1e-6;
 }

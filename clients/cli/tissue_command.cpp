@@ -1,4 +1,4 @@
-// `bregma tissue`: the deformable brain without a daemon.
+// `bregma tissue`: the tissue model without a daemon.
 #include <memory>
 #include <string>
 

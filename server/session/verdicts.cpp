@@ -43,7 +43,7 @@ bool is_finite(const RegistrationAccepted &registration) {
 
 Matrix3d isotropic(double sigma) { return sigma * sigma * Matrix3d::Identity(); }
 
-// Chance of errors this large, all together, if the registration is as good as predicted. They share its error x:
+// Joint p-value of the errors if the registration is as accurate as predicted. Its error x is common to all of them:
 // e_i = J_i x + touch_i + landmark_i.
 double joint_p_value(const casefile::Case &the_case, const RegistrationAccepted &registration,
                      const std::map<std::string, JudgedCheck> &checks) {
@@ -121,7 +121,7 @@ JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccept
 
   JudgedCheck out{};
   std::copy(std::begin(tool), std::end(tool), out.tool);
-  (void)wire::set_name(out.landmark, landmark.name); // load_case has refused names that are too long
+  (void)wire::set_name(out.landmark, landmark.name); // load_case rejects names that are too long
   out.frame = touch.frame;
   out.acquired_time_ns = touch.acquired_time_ns;
   out.position_mm = touch.position_mm;

@@ -1,6 +1,6 @@
-// References for the tissue solver: analytic solutions, and one-dimensional problems that are solved to the last digit.
-// Independent of algorithms/tissue/material/constitutive.hpp: principal stretches and closed forms. SI unless a name
-// says otherwise.
+// References for the tissue solver: analytic solutions, and one-dimensional problems that are solved to full precision.
+// Independent of algorithms/tissue/material/constitutive.hpp: principal stretches and closed forms. SI units unless a
+// name states another unit.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,17 +9,17 @@
 
 namespace bregma::test {
 
-// Cauchy stresses of principal stretches.
+// Principal Cauchy stresses of principal stretches.
 [[nodiscard]] Eigen::Vector3d principal_cauchy_Pa(const tissue::Material &material, const Eigen::Vector3d &stretches);
 
-// A bar stretched along one axis, free across it.
+// A bar stretched along one axis, with free sides.
 struct UniaxialReference {
   double across = 1.0;     // stretch
-  double nominal_Pa = 0.0; // force by area at rest
+  double nominal_Pa = 0.0; // force per area at rest
 };
 [[nodiscard]] UniaxialReference uniaxial_reference(const tissue::Material &material, double along);
 
-// Lame: a hollow sphere under a pressure inside, small strain.
+// Lame's solution: a hollow sphere under inner pressure, small strain.
 struct LameSphere {
   double inner_m, outer_m, pressure_Pa, young_Pa, poisson;
   [[nodiscard]] double radial_displacement_m(double radius_m) const;
@@ -27,7 +27,7 @@ struct LameSphere {
   [[nodiscard]] double hoop_stress_Pa(double radius_m) const;
 };
 
-// The pressure that widens a hollow, incompressible neo-Hookean sphere from inner_m to inner_now_m [Green 1954,
+// The pressure that expands a hollow, incompressible neo-Hookean sphere from inner_m to inner_now_m [Green 1954,
 // section 3.10]: mu / 2 (b^-4 + 4 / b - a^-4 - 4 / a) for hoop stretches a inside and b outside.
 [[nodiscard]] double blown_sphere_pressure_Pa(double shear_Pa, double inner_m, double outer_m, double inner_now_m);
 
@@ -48,8 +48,8 @@ private:
 [[nodiscard]] double timoshenko_deflection_m(double force_N, double length_m, double width_m, double height_m,
                                              double young_Pa, double poisson);
 
-// The nominal stress of a viscoelastic bar at time_s after a small strain was put on at once and held: the shear part
-// relaxes, the bulk does not, the sides are free.
+// The nominal stress of a viscoelastic bar with free sides at time_s after a small step strain. The shear part relaxes,
+// the bulk part does not.
 [[nodiscard]] double relaxing_bar_Pa(const tissue::Material &material, double strain, double time_s);
 
 } // namespace bregma::test

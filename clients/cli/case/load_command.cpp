@@ -15,7 +15,7 @@ namespace bregma::cli {
 
 namespace {
 
-constexpr std::chrono::seconds kLoading{60}; // surfaces are read and their trees built before the daemon answers
+constexpr std::chrono::seconds kLoading{60}; // the daemon answers after it has read the surfaces and built their trees
 
 } // namespace
 

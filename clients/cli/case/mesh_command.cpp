@@ -18,7 +18,7 @@ namespace {
 struct MeshOptions {
   std::string folder;
   MeshRequest request;
-  std::string out; // empty: beside case.toml
+  std::string out; // empty: next to case.toml
 };
 
 std::vector<casefile::TetField> quality_fields(const tissue::TetMesh &mesh) {

@@ -17,7 +17,7 @@ namespace {
 using casefile::Volume;
 using Eigen::Vector3d;
 
-// Of the nodes that stand for the spline.
+// Spacing of the grid nodes that approximate the spline.
 constexpr double kGridSpacing_mm = 4.0;
 
 Eigen::AlignedBox3d box_of(const Volume &volume) {

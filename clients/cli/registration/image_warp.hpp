@@ -20,7 +20,7 @@ struct WarpedImage {
   double grid_error_mm = 0.0;    // largest difference between the spline and the grid that approximates it
 };
 
-// to_source: from the target's frame into the source's (the way an image is resampled). Blocks for seconds.
+// to_source: from the target's frame into the source's (resampling direction). Blocks for seconds.
 [[nodiscard]] base::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
                                                    const registration::ThinPlateSpline<3> &to_source);
 

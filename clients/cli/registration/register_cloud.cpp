@@ -31,9 +31,10 @@ using nlohmann::json;
 using registration::CpdModel;
 using registration::CpdResult;
 
-// Of scale and affine fits; the pose before them is found on as many.
+// Maximal number of points of similarity and affine fits, and of the pose search before them.
 constexpr std::size_t kMaxPoints = 4000;
-// Natural logarithm of the odds against the runner-up below which it is nearly as likely: 1,000 to 1.
+// Natural logarithm of the odds against the second-best pose, 1,000 to 1. Below it that pose is reported as nearly as
+// likely.
 constexpr double kMinLogOdds = 7.0;
 
 struct CloudArguments {
@@ -54,7 +55,7 @@ Points3 columns(const std::vector<Eigen::Vector3d> &points) {
   return out;
 }
 
-// Evenly by index: the order of a scan says nothing about its shape.
+// Takes points at even steps of the index, because the order of a scan carries no information about its shape.
 Points3 thinned(const Points3 &points) {
   const auto max_count = static_cast<Eigen::Index>(kMaxPoints);
   if (points.cols() <= max_count) {
@@ -69,7 +70,7 @@ Points3 thinned(const Points3 &points) {
 
 struct Drift {
   CpdResult<3> result;
-  double log_odds = 0.0; // of the rigid pose against the next distinct one; infinite where there was none
+  double log_odds = 0.0; // of the rigid pose against the second-best distinct one; infinite if there is only one
   double runner_up_turn_rad = 0.0;
   double time_ms = 0.0;
 };
@@ -122,7 +123,7 @@ int write_correspondences(const CloudArguments &arguments, const Points3 &source
   return out ? static_cast<int>(kOk) : fail(arguments.correspondences + ": cannot be written");
 }
 
-// Of the rigid pose, where the points fix it.
+// Covariance of the rigid pose, if the points determine it.
 std::optional<geometry::Matrix6d> covariance_of(const Points3 &source, const Points3 &target, double outliers,
                                                 const CpdResult<3> &found) {
   const Points3 sources = thinned(source);
@@ -130,7 +131,7 @@ std::optional<geometry::Matrix6d> covariance_of(const Points3 &source, const Poi
   const double constant = registration::outlier_constant<3>(targets, found.sigma_mm, outliers, sources.cols());
   auto covariance = registration::cloud_pose_covariance(found.transform * sources, targets, found.sigma_mm, constant);
   if (covariance) {
-    // The pose was made from more of the targets, which told as much each.
+    // The pose was estimated from more target points, each of which carries the same information.
     const auto used = std::min<Eigen::Index>(registration::CloudPoseOptions{}.fine_points, target.cols());
     *covariance *= static_cast<double>(targets.cols()) / static_cast<double>(used);
   }

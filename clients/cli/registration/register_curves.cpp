@@ -1,5 +1,5 @@
-// `bregma register curves`: landmarks and curves on two images, or on two people, by a thin-plate spline; in space, or
-// in the plane where every z of a side is the same.
+// `bregma register curves`: registers landmarks and curves of two images, or of two people, by a thin-plate spline. The
+// spline is three-dimensional, or two-dimensional if all points of a side have the same z.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -34,13 +34,13 @@ struct CurvesArguments {
   std::string source, target;               // curves
   std::string source_points, target_points; // landmarks
   std::string source_image, target_image;
-  std::string warped; // an image to write
-  std::string kernel; // empty: that of the dimension
+  std::string warped; // path of the warped image to write
+  std::string kernel; // empty: the default of the dimension
   double regularisation = 0.0;
   int count = 20;
 };
 
-// The target is the reference and the source floats, so that the spline leads the way an image is resampled.
+// The target is the reference and the source is the floating image: the spline maps in the direction of resampling.
 struct Pairs {
   registration::PointSets<3> landmarks{Points3(3, 0), Points3(3, 0)};
   std::vector<std::string> landmark_names;
@@ -112,7 +112,7 @@ Result<void> pair_landmarks(const CurvesArguments &arguments, Pairs &out) {
   return {};
 }
 
-// Marks on slices: every z of a side is the same.
+// Landmarks on slices: all points of a side have the same z.
 bool lies_in_plane(const Pairs &pairs) {
   using Pair = registration::CurvePair<3>;
   const auto flat = [&pairs](Points3 Pair::*side, const Points3 &landmarks) {
@@ -153,7 +153,7 @@ double rms(const Eigen::VectorXd &distances) {
                                : std::sqrt(distances.squaredNorm() / static_cast<double>(distances.size()));
 }
 
-// What a curve's points err by when it takes no part; not a number where the others fix no spline.
+// Error of a curve's points when the curve is left out; NaN if the other points determine no spline.
 template <int D> double held_out_rms(const Pairs &pairs, std::size_t left_out, const CurvesArguments &arguments) {
   const auto curves = curves_of<D>(pairs);
   auto others = curves;
@@ -238,7 +238,7 @@ std::string to_text(const Pairs &pairs, const Fitted &fitted, const std::optiona
 
 template <int D> HeldOut hold_out(const CurvesArguments &arguments, const Pairs &pairs, const Spline<D> &spline) {
   HeldOut out;
-  const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // they come first
+  const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // landmarks are the first rows
   const Eigen::VectorXd of_landmarks = spline.leave_one_out_mm().head(std::min(landmarks, spline.size()));
   out.landmarks_rms_mm = rms(of_landmarks);
   out.landmarks_worst_mm = of_landmarks.size() == 0 ? geometry::kUnknown : of_landmarks.maxCoeff();

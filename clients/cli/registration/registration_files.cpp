@@ -14,7 +14,7 @@ std::optional<casefile::Space> space_of(const std::string &option) {
                            : std::nullopt;
 }
 
-// CLI11 has refused other names.
+// CLI11 has rejected other names.
 casefile::LengthUnit unit_of(const std::string &option) {
   return casefile::unit_named(option).value_or(casefile::LengthUnit::kMillimetre);
 }

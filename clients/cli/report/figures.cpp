@@ -40,7 +40,7 @@ std::string timeline_figure(const SessionAnalysis &session) {
           {session.seconds(span.from_ns), session.seconds(span.to_ns), state_colour(span.state), span.state});
     }
   }
-  std::vector<std::pair<std::string, std::size_t>> row_of; // of each alarm that was ever raised
+  std::vector<std::pair<std::string, std::size_t>> row_of; // row of each alarm that was raised
   const double end = session.seconds(session.end_ns);
   for (const auto &alarm : session.alarms) {
     const std::string name = alarm.kind + (alarm.subject.empty() ? "" : " " + alarm.subject);
@@ -53,7 +53,7 @@ std::string timeline_figure(const SessionAnalysis &session) {
     auto &spans = rows[found->second].spans;
     const double now = session.seconds(alarm.time_ns);
     if (!spans.empty() && spans.back().to == end) {
-      spans.back().to = now; // whatever it was, it is something else from here on
+      spans.back().to = now; // the previous state ends here
     }
     if (alarm.state != "cleared") {
       spans.push_back({now, end, alarm.state == "raised" ? severity_colour(alarm.severity) : "#8a93a0", alarm.state});

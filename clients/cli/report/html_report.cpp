@@ -13,7 +13,7 @@
 namespace bregma::cli::report {
 namespace {
 
-// Cells are escaped here, once. A column whose heading begins with '#' holds figures and stands right.
+// Cells are escaped only here. A column whose heading begins with '#' contains figures and is right-aligned.
 class HtmlTable {
 public:
   explicit HtmlTable(const std::vector<std::string> &headings) {
@@ -25,7 +25,7 @@ public:
     }
     out_ += "</tr></thead><tbody>";
   }
-  // verdict: colours the last cell.
+  // verdict: sets the colour of the last cell.
   void row(const std::vector<std::string> &cells, const char *verdict = "") {
     any_ = true;
     out_ += "<tr>";

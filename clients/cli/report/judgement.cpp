@@ -28,7 +28,7 @@ double worst_check_mm(const std::vector<CheckRecord> &checks) {
   return worst;
 }
 
-// Known only when it is known for every structure that was approached.
+// Known only if the clearance of every approached structure is known.
 double smallest_clearance_mm(const std::vector<Approach> &approaches) {
   double least = geometry::kUnknown;
   for (const auto &approach : approaches) {

@@ -18,7 +18,7 @@ std::string count_text(int count) {
   return digits.size() <= 3 ? digits : digits.substr(0, digits.size() - 3) + "," + digits.substr(digits.size() - 3);
 }
 
-// The number of tetrahedra goes with the inverse cube of the edge.
+// The number of tetrahedra is proportional to the inverse cube of the edge length.
 std::string edge_problem(const casefile::Case &c, double edge_mm, int count, double surface_mm3) {
   const auto edge_for = [&](int wanted) { return std::cbrt(12.0 * surface_mm3 / wanted); };
   return "--edge " + fixed(edge_mm, 2) + ": gives " + count_text(count) + " tetrahedra in the brain of " +

@@ -24,9 +24,9 @@ using base::Result;
 
 struct InsertOptions {
   std::string folder;
-  std::string trajectory; // empty: the first
+  std::string trajectory; // empty: the first one
   double speed_mm_s = 5.0;
-  std::optional<double> depth_mm; // nothing: to the target
+  std::optional<double> depth_mm; // default: to the target
   MeshRequest mesh;
   std::string csv, vtu; // empty: not written
 };
@@ -37,7 +37,7 @@ struct InsertionRun {
   int elements = 0;
   std::string material;
   std::vector<InsertionUpdate> updates;
-  std::unique_ptr<tissue::BrainModel> model; // in its final state
+  std::unique_ptr<tissue::BrainModel> model; // in the final state
 };
 
 Result<const casefile::Trajectory *> trajectory_of(const casefile::Case &c, const std::string &name) {

@@ -26,7 +26,7 @@ using base::failure;
 using base::Result;
 using Eigen::Vector3d;
 
-// How the head lies, and where things then fall (RAS).
+// Direction of gravity per posture of the head (RAS).
 const std::map<std::string, Vector3d> &postures() {
   static const std::map<std::string, Vector3d> kAll{{"supine", -Vector3d::UnitY()},
                                                     {"prone", Vector3d::UnitY()},
@@ -39,7 +39,7 @@ const std::map<std::string, Vector3d> &postures() {
 struct ShiftOptions {
   std::string folder;
   std::string posture = "supine", imaged = "supine";
-  std::optional<double> fluid_drop_mm; // nothing: to the craniotomy's lowest edge
+  std::optional<double> fluid_drop_mm; // default: to the lowest edge of the craniotomy
   double gap_mm = 0.0;
   bool without_falx = false;
   MeshRequest mesh;
@@ -48,7 +48,7 @@ struct ShiftOptions {
 
 struct MovedPoint {
   std::string name, kind;
-  bool inside = false; // the mesh; else nothing is known of it
+  bool inside = false; // inside the mesh; otherwise its displacement is unknown
   Vector3d displacement_mm = Vector3d::Zero();
 };
 

@@ -1,4 +1,4 @@
-// Similarity of images and their warp.
+// Similarity of images, and warps.
 #include <cmath>
 #include <random>
 #include <stdexcept>
@@ -23,7 +23,7 @@ TEST(Similarity, RootMeanSquareOfDifferences) {
 }
 
 TEST(Similarity, MutualInformationOfKnownTables) {
-  // Two fair coins that are the same, or strangers: ln 2 and 0.
+  // Two equal fair coins, and two independent ones: ln 2 and 0.
   const std::vector<float> a = {0, 0, 1, 1};
   const std::vector<float> strange = {0, 1, 0, 1};
   const std::vector<float> inverted = {9, 9, 2, 2};
@@ -78,7 +78,7 @@ TEST(Warp, LinearImagesAreMovedExactly) {
         EXPECT_NEAR(moved[i], intensity(grid.pixel_mm(i) + shift), 1e-3);
       }
     }
-    EXPECT_EQ(inside, 11 * 8 * 6); // a layer of each side comes from outside
+    EXPECT_EQ(inside, 11 * 8 * 6); // one layer per side comes from outside
   }
 }
 
@@ -90,7 +90,7 @@ TEST(Warp, OfAPictureInThePlane) {
   for (float &v : image) {
     v = static_cast<float>(rng() % 256);
   }
-  // A quarter turn about the centre of the first 30 x 30 pixels, there and back.
+  // A quarter turn about the centre of the first 30 x 30 pixels, and its inverse.
   const auto turn = [](const Eigen::Vector2d &p) { return Eigen::Vector2d(29.0 - p.y(), p.x()); };
   const auto back = [](const Eigen::Vector2d &p) { return Eigen::Vector2d(p.y(), 29.0 - p.x()); };
   const auto there = warp<2>(grid, grid, image, turn);

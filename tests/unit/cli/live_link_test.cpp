@@ -1,4 +1,4 @@
-// The connection to a daemon over real DDS, against a small daemon in this process.
+// The connection to a daemon over DDS, with a small daemon in this process.
 #include <thread>
 
 #include <gtest/gtest.h>
@@ -25,7 +25,7 @@ TEST(DaemonLink, WithoutADaemonItSaysSo) {
   EXPECT_FALSE(link.alive(utc_now_ns()));
 }
 
-TEST(DaemonLink, StateComesWholeAndIsTakenAsThePresent) {
+TEST(DaemonLink, StateIsReceivedCompletelyAndCurrent) {
   const FakeDaemon daemon;
   DaemonLink link(own_domain());
   ASSERT_TRUE(link.wait_for_daemon(5s).has_value());

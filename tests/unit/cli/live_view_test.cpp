@@ -1,4 +1,4 @@
-// What of a daemon's state is shown as the present.
+// The parts of a daemon's state that are shown as current.
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -45,7 +45,7 @@ Snapshot navigating() {
 
 bool has(const std::string &text, std::string_view what) { return text.find(what) != std::string::npos; }
 
-TEST(LiveView, LivePoseIsShownWithItsAgeOfNow) {
+TEST(LiveView, ALivePoseIsShownWithItsPresentAge) {
   const auto snapshot = navigating();
   const auto view = view_tool(snapshot.tools.at("Probe"), view_daemon(snapshot, kNow_ns), kNow_ns);
   EXPECT_TRUE(view.fresh);
@@ -58,7 +58,7 @@ TEST(LiveView, LivePoseIsShownWithItsAgeOfNow) {
   }
 }
 
-TEST(LiveView, NothingOfASilentDaemonIsShownAsThePresent) {
+TEST(LiveView, NothingOfASilentDaemonIsShownAsCurrent) {
   const auto snapshot = navigating();
   const std::int64_t later_ns = kNow_ns + 4'000 * kMs;
   for (const auto &text : {watch_table(snapshot, {}, later_ns), watch_line(snapshot, {}, later_ns),
@@ -76,7 +76,7 @@ TEST(LiveView, NothingOfASilentDaemonIsShownAsThePresent) {
   EXPECT_TRUE(json["tools"][0]["tip_mm"][0].is_null());
 }
 
-TEST(LiveView, ToolWithoutNewsIsOldEvenWhenTheDaemonSpeaks) {
+TEST(LiveView, AToolWithoutSamplesIsOldEvenWhenTheDaemonIsAlive) {
   auto snapshot = navigating();
   snapshot.tools["Probe"].published_time_ns = kNow_ns - kToolSilent_ns;
   const auto view = view_tool(snapshot.tools["Probe"], view_daemon(snapshot, kNow_ns), kNow_ns);
@@ -112,7 +112,7 @@ wire::DeformationState dented() {
   return state;
 }
 
-TEST(LiveView, ThePredictedTargetStandsBesideTheImagedOne) {
+TEST(LiveView, ThePredictedAndTheImagedTargetAreBothShown) {
   auto snapshot = navigating();
   snapshot.tools["Probe"].distance_to_predicted_target_mm = 27.9;
   snapshot.deformation["Deep"] = dented();
@@ -129,7 +129,7 @@ TEST(LiveView, ThePredictedTargetStandsBesideTheImagedOne) {
   EXPECT_EQ(json["tools"][0]["distance_to_predicted_target_mm"], 27.9);
 }
 
-TEST(LiveView, AnInvalidOrAnOldPredictionHasNoFigures) {
+TEST(LiveView, AnInvalidOrOldPredictionHasNoFigures) {
   const auto daemon = view_daemon(navigating(), kNow_ns);
   wire::DeformationState state = dented();
   state.status = bregma_wire_DEFORMATION_INVALID;
@@ -202,7 +202,7 @@ TEST(LiveView, CountsBeyondTheWiresArraysAreNotFollowed) {
   EXPECT_EQ(status_json(snapshot, 0, kNow_ns)["devices"].size(), std::size_t{bregma_wire_MAX_DEVICES});
 }
 
-TEST(LiveView, AlarmsThatStandAreListedGravestFirst) {
+TEST(LiveView, ActiveAlarmsAreListedMostSevereFirst) {
   auto snapshot = navigating();
   const auto add = [&](const char *kind, wire::AlarmState state, wire::AlarmSeverity severity) {
     wire::Alarm alarm{};

@@ -1,4 +1,4 @@
-// Plots and the page of `bregma report`.
+// Plots and the HTML page of `bregma report`.
 #include <cmath>
 
 #include "base/plots.hpp"
@@ -60,7 +60,7 @@ TEST(Plots, PeakSurvivesWhenThereAreMorePointsThanPixels) {
   EXPECT_NE(svg.find(" 8.0L"), std::string::npos) << "the value 10 stands at the top of the frame, 8 units below 0";
 }
 
-TEST(Plots, EmptyPlotIsAFrameAndNotANumberNowhere) {
+TEST(Plots, AnEmptyPlotIsAFrameWithoutNaN) {
   const std::string svg = plot_svg({}, {400, 200});
   EXPECT_NE(svg.find("<svg"), std::string::npos);
   EXPECT_EQ(svg.find("inf"), std::string::npos) << svg;

@@ -20,7 +20,7 @@ using Eigen::Vector3d;
 
 constexpr double kRadiusMm = 80.0;
 
-// An octahedron, each face split in four, three times, on the sphere.
+// A sphere: an octahedron after three subdivisions of each face into four.
 surface::TriangleMesh ball(double radius) {
   surface::TriangleMesh mesh;
   mesh.vertices_mm = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};

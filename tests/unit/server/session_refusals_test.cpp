@@ -1,4 +1,4 @@
-// What a session refuses, and the sentence that a person reads.
+// Refusals of a session and their texts.
 #include "session_fakes.hpp"
 
 #include <cmath>
@@ -169,7 +169,7 @@ TEST_F(RefusalTest, RegistrationsThatMustNotBeAccepted) {
   harness.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", "F2");
   harness.answering = false;
   harness.trace("Stylus", 1); // not tracing: no sample
-  loops.revision += 1;        // the loop is at another set for good
+  loops.revision += 1;        // the loop permanently has another set
   EXPECT_TRUE(harness.send(harness.command(bregma_wire_COMMAND_ACCEPT_REGISTRATION)))
       << "the estimate of the present set is known already";
 }
@@ -201,7 +201,7 @@ TEST_F(RefusalTest, VerificationsThatMustNotBeConfirmed) {
   EXPECT_EQ(std::string(far.text).rfind("L2 is off by 3.50 mm (95 % bound ", 0), 0U) << far.text;
   EXPECT_NE(std::string(far.text).find("more than the limit of 3.00 mm: check it again, or register anew"),
             std::string::npos);
-  // Each within the limit of 3 mm, but all together beyond what the predicted error explains.
+  // Each error is within the limit of 3 mm, but together they contradict the predicted error.
   loops.miss_mm = {0.0, 2.6, 0.0};
   harness.check_landmarks();
   const auto joint = harness.ask(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
