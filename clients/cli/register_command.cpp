@@ -153,8 +153,7 @@ void add_register_command(CLI::App &app, Context &context) {
   add_touch_commands(*command, context);
   auto *accept = add_live(*command, "accept", "Accepts the current estimate", context);
   on_run(accept, context, [] { return make_command(bregma_wire_COMMAND_ACCEPT_REGISTRATION); });
-  auto *confirm =
-      add_live(*command, "confirm", "Confirms the verification: navigation may start", context);
+  auto *confirm = add_live(*command, "confirm", "Confirms the verification: navigation may start", context);
   on_run(confirm, context, [] { return make_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
   add_register_points(*command, context);
   add_register_surface(*command, context);

@@ -32,8 +32,9 @@ inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
 void declare(base::ParameterSet &set, NavigationParameters &p) {
   set.string("devices.trackers", &p.trackers,
              "Names of the trackers, separated by commas. Samples of any other are rejected.");
-  set.number("tracker.marker_sigma_lateral_mm", &p.marker_sigma_lateral_mm, "mm", 0.001, 5,
-             "Error of a marker across the line of sight, 1 sigma of a coordinate. All predicted errors derive from it.");
+  set.number(
+      "tracker.marker_sigma_lateral_mm", &p.marker_sigma_lateral_mm, "mm", 0.001, 5,
+      "Error of a marker across the line of sight, 1 sigma of a coordinate. All predicted errors derive from it.");
   set.number("tracker.marker_sigma_depth_mm", &p.marker_sigma_depth_mm, "mm", 0.001, 10,
              "Error of a marker along the line of sight, 1 sigma.");
   set.number("tracker.latency_ms", &p.latency_ms, "ms", 0, 500,

@@ -64,8 +64,9 @@ void declare(base::ParameterSet &set, SessionParameters &p) {
   set.string("state.directory", &p.state_directory,
              "Where the session is kept for a restart. Empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/bregma, else "
              "~/.local/state/bregma.");
-  set.number("registration.correlation_length_mm", &p.correlation_length_mm, "mm", 0.1, 100,
-             "Distance over which errors of the surface (skin, segmentation) are correlated; closer samples count for less.");
+  set.number(
+      "registration.correlation_length_mm", &p.correlation_length_mm, "mm", 0.1, 100,
+      "Distance over which errors of the surface (skin, segmentation) are correlated; closer samples count for less.");
 }
 
 SessionStage::SessionStage(const SessionParameters &parameters, const StageContext &context)

@@ -31,8 +31,9 @@ TissueSettings settings_of(const TissueModelParameters &from) {
 void declare(base::ParameterSet &set, TissueModelParameters &p) {
   set.integer("deformation.elements", &p.elements, "", 0, 200000,
               "Approximate number of tetrahedra in the brain; 0: no tissue model.");
-  set.number("deformation.entry_edge_mm", &p.entry_edge_mm, "mm", 0, 20,
-             "Maximum edge of the tetrahedra where a trajectory enters the brain; these are additional. 0: no refinement.");
+  set.number(
+      "deformation.entry_edge_mm", &p.entry_edge_mm, "mm", 0, 20,
+      "Maximum edge of the tetrahedra where a trajectory enters the brain; these are additional. 0: no refinement.");
   set.integer("deformation.threads", &p.threads, "", 1, 16, "Threads that step the tissue model together.");
   std::vector<std::string> materials;
   for (const tissue::Material &material : tissue::named_materials()) {

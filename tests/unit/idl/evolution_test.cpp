@@ -1,5 +1,5 @@
-// Programs of different revisions on one bus: samples of an earlier and of a later revision, read with the types of this
-// program and the other way round, and what happens where a type cannot grow. The rules are in docs/wire.md.
+// Programs of different revisions on one bus: samples of an earlier and of a later revision, read with the types of
+// this program and the other way round, and what happens where a type cannot grow. The rules are in docs/wire.md.
 #include <chrono>
 #include <optional>
 
