@@ -1,5 +1,5 @@
 // Accuracy of the whole chain: the demo's operation, from pivot calibration to the target, for 20 seeds. The simulated
-// room, the daemon's engine and the scenario are those of the demo. Only time is virtual.
+// room, the daemon's stages and the scenario are those of the demo. Only time is virtual.
 //
 // One reading per seed: the probe's state in the middle of its hold at the target, as displayed, compared with the
 // ground truth of the same frame.

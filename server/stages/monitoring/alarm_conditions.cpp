@@ -4,29 +4,33 @@
 
 namespace bregma::server {
 
-AlarmConditions::Watched *AlarmConditions::find(const Kind &kind, std::string_view subject) noexcept {
-  for (std::size_t i = 0; i < count_; ++i) {
-    if (watched_[i].kind == std::string_view(kind.name) && wire::view(watched_[i].subject) == subject) {
-      return &watched_[i];
-    }
+std::size_t AlarmConditions::find(const char *kind, std::string_view subject) const noexcept {
+  std::size_t i = 0;
+  while (i < count_ && (watched_[i].kind.name != std::string_view(kind) || wire::view(watched_[i].subject) != subject)) {
+    ++i;
   }
-  if (count_ == watched_.size()) {
-    return nullptr;
-  }
-  Watched &fresh = watched_[count_++];
-  fresh.kind = kind.name;
-  (void)wire::set_name(fresh.subject, subject);
-  fresh.latch = monitoring::AlarmLatch(kind.raise_after_ns, kind.clear_after_ns);
-  return &fresh;
+  return i;
 }
 
 void AlarmConditions::update(const Kind &kind, std::string_view subject, bool holds, std::string_view text,
                              std::int64_t now_ns) noexcept {
-  Watched *watched = find(kind, subject);
-  if (watched == nullptr) {
-    return;
+  const std::size_t at = find(kind.name, subject);
+  if (at == count_) {
+    if (!holds) {
+      return;
+    }
+    // Full: more conditions than devices, tools and kinds can have. An alarm without its delay is better than none.
+    if (count_ == watched_.size()) {
+      send(kind, subject, true, text, now_ns);
+      return;
+    }
+    Watched &fresh = watched_[count_++];
+    fresh.kind = kind;
+    (void)wire::set_name(fresh.subject, subject);
+    fresh.latch = monitoring::AlarmLatch(kind.raise_after_ns, kind.clear_after_ns);
   }
-  switch (watched->latch.update(holds, now_ns)) {
+  Watched &watched = watched_[at];
+  switch (watched.latch.update(holds, now_ns)) {
   case monitoring::AlarmLatch::Change::kRaised:
     send(kind, subject, true, text, now_ns);
     break;
@@ -36,17 +40,21 @@ void AlarmConditions::update(const Kind &kind, std::string_view subject, bool ho
   case monitoring::AlarmLatch::Change::kNone:
     break;
   }
+  if (!holds && !watched.latch.raised()) {
+    remove(at);
+  }
 }
 
-void AlarmConditions::forget(const Kind &kind, std::string_view subject, std::int64_t now_ns) noexcept {
-  Watched *watched = find(kind, subject);
-  if (watched == nullptr) {
-    return;
+void AlarmConditions::forget(const char *kind, std::int64_t now_ns) noexcept {
+  for (std::size_t i = count_; i-- > 0;) {
+    if (watched_[i].kind.name != std::string_view(kind)) {
+      continue;
+    }
+    if (watched_[i].latch.raised()) {
+      send(watched_[i].kind, wire::view(watched_[i].subject), false, "", now_ns);
+    }
+    remove(i);
   }
-  if (watched->latch.raised()) {
-    send(kind, subject, false, "", now_ns);
-  }
-  watched->latch.reset();
 }
 
 void AlarmConditions::send(const Kind &kind, std::string_view subject, bool active, std::string_view text,

@@ -29,20 +29,25 @@ public:
   // text is for a person and is sent when the alarm is raised.
   void update(const Kind &kind, std::string_view subject, bool holds, std::string_view text,
               std::int64_t now_ns) noexcept;
-  // The condition has become void: clears it at once if it was raised.
-  void forget(const Kind &kind, std::string_view subject, std::int64_t now_ns) noexcept;
+  // The conditions of this kind have become void, for every subject: those that are raised are cleared at once.
+  void forget(const char *kind, std::int64_t now_ns) noexcept;
+  // Conditions that hold or are raised; only these take a place in the table.
+  [[nodiscard]] std::size_t watched() const noexcept { return count_; }
+
+  // Every kind for every device, tool and reference of one case at the same time.
+  static constexpr std::size_t kCapacity = 2 * bregma_wire_MAX_DEVICES + 2 * bregma_wire_MAX_TOOLS + 8;
 
 private:
   struct Watched {
-    const char *kind = nullptr;
+    Kind kind{};
     wire::Name subject{};
     monitoring::AlarmLatch latch{0, 0};
   };
-  [[nodiscard]] Watched *find(const Kind &kind, std::string_view subject) noexcept;
+  [[nodiscard]] std::size_t find(const char *kind, std::string_view subject) const noexcept; // count_: not there
+  void remove(std::size_t index) noexcept { watched_[index] = watched_[--count_]; }
   void send(const Kind &kind, std::string_view subject, bool active, std::string_view text,
             std::int64_t now_ns) noexcept;
 
-  static constexpr std::size_t kCapacity = 64; // more than all kinds times devices, tools and loops
   std::array<Watched, kCapacity> watched_;
   std::size_t count_ = 0;
   AlarmEvents &events_;

@@ -44,6 +44,10 @@ void MonitoringPipeline::handle(const MonitoringInput &input) noexcept {
 }
 
 void MonitoringPipeline::on(const CaseChanged &change) noexcept {
+  // What was watched of the tools and the reference of an earlier case is void.
+  for (const char *kind : {alarm::kToolHidden, alarm::kLatency, alarm::kReferenceHidden, alarm::kDrift}) {
+    alarms_.forget(kind, accuracy_.time_ns);
+  }
   case_ = change.loaded;
   accepted_.reset();
   accuracy_ = {};

@@ -1,0 +1,84 @@
+#include "server/stages/monitoring/alarm_conditions.hpp"
+
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "idl/names.hpp"
+
+namespace bregma::server {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr AlarmConditions::Kind kHidden{alarm::kToolHidden, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone,
+                                        200 * kMs, 1000 * kMs};
+
+std::vector<AlarmCondition> taken(AlarmEvents &events) {
+  std::vector<AlarmCondition> out;
+  AlarmCondition condition;
+  while (events.try_pop(condition)) {
+    out.push_back(condition);
+  }
+  return out;
+}
+
+TEST(AlarmConditions, AConditionTakesAPlaceOnlyWhileItHoldsOrIsRaised) {
+  AlarmEvents events;
+  AlarmConditions conditions(events);
+  conditions.update(kHidden, "Probe", false, "", 0);
+  EXPECT_EQ(conditions.watched(), 0U);
+  conditions.update(kHidden, "Probe", true, "hidden", 10 * kMs);
+  EXPECT_EQ(conditions.watched(), 1U);
+  conditions.update(kHidden, "Probe", false, "", 20 * kMs); // before it became an alarm
+  EXPECT_EQ(conditions.watched(), 0U);
+  EXPECT_TRUE(taken(events).empty());
+
+  conditions.update(kHidden, "Probe", true, "hidden", 100 * kMs);
+  conditions.update(kHidden, "Probe", true, "hidden", 300 * kMs);
+  conditions.update(kHidden, "Probe", false, "", 400 * kMs);
+  EXPECT_EQ(conditions.watched(), 1U); // raised, and not absent for long enough
+  conditions.update(kHidden, "Probe", false, "", 1400 * kMs);
+  EXPECT_EQ(conditions.watched(), 0U);
+  const auto changes = taken(events);
+  ASSERT_EQ(changes.size(), 2U);
+  EXPECT_TRUE(changes[0].active);
+  EXPECT_FALSE(changes[1].active);
+}
+
+TEST(AlarmConditions, MoreSubjectsThanEverExistAreAllReported) {
+  AlarmEvents events;
+  AlarmConditions conditions(events);
+  const std::size_t subjects = AlarmConditions::kCapacity + 20;
+  for (std::size_t i = 0; i < subjects; ++i) {
+    conditions.update(kHidden, "Tool" + std::to_string(i), true, "hidden", 0);
+    conditions.update(kHidden, "Tool" + std::to_string(i), true, "hidden", 200 * kMs);
+  }
+  EXPECT_EQ(conditions.watched(), AlarmConditions::kCapacity);
+  std::size_t raised = 0;
+  std::string last;
+  for (const AlarmCondition &change : taken(events)) {
+    const std::string subject = wire::text(change.subject);
+    raised += change.active && subject != last ? 1 : 0;
+    last = subject;
+  }
+  EXPECT_EQ(raised, subjects);
+}
+
+TEST(AlarmConditions, AnEarlierCasesToolsAreForgottenAndTheirAlarmsCleared) {
+  AlarmEvents events;
+  AlarmConditions conditions(events);
+  for (const char *tool : {"Stylus", "Probe"}) {
+    conditions.update(kHidden, tool, true, "hidden", 0);
+  }
+  conditions.update(kHidden, "Probe", true, "hidden", 200 * kMs);
+  conditions.forget(alarm::kToolHidden, 300 * kMs);
+  EXPECT_EQ(conditions.watched(), 0U);
+  const auto changes = taken(events);
+  ASSERT_EQ(changes.size(), 2U);
+  EXPECT_EQ(wire::text(changes[1].subject), "Probe");
+  EXPECT_FALSE(changes[1].active);
+}
+
+} // namespace
+} // namespace bregma::server
