@@ -45,7 +45,7 @@ base::Result<void> analyse_tissue(const casefile::SessionReader &reader, Session
       return;
     }
     const std::string target = wire::text(state.point);
-    const bool in_tissue = state.phase != bregma_wire_PROBE_OUTSIDE;
+    const bool in_tissue = state.phase > bregma_wire_PROBE_OUTSIDE;
     if (state.kind == bregma_wire_FOLLOWED_LANDMARK) {
       if (in_tissue) {
         follow(state, landmarks[target]);

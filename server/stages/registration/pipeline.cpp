@@ -48,6 +48,8 @@ void RegistrationPipeline::clear() noexcept {
   const wire::RegistrationState old = state_;
   state_ = {};
   copy_name(state_.reference, old.reference);
+  state_.status = bregma_wire_REGISTRATION_NONE;
+  state_.reason = bregma_wire_REFUSAL_NONE;
   state_.T_image_reference = state_.accepted_T_image_reference = wire::unknown_pose();
   put_unknown(state_.covariance);
   put_unknown(state_.accepted_covariance);

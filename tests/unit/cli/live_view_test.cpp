@@ -102,6 +102,7 @@ wire::DeformationState dented() {
   state.time_ns = kNow_ns - 20 * kMs;
   state.kind = bregma_wire_FOLLOWED_TARGET;
   state.status = bregma_wire_DEFORMATION_VALID;
+  state.reason = bregma_wire_DEFORMATION_REASON_NONE;
   state.phase = bregma_wire_PROBE_INDENTATION;
   state.imaged_mm[0] = 10.0;
   state.displaced_mm[0] = 10.3;

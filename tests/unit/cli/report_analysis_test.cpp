@@ -221,6 +221,7 @@ TEST_F(Report, DevicesAreCountedFromTheFirstRecordOfALongRunningDaemon) {
     out.started_time_ns = kStart_ns;
     out.device_count = 1;
     (void)wire::set_name(out.devices[0].device, "Tracker");
+    out.devices[0].kind = bregma_wire_DEVICE_TRACKER;
     out.devices[0].status = bregma_wire_DEVICE_LIVE;
     out.devices[0].rate_hz = 250.0;
     out.devices[0].taken = taken;

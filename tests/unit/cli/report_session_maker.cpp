@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "idl/commands.hpp"
+
 namespace bregma::test {
 namespace {
 
