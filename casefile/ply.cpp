@@ -10,6 +10,8 @@
 #include <sstream>
 #include <vector>
 
+#include "algorithms/geometry/unknown.hpp"
+
 namespace bregma::casefile::detail {
 
 static_assert(std::endian::native == std::endian::little, "numbers are copied as they stand in the file");
@@ -184,7 +186,7 @@ private:
 
 // One vertex, face or whatever else: its coordinates and its list, as far as it has them.
 struct Item {
-  Eigen::Vector3d position = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  Eigen::Vector3d position = Eigen::Vector3d::Constant(geometry::kUnknown);
   Eigen::Vector3i corners = Eigen::Vector3i::Constant(-1);
   std::uint32_t corner_count = 0;
 };

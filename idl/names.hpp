@@ -3,17 +3,17 @@
 
 #include <algorithm>
 #include <cstring>
-#include <limits>
 #include <string>
 #include <string_view>
 
 #include "algorithms/geometry/rigid3.hpp"
+#include "algorithms/geometry/unknown.hpp"
 #include "idl/topics.hpp"
 
 namespace bregma::wire {
 
 inline constexpr std::size_t kNameLength = sizeof(Name) - 1; // bytes, without the NUL
-inline constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+using geometry::kUnknown;
 
 // False, and name untouched, when the text is too long: a name is never cut.
 [[nodiscard]] inline bool set_name(Name &name, std::string_view text) noexcept {

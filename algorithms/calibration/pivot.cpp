@@ -13,6 +13,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "algorithms/geometry/angles.hpp"
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::calibration {
@@ -23,8 +24,6 @@ using geometry::Matrix3d;
 using geometry::Vector3d;
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 // Median of |e| when each coordinate has sigma one (root of the median of chi-square with 3 degrees of freedom).
 const double kMedianOfNorm = std::sqrt(uncertainty::chi_square_upper_quantile(0.5, 3));
@@ -56,8 +55,8 @@ struct Sample {
 };
 
 struct Estimate {
-  Vector3d tip = Vector3d::Constant(kNaN);
-  Vector3d pivot = Vector3d::Constant(kNaN);
+  Vector3d tip = Vector3d::Constant(geometry::kUnknown);
+  Vector3d pivot = Vector3d::Constant(geometry::kUnknown);
   [[nodiscard]] double error(const Sample &s) const { return (s.R * tip + s.t - pivot).norm(); }
   [[nodiscard]] bool valid() const { return tip.allFinite() && pivot.allFinite(); }
 };
@@ -298,7 +297,7 @@ Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
 
 PivotFit to_fit(const PivotProblem &problem, const Estimate &estimate) {
   if (!estimate.valid()) {
-    return {estimate.tip, estimate.pivot, kNaN, kNaN, kNaN};
+    return {estimate.tip, estimate.pivot, geometry::kUnknown, geometry::kUnknown, geometry::kUnknown};
   }
   const auto errors = problem.errors(estimate, std::numeric_limits<double>::infinity());
   return {estimate.tip, problem.pivot_in_fixed_frame(estimate), errors.rms, errors.rms / std::sqrt(3.0), errors.worst};

@@ -5,6 +5,8 @@
 #include <limits>
 #include <vector>
 
+#include "algorithms/geometry/unknown.hpp"
+
 namespace bregma::intensity {
 
 namespace {
@@ -51,7 +53,7 @@ double mutual_information(std::span<const float> a, std::span<const float> b, in
     }
   }
   if (count == 0.0 || bins < 1) {
-    return std::numeric_limits<double>::quiet_NaN();
+    return geometry::kUnknown;
   }
   const auto n = static_cast<std::size_t>(bins);
   std::vector<double> joint(n * n, 0.0);

@@ -14,6 +14,7 @@
 #include <fcl/narrowphase/detail/traversal/traversal_recurse.h>
 #include <fcl/narrowphase/distance.h>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/surface/surface_model.hpp"
 
 namespace bregma::planning {
@@ -102,7 +103,7 @@ double CriticalStructures::Structure::distance_mm(const Vector3d &p, double boun
 }
 
 NearestStructure CriticalStructures::nearest(const Vector3d &tip_mm, Warm &warm) const noexcept {
-  NearestStructure out{-1, std::numeric_limits<double>::quiet_NaN()};
+  NearestStructure out{-1, geometry::kUnknown};
   if (structures_.empty() || !tip_mm.allFinite()) {
     return out;
   }

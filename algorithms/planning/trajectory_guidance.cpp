@@ -1,20 +1,20 @@
 #include "algorithms/planning/trajectory_guidance.hpp"
 
 #include <cmath>
-#include <limits>
 
 #include <Eigen/Geometry>
+
+#include "algorithms/geometry/unknown.hpp"
 
 namespace bregma::planning {
 
 Guidance guide(const PlannedLine &line, const Eigen::Vector3d &tip_mm, const Eigen::Vector3d &axis) noexcept {
   constexpr double kMinLength_mm = 1e-6;
-  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   const Eigen::Vector3d to_target = line.target_mm - tip_mm;
   const Eigen::Vector3d planned = line.target_mm - line.entry_mm;
   const double length = planned.norm();
   if (!(length > kMinLength_mm)) {
-    return {to_target.norm(), kNaN, kNaN, kNaN};
+    return {to_target.norm(), geometry::kUnknown, geometry::kUnknown, geometry::kUnknown};
   }
   const Eigen::Vector3d direction = planned / length;
   const double remaining = to_target.dot(direction);

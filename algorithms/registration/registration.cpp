@@ -7,6 +7,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/registration/surface/surface_terms.hpp"
 #include "algorithms/registration/twist.hpp"
@@ -296,7 +297,7 @@ const RegistrationResult &RegistrationEstimator::estimate_located(std::span<cons
   Workspace &w = *workspace_;
   RegistrationResult &result = w.result;
   w.take(fiducials);
-  result.chi_square = result.p_value = std::numeric_limits<double>::quiet_NaN();
+  result.chi_square = result.p_value = geometry::kUnknown;
   w.terms.set_samples(samples);
   if (!w.fit_jointly(located)) {
     result.refusal = Refusal::kNotConverged;

@@ -31,15 +31,15 @@ std::string_view name_of(ModelStatus status) {
 
 std::string_view sentence_of(ModelReason reason) {
   constexpr std::string_view kSentences[] = {"",
-                                             "the tissue still swings",
-                                             "the probe is not seen; the model holds it where it was",
-                                             "the probe has moved faster than the model may follow",
-                                             "the probe reappeared inside the brain; its path is not known",
-                                             "the model cannot keep up with the clock",
-                                             "the probe has left the mesh on its far side",
-                                             "tissue is turned inside out for a moment as it snaps back",
-                                             "the step was taken back: tissue would have been turned inside out",
-                                             "the model could not follow and was put back to rest"};
+                                             "the tissue is still settling",
+                                             "the probe is not seen",
+                                             "the probe has jumped",
+                                             "the probe's path is not known",
+                                             "too slow",
+                                             "the probe has left the mesh",
+                                             "tetrahedra are inverted for a moment",
+                                             "a step was rejected",
+                                             "the model was reset to rest"};
   return kSentences[static_cast<std::size_t>(reason)];
 }
 

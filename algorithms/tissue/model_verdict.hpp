@@ -25,7 +25,8 @@ enum class ModelReason {
 };
 
 [[nodiscard]] std::string_view name_of(ModelStatus status);
-[[nodiscard]] std::string_view sentence_of(ModelReason reason); // for a person
+// For a person, wherever a reason is shown; empty for none.
+[[nodiscard]] std::string_view sentence_of(ModelReason reason);
 
 class ModelVerdict {
 public:

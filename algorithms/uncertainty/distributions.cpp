@@ -1,11 +1,12 @@
 #include "algorithms/uncertainty/distributions.hpp"
 
 #include <cmath>
-#include <limits>
 
+#include <boost/math/distributions/beta.hpp>
 #include <boost/math/distributions/chi_squared.hpp>
-#include <boost/math/distributions/fisher_f.hpp>
 #include <boost/math/distributions/normal.hpp>
+
+#include "algorithms/geometry/unknown.hpp"
 
 namespace bregma::uncertainty {
 namespace {
@@ -21,10 +22,8 @@ using Quiet =
                      policies::rounding_error<policies::ignore_error>,
                      policies::indeterminate_result_error<policies::ignore_error>, policies::promote_double<false>>;
 using ChiSquare = boost::math::chi_squared_distribution<double, Quiet>;
-using FisherF = boost::math::fisher_f_distribution<double, Quiet>;
+using Beta = boost::math::beta_distribution<double, Quiet>;
 using Normal = boost::math::normal_distribution<double, Quiet>;
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 bool is_probability(double p) noexcept { return p > 0.0 && p < 1.0; }
 
@@ -32,7 +31,7 @@ bool is_probability(double p) noexcept { return p > 0.0 && p < 1.0; }
 
 double chi_square_survival(double x, double dof) noexcept {
   if (std::isnan(x) || !(dof > 0.0)) {
-    return kNaN;
+    return geometry::kUnknown;
   }
   if (x <= 0.0 || std::isinf(x)) {
     return x <= 0.0 ? 1.0 : 0.0;
@@ -41,19 +40,21 @@ double chi_square_survival(double x, double dof) noexcept {
 }
 
 double chi_square_upper_quantile(double tail, double dof) noexcept {
-  return is_probability(tail) && dof > 0.0 ? quantile(complement(ChiSquare(dof), tail)) : kNaN;
+  return is_probability(tail) && dof > 0.0 ? quantile(complement(ChiSquare(dof), tail)) : geometry::kUnknown;
 }
 
 double normal_quantile(double probability) noexcept {
-  return is_probability(probability) ? quantile(Normal(), probability) : kNaN;
+  return is_probability(probability) ? quantile(Normal(), probability) : geometry::kUnknown;
 }
 
 double hotelling_upper_quantile(double tail, double dimensions, double dof) noexcept {
   const double rest = dof - dimensions + 1.0;
   if (!is_probability(tail) || !(dimensions > 0.0) || !(rest > 0.0)) {
-    return kNaN;
+    return geometry::kUnknown;
   }
-  return dimensions * dof / rest * quantile(complement(FisherF(dimensions, rest), tail));
+  // T-square / (dof + T-square) is beta distributed.
+  const double x = quantile(complement(Beta(0.5 * dimensions, 0.5 * rest), tail));
+  return dof * x / (1.0 - x);
 }
 
 } // namespace bregma::uncertainty

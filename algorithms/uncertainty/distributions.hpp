@@ -1,5 +1,5 @@
-// Chi-square, normal and F distributions, by Boost.Math with its errors turned off: nothing here throws or allocates,
-// and arguments outside a function's domain give NaN. Pure, reentrant.
+// Chi-square, normal and T-square distributions, by Boost.Math with its errors turned off: nothing here throws or
+// allocates, and arguments outside a function's domain give NaN. Pure, reentrant.
 //
 // Cost on the machine of docs/latency.md: a survival 0.1 to 0.4 us, a quantile 1 to 3 us. A loop may call them; inner
 // loops keep a quantile that does not change.

@@ -1,7 +1,8 @@
 #include "algorithms/uncertainty/error_metrics.hpp"
 
 #include <cmath>
-#include <limits>
+
+#include "algorithms/geometry/unknown.hpp"
 
 namespace bregma::uncertainty {
 
@@ -12,7 +13,7 @@ constexpr double kTool_mm = 100.0;
 template <class Error>
 double mean_of(const AnyPose &T, std::span<const Vector3d> source, std::span<const Vector3d> target, Error &&error) {
   if (source.empty() || source.size() != target.size()) {
-    return std::numeric_limits<double>::quiet_NaN();
+    return geometry::kUnknown;
   }
   double sum = 0.0;
   for (std::size_t i = 0; i < source.size(); ++i) {

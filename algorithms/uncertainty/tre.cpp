@@ -5,12 +5,12 @@
 
 #include <Eigen/Eigenvalues>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::uncertainty {
 
 namespace {
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 const double kChiSquare95 = chi_square_upper_quantile(0.05, 3);
 using Eigensolver = Eigen::SelfAdjointEigenSolver<Matrix3d>;
 } // namespace
@@ -38,8 +38,8 @@ double mahalanobis_squared(const Matrix3d &covariance, const Vector3d &error_mm)
 Ellipsoid95 ellipsoid_95(const Matrix3d &covariance) noexcept {
   Ellipsoid95 out;
   if (!covariance.allFinite()) {
-    out.semi_axes_mm.setConstant(kNaN);
-    out.axes.setConstant(kNaN);
+    out.semi_axes_mm.setConstant(geometry::kUnknown);
+    out.axes.setConstant(geometry::kUnknown);
     return out;
   }
   const Eigensolver solver(covariance); // eigenvalues ascend
@@ -57,7 +57,7 @@ double fitzpatrick_tre_rms_mm(std::span<const Vector3d> fiducials_mm, const Vect
                               double fle_rms_mm) noexcept {
   const auto n = static_cast<double>(fiducials_mm.size());
   if (fiducials_mm.size() < 3) {
-    return kNaN;
+    return geometry::kUnknown;
   }
   Vector3d centre = Vector3d::Zero();
   for (const Vector3d &p : fiducials_mm) {
@@ -75,7 +75,7 @@ double fitzpatrick_tre_rms_mm(std::span<const Vector3d> fiducials_mm, const Vect
     const double d2 = target.squaredNorm() - target[k] * target[k];
     const double f2 = solver.eigenvalues().sum() - solver.eigenvalues()[k];
     if (f2 <= 1e-12 * solver.eigenvalues()[2]) {
-      return kNaN;
+      return geometry::kUnknown;
     }
     ratio += d2 / f2;
   }
@@ -83,7 +83,7 @@ double fitzpatrick_tre_rms_mm(std::span<const Vector3d> fiducials_mm, const Vect
 }
 
 double expected_fre_rms_mm(int fiducials, double fle_rms_mm) noexcept {
-  return fiducials < 3 ? kNaN : fle_rms_mm * std::sqrt(1.0 - 2.0 / fiducials);
+  return fiducials < 3 ? geometry::kUnknown : fle_rms_mm * std::sqrt(1.0 - 2.0 / fiducials);
 }
 
 } // namespace bregma::uncertainty

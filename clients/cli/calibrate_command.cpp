@@ -1,5 +1,4 @@
 // `bregma calibrate pivot`: where a tool's tip lies, from a recording or live by the daemon.
-#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -10,6 +9,7 @@
 
 #include "algorithms/calibration/pivot.hpp"
 #include "algorithms/geometry/angles.hpp"
+#include "algorithms/geometry/unknown.hpp"
 #include "casefile/poses.hpp"
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/commands.hpp"
@@ -94,12 +94,11 @@ std::string to_text(const PivotResult &r, const casefile::PoseSeries &series) {
     table.row({name, std::to_string(poses), fixed(tip.x(), 3), fixed(tip.y(), 3), fixed(tip.z(), 3), fixed(rms, 3),
                fixed(worst, 3)});
   };
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   row("robust", r.poses - r.outliers, r.tip_mm, r.rms_mm, r.worst_mm);
   table.row({"  1 sigma", "", fixed(sigma.x(), 3), fixed(sigma.y(), 3), fixed(sigma.z(), 3), "", ""});
   row("least squares", r.poses, r.least_squares.tip_mm, r.least_squares.rms_mm, r.least_squares.worst_mm);
-  row("first half", r.poses / 2, r.half_tips_mm[0], kNone, kNone);
-  row("second half", r.poses - r.poses / 2, r.half_tips_mm[1], kNone, kNone);
+  row("first half", r.poses / 2, r.half_tips_mm[0], geometry::kUnknown, geometry::kUnknown);
+  row("second half", r.poses - r.poses / 2, r.half_tips_mm[1], geometry::kUnknown, geometry::kUnknown);
   return out + "\n" + table.text() + "\nOutliers " + std::to_string(r.outliers) + ", halves " +
          fixed(r.halves_apart_mm, 2, "mm") + " apart, pivot at " + vector_text(r.pivot_mm, 3) + " mm\n";
 }

@@ -3,12 +3,12 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "clients/cli/daemon_link.hpp"
 
 namespace bregma::cli {
@@ -21,8 +21,8 @@ enum class Presence { kNever, kSilent, kAlive };
 
 struct DaemonView {
   Presence presence = Presence::kNever;
-  double silent_s = std::numeric_limits<double>::quiet_NaN(); // since it last spoke
-  std::string text;                                           // "navigating"; "no daemon"; "SILENT for 12.3 s"
+  double silent_s = geometry::kUnknown; // since it last spoke
+  std::string text;                     // "navigating"; "no daemon"; "SILENT for 12.3 s"
 };
 [[nodiscard]] DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns);
 
@@ -31,23 +31,22 @@ struct DaemonView {
 
 // Figures are NaN unless the pose is live (or computed for a check touch: "unverified") and the news is fresh.
 struct ToolView {
-  static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   std::string tool;
   std::string status;
-  bool fresh = false;                                // the figures are the present
-  double age_ms = kUnknown;                          // since exposure, as of now
-  double tip_mm[3] = {kUnknown, kUnknown, kUnknown}; // in Image (RAS)
-  double speed_mm_s = kUnknown;
-  double tre_rms_mm = kUnknown; // predicted, at the tip
-  double tre_95_mm = kUnknown;  // longest semi-axis of the 95 % ellipsoid
+  bool fresh = false;                                                              // the figures are the present
+  double age_ms = geometry::kUnknown;                                              // since exposure, as of now
+  double tip_mm[3] = {geometry::kUnknown, geometry::kUnknown, geometry::kUnknown}; // in Image (RAS)
+  double speed_mm_s = geometry::kUnknown;
+  double tre_rms_mm = geometry::kUnknown; // predicted, at the tip
+  double tre_95_mm = geometry::kUnknown;  // longest semi-axis of the 95 % ellipsoid
   std::string trajectory;
-  double distance_to_target_mm = kUnknown;    // as it was imaged
-  double distance_to_predicted_mm = kUnknown; // to the target where the tissue model predicts it
-  double lateral_mm = kUnknown;
-  double angle_deg = kUnknown;
-  double remaining_depth_mm = kUnknown;
+  double distance_to_target_mm = geometry::kUnknown;    // as it was imaged
+  double distance_to_predicted_mm = geometry::kUnknown; // to the target where the tissue model predicts it
+  double lateral_mm = geometry::kUnknown;
+  double angle_deg = geometry::kUnknown;
+  double remaining_depth_mm = geometry::kUnknown;
   std::string nearest_structure;
-  double nearest_mm = kUnknown;
+  double nearest_mm = geometry::kUnknown;
 };
 [[nodiscard]] ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns);
 

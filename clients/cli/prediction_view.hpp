@@ -2,30 +2,30 @@
 // tools. The point as imaged and as predicted stand beside each other, never one for the other.
 #pragma once
 
+#include "algorithms/geometry/unknown.hpp"
 #include "clients/cli/live_view.hpp"
 
 namespace bregma::cli {
 
 // Figures are NaN unless the answer is valid or extrapolating, and fresh.
 struct PredictionView {
-  static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
-  std::string point;                                       // its name
-  std::string kind;                                        // target or landmark
-  std::string status;                                      // with its reason
-  bool fresh = false;                                      // the figures are the present
-  std::string phase;                                       // of the probe
-  double imaged_mm[3] = {kUnknown, kUnknown, kUnknown};    // in Image; known always
-  double predicted_mm[3] = {kUnknown, kUnknown, kUnknown}; // in Image
-  double motion_mm = kUnknown;                             // from the one to the other
-  double error_bound_mm = kUnknown;                        // of the prediction
-  double von_mises_Pa = kUnknown;                          // in the tissue at the point
-  double tip_force_N = kUnknown;
-  double shaft_force_N = kUnknown;
-  double measured_force_N = kUnknown; // by the sensor
-  double depth_mm = kUnknown;
+  std::string point;                                                                     // its name
+  std::string kind;                                                                      // target or landmark
+  std::string status;                                                                    // with its reason
+  bool fresh = false;                                                                    // the figures are the present
+  std::string phase;                                                                     // of the probe
+  double imaged_mm[3] = {geometry::kUnknown, geometry::kUnknown, geometry::kUnknown};    // in Image; known always
+  double predicted_mm[3] = {geometry::kUnknown, geometry::kUnknown, geometry::kUnknown}; // in Image
+  double motion_mm = geometry::kUnknown;                                                 // from the one to the other
+  double error_bound_mm = geometry::kUnknown;                                            // of the prediction
+  double von_mises_Pa = geometry::kUnknown;                                              // in the tissue at the point
+  double tip_force_N = geometry::kUnknown;
+  double shaft_force_N = geometry::kUnknown;
+  double measured_force_N = geometry::kUnknown; // by the sensor
+  double depth_mm = geometry::kUnknown;
   std::uint32_t ruptures = 0;
-  double rupture_force_N = kUnknown;
-  double stiffness_scale = kUnknown;
+  double rupture_force_N = geometry::kUnknown;
+  double stiffness_scale = geometry::kUnknown;
 };
 [[nodiscard]] PredictionView view_prediction(const wire::DeformationState &state, const DaemonView &daemon,
                                              std::int64_t now_ns);

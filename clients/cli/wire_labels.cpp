@@ -3,6 +3,8 @@
 #include <array>
 #include <cstddef>
 
+#include "algorithms/tissue/model_verdict.hpp"
+
 namespace bregma::cli {
 namespace {
 
@@ -48,21 +50,26 @@ std::string_view deformation_label(wire::DeformationStatus value) {
 }
 
 std::string_view deformation_reason_label(wire::DeformationReason value) {
-  static constexpr std::array<std::string_view, 14> kWords{"unknown",
-                                                           "none",
-                                                           "the tissue still swings",
-                                                           "the probe is not seen",
-                                                           "the probe has jumped",
-                                                           "the probe's path is not known",
-                                                           "too slow",
-                                                           "the probe has left the mesh",
-                                                           "tissue is turned inside out for a moment",
-                                                           "a step was taken back",
-                                                           "put back to rest",
-                                                           "the model is being built",
-                                                           "no model can be made of this brain",
-                                                           "the point is outside the mesh"};
-  return nth(kWords, value);
+  // The model's own reasons follow "none" in the order of tissue::ModelReason.
+  constexpr std::int32_t kNone = bregma_wire_DEFORMATION_REASON_NONE;
+  static_assert(bregma_wire_DEFORMATION_REASON_DIVERGED - kNone == static_cast<int>(tissue::ModelReason::kDiverged));
+  if (value > kNone && value <= bregma_wire_DEFORMATION_REASON_DIVERGED) {
+    return tissue::sentence_of(static_cast<tissue::ModelReason>(value - kNone));
+  }
+  switch (value) {
+  case bregma_wire_DEFORMATION_REASON_UNKNOWN:
+    return "unknown";
+  case kNone:
+    return "none";
+  case bregma_wire_DEFORMATION_REASON_BUILDING:
+    return "the model is being built";
+  case bregma_wire_DEFORMATION_REASON_REFUSED:
+    return "no model can be made of this brain";
+  case bregma_wire_DEFORMATION_REASON_POINT_OUTSIDE:
+    return "the point is outside the mesh";
+  default:
+    return kNotKnownHere;
+  }
 }
 
 std::string_view followed_label(wire::FollowedKind value) {

@@ -2,11 +2,11 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <mutex>
 #include <optional>
 #include <string>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "idl/topics.hpp"
 
 namespace bregma::driver {
@@ -23,13 +23,13 @@ struct StatusValues {
   std::uint64_t connections = 0; // that were made
   std::uint64_t failures = 0;    // attempts that failed, and connections that were lost
   std::uint64_t published = 0;
-  std::uint64_t refused = 0;     // samples that DDS did not take
-  std::uint64_t out_of_step = 0; // samples whose device time contradicts the device's clock
-  std::uint64_t skipped = 0;     // pieces of input that the protocol could not read
-  std::string skip_reason;       // of the latest
-  std::string failure;           // the latest; empty while there was none
-  double clock_offset_ms = std::numeric_limits<double>::quiet_NaN(); // host minus device
-  double clock_drift_ppm = std::numeric_limits<double>::quiet_NaN();
+  std::uint64_t refused = 0;                   // samples that DDS did not take
+  std::uint64_t out_of_step = 0;               // samples whose device time contradicts the device's clock
+  std::uint64_t skipped = 0;                   // pieces of input that the protocol could not read
+  std::string skip_reason;                     // of the latest
+  std::string failure;                         // the latest; empty while there was none
+  double clock_offset_ms = geometry::kUnknown; // host minus device
+  double clock_drift_ppm = geometry::kUnknown;
   std::uint64_t clock_resyncs = 0; // how often the device's clock was set
   std::int64_t last_sample_ns = 0;
   std::int64_t last_return_ns = 0; // when the device last returned to the frame

@@ -1,8 +1,8 @@
 #include "drivers/sim/faults.hpp"
 
 #include <cmath>
-#include <limits>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::sim {
@@ -84,7 +84,7 @@ wire::TrackerFrame spoiled(const wire::TrackerFrame &good, BadSample kind) {
   switch (kind) {
   case BadSample::kNotFinite:
     tool.status = bregma_wire_TOOL_VISIBLE;
-    tool.T_tracker_tool.translation_mm[0] = std::numeric_limits<double>::quiet_NaN();
+    tool.T_tracker_tool.translation_mm[0] = geometry::kUnknown;
     break;
   case BadSample::kNotARotation:
     tool.status = bregma_wire_TOOL_VISIBLE;

@@ -12,9 +12,9 @@
 #include <string>
 #include <vector>
 
+#include "drivers/sim/guided_insertion.hpp"
 #include "drivers/sim/hand_planning.hpp"
 #include "drivers/sim/hands.hpp"
-#include "drivers/sim/insertion.hpp"
 #include "drivers/sim/patient.hpp"
 #include "drivers/sim/random.hpp"
 #include "drivers/sim/robot_arm.hpp"
@@ -66,7 +66,7 @@ private:
   [[nodiscard]] Action wait(double seconds);
   [[nodiscard]] Action ask(wire::CommandKind kind, std::vector<std::string> values = {});
   [[nodiscard]] Action judge(); // fails the step unless the last command was done
-  [[nodiscard]] Action guide(std::size_t tool, const Insertion &insertion);
+  [[nodiscard]] Action guide(std::size_t tool, const GuidedInsertion &insertion);
 
   // What a step, or a part of it, is made of.
   [[nodiscard]] Actions actions_of(const Step &step);
@@ -114,7 +114,7 @@ private:
   std::optional<std::size_t> held_;
   std::uint64_t last_command_ = 0;
   std::optional<wire::CommandReply> reply_; // to last_command_
-  std::optional<Insertion> insertion_;
+  std::optional<GuidedInsertion> insertion_;
   std::size_t inserted_ = 0; // the tool of insertion_
   T_ImageFlange guide_;      // where the guide stands for insertion_, before corrections
 };

@@ -203,8 +203,8 @@ Operator::Actions Operator::follow(const Step &step) {
   const Vector3d direction = (plan->target_mm - plan->entry_mm).normalized();
   const auto rotation = point_tool(true_tool(tool).model, direction, patient_->camera_mm() - plan->entry_mm);
   const HandPose over{plan->entry_mm - (kStandoff_mm + kFarOut_mm) * direction, rotation, 1.0, 1.0};
-  const Insertion insertion({plan->entry_mm, plan->target_mm, step.speed_mm_s, step.duration_s, kStandoff_mm}, rotation,
-                            parameters_, placing_.normal3(robot_parameters_.placement_error_mm));
+  const GuidedInsertion insertion({plan->entry_mm, plan->target_mm, step.speed_mm_s, step.duration_s, kStandoff_mm},
+                                  rotation, parameters_, placing_.normal3(robot_parameters_.placement_error_mm));
 
   Actions out = take(tool);
   out.push_back(call([this, plan, direction, misplaced = insertion.correction_mm()] {
@@ -220,7 +220,7 @@ Operator::Actions Operator::follow(const Step &step) {
   return out;
 }
 
-Operator::Action Operator::guide(std::size_t tool, const Insertion &insertion) {
+Operator::Action Operator::guide(std::size_t tool, const GuidedInsertion &insertion) {
   const auto begin = [this, tool, insertion] {
     insertion_ = insertion;
     inserted_ = tool;
@@ -228,8 +228,8 @@ Operator::Action Operator::guide(std::size_t tool, const Insertion &insertion) {
   const auto done = [this, tool, name = steps_[step_].name] {
     insertion_->advance(now_ns_);
     arm_->shift_goal({guide_.rotation(), guide_.translation() + insertion_->correction_mm()});
-    label_ = insertion_->phase() == Insertion::Phase::kHold ? name + ":hold" : name;
-    const bool over = insertion_->phase() == Insertion::Phase::kDone;
+    label_ = insertion_->phase() == GuidedInsertion::Phase::kHold ? name + ":hold" : name;
+    const bool over = insertion_->phase() == GuidedInsertion::Phase::kDone;
     const bool lost = insertion_->waited_s() > parameters_.give_up_s;
     if (over || lost) {
       const std::string why = insertion_->why_waiting();

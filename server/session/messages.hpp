@@ -117,7 +117,7 @@ struct SurfaceSample {
 // ---- to the monitoring loop ----
 
 // A check touch, as measured and as judged against the accepted registration.
-struct CheckTouch {
+struct JudgedCheck {
   wire::Name tool;
   wire::Name landmark;
   std::uint64_t frame;
@@ -194,7 +194,7 @@ using NavigationMessage = std::variant<SessionChanged, CaptureRequest, TraceRequ
 using RegistrationMessage = std::variant<SessionChanged, FiducialSample, FiducialRemoved, SurfaceSample,
                                          RegistrationAccepted, RegistrationReset>;
 using MonitoringMessage =
-    std::variant<SessionChanged, CheckTouch, SurfaceSample, DriftRestart, RegistrationAccepted, RegistrationReset>;
+    std::variant<SessionChanged, JudgedCheck, SurfaceSample, DriftRestart, RegistrationAccepted, RegistrationReset>;
 using NavigationEvent = std::variant<CaptureResult, SurfaceSample, PivotPose>;
 
 static_assert(std::is_trivially_copyable_v<NavigationMessage> && std::is_trivially_copyable_v<RegistrationMessage> &&

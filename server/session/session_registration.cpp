@@ -83,7 +83,7 @@ Answer Session::Impl::take_fiducial(const CaptureRequest &request, const Capture
 Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureResult &result) {
   const std::string name = wire::text(request.point);
   const auto index = static_cast<std::size_t>(case_->landmark(name) - case_->landmarks.data());
-  const CheckTouch check = judge_check(*case_, *data_.accepted, index, request.tool, result);
+  const JudgedCheck check = judge_check(*case_, *data_.accepted, index, request.tool, result);
   data_.checks[name] = check;
   unsaved_ = true;
   ports_.send(MonitoringMessage(check));

@@ -62,7 +62,7 @@ template <class Sample> Sample read_sample(const json &from) {
   return out;
 }
 
-json write(const CheckTouch &check) {
+json write(const JudgedCheck &check) {
   json out = write_sample(check);
   out["landmark_index"] = check.landmark_index;
   out["error_mm"] = check.error_mm;
@@ -72,8 +72,8 @@ json write(const CheckTouch &check) {
   return out;
 }
 
-CheckTouch read_check(const json &from, const std::string &landmark) {
-  auto out = read_sample<CheckTouch>(from);
+JudgedCheck read_check(const json &from, const std::string &landmark) {
+  auto out = read_sample<JudgedCheck>(from);
   read_name({{"landmark", landmark}}, "landmark", out.landmark);
   from.at("landmark_index").get_to(out.landmark_index);
   from.at("error_mm").get_to(out.error_mm);

@@ -46,7 +46,7 @@ Matrix3d isotropic(double sigma) { return sigma * sigma * Matrix3d::Identity(); 
 // Chance of errors this large, all together, if the registration is as good as predicted. They share its error x:
 // e_i = J_i x + touch_i + landmark_i.
 double joint_p_value(const casefile::Case &the_case, const RegistrationAccepted &registration,
-                     const std::map<std::string, CheckTouch> &checks) {
+                     const std::map<std::string, JudgedCheck> &checks) {
   const auto rows = static_cast<Eigen::Index>(3 * checks.size());
   Eigen::VectorXd errors(rows);
   Eigen::MatrixXd J(rows, 6);
@@ -103,8 +103,8 @@ std::optional<std::string> refuse_acceptance(const casefile::Case &the_case, con
   return std::nullopt;
 }
 
-CheckTouch judge_check(const casefile::Case &the_case, const RegistrationAccepted &registration,
-                       std::size_t landmark_index, const wire::Name &tool, const CaptureResult &touch) {
+JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccepted &registration,
+                        std::size_t landmark_index, const wire::Name &tool, const CaptureResult &touch) {
   const casefile::NamedPoint &landmark = the_case.landmarks[landmark_index];
   const Pose T_image_reference = pose_of(registration);
   const Vector3d shown = T_image_reference * Eigen::Map<const Vector3d>(touch.position_mm.data());
@@ -119,7 +119,7 @@ CheckTouch judge_check(const casefile::Case &the_case, const RegistrationAccepte
   monitoring::DriftMonitor from_registration;
   from_registration.reset(covariance_of(registration));
 
-  CheckTouch out{};
+  JudgedCheck out{};
   std::copy(std::begin(tool), std::end(tool), out.tool);
   (void)wire::set_name(out.landmark, landmark.name); // load_case has refused names that are too long
   out.frame = touch.frame;
@@ -135,7 +135,7 @@ CheckTouch judge_check(const casefile::Case &the_case, const RegistrationAccepte
 }
 
 std::optional<std::string> refuse_verification(const casefile::Case &the_case, const RegistrationAccepted &registration,
-                                               const std::map<std::string, CheckTouch> &checks,
+                                               const std::map<std::string, JudgedCheck> &checks,
                                                std::size_t min_checks) {
   if (checks.size() < min_checks) {
     std::string left;

@@ -26,15 +26,15 @@ struct TargetTre {
 [[nodiscard]] RegistrationAccepted accept(const wire::RegistrationState &estimate);
 
 // A touch of the landmark with this index in the case, against the accepted registration.
-[[nodiscard]] CheckTouch judge_check(const casefile::Case &the_case, const RegistrationAccepted &registration,
-                                     std::size_t landmark_index, const wire::Name &tool, const CaptureResult &touch);
+[[nodiscard]] JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccepted &registration,
+                                      std::size_t landmark_index, const wire::Name &tool, const CaptureResult &touch);
 
 // Needs min_checks landmarks, each within limits.max_check_mm, and all of them together no further off than the
 // predicted error explains: the joint chi-square of all errors, which share the registration's, at kVerificationTail.
 inline constexpr double kVerificationTail = 1e-3; // chance that a good registration is refused
 [[nodiscard]] std::optional<std::string> refuse_verification(const casefile::Case &the_case,
                                                              const RegistrationAccepted &registration,
-                                                             const std::map<std::string, CheckTouch> &checks,
+                                                             const std::map<std::string, JudgedCheck> &checks,
                                                              std::size_t min_checks);
 
 // Why a capture failed; nothing when it did not.

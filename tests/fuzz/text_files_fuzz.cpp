@@ -2,14 +2,12 @@
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
-#include <string>
-
-#include <unistd.h>
+#include <string_view>
 
 #include "casefile/itk_transform.hpp"
 #include "casefile/markups.hpp"
 #include "clients/cli/registration/point_file.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace {
 
@@ -20,29 +18,6 @@ void require(bool condition) {
     std::abort();
   }
 }
-
-// The readers take files. One of each name, written anew for every input; gone at the end.
-class Scratch {
-public:
-  Scratch() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "bregma-fuzz-XXXXXX").string();
-    require(mkdtemp(pattern.data()) != nullptr);
-    folder_ = pattern;
-  }
-  ~Scratch() {
-    std::error_code ignored;
-    std::filesystem::remove_all(folder_, ignored);
-  }
-  Scratch(const Scratch &) = delete;
-  Scratch &operator=(const Scratch &) = delete;
-  std::filesystem::path write(const char *name, const char *data, std::size_t size) const {
-    std::ofstream(folder_ / name, std::ios::binary).write(data, static_cast<std::streamsize>(size));
-    return folder_ / name;
-  }
-
-private:
-  std::filesystem::path folder_;
-};
 
 void read_points(const std::filesystem::path &file) {
   const auto read = cli::read_point_file(file);
@@ -66,31 +41,31 @@ void read_curves(const std::filesystem::path &file) {
 } // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
-  static const Scratch scratch;
+  // The readers take files: one of each name, written anew for every input.
+  static const test::TemporaryFolder scratch;
   if (size == 0) {
     return 0;
   }
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
-  const char *content = reinterpret_cast<const char *>(data) + 1;
-  const std::size_t length = size - 1;
+  const std::string_view content(reinterpret_cast<const char *>(data) + 1, size - 1);
   switch (data[0] % 4) { // the seeds begin with the digits 0 to 3
   case 0: {
-    const auto file = scratch.write("a.csv", content, length);
+    const auto file = scratch.write("a.csv", content);
     read_points(file);
     read_curves(file);
     break;
   }
   case 1: {
-    const auto file = scratch.write("a.mrk.json", content, length);
+    const auto file = scratch.write("a.mrk.json", content);
     read_points(file);
     read_curves(file);
     break;
   }
   case 2:
-    read_points(scratch.write("a.fcsv", content, length));
+    read_points(scratch.write("a.fcsv", content));
     break;
   default: {
-    const auto file = scratch.write("a.tfm", content, length);
+    const auto file = scratch.write("a.tfm", content);
     const auto affine = casefile::read_itk_transform(file);
     const auto rigid = casefile::read_itk_rigid(file);
     require(!affine || affine->allFinite());

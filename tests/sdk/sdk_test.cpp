@@ -19,7 +19,7 @@
 #include "tests/support/force_lines.hpp"
 #include "tests/support/process.hpp"
 #include "tests/support/tcp_device.hpp"
-#include "tests/unit/cli/temporary_folder.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace bregma::test {
 namespace {

@@ -26,19 +26,6 @@ server::Config with_state(server::Config config, const std::filesystem::path &fo
 
 } // namespace
 
-TemporaryFolder::TemporaryFolder() {
-  std::string name = (std::filesystem::temp_directory_path() / "bregma-XXXXXX").string();
-  if (mkdtemp(name.data()) == nullptr) {
-    throw std::runtime_error("cannot make a folder like " + name);
-  }
-  path_ = name;
-}
-
-TemporaryFolder::~TemporaryFolder() {
-  std::error_code ignored;
-  std::filesystem::remove_all(path_, ignored);
-}
-
 server::Config quick_config() {
   server::Config config;
   config.stages.of<server::TissueModelParameters>().elements = 0;

@@ -16,22 +16,10 @@
 #include "server/stages/host.hpp"
 #include "server/wiring.hpp"
 #include "tests/support/memory_topics.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tests/support/virtual_loops.hpp"
 
 namespace bregma::test {
-
-// A folder that goes with its owner.
-class TemporaryFolder {
-public:
-  TemporaryFolder();
-  ~TemporaryFolder();
-  TemporaryFolder(const TemporaryFolder &) = delete;
-  TemporaryFolder &operator=(const TemporaryFolder &) = delete;
-  [[nodiscard]] const std::filesystem::path &path() const { return path_; }
-
-private:
-  std::filesystem::path path_;
-};
 
 // bregmad's defaults without a tissue model, which would take longer than all the rest.
 [[nodiscard]] server::Config quick_config();

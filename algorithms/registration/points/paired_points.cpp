@@ -2,13 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <Eigen/SVD>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/uncertainty/distributions.hpp"
 
@@ -20,7 +20,6 @@ using geometry::Vector6d;
 
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kMaxIterations = 50;
 constexpr double kRefinedStep_mm = 1e-9;
 
@@ -124,7 +123,7 @@ FiducialFit assess_fiducial(const PointPair &pair, const PairedPose &T_target_so
     }
   }
   out.p_value = rank > 0 ? uncertainty::chi_square_survival(out.chi_square, rank) : 1.0;
-  out.leave_one_out_mm = kNaN;
+  out.leave_one_out_mm = geometry::kUnknown;
   if (fixed_by_others) {
     // (I - J A^-1 J' S^-1)^-1 r: what the residual becomes when the pair is taken out of the normal equations.
     const Eigen::FullPivLU<Matrix3d> others(S - own_share);
@@ -222,7 +221,7 @@ Matrix6d marker_fit_covariance(std::span<const Vector3d> markers_mm, std::uint32
   }
   const double size = normal.trace();
   if (n < 3.0 || !(normal.determinant() > 1e-9 * size * size * size)) {
-    return Matrix6d::Constant(kNaN);
+    return Matrix6d::Constant(geometry::kUnknown);
   }
   const Matrix3d inverse = normal.inverse();
   Matrix6d about_centroid = Matrix6d::Zero();

@@ -6,6 +6,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/uncertainty/distributions.hpp"
 
 namespace bregma::registration {
@@ -174,7 +175,7 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
 
 double fre_p_value(int fiducials, double fre_rms_mm, double fle_rms_mm) noexcept {
   if (fiducials < 3 || !(fle_rms_mm > 0.0)) {
-    return std::numeric_limits<double>::quiet_NaN();
+    return geometry::kUnknown;
   }
   const double chi = 3.0 * fiducials * fre_rms_mm * fre_rms_mm / (fle_rms_mm * fle_rms_mm);
   return uncertainty::chi_square_survival(chi, 3 * fiducials - 6);

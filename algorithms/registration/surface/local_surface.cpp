@@ -11,6 +11,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/registration/surface/normal_kernel.hpp"
 #include "algorithms/registration/surface/plane_step.hpp"
 #include "algorithms/registration/twist.hpp"
@@ -254,7 +255,7 @@ Matrix6d LocalRegistration::Workspace::covariance_about_centre() {
   const Matrix6d scaled = lever.asDiagonal() * A * lever.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scaled);
   if (!(eigen.eigenvalues()[0] > kBlind * eigen.eigenvalues()[5])) {
-    return Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN());
+    return Matrix6d::Constant(geometry::kUnknown);
   }
   const Matrix6d inverse = lever.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
                            eigen.eigenvectors().transpose() * lever.asDiagonal();

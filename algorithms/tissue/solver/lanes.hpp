@@ -142,7 +142,7 @@ template <class V> BREGMA_INLINE void log2_of_one_plus(const typename V::Float &
 }
 
 // 2^x - 1 for |x| < 120: 2^n 2^f with |f| <= 1/2 and 2^f - 1 by its Taylor polynomial of degree 6. n is read off the
-// last bits of a sum with 1.5 2^23, as in registration/gauss_kernel.cpp.
+// last bits of a sum with 1.5 2^23, as in registration/clouds/gauss_kernel.cpp.
 template <class V> BREGMA_INLINE void exp2_less_one(const typename V::Float &x, typename V::Float &out) {
   using Float = typename V::Float;
   using Int = typename V::Int;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <optional>
 
@@ -11,6 +10,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/registration/splines/curves.hpp"
 #include "algorithms/registration/splines/thin_plate_spline.hpp"
 #include "casefile/markups.hpp"
@@ -149,13 +149,12 @@ template <int D> registration::SplineOptions spline_options(const CurvesArgument
 }
 
 double rms(const Eigen::VectorXd &distances) {
-  return distances.size() == 0 ? std::numeric_limits<double>::quiet_NaN()
+  return distances.size() == 0 ? geometry::kUnknown
                                : std::sqrt(distances.squaredNorm() / static_cast<double>(distances.size()));
 }
 
 // What a curve's points err by when it takes no part; not a number where the others fix no spline.
 template <int D> double held_out_rms(const Pairs &pairs, std::size_t left_out, const CurvesArguments &arguments) {
-  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   const auto curves = curves_of<D>(pairs);
   auto others = curves;
   others.erase(others.begin() + static_cast<std::ptrdiff_t>(left_out));
@@ -163,10 +162,10 @@ template <int D> double held_out_rms(const Pairs &pairs, std::size_t left_out, c
   const auto sets = registration::join<D>(landmarks_of<D>(pairs), others);
   const auto alone = registration::join<D>(none, std::span(&curves[left_out], 1));
   if (!sets || !alone) {
-    return kUnknown;
+    return geometry::kUnknown;
   }
   const auto spline = Spline<D>::fit(sets->reference_mm, sets->floating_mm, spline_options<D>(arguments, false));
-  return spline ? rms((spline->map(alone->reference_mm) - alone->floating_mm).colwise().norm()) : kUnknown;
+  return spline ? rms((spline->map(alone->reference_mm) - alone->floating_mm).colwise().norm()) : geometry::kUnknown;
 }
 
 struct HeldOut {
@@ -242,8 +241,7 @@ template <int D> HeldOut hold_out(const CurvesArguments &arguments, const Pairs 
   const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // they come first
   const Eigen::VectorXd of_landmarks = spline.leave_one_out_mm().head(std::min(landmarks, spline.size()));
   out.landmarks_rms_mm = rms(of_landmarks);
-  out.landmarks_worst_mm =
-      of_landmarks.size() == 0 ? std::numeric_limits<double>::quiet_NaN() : of_landmarks.maxCoeff();
+  out.landmarks_worst_mm = of_landmarks.size() == 0 ? geometry::kUnknown : of_landmarks.maxCoeff();
   for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
     out.curves_rms_mm.push_back(held_out_rms<D>(pairs, i, arguments));
   }

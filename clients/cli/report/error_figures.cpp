@@ -3,6 +3,7 @@
 #include <cmath>
 #include <iterator>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "clients/cli/report/figure_layout.hpp"
 #include "clients/cli/report/figures.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
@@ -52,7 +53,7 @@ template <class Value> base::Series line_of(const SessionAnalysis &session, cons
   for (const auto *tip : tool.tips) {
     const double time_s = session.seconds(tip->time_ns);
     if (!out.points.empty() && time_s - out.points.back().x > kGap_s) {
-      out.points.push_back({kNotKnown, kNotKnown});
+      out.points.push_back({geometry::kUnknown, geometry::kUnknown});
     }
     out.points.push_back({time_s, value(*tip)});
   }

@@ -172,7 +172,7 @@ std::string checks_table(const SessionAnalysis &session) {
   return table.any() ? table.text() : std::string();
 }
 
-std::string insertion_table(const Insertion &insertion) {
+std::string insertion_table(const InsertionAnalysis &insertion) {
   HtmlTable table({"Target", "#Tetrahedra", "#Ruptures", "#At a modelled force of N", "#At a dent of mm",
                    "#Largest motion mm", "#Measured : modelled stiffness"});
   table.row({insertion.target, std::to_string(insertion.elements), std::to_string(insertion.ruptures),

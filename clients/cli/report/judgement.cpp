@@ -4,22 +4,24 @@
 #include <cmath>
 #include <optional>
 
+#include "algorithms/geometry/unknown.hpp"
+
 namespace bregma::cli::report {
 namespace {
 
 double worst_target_tre_mm(const RegistrationSummary &registration) {
-  double worst = kNotKnown;
+  double worst = geometry::kUnknown;
   for (const auto &target : registration.targets) {
     if (!std::isfinite(target.tre_rms_mm)) {
-      return kNotKnown; // one that is not known may be the worst
+      return geometry::kUnknown; // one that is not known may be the worst
     }
     worst = std::isfinite(worst) ? std::max(worst, target.tre_rms_mm) : target.tre_rms_mm;
   }
   return worst;
 }
 
-double worst_check_mm(const std::vector<CheckTouch> &checks) {
-  double worst = kNotKnown;
+double worst_check_mm(const std::vector<CheckRecord> &checks) {
+  double worst = geometry::kUnknown;
   for (const auto &check : checks) {
     worst = std::isfinite(worst) ? std::max(worst, check.distance_mm) : check.distance_mm;
   }
@@ -28,10 +30,10 @@ double worst_check_mm(const std::vector<CheckTouch> &checks) {
 
 // Known only when it is known for every structure that was approached.
 double smallest_clearance_mm(const std::vector<Approach> &approaches) {
-  double least = kNotKnown;
+  double least = geometry::kUnknown;
   for (const auto &approach : approaches) {
     if (!std::isfinite(approach.true_at_least_mm)) {
-      return kNotKnown;
+      return geometry::kUnknown;
     }
     least = std::isfinite(least) ? std::min(least, approach.true_at_least_mm) : approach.true_at_least_mm;
   }
@@ -47,7 +49,7 @@ double lost_percent(const std::vector<DeviceSummary> &devices) {
       taken += device.taken;
     }
   }
-  return lost + taken > 0 ? 100.0 * static_cast<double>(lost) / static_cast<double>(lost + taken) : kNotKnown;
+  return lost + taken > 0 ? 100.0 * static_cast<double>(lost) / static_cast<double>(lost + taken) : geometry::kUnknown;
 }
 
 class Judge {
@@ -69,17 +71,18 @@ std::optional<double> real(std::optional<std::int64_t> count) {
   return count ? std::optional(static_cast<double>(*count)) : std::nullopt;
 }
 
-double yes_or_no(std::optional<bool> value) { return value ? (*value ? 1.0 : 0.0) : kNotKnown; }
+double yes_or_no(std::optional<bool> value) { return value ? (*value ? 1.0 : 0.0) : geometry::kUnknown; }
 
 } // namespace
 
 std::vector<Judgement> judge(const SessionAnalysis &session, const casefile::RunLimits &limits) {
   const auto &registration = session.registration;
   const auto &target = session.at_target;
-  const auto of_registration = [&](auto value) { return registration ? value(*registration) : kNotKnown; };
+  const auto of_registration = [&](auto value) { return registration ? value(*registration) : geometry::kUnknown; };
   Judge judge;
   judge.at_most("max_tip_error_at_target_mm", "true error of the shown tip held at the target, median",
-                target ? target->true_error_mm.percentile(0.5) : kNotKnown, limits.max_tip_error_at_target_mm, "mm");
+                target ? target->true_error_mm.percentile(0.5) : geometry::kUnknown, limits.max_tip_error_at_target_mm,
+                "mm");
   judge.at_most("max_fre_mm", "consistency of the fiducials (FRE; not an accuracy)",
                 of_registration([](const auto &r) { return r.fre_mm; }), limits.max_fre_mm, "mm");
   judge.at_most("max_predicted_tre_mm", "predicted target error (TRE), RMS, worst target",
@@ -94,7 +97,7 @@ std::vector<Judgement> judge(const SessionAnalysis &session, const casefile::Run
   judge.at_least("min_clearance_mm", "true tip to the nearest critical structure, at least",
                  smallest_clearance_mm(session.approaches), limits.min_clearance_mm, "mm");
   judge.at_most("max_rejected", "rejected samples, all devices and reasons",
-                session.devices.empty() ? kNotKnown : static_cast<double>(session.rejected_in_all()),
+                session.devices.empty() ? geometry::kUnknown : static_cast<double>(session.rejected_in_all()),
                 real(limits.max_rejected), "");
   judge.at_least("min_fiducials", "fiducials of the accepted registration",
                  of_registration([](const auto &r) { return static_cast<double>(r.fiducials); }),

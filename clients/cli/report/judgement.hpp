@@ -4,16 +4,17 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "casefile/run_limits.hpp"
 #include "clients/cli/report/session_analysis.hpp"
 
 namespace bregma::cli::report {
 
 struct Judgement {
-  std::string name;         // the limit's key in the scenario file
-  std::string text;         // what is measured, for a person
-  double value = kNotKnown; // NaN: the file does not say, and then the limit does not hold
-  double limit = kNotKnown;
+  std::string name;                  // the limit's key in the scenario file
+  std::string text;                  // what is measured, for a person
+  double value = geometry::kUnknown; // NaN: the file does not say, and then the limit does not hold
+  double limit = geometry::kUnknown;
   std::string unit;    // empty for counts and yes (1) or no (0)
   bool at_most = true; // else at least
   bool holds = false;

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <numeric>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "clients/cli/report/scalp_residuals.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 #include "clients/cli/report/tissue_analysis.hpp"
@@ -62,7 +63,7 @@ Result<void> read_commands(const SessionReader &reader, SessionAnalysis &out, Co
     }
     const Asked &asked = found->second;
     if (asked.kind == bregma_wire_COMMAND_CHECK_TOUCH) {
-      out.checks.push_back({time_ns, asked.tool, asked.point, reply.value_mm, kNotKnown});
+      out.checks.push_back({time_ns, asked.tool, asked.point, reply.value_mm, geometry::kUnknown});
     } else if (asked.kind == bregma_wire_COMMAND_CONFIRM_VERIFICATION && !talk.first_confirmed_ns) {
       talk.first_confirmed_ns = time_ns;
     } else if (asked.kind == bregma_wire_COMMAND_START_REGISTRATION) {
@@ -208,7 +209,8 @@ Result<void> read_health(const SessionReader &reader, SessionAnalysis &out, Conv
       before = !count_all && wire::view(candidate.device) == wire::view(device.device) ? &candidate : before;
     }
     const auto rate = live_rate_hz.find(wire::text(device.device));
-    out.devices.push_back(device_summary(device, before, rate == live_rate_hz.end() ? kNotKnown : rate->second));
+    out.devices.push_back(
+        device_summary(device, before, rate == live_rate_hz.end() ? geometry::kUnknown : rate->second));
   }
   out.unknown_device_samples = last->unknown_device_samples - (count_all ? 0 : first->unknown_device_samples);
   out.record_dropped = last->record_dropped - (count_all ? 0 : first->record_dropped);

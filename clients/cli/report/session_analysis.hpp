@@ -5,7 +5,6 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -13,13 +12,12 @@
 
 #include <Eigen/Core>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/surface/triangle_mesh.hpp"
 #include "base/result.hpp"
 #include "casefile/session_file/session_file.hpp"
 
 namespace bregma::cli::report {
-
-inline constexpr double kNotKnown = std::numeric_limits<double>::quiet_NaN();
 
 // A sample counts as held at the target when the tip is shown so near to it (mm).
 inline constexpr double kAtTargetDepth_mm = 1.0;    // along the trajectory
@@ -38,9 +36,9 @@ struct TipSample {
   std::int64_t time_ns = 0;
   std::uint32_t tool = 0; // index into SessionAnalysis::tools
   bool at_target = false;
-  double predicted_rms_mm = kNotKnown; // TRE at the tip
-  double true_error_mm = kNotKnown;    // |shown tip - true tip|
-  double ellipsoid = kNotKnown;        // of the true error, squared, in semi-axes: inside the 95 % region up to 1
+  double predicted_rms_mm = geometry::kUnknown; // TRE at the tip
+  double true_error_mm = geometry::kUnknown;    // |shown tip - true tip|
+  double ellipsoid = geometry::kUnknown; // of the true error, squared, in semi-axes: inside the 95 % region up to 1
 };
 
 // While held at the target of the plan that was navigated.
@@ -48,25 +46,25 @@ struct AtTarget {
   std::string tool;
   std::string trajectory;
   std::size_t samples = 0;
-  double shown_distance_mm = kNotKnown;     // median, shown tip to target
-  Distribution true_error_mm;               // empty without truth
-  double predicted_rms_mm = kNotKnown;      // median
-  double inside_share = kNotKnown;          // of the samples with truth, those inside the predicted 95 % ellipsoid
-  std::optional<bool> inside;               // most of them are
-  double registration_error_mm = kNotKnown; // true error of the accepted registration at the true tip
+  double shown_distance_mm = geometry::kUnknown; // median, shown tip to target
+  Distribution true_error_mm;                    // empty without truth
+  double predicted_rms_mm = geometry::kUnknown;  // median
+  double inside_share = geometry::kUnknown;      // of the samples with truth, those inside the predicted 95 % ellipsoid
+  std::optional<bool> inside;                    // most of them are
+  double registration_error_mm = geometry::kUnknown; // true error of the accepted registration at the true tip
 };
 
 struct TargetPrediction {
   std::string target;
-  double tre_rms_mm = kNotKnown;
-  double tre_95_mm = kNotKnown; // longest semi-axis
+  double tre_rms_mm = geometry::kUnknown;
+  double tre_95_mm = geometry::kUnknown; // longest semi-axis
 };
 
 struct FiducialFigure {
   std::string fiducial;
-  double residual_mm = kNotKnown;
-  double leave_one_out_mm = kNotKnown;
-  double p_value = kNotKnown;
+  double residual_mm = geometry::kUnknown;
+  double leave_one_out_mm = geometry::kUnknown;
+  double p_value = geometry::kUnknown;
   bool suspect = false;
 };
 
@@ -75,18 +73,18 @@ struct RegistrationSummary { // the registration that was accepted last
   std::uint64_t revision = 0;
   std::uint32_t fiducials = 0;
   std::uint32_t surface_points = 0;
-  double fre_mm = kNotKnown; // how well the fiducials agree; says nothing about the target
-  double surface_rms_mm = kNotKnown;
+  double fre_mm = geometry::kUnknown; // how well the fiducials agree; says nothing about the target
+  double surface_rms_mm = geometry::kUnknown;
   std::vector<TargetPrediction> targets;
   std::vector<FiducialFigure> residuals;
 };
 
-struct CheckTouch {
+struct CheckRecord {
   std::int64_t time_ns = 0;
   std::string tool;
   std::string landmark;
-  double distance_mm = kNotKnown;
-  double limit_mm = kNotKnown; // 95 % bound if nothing has moved
+  double distance_mm = geometry::kUnknown;
+  double limit_mm = geometry::kUnknown; // 95 % bound if nothing has moved
 };
 
 // To one critical structure, of the tip that was navigated.
@@ -94,8 +92,8 @@ struct Approach {
   std::string structure;
   std::string tool;
   std::int64_t time_ns = 0;
-  double shown_mm = kNotKnown;
-  double true_at_least_mm = kNotKnown; // shown distance less the true error of the tip, at its smallest
+  double shown_mm = geometry::kUnknown;
+  double true_at_least_mm = geometry::kUnknown; // shown distance less the true error of the tip, at its smallest
 };
 
 // One answer of the tissue model about a target, while the probe touched the tissue.
@@ -103,32 +101,32 @@ struct TissueSample {
   std::int64_t time_ns = 0;
   std::string phase;  // indentation, penetration, withdrawal
   std::string status; // valid, extrapolating, invalid
-  double depth_mm = kNotKnown;
-  double tip_force_N = kNotKnown;
-  double shaft_force_N = kNotKnown;
-  double measured_force_N = kNotKnown;
-  double von_mises_Pa = kNotKnown;   // at the target
-  double motion_mm = kNotKnown;      // of the target, as predicted
-  double error_bound_mm = kNotKnown; // of that
+  double depth_mm = geometry::kUnknown;
+  double tip_force_N = geometry::kUnknown;
+  double shaft_force_N = geometry::kUnknown;
+  double measured_force_N = geometry::kUnknown;
+  double von_mises_Pa = geometry::kUnknown;   // at the target
+  double motion_mm = geometry::kUnknown;      // of the target, as predicted
+  double error_bound_mm = geometry::kUnknown; // of that
 };
 
 struct FollowedLandmark {
   std::string landmark; // in the brain
-  double largest_motion_mm = kNotKnown;
-  double error_bound_mm = kNotKnown; // of it
+  double largest_motion_mm = geometry::kUnknown;
+  double error_bound_mm = geometry::kUnknown; // of it
 };
 
 // Of the probe into the brain, as the tissue model followed it; of the target that it moved most.
-struct Insertion {
+struct InsertionAnalysis {
   std::string target;
   std::uint32_t elements = 0;
   std::vector<TissueSample> samples; // in the order of publication
   std::uint32_t ruptures = 0;
-  double rupture_force_N = kNotKnown;  // of the first, as the model has it
-  double rupture_depth_mm = kNotKnown; // of the dent before it
-  double largest_motion_mm = kNotKnown;
-  double stiffness_scale = kNotKnown;        // at the end: measured against modelled force
-  std::map<std::string, std::size_t> states; // samples by status
+  double rupture_force_N = geometry::kUnknown;  // of the first, as the model has it
+  double rupture_depth_mm = geometry::kUnknown; // of the dent before it
+  double largest_motion_mm = geometry::kUnknown;
+  double stiffness_scale = geometry::kUnknown; // at the end: measured against modelled force
+  std::map<std::string, std::size_t> states;   // samples by status
   std::map<std::string, std::size_t> reasons;
   std::vector<FollowedLandmark> landmarks; // by name
 };
@@ -151,7 +149,7 @@ struct StateSpan {
 struct DeviceSummary {
   std::string device;
   std::string kind;
-  double rate_hz = kNotKnown; // the last that was stated while it was live
+  double rate_hz = geometry::kUnknown; // the last that was stated while it was live
   std::uint64_t taken = 0;
   std::uint64_t lost = 0;
   std::uint64_t late = 0;
@@ -164,9 +162,9 @@ struct LoopSummary {
   double rate_hz = 0.0; // 0: by event
   std::uint64_t steps = 0;
   std::uint64_t overruns = 0;
-  double step_p50_us = kNotKnown;
-  double step_p99_us = kNotKnown;
-  double step_max_us = kNotKnown;
+  double step_p50_us = geometry::kUnknown;
+  double step_p99_us = geometry::kUnknown;
+  double step_max_us = geometry::kUnknown;
 };
 
 struct TracePoint {
@@ -186,15 +184,15 @@ struct SessionAnalysis {
   std::vector<TipSample> tips;           // in the order of publication
   Distribution exposure_to_published_ms; // states of a new frame only, not their repetitions at the floor rate
   Distribution sent_to_published_ms;
-  double navigation_rate_hz = kNotKnown; // of the navigated tool's states, while navigating
+  double navigation_rate_hz = geometry::kUnknown; // of the navigated tool's states, while navigating
   bool navigated = false;
   bool verified_before_navigation = false;
 
   std::optional<RegistrationSummary> registration;
   std::optional<AtTarget> at_target;
   std::vector<Approach> approaches; // one a structure, nearest first
-  std::optional<Insertion> insertion;
-  std::vector<CheckTouch> checks;
+  std::optional<InsertionAnalysis> insertion;
+  std::vector<CheckRecord> checks;
   std::vector<AlarmChange> alarms;
   std::size_t critical_alarms = 0;         // raised
   std::size_t unacknowledged_critical = 0; // of these, those that nobody acknowledged before they went or the end

@@ -98,7 +98,7 @@ json registration_json(const RegistrationSummary &registration) {
   return out;
 }
 
-std::string insertion_text(const Insertion &insertion) {
+std::string insertion_text(const InsertionAnalysis &insertion) {
   std::string out = "Tissue  " + printable(insertion.target) + " moves by up to " +
                     known(insertion.largest_motion_mm, 2, "mm") + " as predicted (" +
                     std::to_string(insertion.elements) + " tetrahedra; answers:";
@@ -118,7 +118,7 @@ std::string insertion_text(const Insertion &insertion) {
   return out;
 }
 
-json insertion_json(const Insertion &insertion) {
+json insertion_json(const InsertionAnalysis &insertion) {
   json landmarks = json::array();
   for (const FollowedLandmark &landmark : insertion.landmarks) {
     landmarks.push_back({{"landmark", landmark.landmark},

@@ -5,6 +5,7 @@
 #include <unordered_map>
 
 #include "algorithms/geometry/rigid3.hpp"
+#include "algorithms/geometry/unknown.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::cli::report {
@@ -155,7 +156,7 @@ public:
     out_.sent_to_published_ms = distribution_of(std::move(sent_to_published_));
     out_.navigation_rate_hz = navigated_ns_ > 0
                                   ? static_cast<double>(navigated_states_) / (static_cast<double>(navigated_ns_) * 1e-9)
-                                  : kNotKnown;
+                                  : geometry::kUnknown;
     for (auto &[name, approach] : approaches_) {
       out_.approaches.push_back(std::move(approach));
     }
@@ -283,7 +284,7 @@ Distribution distribution_of(std::vector<double> values) {
 
 double Distribution::percentile(double fraction) const {
   if (sorted.empty()) {
-    return kNotKnown;
+    return geometry::kUnknown;
   }
   const double rank = std::ceil(fraction * static_cast<double>(sorted.size()));
   const auto index = static_cast<std::size_t>(std::max(rank, 1.0)) - 1;

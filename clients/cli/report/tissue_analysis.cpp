@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "clients/cli/wire_labels.hpp"
 #include "idl/names.hpp"
 
@@ -36,7 +37,7 @@ void follow(const wire::DeformationState &state, FollowedLandmark &landmark) {
 } // namespace
 
 base::Result<void> analyse_tissue(const casefile::SessionReader &reader, SessionAnalysis &out) {
-  std::map<std::string, Insertion> by_target;
+  std::map<std::string, InsertionAnalysis> by_target;
   std::map<std::string, FollowedLandmark> landmarks;
   std::map<std::string, std::uint32_t> ruptures_before;
   const auto read = reader.each<wire::DeformationState>([&](const wire::DeformationState &state, std::int64_t) {
@@ -55,13 +56,13 @@ base::Result<void> analyse_tissue(const casefile::SessionReader &reader, Session
     if (!in_tissue) {
       return;
     }
-    Insertion &insertion = by_target[target];
+    InsertionAnalysis &insertion = by_target[target];
     insertion.target = target;
     insertion.elements = state.elements;
     insertion.stiffness_scale = state.stiffness_scale;
     if (insertion.ruptures == 0 && state.ruptures > before) {
       insertion.rupture_force_N = state.rupture_force_N;
-      insertion.rupture_depth_mm = insertion.samples.empty() ? kNotKnown : insertion.samples.back().depth_mm;
+      insertion.rupture_depth_mm = insertion.samples.empty() ? geometry::kUnknown : insertion.samples.back().depth_mm;
     }
     insertion.ruptures = state.ruptures - std::min(state.ruptures, before);
     insertion.samples.push_back(sample_of(state));

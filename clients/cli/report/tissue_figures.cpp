@@ -1,6 +1,7 @@
 #include <array>
 #include <cmath>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "clients/cli/report/figure_layout.hpp"
 #include "clients/cli/report/figures.hpp"
 
@@ -12,19 +13,20 @@ using Value = double (*)(const TissueSample &);
 double all_force_N(const TissueSample &sample) { return sample.tip_force_N + sample.shaft_force_N; }
 
 // Against depth, broken where the model's answer is invalid or the phase is another.
-base::Series course(const Insertion &insertion, const char *name, const char *paint, Value value, bool backwards) {
+base::Series course(const InsertionAnalysis &insertion, const char *name, const char *paint, Value value,
+                    bool backwards) {
   base::Series out;
   out.name = name;
   out.colour = paint;
   out.dashed = backwards;
   for (const TissueSample &sample : insertion.samples) {
     const bool shown = (sample.phase == "withdrawal") == backwards && sample.status != "invalid";
-    out.points.push_back({sample.depth_mm, shown ? value(sample) : kNotKnown});
+    out.points.push_back({sample.depth_mm, shown ? value(sample) : geometry::kUnknown});
   }
   return out;
 }
 
-base::Plot plot_of(const Insertion &insertion, const char *title, const char *unit_label) {
+base::Plot plot_of(const InsertionAnalysis &insertion, const char *title, const char *unit_label) {
   base::Plot plot;
   plot.title = title;
   plot.x.label = "depth in the tissue, mm";
@@ -37,7 +39,7 @@ base::Plot plot_of(const Insertion &insertion, const char *title, const char *un
 }
 
 // What the model says of the target, from zero, on the way in and on the way out.
-base::Plot in_and_out(const Insertion &insertion, const char *title, const char *unit_label, Value value) {
+base::Plot in_and_out(const InsertionAnalysis &insertion, const char *title, const char *unit_label, Value value) {
   base::Plot plot = plot_of(insertion, title, unit_label);
   plot.y.from = 0.0;
   plot.series.push_back(course(insertion, "pushed in", base::colour::kBlue, value, false));
@@ -51,7 +53,7 @@ std::string tissue_force_figure(const SessionAnalysis &session) {
   if (!session.insertion) {
     return {};
   }
-  const Insertion &insertion = *session.insertion;
+  const InsertionAnalysis &insertion = *session.insertion;
   base::Plot plot = plot_of(insertion, "Force against depth", "force along the shaft, N");
   base::Series measured = course(
       insertion, "measured", base::colour::kGrey, [](const TissueSample &s) { return s.measured_force_N; }, false);

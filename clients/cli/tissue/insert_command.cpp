@@ -31,7 +31,7 @@ struct InsertOptions {
   std::string csv, vtu; // empty: not written
 };
 
-struct Insertion {
+struct InsertionRun {
   std::string trajectory;
   double entry_to_target_mm = 0.0;
   int elements = 0;
@@ -57,7 +57,7 @@ Result<const casefile::Trajectory *> trajectory_of(const casefile::Case &c, cons
   return failure("--trajectory \"" + name + "\": " + c.folder.string() + " has no such trajectory; there are " + names);
 }
 
-Result<Insertion> run_insertion(const InsertOptions &options) {
+Result<InsertionRun> run_insertion(const InsertOptions &options) {
   ProgressLine progress;
   if (!progress.show(0.0, "case")) {
     return failure("stopped");
@@ -85,12 +85,12 @@ Result<Insertion> run_insertion(const InsertOptions &options) {
   if (!model) {
     return tl::unexpected(model.error());
   }
-  Insertion out{.trajectory = (*trajectory)->name,
-                .entry_to_target_mm = path->target_depth_mm(),
-                .elements = (*model)->solver().elements(),
-                .material = (*model)->solver().material().name,
-                .updates = {},
-                .model = std::move(*model)};
+  InsertionRun out{.trajectory = (*trajectory)->name,
+                   .entry_to_target_mm = path->target_depth_mm(),
+                   .elements = (*model)->solver().elements(),
+                   .material = (*model)->solver().material().name,
+                   .updates = {},
+                   .model = std::move(*model)};
   const InsertionPlan plan{.speed_mm_s = options.speed_mm_s,
                            .depth_mm = options.depth_mm.value_or(path->target_depth_mm())};
   bool stopped = false;
@@ -99,7 +99,7 @@ Result<Insertion> run_insertion(const InsertOptions &options) {
     stopped = !progress.show(0.1 + 0.9 * gone, "insertion: " + fixed(update.depth_mm, 1, "mm"));
     return !stopped;
   });
-  return stopped ? failure("stopped") : Result<Insertion>(std::move(out));
+  return stopped ? failure("stopped") : Result<InsertionRun>(std::move(out));
 }
 
 Result<void> write_text(const std::string &file, const std::string &text) {
@@ -108,7 +108,7 @@ Result<void> write_text(const std::string &file, const std::string &text) {
   return out.flush() ? Result<void>() : failure(file + ": cannot be written");
 }
 
-nlohmann::json updates_json(const Insertion &insertion) {
+nlohmann::json updates_json(const InsertionRun &insertion) {
   nlohmann::json updates = nlohmann::json::array();
   for (const InsertionUpdate &update : insertion.updates) {
     updates.push_back({{"time_s", update.time_s},
@@ -126,7 +126,7 @@ nlohmann::json updates_json(const Insertion &insertion) {
   return updates;
 }
 
-void show(const Insertion &insertion, const InsertOptions &options, const Context &context) {
+void show(const InsertionRun &insertion, const InsertOptions &options, const Context &context) {
   const int invalid = invalid_updates(insertion.updates);
   const tissue::BrainState &last = insertion.updates.back().state;
   if (context.json) {

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <limits>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/planning/surface_entry.hpp"
 #include "algorithms/surface/surface_model.hpp"
 #include "algorithms/tissue/material/constitutive.hpp"
@@ -26,14 +27,13 @@ double largest_von_mises_Pa(const tissue::ExplicitSolver &solver) {
 
 InsertionUpdate seen_now(const tissue::BrainModel &model, double time_s, double depth_mm) {
   const tissue::PointPrediction &target = model.points().front();
-  const double unknown = std::numeric_limits<double>::quiet_NaN();
   const bool known = target.inside && model.state().status != tissue::ModelStatus::kInvalid;
   return {.time_s = time_s,
           .depth_mm = depth_mm,
           .state = model.state(),
-          .target_motion_mm = known ? target.displacement_mm.norm() : unknown,
-          .target_error_bound_mm = known ? target.error_bound_mm : unknown,
-          .target_von_mises_Pa = known ? target.von_mises_Pa : unknown,
+          .target_motion_mm = known ? target.displacement_mm.norm() : geometry::kUnknown,
+          .target_error_bound_mm = known ? target.error_bound_mm : geometry::kUnknown,
+          .target_von_mises_Pa = known ? target.von_mises_Pa : geometry::kUnknown,
           .largest_von_mises_Pa = largest_von_mises_Pa(model.solver())};
 }
 

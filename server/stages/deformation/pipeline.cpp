@@ -10,17 +10,12 @@ constexpr std::int64_t kProbeAge_ns = 100'000'000; // an older pose is no pose
 constexpr std::int64_t kForceAge_ns = 100'000'000;
 constexpr double kMaxStep_s = 0.25; // after a pause of the loop the model does not make up for all of it
 
-// In the order of tissue::ModelReason.
-constexpr wire::DeformationReason kReasons[] = {bregma_wire_DEFORMATION_REASON_NONE,
-                                                bregma_wire_DEFORMATION_REASON_SETTLING,
-                                                bregma_wire_DEFORMATION_REASON_PROBE_NOT_SEEN,
-                                                bregma_wire_DEFORMATION_REASON_PROBE_JUMPED,
-                                                bregma_wire_DEFORMATION_REASON_PATH_UNKNOWN,
-                                                bregma_wire_DEFORMATION_REASON_TOO_SLOW,
-                                                bregma_wire_DEFORMATION_REASON_PROBE_LEFT_MESH,
-                                                bregma_wire_DEFORMATION_REASON_TURNED_OVER,
-                                                bregma_wire_DEFORMATION_REASON_STEP_REJECTED,
-                                                bregma_wire_DEFORMATION_REASON_DIVERGED};
+// The model's reasons follow "none" on the wire in the order of tissue::ModelReason.
+wire::DeformationReason reason_of(tissue::ModelReason reason) {
+  static_assert(bregma_wire_DEFORMATION_REASON_DIVERGED - bregma_wire_DEFORMATION_REASON_NONE ==
+                static_cast<int>(tissue::ModelReason::kDiverged));
+  return static_cast<wire::DeformationReason>(bregma_wire_DEFORMATION_REASON_NONE + static_cast<int>(reason));
+}
 
 wire::DeformationStatus status_of(tissue::ModelStatus status) {
   switch (status) {
@@ -126,7 +121,7 @@ void DeformationPipeline::fill(wire::DeformationState &state, const tissue::Poin
                                double measured_N) noexcept {
   const tissue::BrainState &brain = model_->state();
   state.status = status_of(brain.status);
-  state.reason = kReasons[static_cast<std::size_t>(brain.reason)];
+  state.reason = reason_of(brain.reason);
   if (!prediction.inside) {
     state.status = bregma_wire_DEFORMATION_INVALID;
     state.reason = bregma_wire_DEFORMATION_REASON_POINT_OUTSIDE;

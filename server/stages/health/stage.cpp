@@ -1,5 +1,6 @@
 #include "server/stages/health/stage.hpp"
 
+#include "idl/commands.hpp"
 #include "idl/names.hpp"
 #include "idl/version.hpp"
 #include "server/runtime/process_memory.hpp"

@@ -58,7 +58,7 @@ void MonitoringPipeline::on(const MonitoringMessage &message) noexcept {
   struct Visitor {
     MonitoringPipeline &self;
     void operator()(const SessionChanged &change) const noexcept { self.session_ = change; }
-    void operator()(const CheckTouch &touch) const noexcept { self.add(touch); }
+    void operator()(const JudgedCheck &touch) const noexcept { self.add(touch); }
     void operator()(const SurfaceSample &sample) const noexcept { self.add(sample); }
     void operator()(const DriftRestart &) const noexcept { self.restart_drift(); }
     void operator()(const RegistrationAccepted &accepted) const noexcept {
@@ -82,7 +82,7 @@ void MonitoringPipeline::restart_drift() noexcept {
   accuracy_.last_check_mm = accuracy_.last_check_limit_mm = wire::kUnknown;
 }
 
-void MonitoringPipeline::add(const CheckTouch &touch) noexcept {
+void MonitoringPipeline::add(const JudgedCheck &touch) noexcept {
   if (!accepted_ || case_ == nullptr || touch.landmark_index >= case_->data->landmarks.size()) {
     return;
   }

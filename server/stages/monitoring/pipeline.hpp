@@ -49,7 +49,7 @@ public:
 private:
   void on(const CaseChanged &change) noexcept;
   void on(const MonitoringMessage &message) noexcept;
-  void add(const CheckTouch &touch) noexcept;
+  void add(const JudgedCheck &touch) noexcept;
   void add(const SurfaceSample &sample) noexcept;
   void restart_drift() noexcept;
   void predict_targets() noexcept;

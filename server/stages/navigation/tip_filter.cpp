@@ -1,10 +1,11 @@
 #include "server/stages/navigation/tip_filter.hpp"
 
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 #include <Eigen/Cholesky>
+
+#include "algorithms/geometry/unknown.hpp"
 
 namespace bregma::server {
 namespace {
@@ -72,7 +73,7 @@ void TipFilter::add(const Vector3d &position_mm, const Matrix3d &noise, std::int
 }
 
 Vector3d TipFilter::velocity_mm_s() const noexcept {
-  return frames_ >= kFramesForVelocity ? velocity_ : Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+  return frames_ >= kFramesForVelocity ? velocity_ : Vector3d::Constant(geometry::kUnknown);
 }
 
 } // namespace bregma::server

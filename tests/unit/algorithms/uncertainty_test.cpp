@@ -46,7 +46,7 @@ TEST(ChiSquare, EndsAndExtremesAreDefined) {
 TEST(Distributions, OtherTablesAndFractionsOfADegree) {
   EXPECT_NEAR(uncertainty::normal_quantile(0.95), 1.64485, 1e-5);
   EXPECT_NEAR(uncertainty::normal_quantile(0.25), -0.67449, 1e-5);
-  // 3 x 15 / 13 times the 95 % point of F with 3 and 13 degrees of freedom, 3.4105.
+  // 3 x 15 / 13 times the tabulated 95 % point of F with 3 and 13 degrees of freedom, 3.4105.
   EXPECT_NEAR(uncertainty::hotelling_upper_quantile(0.05, 3, 15), 11.8057, 1e-3);
   const double between = chi_square_upper_quantile(0.05, 2.5);
   EXPECT_GT(between, chi_square_upper_quantile(0.05, 2));

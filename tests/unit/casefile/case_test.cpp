@@ -10,8 +10,8 @@
 namespace {
 
 using namespace bregma::casefile;
+using bregma::test::TemporaryFolder;
 using bregma::tests::sample_case;
-using bregma::tests::TempFolder;
 
 class CaseOnDisk : public testing::Test {
 protected:
@@ -52,7 +52,7 @@ protected:
   }
   std::string at(const std::string &text) const { return "case.toml:" + std::to_string(line_of(text)) + ": "; }
 
-  TempFolder folder_;
+  TemporaryFolder folder_;
   Case case_;
   std::string toml_;
 };
@@ -278,7 +278,7 @@ TEST_F(CaseOnDisk, WhatIsWrongInTheTablesOfTheTissueModelIsNamed) {
 }
 
 TEST(Case, AFolderWithoutCaseTomlIsNamed) {
-  TempFolder folder;
+  TemporaryFolder folder;
   EXPECT_EQ(load_case(folder.path()).error().message,
             (folder.path() / "case.toml").string() + ": No such file or directory");
   EXPECT_EQ(load_case("/no/such").error().message, "/no/such: is not a folder; a case is a folder with case.toml");
@@ -295,7 +295,7 @@ TEST(Case, LimitsAreThoseOfTheWire) {
 }
 
 TEST(MeshFile, DamagedFilesAreRefused) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const auto file = folder.path() / "s.ply";
   ASSERT_TRUE(write_mesh(file, bregma::tests::sphere({0, 0, 0}, 10, 2)));
   const std::string whole = bregma::tests::read_file(file);

@@ -6,7 +6,7 @@
 namespace {
 
 using namespace bregma::casefile;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 using Eigen::Vector3d;
 
 std::string slicer_curve(const std::string &type, const std::string &name, const std::string &points) {
@@ -17,14 +17,14 @@ std::string slicer_curve(const std::string &type, const std::string &name, const
 const std::string kThree = R"({"position": [-1, -2, 3]}, {"position": [-4, -5, 6]}, {"position": [-7, -8, 10]})";
 
 std::string curves_error(const std::string &name, const std::string &content) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto read = read_curves(folder.write(name, content));
   const std::string message = read ? "no error" : read.error().message;
   return message.substr(std::min(message.size(), message.find(name)));
 }
 
 TEST(Curves, SlicersCurvesClosedCurvesAndLinesBecomeRas) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (const auto &[type, closed] : {std::pair("Curve", false), {"ClosedCurve", true}}) {
     const auto read = read_curves(folder.write("sulcus.mrk.json", slicer_curve(type, "Central", kThree)));
     ASSERT_TRUE(read) << read.error().message;
@@ -41,7 +41,7 @@ TEST(Curves, SlicersCurvesClosedCurvesAndLinesBecomeRas) {
 }
 
 TEST(Curves, ATableHoldsSeveralInAnyOrderOfRows) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto read =
       read_curves(folder.write("c.csv", "curve,x,y,z\nA,0,0,0\nB,1,1,1\nA,10,0,0\n# remark\nB,2,2,2\nA,10,10,0\n"
                                         "A,0,10,0\nA,0,0,0\n"));

@@ -1,45 +1,15 @@
-// Files of a test: a folder that goes with the test, and the shared data where it is.
+// Files of a test: their text, and the shared data where it is.
 #pragma once
 
-#include <unistd.h>
-
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <optional>
-#include <stdexcept>
 #include <string>
 
+#include "tests/support/temporary_folder.hpp"
+
 namespace bregma::tests {
-
-class TempFolder {
-public:
-  TempFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "bregma-test-XXXXXX").string();
-    if (mkdtemp(pattern.data()) == nullptr) {
-      throw std::runtime_error("no temporary folder");
-    }
-    path_ = pattern;
-  }
-  ~TempFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  TempFolder(const TempFolder &) = delete;
-  TempFolder &operator=(const TempFolder &) = delete;
-
-  [[nodiscard]] const std::filesystem::path &path() const { return path_; }
-  std::filesystem::path write(const std::string &name, const std::string &content) const {
-    std::filesystem::path file = path_ / name;
-    std::filesystem::create_directories(file.parent_path());
-    std::ofstream(file, std::ios::binary) << content;
-    return file;
-  }
-
-private:
-  std::filesystem::path path_;
-};
 
 inline std::string read_file(const std::filesystem::path &file) {
   std::ifstream in(file, std::ios::binary);

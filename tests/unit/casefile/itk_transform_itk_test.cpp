@@ -16,7 +16,7 @@
 namespace {
 
 using namespace bregma::casefile;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 using Eigen::Vector3d;
 using LinearTransform = itk::MatrixOffsetTransformBase<double, 3, 3>;
 
@@ -30,7 +30,7 @@ Vector3d through(const LinearTransform &transform, const Vector3d &lps) {
 }
 
 TEST(ItkTransformFiles, ItkReadsOursAndResamplesByIt) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::string file = (folder.path() / "a.tfm").string();
   const TargetFromSource T(bregma::geometry::rotation_exp({0.4, -1.1, 0.7}), {12.0, -34.0, 56.0});
   ASSERT_TRUE(write_itk_transform(file, T.matrix()));
@@ -56,7 +56,7 @@ itk::Vector<double, 3> axis(double x, double y, double z) {
 }
 
 template <class Transform> void expect_read(const Transform &transform) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::string file = (folder.path() / "a.tfm").string();
   auto writer = itk::TransformFileWriterTemplate<double>::New();
   writer->SetTransformIO(itk::TxtTransformIOTemplate<double>::New());

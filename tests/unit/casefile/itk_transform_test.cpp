@@ -12,11 +12,11 @@
 namespace {
 
 using namespace bregma::casefile;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 using Eigen::Matrix4d;
 
 std::string transform_error(const std::string &content, bool rigid = false) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto file = folder.write("a.tfm", content);
   std::string message = "no error";
   if (rigid) {
@@ -34,7 +34,7 @@ const std::string kHead = "#Insight Transform File V1.0\n#Transform 0\n";
 // The source lies 10 mm to the left, 20 mm behind and 30 mm below its place in the target: in LPS an image is resampled
 // by the way back.
 TEST(ItkTransform, TheFileIsLpsAndLeadsFromFixedToMoving) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto file = folder.path() / "a.tfm";
   Matrix4d T = Matrix4d::Identity();
   T.topRightCorner<3, 1>() = Eigen::Vector3d(10, 20, 30);
@@ -45,7 +45,7 @@ TEST(ItkTransform, TheFileIsLpsAndLeadsFromFixedToMoving) {
 }
 
 TEST(ItkTransform, RoundTripsToTheLastDigits) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   std::mt19937 random(5); // printed with a failure by its use below
   std::uniform_real_distribution<double> uniform(-1.0, 1.0);
   for (int trial = 0; trial < 50; ++trial) {
@@ -91,7 +91,7 @@ TEST(ItkTransform, WhatCannotBeReadIsRefusedWithLineAndValue) {
   EXPECT_EQ(transform_error(kHead + "Transform: VersorRigid3DTransform_double_3_3\nParameters: 1 1 0 0 0 0\n"
                                     "FixedParameters: 0 0 0\n"),
             "a.tfm:4: Parameters: 6 numbers that are no VersorRigid3DTransform");
-  const TempFolder folder;
+  const TemporaryFolder folder;
   EXPECT_FALSE(write_itk_transform(folder.path() / "b.tfm", Matrix4d::Zero()));
 }
 

@@ -8,7 +8,7 @@
 namespace {
 
 using namespace bregma::casefile;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 
 std::string points_file(const std::string &control_points, const std::string &fields = "\"coordinateSystem\": \"LPS\",",
                         const std::string &type = "Fiducial") {
@@ -16,7 +16,7 @@ std::string points_file(const std::string &control_points, const std::string &fi
 }
 
 std::string markups_error(const std::string &content, const std::string &name = "f.mrk.json") {
-  TempFolder folder;
+  TemporaryFolder folder;
   const auto read = read_points(folder.write(name, content));
   const std::string message = read ? "no error" : read.error().message;
   const std::string prefix = (folder.path() / name).string();
@@ -25,7 +25,7 @@ std::string markups_error(const std::string &content, const std::string &name = 
 }
 
 TEST(Markups, LpsAndRasBecomeRas) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const std::string point = R"({"label": "F1", "position": [1.5, -2, 3], "positionStatus": "defined"})";
   for (const auto &[system, sign] : {std::pair("\"LPS\"", -1.0), {"\"RAS\"", 1.0}, {"1", -1.0}, {"0", 1.0}}) {
     const auto points = read_points(
@@ -37,7 +37,7 @@ TEST(Markups, LpsAndRasBecomeRas) {
 }
 
 TEST(Markups, PointsRoundTripToTheBit) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const std::vector<NamedPoint> points{{"Nasion", {0.1, 1.0 / 3.0, -77.7}}, {"Äußerer \"Canthus\"", {-1e-9, 2e5, 0.0}}};
   const auto file = folder.path() / "fiducials.mrk.json";
   ASSERT_TRUE(write_points(file, "fiducials", points));
@@ -51,7 +51,7 @@ TEST(Markups, PointsRoundTripToTheBit) {
 }
 
 TEST(Markups, WrittenFilesAreWhatSlicerWrites) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const auto file = folder.path() / "t.mrk.json";
   const std::vector<Trajectory> lines{{"Biopsy", {1, 2, 3}, {4, 5, 6}}};
   ASSERT_TRUE(write_trajectories(file, lines));
@@ -97,7 +97,7 @@ TEST(Markups, ErrorsNameTheControlPointAndTheValue) {
 }
 
 TEST(Markups, LinesAndPointsAreNotTakenForEachOther) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const std::string two = R"({"position": [1, 2, 3]}, {"position": [4, 5, 6]})";
   const auto line = folder.write("My line.mrk.json", points_file(two, "", "Line"));
   EXPECT_NE(read_points(line).error().message.find("is a line where points are expected"), std::string::npos);
@@ -109,7 +109,7 @@ TEST(Markups, LinesAndPointsAreNotTakenForEachOther) {
 }
 
 TEST(Markups, FcsvIsRead) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const std::string header = "# Markups fiducial file version = 4.10\n# CoordinateSystem = 0\n"
                              "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID\n";
   const auto points = read_points(
@@ -131,7 +131,7 @@ TEST(Markups, RealFilesOfSlicer) {
   std::printf("CT.mrk.json: %zu points, the first at R %.2f A %.2f S %.2f\n", ct->size(), ct->front().position_mm.x(),
               ct->front().position_mm.y(), ct->front().position_mm.z());
   EXPECT_EQ(ct->front().position_mm, Eigen::Vector3d(15.87, 90.26, -2.42)) << "LPS (-15.87, -90.26, -2.42)";
-  TempFolder temporary;
+  TemporaryFolder temporary;
   for (const char *name :
        {"CT.mrk.json", "MR.mrk.json", "repeat/CT.mrk.json", "repeat/MR_AP.mrk.json", "repeat/MR_PA.mrk.json"}) {
     const auto points = read_points(folder / name);

@@ -33,7 +33,7 @@ void expect_same(vtkPolyData *surface, const TriangleMesh &mesh) {
 }
 
 TEST(Ply, VtkReadsWhatIsWrittenAndIsReadItself) {
-  const bregma::tests::TempFolder folder;
+  const bregma::test::TemporaryFolder folder;
   const TriangleMesh mesh = bregma::tests::sphere({10, -20, 30}, 80);
   const auto ours = folder.path() / "ours.ply";
   ASSERT_TRUE(bregma::casefile::write_mesh(ours, mesh));

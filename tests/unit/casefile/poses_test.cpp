@@ -6,7 +6,7 @@
 namespace {
 
 using namespace bregma::casefile;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 using Eigen::Vector3d;
 
 const std::string kQuarterTurn = "0 -1 0 10\r\n1 0 0 20\r\n0 0 1 30\r\n0 0 0 1\r\n";
@@ -19,7 +19,7 @@ template <class T> std::string message_after(const bregma::base::Result<T> &resu
 }
 
 TEST(PoseMatrices, AFolderIsReadInTheOrderOfTime) {
-  TempFolder folder;
+  TemporaryFolder folder;
   folder.write("2000.txt", "1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n");
   folder.write("1000.txt", kQuarterTurn);
   folder.write("README.md", "not a pose");
@@ -33,7 +33,7 @@ TEST(PoseMatrices, AFolderIsReadInTheOrderOfTime) {
 
 TEST(PoseMatrices, ErrorsNameFileLineAndValue) {
   const auto error_of = [](const std::string &name, const std::string &content) {
-    TempFolder folder;
+    TemporaryFolder folder;
     const auto file = folder.write(name, content);
     return message_after(read_pose_matrices(folder.path()), file);
   };
@@ -46,7 +46,7 @@ TEST(PoseMatrices, ErrorsNameFileLineAndValue) {
   EXPECT_EQ(error_of("1.txt", "-1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"), ": the matrix is not a rotation: it mirrors");
   EXPECT_EQ(error_of("1.txt", "1 0 0 0\n0 1 0 0\n0 0 1 0\n1 0 0 1\n"), ": the last row of the matrix must be 0 0 0 1");
   EXPECT_NE(error_of("first.txt", kQuarterTurn).find("name must be the time of the pose in ns"), std::string::npos);
-  TempFolder empty;
+  TemporaryFolder empty;
   EXPECT_NE(message_after(read_pose_matrices(empty.path()), empty.path()).find("holds no poses"), std::string::npos);
   EXPECT_EQ(read_pose_matrices("/no/such").error().message, "/no/such: no such file or folder");
   const auto text = empty.write("text.tgz", "not an archive");
@@ -59,7 +59,7 @@ TEST(PoseMatrices, ARealArchiveAndWhatIsLeftOfItWhenItIsCut) {
   ASSERT_TRUE(series) << series.error().message;
   EXPECT_EQ(series->poses.size(), 1151U);
   EXPECT_EQ(series->poses.front().time_ns, 1378476416922755200);
-  TempFolder folder;
+  TemporaryFolder folder;
   const std::string whole = bregma::tests::read_file(archive);
   const auto cut = folder.write("cut.tgz", whole.substr(0, whole.size() / 2));
   EXPECT_NE(message_after(read_pose_matrices(cut), cut).find("cannot be read as an archive"), std::string::npos);
@@ -75,7 +75,7 @@ std::string frame(int number, const std::string &name, const std::string &matrix
 }
 
 TEST(TransformSequence, NamesStatusesTimesAndChains) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const auto file = folder.write(
       "a.igs.mha", kHeader + frame(0, "StylusToTracker", "0 -1 0 10 1 0 0 20 0 0 1 30 0 0 0 1") +
                        frame(0, "ReferenceToTracker", "1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1") +
@@ -104,7 +104,7 @@ TEST(TransformSequence, NamesStatusesTimesAndChains) {
 
 TEST(TransformSequence, ErrorsNameFileLineAndFrame) {
   const auto error_of = [](const std::string &content) {
-    TempFolder folder;
+    TemporaryFolder folder;
     const auto file = folder.write("a.igs.mha", content);
     return message_after(read_transform_sequence(file), file);
   };
@@ -124,7 +124,7 @@ TEST(TransformSequence, ErrorsNameFileLineAndFrame) {
 
 // What the tracker calls invalid may hold anything.
 TEST(TransformSequence, InvalidFramesAreNotLookedInto) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const auto sequence = read_transform_sequence(
       folder.write("a.igs.mha", kHeader + frame(0, "AToB", "nan nan", "MISSING") + frame(1, "AToB", kIdentity)));
   ASSERT_TRUE(sequence) << sequence.error().message;
@@ -132,7 +132,7 @@ TEST(TransformSequence, InvalidFramesAreNotLookedInto) {
 }
 
 TEST(TransformSequence, AFrameWithoutStatusIsNotValid) {
-  TempFolder folder;
+  TemporaryFolder folder;
   const auto sequence = read_transform_sequence(folder.write(
       "a.igs.mha", kHeader + "Seq_Frame0000_AToBTransform = " + kIdentity + "\nSeq_Frame0000_Timestamp = 1\n"));
   ASSERT_TRUE(sequence) << sequence.error().message;

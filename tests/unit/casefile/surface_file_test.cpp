@@ -16,7 +16,7 @@ namespace {
 
 using namespace bregma::casefile;
 using bregma::surface::TriangleMesh;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 using Eigen::Vector3d;
 
 // A tetrahedron that no two axes can be exchanged in, 100 mm wide, as text.
@@ -51,7 +51,7 @@ std::string replaced(std::string text, const std::string &from, const std::strin
 
 // The message without the folder; "no error" where there is none.
 std::string error_of(const std::string &name, const std::string &content, const SurfaceReadOptions &options = {}) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto read = read_surface(folder.write(name, content), options);
   return read ? "no error" : replaced(read.error().message, (folder.path() / "").string(), "");
 }
@@ -99,7 +99,7 @@ std::string binary_stl(const std::string &header, const std::vector<float> &coor
 const std::vector<float> kTwoTriangles{0, 0, 0, 0, 70, 0, 100, 0, 0, 0, 0, 0, 100, 0, 0, 0, 0, 50};
 
 TEST(SurfaceFile, WhatIsAssumedWhereAFileDoesNotTellItsSpace) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto read = [&](const std::string &name, const std::string &content, const SurfaceReadOptions &options = {}) {
     auto out = read_surface(folder.write(name, content), options);
     EXPECT_TRUE(out) << out.error().message;
@@ -123,7 +123,7 @@ TEST(SurfaceFile, WhatIsAssumedWhereAFileDoesNotTellItsSpace) {
 }
 
 TEST(SurfaceFile, WhatAFileStatesHoldsAgainstTheCaller) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   SurfaceReadOptions says_lps;
   says_lps.space = Space::kLps;
   for (const auto &[name, content] :
@@ -144,7 +144,7 @@ TEST(SurfaceFile, WhatAFileStatesHoldsAgainstTheCaller) {
 }
 
 TEST(SurfaceFile, BregmasOwnFilesAreRas) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const TriangleMesh mesh = bregma::tests::sphere({10, -20, 30}, 80);
   ASSERT_TRUE(write_mesh(folder.path() / "ours.ply", mesh));
   const auto read = read_surface(folder.path() / "ours.ply");
@@ -154,7 +154,7 @@ TEST(SurfaceFile, BregmasOwnFilesAreRas) {
 }
 
 TEST(SurfaceFile, CornersOfStlBecomeSharedVertices) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (const auto &file : {folder.write("a.stl", kStlText), folder.write("b.stl", binary_stl("x", kTwoTriangles, 2)),
                            folder.write("c.stl", binary_stl("solid but binary", kTwoTriangles, 2))}) {
     const auto read = read_surface(file);
@@ -172,7 +172,7 @@ TEST(SurfaceFile, CornersOfStlBecomeSharedVertices) {
 }
 
 TEST(SurfaceFile, FreeSurferBinaryIsMovedToScannerRasByItsFooter) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const TriangleMesh mesh = bregma::tests::sphere({10, 20, 30}, 80);
   const auto first_vertex = [&](const std::string &footer) {
     const auto read = read_surface(folder.write("lh.skin", freesurfer_binary(mesh, footer)));
@@ -200,7 +200,7 @@ TEST(SurfaceFile, FreeSurferBinaryIsMovedToScannerRasByItsFooter) {
 }
 
 TEST(SurfaceFile, WrongUnitsAreRefusedWithTheWidthAndAdvice) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto error_at = [&](double scale, const SurfaceReadOptions &options) {
     TriangleMesh mesh = bregma::tests::sphere({0, 0, 0}, 100.0 * scale);
     const auto file = folder.path() / "head.ply";

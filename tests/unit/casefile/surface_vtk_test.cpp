@@ -22,7 +22,7 @@ namespace {
 using bregma::casefile::read_surface;
 using bregma::casefile::Space;
 using bregma::surface::TriangleMesh;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 
 vtkSmartPointer<vtkPolyData> to_vtk(const TriangleMesh &mesh, int precision) {
   vtkNew<vtkPoints> points;
@@ -55,7 +55,7 @@ void expect_lps_of(const TriangleMesh &lps, const std::filesystem::path &file, d
 const TriangleMesh kHead = bregma::tests::sphere({12, -34, 56}, 85, 4);
 
 TEST(SurfaceOfVtk, LegacyFilesOfEveryVersionAndEncoding) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (const int precision : {VTK_FLOAT, VTK_DOUBLE}) {
     for (const int version : {42, 51}) {
       for (const int encoding : {VTK_ASCII, VTK_BINARY}) {
@@ -74,7 +74,7 @@ TEST(SurfaceOfVtk, LegacyFilesOfEveryVersionAndEncoding) {
 }
 
 TEST(SurfaceOfVtk, XmlFilesOfEveryEncoding) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto data = to_vtk(kHead, VTK_FLOAT);
   for (const bool stated : {false, true}) {
     if (stated) { // as Slicer does it
@@ -108,7 +108,7 @@ TEST(SurfaceOfVtk, XmlFilesOfEveryEncoding) {
 }
 
 TEST(SurfaceOfVtk, StlOfBothEncodings) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (const int encoding : {VTK_ASCII, VTK_BINARY}) {
     const auto file = folder.path() / "a.stl";
     vtkNew<vtkSTLWriter> writer;
@@ -126,7 +126,7 @@ TEST(SurfaceOfVtk, StlOfBothEncodings) {
 }
 
 TEST(SurfaceOfVtk, DamagedXmlIsRefusedWithItsLine) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto file = folder.path() / "a.vtp";
   vtkNew<vtkXMLPolyDataWriter> writer;
   writer->SetInputData(to_vtk(bregma::tests::sphere({0, 0, 0}, 85, 0), VTK_FLOAT));

@@ -19,7 +19,7 @@ namespace {
 
 using bregma::casefile::TetField;
 using bregma::casefile::write_tet_mesh;
-using bregma::tests::TempFolder;
+using bregma::test::TemporaryFolder;
 using bregma::tissue::TetMesh;
 
 const TetMesh kBlock = bregma::tissue::block_mesh({2, 3, 4}, {20.0, 30.0, 41.5});
@@ -44,7 +44,7 @@ void expect_field(vtkDataArray *array, const TetField &field) {
 }
 
 TEST(TetFile, VtkReadsTheMeshAndItsFields) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto file = folder.path() / "tissue.vtu";
   const std::vector<TetField> nodes{{"displacement_mm", 3, ascending(3 * kBlock.nodes_mm.size(), -7.0)}};
   const std::vector<TetField> cells{{"von_mises_Pa", 1, ascending(kBlock.tetrahedra.size(), 0.0)},
@@ -81,7 +81,7 @@ TEST(TetFile, VtkReadsTheMeshAndItsFields) {
 }
 
 TEST(TetFile, WhatIsWrongIsSaidWithTheFile) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto file = folder.path() / "t.vtu";
   const auto error_of = [&](const TetMesh &mesh, const std::vector<TetField> &nodes,
                             const std::vector<TetField> &cells) {
@@ -103,7 +103,7 @@ TEST(TetFile, WhatIsWrongIsSaidWithTheFile) {
 }
 
 TEST(TetFile, AFolderThatIsNotThereIsNamedAndAnOldFileStays) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto nowhere = folder.path() / "none" / "t.vtu";
   const auto written = write_tet_mesh(nowhere, kBlock);
   ASSERT_FALSE(written);

@@ -6,11 +6,11 @@
 
 namespace {
 
+using bregma::test::TemporaryFolder;
 using bregma::tests::run_bregma;
-using bregma::tests::TempFolder;
 
 // A tool with its tip at (0, 100, 0) that swings about the origin without errors; turn_rad about both axes.
-void write_poses(const TempFolder &folder, int count, double turn_rad) {
+void write_poses(const TemporaryFolder &folder, int count, double turn_rad) {
   for (int i = 0; i < count; ++i) {
     const double a = turn_rad * std::sin(0.37 * i);
     const double b = turn_rad * std::sin(0.23 * i + 1.0);
@@ -24,7 +24,7 @@ void write_poses(const TempFolder &folder, int count, double turn_rad) {
 }
 
 TEST(CalibratePivot, AGoodRecordingIsAccepted) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_poses(folder, 100, 0.4);
   const auto run = run_bregma(folder, "calibrate pivot poses");
   EXPECT_EQ(run.exit_code, 0) << run.err;
@@ -39,7 +39,7 @@ TEST(CalibratePivot, AGoodRecordingIsAccepted) {
 }
 
 TEST(CalibratePivot, AToolThatDidNotTurnIsRefused) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   write_poses(folder, 100, 0.0);
   const auto run = run_bregma(folder, "calibrate pivot poses");
   EXPECT_EQ(run.exit_code, 1);
@@ -50,7 +50,7 @@ TEST(CalibratePivot, AToolThatDidNotTurnIsRefused) {
 }
 
 TEST(CalibratePivot, FilesThatCannotBeReadAreNamed) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   auto run = run_bregma(folder, "calibrate pivot nothing.tgz");
   EXPECT_EQ(run.exit_code, 2);
   EXPECT_EQ(run.err, "bregma: nothing.tgz: no such file or folder\n");
@@ -70,7 +70,7 @@ TEST(CalibratePivot, FilesThatCannotBeReadAreNamed) {
 
 TEST(CalibratePivot, TheRealRecordingsAreNotFitForNavigation) {
   BREGMA_SHARED_DATA(data, "tracker/pivot_optical");
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto shared = std::filesystem::canonical(data).string();
   const auto text = run_bregma(folder, "calibrate pivot '" + shared + "/poses_1151.tgz'");
   std::printf("%s", text.out.c_str());

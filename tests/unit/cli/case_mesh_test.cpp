@@ -5,8 +5,8 @@
 
 namespace {
 
+using bregma::test::TemporaryFolder;
 using bregma::tests::run_bregma;
-using bregma::tests::TempFolder;
 
 class CaseMesh : public testing::Test {
 protected:
@@ -16,7 +16,7 @@ protected:
     ASSERT_TRUE(saved) << saved.error().message;
   }
 
-  TempFolder folder_;
+  TemporaryFolder folder_;
 };
 
 TEST_F(CaseMesh, ReportsTheQualityAndWritesTheMesh) {

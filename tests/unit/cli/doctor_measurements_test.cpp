@@ -3,7 +3,7 @@
 #include <unistd.h>
 
 #include "clients/cli/doctor_measurements.hpp"
-#include "tests/unit/cli/temporary_folder.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace {
 

@@ -11,7 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "clients/cli/completion.hpp"
-#include "tests/unit/cli/temporary_folder.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace {
 

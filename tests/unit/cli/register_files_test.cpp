@@ -14,8 +14,8 @@
 
 namespace {
 
+using bregma::test::TemporaryFolder;
 using bregma::tests::run_bregma;
-using bregma::tests::TempFolder;
 using Eigen::Vector3d;
 
 constexpr unsigned kFilesSeed = 41;
@@ -61,7 +61,7 @@ double worst_mm(const nlohmann::json &matrix, const Eigen::Isometry3d &truth) {
 }
 
 TEST(RegisterSurface, ABallIsNeverFoundAndNothingIsWritten) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto ball = bregma::tests::sphere({0, 0, 0}, 90, 4);
   folder.write("ball.asc", freesurfer_of(ball));
   std::vector<Vector3d> samples(ball.vertices_mm.begin(), ball.vertices_mm.begin() + 150);
@@ -80,7 +80,7 @@ TEST(RegisterSurface, ABallIsNeverFoundAndNothingIsWritten) {
 }
 
 TEST(RegisterSurface, WrongInputIsRefusedInWords) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("ball.asc", freesurfer_of(bregma::tests::sphere({0, 0, 0}, 90, 2)));
   folder.write("metres.asc", freesurfer_of(bregma::tests::sphere({0, 0, 0}, 0.09, 2)));
   folder.write("few.csv", "0,0,90\n90,0,0\n0,90,0\n");
@@ -102,7 +102,7 @@ TEST(RegisterSurface, WrongInputIsRefusedInWords) {
 
 TEST(RegisterSurface, ColinIsFoundFromAnywhereAndRefinedFromAStart) {
   BREGMA_SHARED_DATA(skin, "meshes/colin27/colin27_outer_skin_surface.asc");
-  const TempFolder folder;
+  const TemporaryFolder folder;
   std::ifstream in(skin);
   std::string line;
   std::getline(in, line);
@@ -156,7 +156,7 @@ std::vector<Vector3d> cloud_of(int count) {
 }
 
 TEST(RegisterCloud, APhantomIsFoundAndItsMarkersArePaired) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::vector<Vector3d> source = cloud_of(60);
   std::vector<Vector3d> target;
   for (auto point = source.rbegin(); point != source.rend(); ++point) { // in another order
@@ -179,7 +179,7 @@ TEST(RegisterCloud, APhantomIsFoundAndItsMarkersArePaired) {
 }
 
 TEST(RegisterCloud, ACubeIsAmbiguousAndThreePointsAreTooFew) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   std::vector<Vector3d> cube;
   for (int corner = 0; corner < 8; ++corner) {
     cube.emplace_back((corner & 1) * 100.0, (corner & 2) * 50.0, (corner & 4) * 25.0);
@@ -212,7 +212,7 @@ std::string ball_image(const Vector3d &centre_lps) {
 }
 
 TEST(RegisterCurves, ImagesBecomeAlikeAndTheWarpedOneIsWritten) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   // The source is the target moved by 8 mm to the left: minus x in RAS, plus x in LPS.
   folder.write("target.mha", ball_image({46, 46, 46}));
   folder.write("source.mha", ball_image({54, 46, 46}));
@@ -235,7 +235,7 @@ TEST(RegisterCurves, ImagesBecomeAlikeAndTheWarpedOneIsWritten) {
 }
 
 TEST(RegisterCurves, WhatIsNoPairIsNamed) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("a.csv", "A,0,0,0\nA,50,0,0\nB,0,0,50\nB,0,50,60\n");
   folder.write("b.csv", "A,0,0,0\nA,50,0,0\nC,0,0,50\nC,0,50,60\n");
   folder.write("flat.csv", "A,5,0,0\nA,5,50,0\nB,5,0,10\nB,5,0,50\n");
@@ -251,7 +251,7 @@ TEST(RegisterCurves, WhatIsNoPairIsNamed) {
 
 // A slice: the spline is that of the plane, and what it cannot do it says.
 TEST(RegisterCurves, MarksOnASliceAreRegisteredInThePlane) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("target.csv", "A,0,0,7\nA,50,0,7\nA,60,40,7\nB,0,10,7\nB,-20,50,7\nB,0,80,7\n");
   folder.write("source.csv", "A,3,-2,9\nA,53,-2,9\nA,63,38,9\nB,3,8,9\nB,-17,48,9\nB,3,78,9\n");
   folder.write("pt.csv", "P,20,30,7\nQ,35,60,7\n");

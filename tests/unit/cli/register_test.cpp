@@ -4,16 +4,16 @@
 
 namespace {
 
+using bregma::test::TemporaryFolder;
 using bregma::tests::Outcome;
 using bregma::tests::run_bregma;
-using bregma::tests::TempFolder;
 
 const std::string kSource = "name,x,y,z\nA,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\n";
 // A quarter turn about z and (10, 20, 30), in another order.
 const std::string kTarget = "C,-70,20,30\nA,10,20,30\n# a remark\n\nD,10,20,90\nB,10,120,30\n";
 
 Outcome register_points(const std::string &source, const std::string &target, const std::string &options = "") {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("source.csv", source);
   folder.write("target.csv", target);
   return run_bregma(folder, "register points source.csv target.csv " + options);
@@ -97,7 +97,7 @@ TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
             "bregma: source.csv: two points are called \"A\"\n");
   EXPECT_EQ(error_of(kSource, "A,0,0,0\n"), "bregma: source.csv has 4 points, target.csv has 1: they must be pairs\n");
   EXPECT_EQ(error_of(kSource, "A,0,0,0\nB,50,0,0\nC,0,50,0\nX,0,0,50\n"), "bregma: target.csv: has no point \"D\"\n");
-  const TempFolder folder;
+  const TemporaryFolder folder;
   EXPECT_EQ(run_bregma(folder, "register points a.txt b.csv").err,
             "bregma: a.txt: is neither .csv nor .mrk.json nor .fcsv\n");
   EXPECT_EQ(run_bregma(folder, "register points a.csv b.csv").err,
@@ -106,7 +106,7 @@ TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
 
 // CT and MR positions of the markers of a phantom: many more than a patient's fiducials are not taken.
 TEST(RegisterPoints, SlicersFilesAreRead) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto markups = [](const std::string &system, const std::string &points) {
     return R"({"markups": [{"type": "Fiducial", "coordinateSystem": ")" + system + R"(", "controlPoints": [)" + points +
            "]}]}";
@@ -211,7 +211,7 @@ TEST(RegisterPoints, WithoutAStatedErrorNobodyIsSuspect) {
 }
 
 TEST(RegisterPoints, TargetsHaveTheirPredictedErrorInTheTargetsFrame) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("source.csv", kSource);
   folder.write("target.csv", kTarget);
   folder.write("lesions.csv", "Near,10,50,40\nFar,10,50,540\n");
@@ -233,7 +233,7 @@ TEST(RegisterPoints, TargetsHaveTheirPredictedErrorInTheTargetsFrame) {
 }
 
 TEST(RegisterPoints, TheTransformIsWrittenForItkUnlessItIsRefused) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   folder.write("source.csv", kSource);
   folder.write("target.csv", kTarget);
   ASSERT_EQ(run_bregma(folder, "register points source.csv target.csv --tfm out.tfm").exit_code, 0);
@@ -248,7 +248,7 @@ TEST(RegisterPoints, TheTransformIsWrittenForItkUnlessItIsRefused) {
 // One person's 32 landmarks as two raters placed them: the same image, so that the true pose is the identity.
 TEST(RegisterPoints, TwoRatersOfTheSameHeadAgree) {
   BREGMA_SHARED_DATA(anat, "fiducials/afids_hcp/derivatives/afids_rater/sub-239944/anat");
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const std::string start = "'" + (anat / "sub-239944_space-T1w_desc-rater").string();
   const auto run = run_bregma(folder, "register points " + start + "GG_afids.fcsv' " + start + "CZ_afids.fcsv' --json");
   ASSERT_EQ(run.exit_code, 0) << run.err;

@@ -121,7 +121,7 @@ TEST(Page, IsOneFileThatLoadsNothing) {
 TEST(Page, TheInsertionIsDrawnAgainstDepthWithoutItsInvalidAnswers) {
   SessionAnalysis session = some_session();
   EXPECT_EQ(tissue_force_figure(session) + tissue_stress_figure(session) + tissue_motion_figure(session), "");
-  Insertion insertion;
+  InsertionAnalysis insertion;
   insertion.target = "Deep";
   insertion.rupture_depth_mm = 4.0;
   insertion.states = {{"valid", 49}, {"invalid", 1}};
@@ -179,7 +179,7 @@ TEST(Page, SessionWithoutAnythingIsStillAPage) {
 
 TEST(Page, BrokenLimitsAreCountedOnTop) {
   Judgement good{"max_fre_mm", "fre", 0.5, 1.0, "mm", true, true};
-  Judgement broken{"max_check_mm", "check", kNotKnown, 1.0, "mm", true, false};
+  Judgement broken{"max_check_mm", "check", bregma::geometry::kUnknown, 1.0, "mm", true, false};
   const auto page = html_report(some_session(), {good, broken});
   ASSERT_TRUE(page.has_value());
   EXPECT_NE(page->find("1 of 2 limits did not hold"), std::string::npos);

@@ -8,7 +8,7 @@
 
 #include "casefile/session_file/session_file.hpp"
 #include "idl/names.hpp"
-#include "tests/unit/cli/temporary_folder.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace bregma::test {
 

@@ -7,9 +7,9 @@
 
 namespace {
 
+using bregma::test::TemporaryFolder;
 using bregma::tests::read_file;
 using bregma::tests::run_bregma;
-using bregma::tests::TempFolder;
 
 // A probe in a ball, coarse and fast.
 constexpr const char *kInsert = "tissue insert ball --elements 10000 --speed 20 ";
@@ -33,11 +33,11 @@ protected:
     return at == std::string::npos ? run.err : run.err.substr(at);
   }
 
-  TempFolder folder_;
+  TemporaryFolder folder_;
 };
 
 TEST(TissueMaterials, TheTableHasModuliAndSources) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto run = run_bregma(folder, "tissue materials");
   EXPECT_EQ(run.exit_code, 0) << run.err;
   EXPECT_EQ(run.out.rfind("material", 0), 0U);

@@ -4,11 +4,11 @@
 
 namespace {
 
+using bregma::test::TemporaryFolder;
 using bregma::tests::run_bregma;
-using bregma::tests::TempFolder;
 
 TEST(Usage, HelpIsAnAnswerAndNotAnError) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   for (const char *arguments :
        {"--help", "calibrate --help", "calibrate pivot --help", "register --help", "register points --help",
         "register surface --help", "register cloud --help", "register curves --help", "register capture --help",
@@ -23,7 +23,7 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
 }
 
 TEST(Usage, HelpShowsExamplesAndExitCodes) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   EXPECT_NE(run_bregma(folder, "--help").out.find("Exit codes: 0 done, 1 the answer is no"), std::string::npos);
   EXPECT_NE(run_bregma(folder, "calibrate pivot --help").out.find("bregma calibrate pivot poses.tgz"),
             std::string::npos);
@@ -31,7 +31,7 @@ TEST(Usage, HelpShowsExamplesAndExitCodes) {
 }
 
 TEST(Usage, MistakesAreOneSentenceAndExitCode2) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto error_of = [&folder](const char *arguments) {
     const auto run = run_bregma(folder, arguments);
     EXPECT_EQ(run.exit_code, 2) << arguments;
@@ -51,7 +51,7 @@ TEST(Usage, MistakesAreOneSentenceAndExitCode2) {
 }
 
 TEST(Usage, WithoutADaemonLiveCommandsSaySo) {
-  const TempFolder folder;
+  const TemporaryFolder folder;
   const auto run = run_bregma(folder, "register start --domain 219");
   EXPECT_EQ(run.exit_code, 2);
   EXPECT_EQ(run.err, "bregma: no bregmad answers on domain 219: is it running?\n");

@@ -10,7 +10,7 @@
 
 #include "drivers/frame/program.hpp"
 #include "drivers/frame/supervisor.hpp"
-#include "tests/unit/cli/temporary_folder.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tests/unit/driver/fakes.hpp"
 
 namespace bregma::driver::test {

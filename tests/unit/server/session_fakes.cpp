@@ -57,19 +57,6 @@ casefile::NamedPoint on_ball(const std::string &name, const Vector3d &direction)
 
 } // namespace
 
-TemporaryFolder::TemporaryFolder() {
-  std::string pattern = (fs::temp_directory_path() / "bregma_session_XXXXXX").string();
-  if (::mkdtemp(pattern.data()) == nullptr) {
-    throw std::runtime_error("no temporary folder: " + pattern);
-  }
-  path_ = pattern;
-}
-
-TemporaryFolder::~TemporaryFolder() {
-  std::error_code ignored;
-  fs::remove_all(path_, ignored);
-}
-
 fs::path write_case(const fs::path &parent, const std::string &id) {
   casefile::Case c;
   c.folder = parent / id;
@@ -291,7 +278,7 @@ void SessionHarness::up_to(wire::SessionState stage, const fs::path &case_folder
       },
       [&] { done(bregma_wire_COMMAND_START_NAVIGATION, "Stylus", "Plan"); }};
   for (int step = session->state() + 1; step <= stage; ++step) {
-    steps[static_cast<std::size_t>(step)]();
+    steps[static_cast<std::size_t>(step - bregma_wire_SESSION_IDLE)]();
     ASSERT_EQ(session->state(), step);
   }
 }

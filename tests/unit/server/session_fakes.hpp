@@ -11,6 +11,7 @@
 
 #include "algorithms/geometry/rigid3.hpp"
 #include "server/session/session.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace bregma::server::testing {
 
@@ -23,18 +24,7 @@ constexpr wire::SessionState kVerified = bregma_wire_SESSION_VERIFIED;
 constexpr wire::SessionState kNavigating = bregma_wire_SESSION_NAVIGATING;
 constexpr wire::SessionState kFault = bregma_wire_SESSION_FAULT;
 
-// A folder that is gone when the test ends.
-class TemporaryFolder {
-public:
-  TemporaryFolder();
-  ~TemporaryFolder();
-  TemporaryFolder(const TemporaryFolder &) = delete;
-  TemporaryFolder &operator=(const TemporaryFolder &) = delete;
-  [[nodiscard]] const std::filesystem::path &path() const { return path_; }
-
-private:
-  std::filesystem::path path_;
-};
+using bregma::test::TemporaryFolder;
 
 // A ball of 80 mm with six fiducials F1..F6, five landmarks L1..L5, target "Deep", trajectory "Plan", and the tools
 // Reference, Stylus and Probe. Returns the folder.

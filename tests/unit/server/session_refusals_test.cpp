@@ -34,7 +34,9 @@ TEST_F(RefusalTest, ACaseThatIsNotThere) {
   const std::string missing = (folder.path() / "nowhere").string();
   expect_refused(missing + ": is not a folder; a case is a folder with case.toml", bregma_wire_COMMAND_LOAD_CASE,
                  missing);
-  expect_refused("\"\" is no case folder", bregma_wire_COMMAND_LOAD_CASE);
+  wire::Command nameless = harness.command(bregma_wire_COMMAND_LOAD_CASE, "somewhere");
+  wire::set_text(nameless.body._u.folder.folder, "");
+  EXPECT_STREQ(harness.send(nameless).value().text, "\"\" is no case folder");
   std::filesystem::remove(ball / "image.nii.gz");
   EXPECT_NE(std::string(harness.ask(bregma_wire_COMMAND_LOAD_CASE, ball.string()).text).find("image"),
             std::string::npos);

@@ -79,7 +79,7 @@ SessionData random_session(unsigned seed) {
   fill(data.accepted->T_image_reference.rotation_wxyz);
   fill(data.accepted->T_image_reference.translation_mm);
   fill(data.accepted->covariance);
-  CheckTouch check{};
+  JudgedCheck check{};
   EXPECT_TRUE(wire::set_name(check.tool, "Stylus") && wire::set_name(check.landmark, "L1"));
   fill(check.position_mm);
   fill(check.covariance_mm2);
@@ -118,7 +118,7 @@ TEST(Snapshot, EveryNumberComesBackBitForBit) {
       EXPECT_TRUE(same_bits(after.surface[i].covariance_mm2, before.surface[i].covariance_mm2));
     }
     EXPECT_TRUE(same_bits(*after.accepted, *before.accepted));
-    const CheckTouch &check = after.checks.at("L1");
+    const JudgedCheck &check = after.checks.at("L1");
     EXPECT_EQ(wire::view(check.landmark), "L1");
     EXPECT_TRUE(same_bits(check.error_mm, before.checks.at("L1").error_mm));
     EXPECT_TRUE(same_bits(check.touch_covariance_mm2, before.checks.at("L1").touch_covariance_mm2));

@@ -54,7 +54,7 @@ TEST_F(SessionTest, TheCourseOfABiopsy) {
   EXPECT_FALSE(FakeLoops::last<SessionChanged>(loops.navigation).verified);
 
   harness.up_to(kVerified, ball);
-  EXPECT_EQ(FakeLoops::count<CheckTouch>(loops.monitoring), 3U);
+  EXPECT_EQ(FakeLoops::count<JudgedCheck>(loops.monitoring), 3U);
   EXPECT_TRUE(FakeLoops::last<SessionChanged>(loops.navigation).verified);
 
   harness.up_to(kNavigating, ball);
@@ -77,7 +77,7 @@ TEST_F(SessionTest, ACheckTouchSaysTheDistanceAndItsBound) {
   loops.miss_mm = {0.6, 0.0, -0.8};
   const auto reply = harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L2");
   EXPECT_NEAR(reply.value_mm, 1.0, 1e-9);
-  const auto check = FakeLoops::last<CheckTouch>(loops.monitoring);
+  const auto check = FakeLoops::last<JudgedCheck>(loops.monitoring);
   EXPECT_EQ(check.landmark_index, 1U);
   EXPECT_NEAR(check.error_mm[0], 0.6, 1e-9);
   EXPECT_NEAR(check.error_mm[2], -0.8, 1e-9);

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "tests/support/process.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
 
 namespace bregma::sim::test {
@@ -18,7 +19,7 @@ namespace {
 
 class Program : public testing::Test {
 protected:
-  Program() : folder_(std::filesystem::temp_directory_path() / ("bregma-sim-" + std::to_string(getpid()))) {
+  Program() {
     std::filesystem::create_directories(folder_ / "case");
     casefile::Case a_case = make_case();
     a_case.folder = folder_ / "case";
@@ -30,7 +31,6 @@ protected:
     }
     write("scenario.toml", "[[steps]]\ndo = \"load_case\"\n");
   }
-  ~Program() override { std::filesystem::remove_all(folder_); }
 
   [[nodiscard]] std::string path(const std::string &name) const { return (folder_ / name).string(); }
   void write(const std::string &name, const std::string &text) const { std::ofstream(folder_ / name) << text; }
@@ -47,7 +47,7 @@ protected:
   }
 
 private:
-  std::filesystem::path folder_;
+  bregma::test::TemporaryFolder folder_;
 };
 
 } // namespace

@@ -16,7 +16,7 @@ namespace bregma::casefile {
 namespace {
 
 namespace fs = std::filesystem;
-using test::Scratch;
+using test::TemporaryFolder;
 
 constexpr const char *kTools = R"([[tools]]
 name = "Reference"
@@ -83,7 +83,7 @@ public:
     return count;
   }
 
-  Scratch scratch;
+  TemporaryFolder scratch;
 
 private:
   static Volume ball(double radius_mm) {
@@ -292,7 +292,7 @@ TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
     GTEST_SKIP() << "needs mricron-data";
   }
   const fs::path plan = fs::path(BREGMA_SOURCE_DIR) / "demo/colin27";
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   CaseSources sources;
   sources.id = "colin27";
   sources.image = test::templates() / "ch2.nii.gz";

@@ -16,7 +16,7 @@ namespace bregma::casefile {
 namespace {
 
 namespace fs = std::filesystem;
-using test::Scratch;
+using test::TemporaryFolder;
 
 bool unpacked(const std::string &name, const fs::path &folder) {
   const fs::path archive = test::shared_data() / "images" / name;
@@ -50,7 +50,7 @@ std::uint16_t count_of(const std::string &file, std::uint16_t number) {
 }
 
 TEST(DicomSeries, ObliqueHeadLiesWhereItsSlicesSay) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   if (!unpacked("dicom_mr_oblique_384.tgz", scratch.path())) {
     GTEST_SKIP() << "needs " << test::shared_data() / "images/dicom_mr_oblique_384.tgz";
   }
@@ -94,7 +94,7 @@ TEST(DicomSeries, ObliqueHeadLiesWhereItsSlicesSay) {
 }
 
 TEST(DicomSeries, UnevenAndTiltedIsRefusedWithTheReason) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   if (!unpacked("dicom_ct_tilted_uneven_28.tgz", scratch.path())) {
     GTEST_SKIP() << "needs " << test::shared_data() / "images/dicom_ct_tilted_uneven_28.tgz";
   }
@@ -114,7 +114,7 @@ TEST(DicomSeries, UnevenAndTiltedIsRefusedWithTheReason) {
 }
 
 TEST(DicomSeries, SeveralInAFolderMustBeChosenFrom) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   if (!unpacked("dicom_ct_tilted_uneven_28.tgz", scratch.path()) ||
       !unpacked("dicom_mr_oblique_384.tgz", scratch.path())) {
     GTEST_SKIP() << "needs the DICOM series of " << test::shared_data() / "images";
@@ -141,7 +141,7 @@ TEST(DicomSeries, SeveralInAFolderMustBeChosenFrom) {
 }
 
 TEST(DicomSeries, AFolderWithoutImagesIsRefused) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   const auto volume = read_volume(scratch.path());
   ASSERT_FALSE(volume);
   EXPECT_EQ(scratch.path().string() + ": the folder holds no DICOM images", volume.error().message);
@@ -149,7 +149,7 @@ TEST(DicomSeries, AFolderWithoutImagesIsRefused) {
 
 // One slice taken out of an even series: the gap there is twice the others.
 TEST(DicomSeries, AMissingSliceIsFound) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   if (!unpacked("dicom_mr_oblique_384.tgz", scratch.path())) {
     GTEST_SKIP() << "needs " << test::shared_data() / "images/dicom_mr_oblique_384.tgz";
   }

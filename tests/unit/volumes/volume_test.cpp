@@ -16,7 +16,7 @@
 namespace bregma::casefile {
 namespace {
 
-using test::Scratch;
+using test::TemporaryFolder;
 using test::write_bytes;
 
 // An image that looks like itself from one side only: a bright corner, a ramp along each axis of another steepness.
@@ -158,7 +158,7 @@ std::string message_of(const base::Result<Volume> &read) { return read ? "was re
 
 // All 48 ways to store an image, in each format: in space it is always the same.
 TEST(Orientation, DoesNotDependOnHowTheImageIsStored) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   const Eigen::Matrix3d oblique =
       (Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitX()) * Eigen::AngleAxisd(-0.15, Eigen::Vector3d::UnitZ()))
           .toRotationMatrix();
@@ -263,7 +263,7 @@ TEST(Orientation, TheHeadOfTheDemonstrationLiesWhereItsFormatSays) {
 }
 
 TEST(ReadVolume, SaysWhatIsWrong) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   const Volume good = pattern(Eigen::Matrix3d::Identity());
   const auto refused = [&](const std::string &name, const std::string &bytes, const std::string &reason) {
     write_bytes(scratch / name, bytes);
@@ -326,7 +326,7 @@ TEST(ReadVolume, SaysWhatIsWrong) {
 }
 
 TEST(ReadLabels, TakesWholeNumbersOnly) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   Volume volume = pattern(Eigen::Matrix3d::Identity());
   ASSERT_TRUE(write_volume(scratch / "l.nrrd", volume));
   const auto labels = read_labels(scratch / "l.nrrd");
@@ -342,7 +342,7 @@ TEST(ReadLabels, TakesWholeNumbersOnly) {
 }
 
 TEST(LabelNames, AreReadAndChecked) {
-  const Scratch scratch;
+  const TemporaryFolder scratch;
   write_bytes(scratch / "n.txt", "1 Precentral_L 2001\n\n# comment\n2 Precentral_R 2002\r\n");
   const auto names = read_label_names(scratch / "n.txt");
   ASSERT_TRUE(names);

@@ -69,14 +69,14 @@ TEST(FullDisk, AFileThatMayNotGrowIsSaidAndOutlived) {
     const rlimit now{size, before.rlim_max};
     ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &now), 0);
   };
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   record_through_a_full_disk(
       folder / "a.session", "disk I/O error", [&] { limit(1'000'000); }, [&] { limit(before.rlim_cur); });
   limit(before.rlim_cur);
 }
 
 TEST(FullDisk, AFullFileSystemIsSaidAndOutlived) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   if (mount("tmpfs", folder.path().c_str(), "tmpfs", 0, "size=4m") != 0) {
     GTEST_SKIP() << "a small file system needs the right to mount one";
   }
@@ -95,7 +95,7 @@ TEST(FullDisk, WhatADiskNeverTookIsCountedAtTheEnd) {
   std::signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   Recorder recorder({.interval = 1ms, .retry = 2ms});
   auto &channel = recorder.channel("navigation");
   ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
@@ -117,7 +117,7 @@ TEST(FullDisk, TheNextFileIsOpenedThoughTheLastOneCouldNotBeFinished) {
   std::signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   Recorder recorder({.interval = 1ms, .retry = 2ms});
   auto &channel = recorder.channel("navigation");
   ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));

@@ -62,7 +62,7 @@ TEST(KilledWriter, DISABLED_RecordsUntilItIsKilled) {
 
 // How much of the end is missing in the file of a process that was killed, in ms.
 double lost_ms(std::chrono::milliseconds alive) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const SharedPushed pushed(folder.path() / "pushed");
   const pid_t child = fork();
   if (child == 0) {

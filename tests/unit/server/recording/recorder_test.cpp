@@ -24,7 +24,7 @@ std::vector<std::uint64_t> recorded_frames(const std::filesystem::path &file) {
 }
 
 TEST(Recorder, WritesWhatSeveralThreadsPushInEachOnesOrder) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   constexpr std::uint64_t kEach = 5'000;
   {
@@ -66,7 +66,7 @@ TEST(Recorder, WritesWhatSeveralThreadsPushInEachOnesOrder) {
 }
 
 TEST(Recorder, WhatDoesNotFitIsDroppedAndCounted) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   Recorder recorder({.channel_bytes = 16'384, .interval = 5ms});
   auto &channel = recorder.channel("navigation");
   ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
@@ -85,7 +85,7 @@ TEST(Recorder, WhatDoesNotFitIsDroppedAndCounted) {
 }
 
 TEST(Recorder, OpensOneFileAfterAnother) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   Recorder recorder;
   auto &channel = recorder.channel("navigation");
   EXPECT_TRUE(channel.push(0, navigation(99))); // nothing is open: nothing to do
@@ -103,7 +103,7 @@ TEST(Recorder, OpensOneFileAfterAnother) {
 }
 
 TEST(Recorder, SaysWhyAFileCannotBeOpenedAndIsReadyForTheNext) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   Recorder recorder;
   const auto refused = recorder.open(folder / "no/a.session", {}, {});
   ASSERT_FALSE(refused);
@@ -118,7 +118,7 @@ TEST(Recorder, SaysWhyAFileCannotBeOpenedAndIsReadyForTheNext) {
 }
 
 TEST(Recorder, PollsASourceThatNoPipelineSees) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   std::atomic<std::uint64_t> polls{0};
   {
     Recorder recorder({.interval = 1ms});
@@ -138,7 +138,7 @@ TEST(Recorder, PushingAllocatesNothing) {
   if (!test::AllocationScope::available()) {
     GTEST_SKIP() << "allocations are not counted under sanitizers";
   }
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   Recorder recorder;
   auto &channel = recorder.channel("navigation");
   ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));

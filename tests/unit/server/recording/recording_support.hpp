@@ -1,36 +1,14 @@
-// Scratch folders and samples for the tests of the session file and the recorder.
+// TemporaryFolder folders and samples for the tests of the session file and the recorder.
 #pragma once
 
 #include <chrono>
-#include <filesystem>
 #include <functional>
-#include <string>
 #include <thread>
-#include <unistd.h>
 
 #include "idl/names.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace bregma::test {
-
-// A new empty folder that goes with its owner.
-class ScratchFolder {
-public:
-  ScratchFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "bregma-XXXXXX").string();
-    path_ = mkdtemp(pattern.data());
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  ScratchFolder(const ScratchFolder &) = delete;
-  ScratchFolder &operator=(const ScratchFolder &) = delete;
-  [[nodiscard]] std::filesystem::path operator/(const std::string &name) const { return path_ / name; }
-  [[nodiscard]] const std::filesystem::path &path() const { return path_; }
-
-private:
-  std::filesystem::path path_;
-};
 
 inline wire::NavigationState navigation(std::uint64_t frame) {
   wire::NavigationState out{};

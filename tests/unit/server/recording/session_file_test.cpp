@@ -40,7 +40,7 @@ std::string refusal(const std::filesystem::path &file) {
 }
 
 TEST(SessionFile, GivesBackEveryByteInTheOrderOfRecording) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   const std::string mesh("ply\0\n\xff binary", 13);
   {
@@ -86,7 +86,7 @@ TEST(SessionFile, GivesBackEveryByteInTheOrderOfRecording) {
 }
 
 TEST(SessionFile, StandsAloneWhenItsWriterIsDone) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).write(1, navigation(1)));
   for (const auto &entry : std::filesystem::directory_iterator(folder.path())) {
@@ -95,7 +95,7 @@ TEST(SessionFile, StandsAloneWhenItsWriterIsDone) {
 }
 
 TEST(SessionFile, CanBeReadWhileItIsWritten) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   auto writer = create(file);
   EXPECT_TRUE(writer.write(1, navigation(1)));
@@ -109,7 +109,7 @@ TEST(SessionFile, CanBeReadWhileItIsWritten) {
 }
 
 TEST(SessionFile, ARolledBackTransactionLeavesNothingAndTheWriterGoesOn) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   {
     auto writer = create(file);
@@ -126,7 +126,7 @@ TEST(SessionFile, ARolledBackTransactionLeavesNothingAndTheWriterGoesOn) {
 }
 
 TEST(SessionFile, IsNeverWrittenOverNorPutIntoNoFolder) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).commit());
   const auto again = SessionWriter::create(file);
@@ -139,7 +139,7 @@ TEST(SessionFile, IsNeverWrittenOverNorPutIntoNoFolder) {
 }
 
 TEST(SessionFile, AnotherLayoutOfATypeIsRefusedByNameAndSizes) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   {
     auto writer = create(file);
@@ -160,7 +160,7 @@ TEST(SessionFile, AnotherLayoutOfATypeIsRefusedByNameAndSizes) {
 }
 
 TEST(SessionFile, RefusesWhatItIsNot) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   EXPECT_EQ(refusal(folder / "missing"), (folder / "missing").string() + ": there is no such file");
 
   const auto text = folder / "text";
@@ -178,7 +178,7 @@ TEST(SessionFile, RefusesWhatItIsNot) {
 }
 
 TEST(SessionFile, DamageIsSaidNotSkipped) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).write(1, range(1)));
   run_sql(file, "UPDATE sample SET body = x'00'");

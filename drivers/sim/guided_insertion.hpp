@@ -15,7 +15,7 @@
 
 namespace bregma::sim {
 
-class Insertion {
+class GuidedInsertion {
 public:
   struct Plan {
     Vector3d entry_mm, target_mm;
@@ -26,8 +26,8 @@ public:
   enum class Phase { kAlign, kAdvance, kSettle, kHold, kWithdraw, kDone };
 
   // misplaced_mm: how far the guide stands beside the planned line before anybody steers.
-  Insertion(const Plan &plan, const Quaterniond &rotation, const OperatorParameters &parameters,
-            const Vector3d &misplaced_mm);
+  GuidedInsertion(const Plan &plan, const Quaterniond &rotation, const OperatorParameters &parameters,
+                  const Vector3d &misplaced_mm);
 
   // The state of this tool, as displayed.
   void see(const wire::NavigationState &state, std::int64_t now_ns);

@@ -1,4 +1,4 @@
-#include "drivers/sim/insertion.hpp"
+#include "drivers/sim/guided_insertion.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -42,17 +42,17 @@ const char *name_of(wire::PoseStatus status) {
 
 } // namespace
 
-Insertion::Insertion(const Plan &plan, const Quaterniond &rotation, const OperatorParameters &parameters,
-                     const Vector3d &misplaced_mm)
+GuidedInsertion::GuidedInsertion(const Plan &plan, const Quaterniond &rotation, const OperatorParameters &parameters,
+                                 const Vector3d &misplaced_mm)
     : plan_(plan), rotation_(rotation), parameters_(parameters),
       direction_((plan.target_mm - plan.entry_mm).normalized()), depth_mm_((plan.target_mm - plan.entry_mm).norm()),
       advance_mm_(-plan.standoff_mm), correction_(misplaced_mm), tip_before_(aim() + correction_), tip_(tip_before_) {}
 
-bool Insertion::display_is_live(std::int64_t now_ns) const {
+bool GuidedInsertion::display_is_live(std::int64_t now_ns) const {
   return shown_ == bregma_wire_POSE_LIVE && seconds(seen_ns_, now_ns) <= parameters_.display_patience_s;
 }
 
-void Insertion::see(const wire::NavigationState &state, std::int64_t now_ns) {
+void GuidedInsertion::see(const wire::NavigationState &state, std::int64_t now_ns) {
   shown_ = state.status;
   seen_ns_ = now_ns;
   if (state.status != bregma_wire_POSE_LIVE) {
@@ -71,7 +71,7 @@ void Insertion::see(const wire::NavigationState &state, std::int64_t now_ns) {
 }
 
 // Accelerates evenly, brakes so as to stop where it should.
-void Insertion::drive(double to_mm, double speed_mm_s, double elapsed_s, bool may_move) {
+void GuidedInsertion::drive(double to_mm, double speed_mm_s, double elapsed_s, bool may_move) {
   const double acceleration = speed_mm_s / kSpeedUp_s;
   const double left = to_mm - advance_mm_;
   const double wanted =
@@ -81,9 +81,9 @@ void Insertion::drive(double to_mm, double speed_mm_s, double elapsed_s, bool ma
   advance_mm_ += std::abs(step) > std::abs(left) && may_move ? left : step;
 }
 
-bool Insertion::at(double advance_mm) const { return std::abs(advance_mm_ - advance_mm) < kArrived_mm; }
+bool GuidedInsertion::at(double advance_mm) const { return std::abs(advance_mm_ - advance_mm) < kArrived_mm; }
 
-void Insertion::advance(std::int64_t now_ns) {
+void GuidedInsertion::advance(std::int64_t now_ns) {
   const double elapsed_s = now_ns_ == 0 ? 0.0 : seconds(now_ns_, now_ns);
   const bool live = display_is_live(now_ns);
   const bool needs_display = phase_ != Phase::kWithdraw && phase_ != Phase::kDone;
@@ -132,13 +132,13 @@ void Insertion::advance(std::int64_t now_ns) {
 }
 
 // One call of advance() behind: so the way is continuous between them.
-HandPose Insertion::pose(std::int64_t time_ns) const {
+HandPose GuidedInsertion::pose(std::int64_t time_ns) const {
   const double between =
       before_ns_ == 0 ? 1.0 : std::clamp(seconds(now_ns_, time_ns) / seconds(before_ns_, now_ns_), 0.0, 1.0);
   return {tip_before_ + between * (tip_ - tip_before_), rotation_, parameters_.rest_share, parameters_.rest_share};
 }
 
-std::string Insertion::why_waiting() const {
+std::string GuidedInsertion::why_waiting() const {
   return "the display was not live for " + std::to_string(std::lround(waited_s_)) +
          " s (last shown: " + (seen_ns_ == 0 ? std::string("nothing") : std::string(name_of(shown_))) + ")";
 }
