@@ -1,4 +1,4 @@
-// Each rule of the border, broken alone on an otherwise good sample, gives its own reason.
+// Each rule of the check, violated alone in an otherwise valid sample, gives its own reason.
 #include <cmath>
 #include <cstring>
 #include <functional>

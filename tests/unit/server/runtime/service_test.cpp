@@ -1,4 +1,4 @@
-// What the daemon owes its surroundings: systemd, the log, and an honest word on real time.
+// Service functions of the daemon: systemd messages, the log, and the report of real-time settings.
 #include <algorithm>
 #include <array>
 #include <cstdlib>
@@ -26,7 +26,7 @@ std::filesystem::path scratch(const std::string &name) {
   return std::filesystem::temp_directory_path() / ("bregma-" + name + "-" + std::to_string(getpid()));
 }
 
-// Stands in for systemd: a datagram socket named in the environment.
+// Replaces systemd: a datagram socket named in the environment.
 class ServiceManager {
 public:
   ServiceManager() : path_(scratch("notify")), socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0)) {
@@ -47,7 +47,7 @@ public:
   ServiceManager(const ServiceManager &) = delete;
   ServiceManager &operator=(const ServiceManager &) = delete;
 
-  // The next message; empty when there is none.
+  // The next message; empty if there is none.
   std::string receive() const {
     std::array<char, 512> text{};
     const auto size = recv(socket_, text.data(), text.size(), 0);
