@@ -6,11 +6,11 @@
 namespace bregma::base {
 namespace {
 
-// The line needs so many blocks before its slope says more about the drift than about the latency's scatter.
+// Minimal number of blocks: with fewer, the slope reflects the latency's scatter more than the drift.
 constexpr std::size_t kBlocksForDrift = 4;
 
-// The line may go down by this much of the time that passes, and by the tolerance at once. Without the limit a device
-// that sends too fast would take the line along with it.
+// The line may fall by this fraction of the elapsed time, and by the tolerance at once. Without the limit a device that
+// sends too fast would pull the line down with it.
 constexpr double kPressRate = 0.002;
 
 double difference(std::int64_t a, std::int64_t b) { return static_cast<double>(a - b); }
@@ -45,8 +45,8 @@ TimeVerdict DeviceClock::observe(std::int64_t device_time_ns, std::int64_t arriv
   const std::int64_t recovered = std::llround(kPressRate * difference(arrival_ns, arrived_ns_));
   const std::int64_t pressed = settling ? 0 : std::max<std::int64_t>(pressed_ns_ - recovered, 0);
   const bool in_future = height - pressed < -tolerance;
-  // A clock that was set back passes its old time again after a while: samples then look merely late, but go on
-  // agreeing with those refused before.
+  // A clock that was set back reaches its old time again after a while. Samples then only appear late, but they still
+  // agree with those rejected before.
   const bool goes_on = candidate_count_ > 0 && 2 * std::abs(point.offset_ns - candidate_first_.offset_ns) < height;
   if (step <= 0 || in_future || goes_on) {
     if (is_candidate_accepted(point, period_ns)) {
@@ -66,8 +66,8 @@ TimeVerdict DeviceClock::observe(std::int64_t device_time_ns, std::int64_t arriv
   return TimeVerdict::kInStep;
 }
 
-// The run must go on for resync_ns of the host's time at the device's own pace, so that neither a burst of old samples
-// nor a flood with times of its own invention is taken for a clock.
+// The run must last for resync_ns of the host's time at the device's own rate. So neither a burst of old samples nor a
+// flood with arbitrary times is accepted as a clock.
 bool DeviceClock::is_candidate_accepted(const Point &point, std::int64_t period_ns) noexcept {
   const bool agrees = candidate_count_ > 0 && 2 * (point.device_ns - candidate_last_ns_) >= period_ns &&
                       std::abs(point.offset_ns - candidate_first_.offset_ns) <= options_.agreement_ns;
@@ -123,7 +123,7 @@ void DeviceClock::learn(const Point &point) noexcept {
   }
 }
 
-// Of all lines below the points, the one nearest to them on average is the edge of the lower convex hull at their mean
+// The line below the points that is nearest to them on average contains the edge of the lower convex hull at their mean
 // time. Its slope is the drift.
 void DeviceClock::fit() noexcept {
   const Point origin = blocks_[0];
@@ -153,7 +153,7 @@ void DeviceClock::fit() noexcept {
     const double slope = (hull[right].y - hull[right - 1].y) / (hull[right].t - hull[right - 1].t);
     drift_ = std::clamp(slope, -options_.max_drift_ppm * 1e-6, options_.max_drift_ppm * 1e-6);
   }
-  // Whatever the slope has been limited to, the line touches the points from below.
+  // The line supports the points from below for every limited slope.
   const auto lowest =
       std::min_element(hull.begin(), hull.begin() + static_cast<std::ptrdiff_t>(size),
                        [&](const Relative &a, const Relative &b) { return a.y - drift_ * a.t < b.y - drift_ * b.t; });

@@ -1,13 +1,12 @@
-// From a device's own clock to the host's UTC.
+// Converts times of a device's clock to the host's UTC.
 //
-// A sample arrives at  host = device + offset + drift * device + latency,  latency >= the path's minimum. Latency only
-// ever adds, so the line that supports the points (device, host - device) from below is the clocks' relation plus the
-// minimum latency (Moon, Skelly & Towsley, "Estimation and removal of clock skew from network delay measurements",
-// INFOCOM 1999, by its linear programme; here on the lowest point of each block of time, so that work and memory are
-// bounded). The minimum itself cannot be observed: it is stated by whoever knows the device, and taken off.
+// A sample arrives at  host = device + offset + drift * device + latency,  with latency >= the path's minimum. The line
+// that supports the points (device, host - device) from below is therefore the clocks' relation plus the minimum
+// latency [Moon 1999]. Its linear programme is solved on the lowest point of each block of time, which bounds work and
+// memory. The minimum latency is not observable. It is a parameter of the device and is subtracted.
 //
-// A latency that rises and stays is not told from a clock that was set back: the age is then overstated for the length
-// of the window, never understated.
+// A permanent rise of the latency cannot be distinguished from a clock that was set back. The age is then overstated
+// for the length of the window, never understated.
 //
 // Threads: one. No allocation, no exceptions.
 #pragma once
@@ -19,36 +18,36 @@
 namespace bregma::base {
 
 struct DeviceClockOptions {
-  std::int64_t minimum_latency_ns = 0;           // exposure to arrival at best, from the device's data sheet
-  std::int64_t block_ns = 500'000'000;           // one lowest point is kept a block
-  double max_drift_ppm = 300.0;                  // crystals are within 100
-  std::int64_t future_tolerance_ns = 10'000'000; // an arrival earlier than the line by more is not believed
-  std::int64_t settling_ns = 1'000'000'000; // so long after a start the first samples may have been held up, and the
-  std::int64_t settling_tolerance_ns = 500'000'000; // tolerance is this
-  std::int64_t resync_ns = 200'000'000;   // a new time base is taken when samples have agreed on it for so long
-  int resync_samples = 8;                 // and at least so many
-  std::int64_t agreement_ns = 20'000'000; // agreeing: offsets within this of each other
+  std::int64_t minimum_latency_ns = 0;              // minimum from exposure to arrival, from the device's data sheet
+  std::int64_t block_ns = 500'000'000;              // one lowest point is kept per block
+  double max_drift_ppm = 300.0;                     // crystal oscillators are within 100
+  std::int64_t future_tolerance_ns = 10'000'000;    // a sample that is earlier than the line by more is rejected
+  std::int64_t settling_ns = 1'000'000'000;         // after a start, because the first samples may be delayed
+  std::int64_t settling_tolerance_ns = 500'000'000; // future tolerance during that time
+  std::int64_t resync_ns = 200'000'000;   // a new time base is accepted after samples have agreed for this time
+  int resync_samples = 8;                 // and after at least this number of samples
+  std::int64_t agreement_ns = 20'000'000; // maximal difference of agreeing offsets
 };
 
 enum class TimeVerdict {
   kInStep,
-  kResynced,  // in step with a new time base: the device's clock was set
+  kResynced,  // consistent with a new time base: the device's clock was set
   kBackwards, // not after the last accepted sample
-  kTooSoon,   // less than half a period after it: more samples than the device says that it makes
-  kInFuture   // exposed after it arrived
+  kTooSoon,   // less than half a period after it: a higher rate than the device states
+  kInFuture   // time of exposure after arrival
 };
 
 class DeviceClock {
 public:
   explicit DeviceClock(const DeviceClockOptions &options = {}) : options_(options) {}
 
-  // Forgets everything but the count of resyncs: the device was restarted.
+  // For a restarted device. Clears everything except the count of resyncs.
   void reset() noexcept;
 
-  // Judges a sample and, when it is in step, learns from it.
+  // Checks a sample. A consistent sample updates the estimate.
   TimeVerdict observe(std::int64_t device_time_ns, std::int64_t arrival_ns, std::int64_t period_ns) noexcept;
 
-  // Of the time of exposure on the host's clock. Only after a first observe().
+  // Time of exposure on the host's clock. Precondition: observe() was called.
   [[nodiscard]] std::int64_t to_host_ns(std::int64_t device_time_ns) const noexcept;
   [[nodiscard]] bool is_synchronised() const noexcept { return block_count_ > 0; }
   [[nodiscard]] double drift_ppm() const noexcept { return drift_ * 1e6; }
@@ -59,7 +58,7 @@ private:
     std::int64_t device_ns;
     std::int64_t offset_ns; // host - device
   };
-  static constexpr std::size_t kBlocks = 32; // 16 s at half a second each
+  static constexpr std::size_t kBlocks = 32; // 16 s, at 0.5 s per block
 
   [[nodiscard]] std::int64_t predicted_offset_ns(std::int64_t device_time_ns) const noexcept;
   [[nodiscard]] bool is_candidate_accepted(const Point &point, std::int64_t period_ns) noexcept;
@@ -73,13 +72,13 @@ private:
   std::int64_t block_began_ns_ = 0; // device time
   std::int64_t started_ns_ = 0;     // device time
   std::int64_t last_ns_ = 0;        // device time of the last accepted sample
-  std::int64_t arrived_ns_ = 0;     // host time of the same
-  std::int64_t pressed_ns_ = 0;     // how far early samples have lowered the line of late
-  Point anchor_{};                  // on the line
+  std::int64_t arrived_ns_ = 0;     // host time of its arrival
+  std::int64_t pressed_ns_ = 0;     // recent lowering of the line by early samples
+  Point anchor_{};                  // a point on the line
   double drift_ = 0.0;              // d(host - device)/d(device)
   std::uint64_t resyncs_ = 0;
 
-  // A run of refused samples that agree with each other on another time base.
+  // A run of rejected samples that agree on another time base.
   int candidate_count_ = 0;
   Point candidate_first_{};
   Point candidate_lowest_{};

@@ -1,10 +1,10 @@
-// A program's parameters. Each is declared once, with its key, where its value lives, type, unit, range and text; the
-// value found there at declaration is the default. Reading, checking, the commented file and the table in the
-// documentation all come from that declaration.
+// A program's parameters. Each is declared once, with key, storage, type, unit, range and text; the stored value at
+// declaration is the default. Reading, checking, the commented file and the table in the documentation all use that
+// declaration.
 //
 //   ParameterSet set("bregmad");
-//   set.number("navigation.floor_rate_hz", &config.floor_rate_hz, "Hz", 1, 1000, "State is published at least so
-//   often"); if (auto ok = set.load(path); !ok) ... ok.error().message
+//   set.number("navigation.floor_rate_hz", &config.floor_rate_hz, "Hz", 1, 1000, "Minimum rate of the state");
+//   if (auto ok = set.load(path); !ok) ... ok.error().message
 //
 // Errors read "file:line: key = value: must be between 1 and 1000 Hz". Nothing is changed when a load fails.
 // Threads: one at a time; the pointers must outlive the set. Declaring a key twice, or with a default that it would
@@ -27,8 +27,8 @@ namespace bregma::base {
 
 using ParameterValue = std::variant<double, std::int64_t, bool, std::string>;
 
-// What a value must be. min and max hold the alternative of a number or integer, and are empty strings where it has no
-// range; other types have none.
+// Requirements on a value. min and max hold a number or an integer, and are empty strings where it has no range; other
+// types have no range.
 struct ValueRule {
   enum class Type { kNumber, kInteger, kFlag, kString, kChoice };
   Type type = Type::kString;
@@ -50,7 +50,7 @@ public:
   ParameterSet &string(std::string key, std::string *value, std::string text);
   // One of the names.
   ParameterSet &choice(std::string key, std::string *value, std::vector<std::string> choices, std::string text);
-  // The value that stands beside the name.
+  // The value that belongs to the name.
   template <class Enum>
   ParameterSet &choice(std::string key, Enum *value, std::initializer_list<std::pair<const char *, Enum>> choices,
                        std::string text) {
@@ -77,13 +77,13 @@ public:
         {std::move(key), {ValueRule::Type::kChoice, {}, {}, {}, std::move(names)}, std::move(text), get, set, get()});
   }
 
-  // Values that the file does not give keep what they have. Unknown keys are errors that name the nearest known one.
+  // Values that the file does not contain are unchanged. Unknown keys are errors that name the nearest known one.
   [[nodiscard]] Result<void> load(const std::filesystem::path &file);
   [[nodiscard]] Result<void> load_text(std::string_view toml, const std::string &name);
-  // "key=value" as on a command line, where a string needs no quotes.
+  // "key=value" from a command line, where a string needs no quotes.
   [[nodiscard]] Result<void> set_from_string(std::string_view assignment);
 
-  // A complete commented file of the present values; load() takes it back to the same bits.
+  // A complete commented file of the present values; load() restores them bit for bit.
   [[nodiscard]] std::string to_toml() const;
   // The parameters as a Markdown table, with their defaults.
   [[nodiscard]] std::string to_markdown() const;

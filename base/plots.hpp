@@ -1,5 +1,5 @@
 // Plots as SVG text: axes with ticks, lines, points, bars, bands, rules, timelines. No scripts, no external resources.
-// Pure functions of their arguments. Values that are not finite are left out; a line is broken there.
+// Pure functions of their arguments. Values that are not finite are left out; lines break there.
 #pragma once
 
 #include <optional>
@@ -9,7 +9,7 @@
 
 namespace bregma::base {
 
-namespace colour { // told apart also by those who confuse red and green (Okabe & Ito 2008)
+namespace colour { // distinguishable with red-green colour blindness [Okabe 2008]
 inline constexpr const char *kBlue = "#0072b2";
 inline constexpr const char *kOrange = "#d55e00";
 inline constexpr const char *kGreen = "#009e73";
@@ -27,17 +27,17 @@ struct PlotPoint {
 struct Axis {
   std::string label;          // with its unit
   bool logarithmic = false;   // values at or below zero are left out
-  std::optional<double> from; // else from the data
+  std::optional<double> from; // default: from the data
   std::optional<double> to;
 };
 
 enum class Mark { kLine, kPoints, kBars };
 
 struct Series {
-  std::string name; // in the legend; empty: not in it
+  std::string name; // name in the legend; empty: none
   std::string colour = colour::kBlue;
   Mark mark = Mark::kLine;
-  std::vector<PlotPoint> points; // bars: left edge and height; each is as wide as the way to the next, the last point
+  std::vector<PlotPoint> points; // bars: left edge and height; each ends where the next begins, and the last point
                                  // only ends the one before
   double size = 1.5;             // width of the line or radius of the point
   bool dashed = false;
@@ -48,20 +48,20 @@ struct Band { // from one x to another, behind the data
   double from = 0.0;
   double to = 0.0;
   std::string colour = "#eef2f7";
-  std::string label; // where there is room for it
+  std::string label; // shown if there is room
 };
 
 enum class RuleKind { kHorizontal, kVertical, kDiagonal }; // the last: y = x
 
 struct Rule {
   RuleKind kind = RuleKind::kHorizontal;
-  double at = 0.0; // no meaning for the diagonal
+  double at = 0.0; // not used for the diagonal
   std::string label;
   std::string colour = colour::kGrey;
 };
 
 struct Plot {
-  std::string title; // read out by screen readers
+  std::string title; // for screen readers
   Axis x;
   Axis y;
   std::vector<Series> series;
@@ -80,7 +80,7 @@ struct Span {
   double from = 0.0;
   double to = 0.0;
   std::string colour;
-  std::string label; // inside where there is room, else only in its tooltip
+  std::string label; // inside if there is room, otherwise in the tooltip only
 };
 
 struct TimelineRow {

@@ -1,4 +1,4 @@
-// What the rooms that read files return: a value, or a sentence for the person who gave the file.
+// Result of functions that read files: a value, or an error sentence for the user.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 namespace bregma::base {
 
 struct Error {
-  std::string message; // names the file, where known the line and the field, the value, and what is wrong with it
+  std::string message; // names the file, if known the line and the field, the value, and the problem
 };
 
 template <class T> using Result = tl::expected<T, Error>;

@@ -1,4 +1,4 @@
-// What all pictures are made of: ranges, scales, ticks, frames, labels. Internal to plots.hpp's sources.
+// Elements of all plots: ranges, scales, ticks, frames, labels. Internal to plots.hpp's sources.
 #pragma once
 
 #include <limits>
@@ -21,17 +21,18 @@ struct Range {
   [[nodiscard]] bool empty() const { return low > high; }
 };
 
-// What the axis states, else the data, on request with some air; never empty, so that a plot without data is a frame.
+// The range of the axis, otherwise of the data, optionally with a margin; never empty, so that a plot without data has
+// a frame.
 [[nodiscard]] Range chosen_range(const Axis &axis, Range data, bool air);
 
-// A place on the paper for each value of a range.
+// Maps each value of a range to a position in the picture.
 class Scale {
 public:
   Scale(const Axis &axis, Range range, double paper_from, double paper_to)
       : logarithmic_(axis.logarithmic), range_(range), paper_from_(paper_from), paper_to_(paper_to) {}
-  [[nodiscard]] bool holds(double value) const; // it has a place
+  [[nodiscard]] bool holds(double value) const; // the value can be drawn
   [[nodiscard]] double operator()(double value) const;
-  [[nodiscard]] double clamped(double value) const; // at the edge when it lies outside
+  [[nodiscard]] double clamped(double value) const; // at the edge if outside
   [[nodiscard]] std::vector<double> ticks(int wanted) const;
   [[nodiscard]] double low() const { return range_.low; }
   [[nodiscard]] double high() const { return range_.high; }

@@ -7,9 +7,9 @@
 //   for (TableReader &step : root.tables("steps")) { ... step.require_string("do") ...; step.finish(); }
 //   if (auto ok = root.finish(); !ok) return tl::unexpected(ok.error());
 //
-// The first thing that is wrong is kept and all that follows is read on with the fallbacks, so a reader of a file is
-// straight code with one check at its end. Errors read "file:line: key = value: what is wrong", the same as those of
-// ParameterSet. Threads: one at a time. Readers must not outlive their document.
+// The first error is kept, and reading continues with the fallbacks, so that reading a file is straight code with one
+// check at its end. Errors read "file:line: key = value: problem", like those of ParameterSet. Threads: one at a time.
+// Readers must not outlive their document.
 #pragma once
 
 #include <cstdint>
@@ -67,11 +67,12 @@ public:
   std::vector<TableReader> tables(std::string_view key);  // [[key]]
   std::optional<TableReader> table(std::string_view key); // [key]
 
-  // The caller's own check failed: "file:line: key = value: what". key may be a path from this table, "tools[2].name".
+  // Reports a failed check of the caller: "file:line: key = value: what". key may be a path from this table,
+  // "tools[2].name".
   // An absent key gives "file:line: key: what" with the line of the table.
   void refuse(std::string_view key, const std::string &what);
 
-  // To be called when everything was read: refuses keys that nobody asked for. The first error of the whole document.
+  // To be called when everything was read: refuses keys that were never read. Returns the first error of the document.
   Result<void> finish();
 
 private:
@@ -84,7 +85,7 @@ private:
 
   const toml::table *table_;
   std::shared_ptr<Sink> sink_;
-  std::string path_;                         // dotted, of this table: "" or "tools[2]"
+  std::string path_;                         // dotted path of this table: "" or "tools[2]"
   std::set<std::string, std::less<>> asked_; // keys that the caller knows
 };
 

@@ -9,7 +9,7 @@
 
 namespace bregma::base {
 
-// Without the blanks, tabs and carriage return at both ends.
+// Removes blanks, tabs and carriage returns at both ends.
 [[nodiscard]] inline std::string_view trimmed(std::string_view text) {
   const std::size_t first = text.find_first_not_of(" \t\r");
   return first == std::string_view::npos ? std::string_view()
@@ -28,7 +28,7 @@ namespace bregma::base {
   return out;
 }
 
-// The number that the whole of `text` is (a double may be infinite or not a number); nothing if it is not one.
+// The number that `text` consists of (a double may be infinite or NaN); no result for any other text.
 template <class Number> [[nodiscard]] std::optional<Number> parsed_number(std::string_view text) {
   Number value{};
   const char *end = text.data() + text.size();

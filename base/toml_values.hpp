@@ -1,4 +1,4 @@
-// How values in TOML files are checked and shown; shared by ParameterSet and TableReader so that they say the same.
+// Checking and formatting of values in TOML files, shared by ParameterSet and TableReader so that they agree.
 // Private to this library.
 #pragma once
 
@@ -18,7 +18,7 @@ namespace bregma::base::detail {
 // Syntax errors become "name:line: ...".
 [[nodiscard]] Result<toml::table> parse_toml(std::string_view text, const std::string &name);
 
-// The value, or what it must be ("must be between 1 and 1000 Hz").
+// The value, or the requirement ("must be between 1 and 1000 Hz").
 [[nodiscard]] tl::expected<ParameterValue, std::string> convert(const toml::node &node, const ValueRule &rule);
 [[nodiscard]] std::optional<std::string> violation(const ParameterValue &value, const ValueRule &rule);
 
@@ -27,8 +27,8 @@ namespace bregma::base::detail {
                                   const std::string &what, bool with_value = true);
 
 [[nodiscard]] std::string to_toml_text(const ParameterValue &value);  // reads back to the same value
-[[nodiscard]] std::string to_plain_text(const ParameterValue &value); // for a person: "30", not "30.0"
-[[nodiscard]] std::string range_text(const ValueRule &rule);          // "1 to 1000 Hz"; "" where anything goes
+[[nodiscard]] std::string to_plain_text(const ParameterValue &value); // for output: "30", not "30.0"
+[[nodiscard]] std::string range_text(const ValueRule &rule);          // "1 to 1000 Hz"; "" without a range
 
 // "; did you mean x?" for the candidate nearest to key, or "" when none is near.
 [[nodiscard]] std::string suggestion(std::string_view key, const std::vector<std::string> &candidates);

@@ -1,5 +1,6 @@
-// One figure of a benchmark, printed the same way by all of them: a table row for people, one JSON object a line with
-// --json. A limit is the figure that the design asks for; a peer is what was measured beside it in the same run.
+// One figure of a benchmark, with the same output in all of them: a table row, or one JSON object per line with --json.
+// A limit is the figure that the design requires; a peer is a figure for comparison, measured in the same run or
+// published.
 #pragma once
 
 #include <chrono>
@@ -20,7 +21,7 @@ struct Record {
   std::string unit;
   enum class Bound { kNone, kAtMost, kAtLeast } bound = Bound::kNone;
   double limit = 0.0;
-  std::optional<double> peer; // the floor, or another solver, measured in the same run
+  std::optional<double> peer; // figure for comparison: a floor, another solver, a publication
   std::string peer_name;
 
   [[nodiscard]] bool holds() const;
@@ -31,12 +32,12 @@ struct Record {
 [[nodiscard]] Record at_least(std::string name, double value, std::string unit, double limit);
 [[nodiscard]] Record with_peer(Record record, double peer, std::string peer_name);
 
-// Prints as figures come. Not for several threads.
+// Prints each figure when it is added. Not for several threads.
 class Report {
 public:
   explicit Report(bool json);
   void add(const Record &record);
-  void note(std::string_view text) const; // what was measured and how; not printed with --json
+  void note(std::string_view text) const; // description of the measurement; not printed with --json
   [[nodiscard]] bool all_hold() const { return all_hold_; }
 
 private:
@@ -45,7 +46,7 @@ private:
   bool header_printed_ = false;
 };
 
-// How far a long study is, on standard error: at most one line in five seconds.
+// Progress of a long study on standard error: at most one line per five seconds.
 class Progress {
 public:
   Progress(std::string study, int runs);
@@ -58,14 +59,14 @@ private:
   std::chrono::steady_clock::time_point said_;
 };
 
-// The options that every benchmark takes.
+// The options of every benchmark.
 struct Options {
   bool json = false;
   bool quick = false;
   std::vector<std::string> only; // parts; empty: all
   [[nodiscard]] bool wants(std::string_view part) const;
 };
-// parts: of the benchmark, for --only; it has no such option without them.
+// parts: the benchmark's parts, for --only; without parts it has no such option.
 void add_options(CLI::App &app, Options &options, const std::vector<std::string> &parts = {});
 
 // p in 0..1, by linear interpolation between ranks; sorts in place.

@@ -28,7 +28,7 @@ ToolRole role_of(const std::string &name) {
 }
 
 Eigen::Vector3d direction(const Eigen::Vector3d &v) {
-  // A vector too short to have a direction stays zero, which check_case refuses.
+  // A vector that is too short to have a direction stays zero, which check_case rejects.
   return v.norm() > 1e-6 ? v.normalized() : Eigen::Vector3d::Zero();
 }
 
@@ -62,7 +62,7 @@ Limits read_limits(base::TableReader &reader) {
   return limits;
 }
 
-// Reads the files that case.toml names. The message of a file that is wrong follows the line that names it.
+// Reads the files that case.toml names. The message about a faulty file starts with the line that names it.
 class FileLoader {
 public:
   FileLoader(const fs::path &folder, base::TableReader &root) : folder_(folder), root_(root) {}

@@ -1,5 +1,5 @@
 // A case on disk: a folder with case.toml, the image, surfaces (PLY), and plans (Slicer .mrk.json).
-// Everything in memory is RAS, mm, in the frame of the image ("Image"); files say LPS where their format does.
+// All data in memory are RAS, mm, in the frame of the image ("Image"); files are in LPS where their format requires it.
 #pragma once
 
 #include <filesystem>
@@ -41,40 +41,40 @@ struct Surface {
   surface::TriangleMesh mesh;
 };
 
-// Limits that a registration has to keep before it can be accepted, and a check before it can be confirmed.
+// Limits for accepting a registration, and for confirming a check.
 struct Limits {
-  double fle_image_mm = 0.5;      // 1-sigma a coordinate: with what error fiducials were placed in the image
-  double fle_touch_mm = 0.3;      // 1-sigma a coordinate: placement error of a touch, beside the tracker's
-  double surface_sigma_mm = 0.7;  // 1-sigma: skin give and segmentation, along the normal
-  double landmark_sigma_mm = 0.5; // 1-sigma a coordinate: with what error check landmarks were placed in the image
-  double max_check_mm = 3.0;      // a check touch beyond it cannot be confirmed
+  double fle_image_mm = 0.5;      // 1-sigma per coordinate: error of the fiducials' positions in the image
+  double fle_touch_mm = 0.3;      // 1-sigma per coordinate: placement error of a touch, in addition to the tracker's
+  double surface_sigma_mm = 0.7;  // 1-sigma: skin compression and segmentation, along the normal
+  double landmark_sigma_mm = 0.5; // 1-sigma per coordinate: error of the check landmarks' positions in the image
+  double max_check_mm = 3.0;      // a larger error of a check touch cannot be confirmed
   double max_target_tre_mm = 2.0; // predicted RMS TRE above which a registration is not accepted
 };
 
-// Where the skull is open, so that the brain is free there. The centre is taken to the brain's surface.
+// The opening in the skull, where the brain is free. The centre is moved to the brain's surface.
 struct CraniotomyPlan {
-  std::string trajectory;                              // its way into the brain is the centre; empty: centre_mm is
+  std::string trajectory; // its entry into the brain is the centre; empty: centre_mm is used
   Eigen::Vector3d centre_mm = Eigen::Vector3d::Zero(); // at most 30 mm from the brain's surface
-  std::optional<double> radius_mm;                     // 0: the skull is closed; nothing: as the program is configured
+  std::optional<double> radius_mm;                     // 0: the skull is closed; empty: as configured in the program
 };
 
-// What the tissue model takes the brain for: a material by its name, and what this case knows better.
+// Material of the brain for the tissue model: by name, with values that this case replaces.
 struct TissueChoice {
   std::string material; // of tissue::named_materials()
   std::optional<double> young_Pa, poisson, density_kg_m3;
-  std::optional<double> ogden_alpha; // only of materials that have one
+  std::optional<double> ogden_alpha; // only for materials of Ogden's law
 };
 
 struct Case {
   std::filesystem::path folder;
-  std::string id; // patient-free
+  std::string id; // contains nothing about the patient
   std::filesystem::path image;
   Surface scalp;
   Surface brain;
-  std::vector<Surface> structures; // critical ones: never to be touched
+  std::vector<Surface> structures; // critical structures
   std::vector<NamedPoint> fiducials;
   std::vector<NamedPoint> landmarks;       // for checks, never part of the registration
-  std::vector<NamedPoint> brain_landmarks; // anatomical, followed by the tissue model; nobody touches them
+  std::vector<NamedPoint> brain_landmarks; // anatomical points that the tissue model follows; never touched
   std::vector<NamedPoint> targets;
   std::vector<Trajectory> trajectories;
   std::vector<ToolModel> tools;
@@ -89,18 +89,18 @@ struct Case {
   [[nodiscard]] const NamedPoint *landmark(std::string_view name) const;
 };
 
-// Reads the folder whole; the first thing that is wrong is the error.
+// Reads the whole folder; the result is the first error.
 [[nodiscard]] base::Result<Case> load_case(const std::filesystem::path &folder);
 
-// The [[tools]] of a TOML file, as case.toml has them, with nothing else in it. Whether they make a set is for
-// check_case.
+// The [[tools]] of a TOML file that contains nothing else, in the format of case.toml. check_case checks that they form
+// a valid set.
 [[nodiscard]] base::Result<std::vector<ToolModel>> read_tools(const std::filesystem::path &file);
 
-// Writes the whole folder but the image: surfaces, plans and case.toml, the last one last. c.image is taken relative to
-// the folder where it lies inside. Existing files of these names are replaced; sessions/ is left alone.
+// Writes the whole folder except the image: surfaces, plans, and then case.toml. c.image is stored relative to the
+// folder if it is inside. Existing files of these names are replaced; sessions/ is not changed.
 [[nodiscard]] base::Result<void> save_case(const Case &c);
 
-// The checks that load_case makes on what was read, with the case's id in the message: for a case made in memory.
+// The checks of load_case, for a case made in memory; the message contains the case's id.
 [[nodiscard]] base::Result<void> check_case(const Case &c);
 
 } // namespace bregma::casefile

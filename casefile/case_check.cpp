@@ -19,7 +19,7 @@ using detail::CaseProblem;
 using Eigen::Vector3d;
 using Problem = std::optional<CaseProblem>;
 
-// As many and as long as the wire's messages hold.
+// Maximal counts and lengths, those of the DDS messages.
 constexpr std::size_t kNameBytes = 31;
 constexpr std::size_t kMaxTools = 8;
 constexpr std::size_t kMaxMarkers = 32;
@@ -27,11 +27,11 @@ constexpr std::size_t kMaxFiducials = 64;
 constexpr std::size_t kMaxTargets = 16;
 constexpr std::size_t kMaxBrainLandmarks = 16;
 
-// Markers nearer to one line than this fix the turn about that line too badly to be a tool.
+// Markers that are nearer to one line than this determine the rotation about that line too poorly.
 constexpr double kMinMarkerSpread_mm = 5.0;
-// A point on the head lies near the scalp. What is farther off was placed in another coordinate system or image.
+// A point on the head lies near the scalp. A farther point belongs to another coordinate system or image.
 constexpr double kMaxScalpDistance_mm = 30.0;
-// A trajectory ends where the accuracy of the target is predicted.
+// A trajectory must end at the point for which the target's accuracy is predicted.
 constexpr double kMaxTargetMismatch_mm = 1.0;
 constexpr double kMinTrajectory_mm = 1.0;
 

@@ -1,4 +1,4 @@
-// What a case must be before anybody is navigated by it. Private to this library.
+// Requirements on a case before it is used for navigation. Private to this library.
 #pragma once
 
 #include <optional>
@@ -9,7 +9,7 @@
 namespace bregma::casefile::detail {
 
 struct CaseProblem {
-  std::string key; // of case.toml, for example "tools[2].markers_mm"
+  std::string key; // key in case.toml, for example "tools[2].markers_mm"
   std::string what;
 };
 

@@ -35,7 +35,7 @@ const char *role_text(ToolRole role) {
   return "probe";
 }
 
-// A file name that every file system takes, of a name that a person gave.
+// Makes a file name that is valid on every file system from a name that the user entered.
 std::string file_stem(const std::string &name, std::set<std::string> &taken) {
   std::string stem;
   for (const char c : name) {
@@ -66,7 +66,7 @@ std::string tool_text(const ToolModel &tool) {
 }
 
 std::string limits_text(const Limits &limits) {
-  return "\n# 1-sigma errors a coordinate, and what a registration has to keep.\n[limits]\nfle_image_mm = " +
+  return "\n# 1-sigma errors per coordinate, and limits of a registration.\n[limits]\nfle_image_mm = " +
          number(limits.fle_image_mm) + "\nfle_touch_mm = " + number(limits.fle_touch_mm) +
          "\nsurface_sigma_mm = " + number(limits.surface_sigma_mm) +
          "\nlandmark_sigma_mm = " + number(limits.landmark_sigma_mm) +
@@ -74,7 +74,7 @@ std::string limits_text(const Limits &limits) {
          "\nmax_target_tre_mm = " + number(limits.max_target_tre_mm) + "\n";
 }
 
-// Beside the old file first, so that a case.toml is whole whenever it is there.
+// Writes to a temporary file next to the old one first, so that case.toml is complete at all times.
 base::Result<void> replace_file(const fs::path &file, const std::string &content) {
   const fs::path fresh = file.string() + ".new";
   std::ofstream out(fresh, std::ios::binary);

@@ -1,4 +1,4 @@
-// The curves of files; their points are read by markups.cpp, or here from a table.
+// Reads curves from files. markups.cpp reads the points of Slicer's files; tables are read here.
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -12,10 +12,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Nearer to each other two marks are the same one, set twice.
+// Two marks that are nearer to each other than this count as one mark, set twice.
 constexpr double kSameMark_mm = 1e-6;
 
-// What the points of one curve are, or why they are none.
+// The curve of the given points, or the reason why they are not a curve.
 base::Result<MarkedCurve> curve_of(const fs::path &file, std::string name, std::vector<Eigen::Vector3d> points,
                                    bool closed) {
   const std::string place = file.string() + ": curve \"" + name + "\": ";
@@ -122,7 +122,7 @@ base::Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
       for (const NamedPoint &point : markup.points) {
         points.push_back(point.position_mm);
       }
-      // A file with one unnamed curve is called by its own name.
+      // A single unnamed curve is named after its file.
       const std::string name = markup.name.empty() ? file.stem().stem().string() : markup.name;
       if (auto kept = keep(name, std::move(points), markup.kind == Markup::Kind::kClosedCurve); !kept) {
         return tl::unexpected(kept.error());

@@ -26,17 +26,17 @@ using Eigen::Vector3d;
 constexpr std::string_view kFirstLine = "#Insight Transform File V1.0";
 constexpr double kMinDeterminant = 1e-9;
 
-// From RAS to LPS and back.
+// Converts from RAS to LPS and from LPS to RAS.
 Matrix4d flip() { return Eigen::Vector4d(-1.0, -1.0, 1.0, 1.0).asDiagonal(); }
 
-// The shortest text that reads back as the same number.
+// The shortest text that is read as the same number.
 std::string exact(double value) {
   char buffer[32];
   const auto end = std::to_chars(buffer, buffer + sizeof buffer, value + 0.0).ptr; // no negative zero
   return {buffer, end};
 }
 
-// What the file holds: y = matrix (x - centre) + centre + translation, in LPS.
+// Content of the file: y = matrix (x - centre) + centre + translation, in LPS.
 struct Content {
   std::string type;
   std::vector<double> parameters, fixed;
@@ -88,7 +88,7 @@ base::Result<Content> read_content(const fs::path &file) {
   return out;
 }
 
-// Of Euler3DTransform: about z, x, y, or z, y, x where the last fixed parameter says so (itkEuler3DTransform.hxx).
+// Rotation of Euler3DTransform: about z, x, y, or z, y, x if the last fixed parameter is set (itkEuler3DTransform.hxx).
 Matrix3d euler(const Vector3d &angles_rad, bool zyx) {
   const Matrix3d x = Eigen::AngleAxisd(angles_rad.x(), Vector3d::UnitX()).toRotationMatrix();
   const Matrix3d y = Eigen::AngleAxisd(angles_rad.y(), Vector3d::UnitY()).toRotationMatrix();

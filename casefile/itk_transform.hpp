@@ -1,9 +1,9 @@
 // Transforms in ITK's text format (.tfm, "#Insight Transform File V1.0"), which Slicer, ANTs and elastix read.
 //
-// In memory: maps points of the source (moving) into the target (fixed), RAS, mm. In the file: LPS, and the way in
-// which an image is resampled, from a point of the fixed image to that of the moving one; that is the inverse. Reader
-// and writer are our own, since the format is four lines and the rest of casefile needs no ITK; the tests hold them
-// against ITK's. Errors name the file, the line and the value.
+// In memory: maps points of the source (moving) into the target (fixed), RAS, mm. In the file: LPS, in resampling
+// direction, from a point of the fixed image to that of the moving one, which is the inverse. Reader and writer are our
+// own, since the format has four lines and the rest of casefile needs no ITK. The tests compare them with ITK's. Errors
+// name the file, the line and the value.
 #pragma once
 
 #include <filesystem>

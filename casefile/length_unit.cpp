@@ -21,14 +21,14 @@ constexpr std::array<NamedUnit, 4> kUnits{{{LengthUnit::kMillimetre, "mm", "mill
                                            {LengthUnit::kMetre, "m", "metres", 1000.0},
                                            {LengthUnit::kMicrometre, "um", "micrometres", 0.001}}};
 
-// What a head measures, to tell which unit explains a width.
+// Range of head widths, used to find the unit that explains a width.
 constexpr double kHeadFrom_mm = 80.0;
 constexpr double kHeadTo_mm = 450.0;
 
 std::string shown_width(double mm) {
   char buffer[32];
   std::snprintf(buffer, sizeof buffer, "%.3g", mm);
-  // Not 2e+04, which a person has to work out.
+  // Avoids exponents such as 2e+04.
   if (mm >= 1000.0) {
     std::snprintf(buffer, sizeof buffer, "%.0f", mm);
   }

@@ -18,7 +18,7 @@ using Json = nlohmann::json;
 constexpr const char *kSchema = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
                                 "Resources/Schema/markups-schema-v1.0.3.json#";
 
-// As names since Slicer 4.11; as MRML's numbers before: RAS = 0, LPS = 1.
+// Names since Slicer 4.11; numbers of MRML before that: RAS = 0, LPS = 1.
 std::optional<Space> space_of(const std::string &text) {
   return text == "1" ? Space::kLps : text == "0" ? Space::kRas : space_named(text);
 }
@@ -38,7 +38,7 @@ std::optional<Markup::Kind> kind_of(const std::string &type) {
 
 std::string shown(const Json &value) { return value.is_string() ? value.get<std::string>() : value.dump(); }
 
-// One file, so that every message starts with its name.
+// Reader of one file. Every message starts with the file's name.
 class JsonMarkups {
 public:
   explicit JsonMarkups(const fs::path &file) : file_(file.string()) {}
@@ -139,11 +139,11 @@ private:
   std::string file_;
 };
 
-// Slicer's older format: comment lines with the coordinate system and the columns, then one point a line.
+// Slicer's older format: comment lines with the coordinate system and the columns, then one point per line.
 base::Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
   Markup markup;
   markup.name = file.stem().string();
-  Space space = Space::kRas; // what Slicer 4 took when the line was missing
+  Space space = Space::kRas; // the default of Slicer 4 without that line
   std::vector<std::string> columns{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
   std::string line;
   for (int line_number = 1; std::getline(in, line); ++line_number) {
@@ -219,7 +219,7 @@ Json markup_json(const char *type, const std::string &name, Json points) {
 base::Result<void> write(const fs::path &file, Json markups) {
   const Json document = {{"@schema", kSchema}, {"markups", std::move(markups)}};
   std::ofstream out(file, std::ios::binary);
-  // Names come from outside and need not be UTF-8.
+  // Names come from other programs and may not be valid UTF-8.
   out << document.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
   out.flush();
   if (!out) {

@@ -1,8 +1,8 @@
-// Points, lines and curves as 3D Slicer's Markups module keeps them: .mrk.json (read and written, schema 1.0) and .fcsv
-// (read).
+// Points, lines and curves in the formats of 3D Slicer's Markups module: .mrk.json (read and written, schema 1.0) and
+// .fcsv (read).
 //
-// In memory all positions are RAS, mm. Files state LPS or RAS and are converted; written files are LPS, which is what
-// Slicer writes. Errors name the file, the control point and the value.
+// In memory all positions are RAS, mm. Files state LPS or RAS and are converted; written files are LPS, as Slicer
+// writes them. Errors name the file, the control point and the value.
 #pragma once
 
 #include <filesystem>
@@ -18,12 +18,12 @@ namespace bregma::casefile {
 struct Markup {
   enum class Kind { kPoints, kLine, kCurve, kClosedCurve };
   Kind kind = Kind::kPoints;
-  std::string name;               // of the list or line; may be empty
-  std::vector<NamedPoint> points; // as labelled in the file, labels may be empty; a line has two, entry then target
+  std::string name;               // name of the list or line; may be empty
+  std::vector<NamedPoint> points; // with the labels of the file, which may be empty; a line has two: entry, target
 };
 
-// A polyline through points that a person has marked. Slicer draws a smooth curve through them; here what was marked
-// counts, and the straight way between.
+// A polyline through marked points. Slicer draws a smooth curve through them; here the marked points are joined by
+// straight lines.
 struct MarkedCurve {
   std::string name;
   std::vector<Eigen::Vector3d>
@@ -34,15 +34,16 @@ struct MarkedCurve {
 // Every markup of a file, in its order. Kinds other than Fiducial, Line, Curve and ClosedCurve are refused.
 [[nodiscard]] base::Result<std::vector<Markup>> read_markups(const std::filesystem::path &file);
 
-// The points of all lists of a file, in order. Lines are refused. Labels are given as they are: load_case checks them.
+// The points of all lists of a file, in order. Lines are refused. Labels are not checked here, but by load_case.
 [[nodiscard]] base::Result<std::vector<NamedPoint>> read_points(const std::filesystem::path &file);
 
-// Every line of a file: first control point entry, second target; the line's name, or its file's where it has none.
+// Every line of a file: the first control point is the entry, the second the target. A line without a name gets that of
+// its file.
 [[nodiscard]] base::Result<std::vector<Trajectory>> read_trajectories(const std::filesystem::path &file);
 
 // The curves of a .mrk.json file (a line is one of two points), or of a table .csv with the columns curve,x,y,z: the
 // rows of a name, which need not be neighbours, are its points in order; a curve whose last point is its first is
-// closed. Names must differ. The positions of a .csv file are taken as they are.
+// closed. Names must differ. The positions of a .csv file are not converted.
 [[nodiscard]] base::Result<std::vector<MarkedCurve>> read_curves(const std::filesystem::path &file);
 
 [[nodiscard]] base::Result<void> write_points(const std::filesystem::path &file, const std::string &list_name,

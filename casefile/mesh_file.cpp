@@ -86,7 +86,7 @@ base::Result<void> check_closed(const TriangleMesh &mesh) {
   if (const std::string problem = mesh_problem(mesh); !problem.empty()) {
     return base::failure(problem);
   }
-  // Of every directed edge there is one, and one in the other direction.
+  // Every directed edge occurs once, and its opposite occurs once.
   const auto key = [](int from, int to) {
     return (static_cast<std::uint64_t>(static_cast<std::uint32_t>(from)) << 32U) | static_cast<std::uint32_t>(to);
   };

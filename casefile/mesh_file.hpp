@@ -12,8 +12,8 @@ namespace bregma::casefile {
 [[nodiscard]] base::Result<surface::TriangleMesh> read_mesh(const std::filesystem::path &file);
 [[nodiscard]] base::Result<void> write_mesh(const std::filesystem::path &file, const surface::TriangleMesh &mesh);
 
-// Closed: every edge belongs to exactly two triangles, which run along it in opposite directions. And outward: of
-// positive volume. The message says what is wrong, without a name of the surface.
+// Checks that the mesh is closed (every edge belongs to exactly two triangles, which run along it in opposite
+// directions) and oriented outwards (positive volume). The message does not name the surface.
 [[nodiscard]] base::Result<void> check_closed(const surface::TriangleMesh &mesh);
 
 } // namespace bregma::casefile

@@ -25,7 +25,7 @@ enum class PlyType { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kD
 struct Property {
   std::string name;
   PlyType type = PlyType::kFloat;
-  std::optional<PlyType> count_type; // of a list
+  std::optional<PlyType> count_type; // type of a list's count
 };
 
 struct Element {
@@ -68,7 +68,7 @@ std::optional<PlyType> type_of(const std::string &name) {
   return std::nullopt;
 }
 
-// Takes the header off the front of the content.
+// Removes the header from the front of the content.
 Parsed<Header> take_header(std::string_view &content) {
   const auto next_line = [&content]() -> std::optional<std::string> {
     const std::size_t end = content.find('\n');
@@ -124,7 +124,7 @@ Parsed<Header> take_header(std::string_view &content) {
   return wrong("the PLY header has no end");
 }
 
-// The numbers after the header, one by one; nothing at the end of the file or where no number stands.
+// Reads the numbers after the header one by one. Empty at the end of the file or if there is no number.
 class Body {
 public:
   Body(std::string_view content, bool ascii) : content_(content), ascii_(ascii) {}
@@ -184,7 +184,7 @@ private:
   bool ascii_;
 };
 
-// One vertex, face or whatever else: its coordinates and its list, as far as it has them.
+// One vertex, face or other element: its coordinates and its list, if it has them.
 struct Item {
   Eigen::Vector3d position = Eigen::Vector3d::Constant(geometry::kUnknown);
   Eigen::Vector3i corners = Eigen::Vector3i::Constant(-1);
@@ -248,7 +248,7 @@ tl::expected<TriangleMesh, std::string> parse_ply(std::string_view content) {
                      std::to_string(element.count));
       }
       if (element.properties.empty()) {
-        break; // a count without content: nothing to read, however large it is
+        break; // elements without properties: nothing to read, for any count
       }
       if (element.name == "vertex") {
         mesh.vertices_mm.push_back(item->position);

@@ -27,7 +27,7 @@ struct Ends {
   std::string source, target;
 };
 
-// "StylusToReference". No frame's name contains "To", as PLUS demands.
+// "StylusToReference". PLUS requires that no frame's name contains "To".
 std::optional<Ends> ends_of(std::string_view name) {
   for (std::size_t at = name.find("To", 1); at != std::string_view::npos; at = name.find("To", at + 1)) {
     const std::string_view rest = name.substr(at + 2);
@@ -66,7 +66,7 @@ public:
 private:
   struct Raw {
     std::vector<double> numbers;
-    std::string wrong; // why the numbers could not be read; matters only where the status is OK
+    std::string wrong; // why the numbers are unreadable; used only if the status is OK
     int line = 0;
     std::optional<bool> ok;
   };
@@ -134,7 +134,7 @@ private:
 
   base::Result<SequenceFrame::Entry> finished(const Raw &raw, const std::string &name, std::size_t number) {
     SequenceFrame::Entry entry;
-    // What the tracker itself calls invalid may hold anything, and a missing status is never good.
+    // Transforms that the tracker marks as invalid may have any content. A missing status counts as invalid.
     if (!raw.ok.value_or(false)) {
       return entry;
     }
@@ -197,7 +197,7 @@ std::optional<NamedRigid> evaluate(const SequenceFrame &frame, const std::vector
     const NamedRigid &recorded = it->second.pose;
     using geometry::frame::Source;
     using geometry::frame::Target;
-    // Frames have names here, not types: each step is stated anew.
+    // Frames are names here, not types, so each step states its frames.
     const NamedRigid step = link.inverse ? recorded.inverse().as<Target, Source>() : recorded;
     T = (step.as<Target, geometry::frame::Tool>() * T.as<geometry::frame::Tool, Source>());
   }

@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Written matrices carry six digits or more; what is farther from a rotation than this was not one.
+// Written matrices have at least six digits. A matrix that is farther from a rotation than this is not one.
 constexpr double kOrthogonality = 1e-3;
 constexpr std::size_t kMaxEntryBytes = 1 << 20;
 
@@ -87,7 +87,7 @@ base::Result<PoseSeries> read_folder(const fs::path &folder) {
   if (error) {
     return base::failure(folder.string() + ": " + error.message());
   }
-  std::sort(files.begin(), files.end()); // so that of several damaged files it is always the same that is named
+  std::sort(files.begin(), files.end()); // so that the same one of several damaged files is always reported
   for (const fs::path &file : files) {
     std::ifstream in(file, std::ios::binary);
     const std::string content(std::istreambuf_iterator<char>(in), {});
@@ -159,7 +159,7 @@ tl::expected<std::vector<double>, std::string> parse_numbers(std::string_view te
     const std::string_view word = text.substr(start, end - start);
     double value = 0.0;
     const auto parsed = std::from_chars(word.data(), word.data() + word.size(), value);
-    // result_out_of_range also stands for a denormal: as good as zero, and PLUS writes some.
+    // result_out_of_range also occurs for denormals, which PLUS writes. They are read as zero.
     const bool number = parsed.ptr == word.data() + word.size() && parsed.ec != std::errc::invalid_argument;
     if (!number || !std::isfinite(value)) {
       return tl::unexpected("\"" + std::string(word.substr(0, 40)) + "\" is not a finite number");

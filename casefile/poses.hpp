@@ -1,7 +1,7 @@
 // Recorded tool poses: folders or .tgz archives of 4x4 matrices, and the headers of PLUS sequence files
 // (.igs.mha).
 //
-// Transforms are named as PLUS names them: "StylusToReference" maps points of Stylus into Reference (mm), that is
+// Transforms have PLUS's names: "StylusToReference" maps points of Stylus into Reference (mm), that is
 // T_reference_stylus. Errors name the file, the line and the frame.
 #pragma once
 
@@ -20,7 +20,7 @@ namespace bregma::casefile {
 using NamedRigid = geometry::Rigid3<geometry::frame::Target, geometry::frame::Source>;
 
 struct TimedPose {
-  std::int64_t time_ns = 0; // of the recording's own clock
+  std::int64_t time_ns = 0; // by the recording's own clock
   NamedRigid pose;
 };
 
@@ -30,8 +30,8 @@ struct PoseSeries {
   std::size_t invalid = 0;      // frames that the tracker marked as invalid
 };
 
-// One .txt file a pose: four rows of four numbers; the file's name is the time in ns. A folder, or an archive (tar, in
-// any usual compression, or zip) of such files. Other files in it are not looked at.
+// One .txt file per pose: four rows of four numbers; the file's name is the time in ns. A folder, or an archive (tar
+// with any common compression, or zip) of such files. Other files are ignored.
 [[nodiscard]] base::Result<PoseSeries> read_pose_matrices(const std::filesystem::path &folder_or_archive);
 
 struct SequenceFrame {
@@ -55,7 +55,7 @@ struct TransformSequence {
 
 [[nodiscard]] base::Result<TransformSequence> read_transform_sequence(const std::filesystem::path &file);
 
-// Either kind, by what the path is. transform is needed only for sequence files.
+// Either kind, depending on the path. transform is needed only for sequence files.
 [[nodiscard]] base::Result<PoseSeries> read_poses(const std::filesystem::path &path, std::string_view transform = {});
 
 } // namespace bregma::casefile

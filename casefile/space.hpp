@@ -1,5 +1,5 @@
-// The two frames in which files keep positions of a patient: RAS, which is Bregma's, and LPS, which is DICOM's, ITK's
-// and that of most of Slicer's files. They differ by half a turn about the z axis: the way there is the way back.
+// The two frames of a patient's positions in files: RAS, which is Bregma's, and LPS, which is DICOM's, ITK's and that
+// of most of Slicer's files. They differ by half a turn about the z axis, which is its own inverse.
 #pragma once
 
 #include <optional>

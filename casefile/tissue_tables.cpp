@@ -12,7 +12,7 @@
 namespace bregma::casefile::detail {
 namespace {
 
-// Bone and dura lie between a craniotomy as it is planned on the head and the brain; farther off is another head.
+// Bone and dura lie between a craniotomy planned on the head and the brain. A larger distance means another head.
 constexpr double kMaxBrainDistance_mm = 30.0;
 
 struct Override {
@@ -21,7 +21,7 @@ struct Override {
   const char *unit;
   double min, max;
 };
-// What any soft tissue has; above nu = 0.499 the solver locks.
+// Range of soft tissue. Above nu = 0.499 the solver locks.
 constexpr std::array<Override, 4> kOverrides{{{"young_Pa", &TissueChoice::young_Pa, "Pa", 10.0, 1e6},
                                               {"poisson", &TissueChoice::poisson, "", 0.0, 0.499},
                                               {"density_kg_m3", &TissueChoice::density_kg_m3, "kg/m^3", 100.0, 10000.0},
@@ -76,7 +76,7 @@ std::optional<CaseProblem> tissue_problem(const TissueChoice &choice) {
   return std::nullopt;
 }
 
-// Asks in any case, so that a key that is misspelt can be told from this one.
+// Reads the key in all cases, so that a misspelt key is recognized as unknown.
 std::optional<double> number_if_there(base::TableReader &reader, const char *key, const char *unit, double min,
                                       double max) {
   const double value = reader.number(key, min, unit, min, max);
@@ -94,7 +94,7 @@ CraniotomyPlan read_craniotomy(base::TableReader &reader) {
   plan.trajectory = reader.string("trajectory", "");
   plan.centre_mm = reader.vector3("centre_mm", plan.centre_mm);
   if (reader.has("trajectory") == reader.has("centre_mm")) {
-    reader.refuse("centre_mm", "either this or trajectory says where the craniotomy is");
+    reader.refuse("centre_mm", "give either centre_mm or trajectory");
   } else if (reader.has("trajectory") && plan.trajectory.empty()) {
     reader.refuse("trajectory", "must be the name of a trajectory");
   }
@@ -125,7 +125,7 @@ std::string tissue_tables_text(const Case &c) {
     out += c.craniotomy->radius_mm ? line("radius_mm", *c.craniotomy->radius_mm) : "";
   }
   if (c.tissue) {
-    out += "\n# What the tissue model takes the brain for.\n[tissue]\n" + line("material", c.tissue->material);
+    out += "\n# Material of the brain in the tissue model.\n[tissue]\n" + line("material", c.tissue->material);
     for (const Override &known : kOverrides) {
       const std::optional<double> &value = (*c.tissue).*known.value;
       out += value ? line(known.key, *value) : "";

@@ -9,19 +9,19 @@ base::ParameterSet declare(Config &c) {
   set.integer("domain_id", &c.domain_id, "", 0, 230,
               "DDS domain. Processes on different domains do not see each other.");
   declare_stages(set, c.stages);
-  set.flag("recorder.enabled", &c.recorder.enabled, "Record everything in and out to a session file.");
+  set.flag("recorder.enabled", &c.recorder.enabled, "Record all input and output to a session file.");
   set.number("recorder.commit_ms", &c.recorder.commit_ms, "ms", 5, 100,
              "Records are committed to disk this often; a killed daemon loses at most twice as much.");
   set.flag("recorder.truth", &c.recorder.truth, "Record the truth too when a simulator publishes it.");
-  set.string("log.file", &c.log.file, "Log file beside the console; empty: none.");
+  set.string("log.file", &c.log.file, "Log file in addition to the console; empty: none.");
   set.choice("log.level", &c.log.level,
              {{"debug", LogLevel::kDebug},
               {"info", LogLevel::kInfo},
               {"warning", LogLevel::kWarning},
               {"error", LogLevel::kError}},
-             "What is logged.");
+             "Minimum severity of log messages.");
   set.flag("realtime.lock_memory", &c.realtime.lock_memory,
-           "Lock the process in memory; without the right to do so it is logged and left.");
+           "Lock the process in memory. Without the right to do so the daemon logs it and continues.");
   return set;
 }
 

@@ -1,5 +1,4 @@
-// The parameters of bregmad: what belongs to the process is here, with ranges and texts in config.cpp; those of a stage
-// are declared beside it (server/stages). Units are part of the names.
+// All parameters of bregmad. Names end with the unit. Defaults are here, ranges and texts in config.cpp.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +19,7 @@ struct Config {
   struct {
     bool enabled = true;
     double commit_ms = 50.0;
-    bool truth = true; // record SimulatedTruth when a simulator publishes it
+    bool truth = true; // record SimulatedTruth if a simulator publishes it
   } recorder;
 
   struct {

@@ -163,7 +163,7 @@ void Daemon::Impl::complete(wire::SystemHealth &health) {
   const auto others = peers_.of_another_wire();
   health.other_wire = static_cast<std::uint32_t>(others.size());
   if (std::string text = dds::other_wire_text(others); text != other_wire_) {
-    spdlog::warn("wire: {}", text.empty() ? "all participants speak this wire again" : text);
+    spdlog::warn("wire: {}", text.empty() ? "no participant of another wire is left" : text);
     other_wire_ = std::move(text);
   }
 }

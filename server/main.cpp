@@ -1,4 +1,4 @@
-// bregmad: reads its configuration, then serves until it is told to stop.
+// bregmad: reads its configuration, then runs until it receives a signal to stop.
 #include <cstdio>
 #include <exception>
 #include <filesystem>

@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char *kSessions = "sessions"; // folder of the case that session files go to
+constexpr const char *kSessions = "sessions"; // the case's folder for session files
 
 std::string utc_text(std::int64_t now_ns, const char *format) {
   const std::time_t seconds = now_ns / 1'000'000'000;
@@ -30,7 +30,7 @@ bool belongs_in_a_report(const fs::path &file) {
 
 fs::path new_session_file(const casefile::Case &a_case, std::int64_t now_ns) {
   const fs::path folder = a_case.folder / kSessions;
-  std::error_code ignored; // the recorder says why when the folder is not there
+  std::error_code ignored; // the recorder reports the reason if the folder is missing
   fs::create_directories(folder, ignored);
   const std::string name = utc_text(now_ns, "%Y%m%dT%H%M%SZ");
   fs::path file = folder / (name + ".db");
@@ -42,7 +42,7 @@ fs::path new_session_file(const casefile::Case &a_case, std::int64_t now_ns) {
 
 std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case, const std::string &config_toml) {
   std::vector<casefile::Attachment> out{{"bregmad.toml", config_toml}};
-  std::error_code ignored; // the case was read a moment ago; a file that is gone since is not attached
+  std::error_code ignored; // the case was read just before; a file deleted since then is not attached
   for (fs::recursive_directory_iterator entry(a_case.folder, ignored), end; entry != end; entry.increment(ignored)) {
     if (entry->is_directory(ignored) && entry->path().filename() == kSessions) {
       entry.disable_recursion_pending();

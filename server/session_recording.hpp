@@ -1,4 +1,4 @@
-// What a session file begins with: its name, the case as it was, and who recorded it.
+// Initial content of a session file: its name, the case as loaded, and the recording program.
 #pragma once
 
 #include <cstdint>
@@ -11,11 +11,11 @@
 
 namespace bregma::server {
 
-// sessions/<UTC time>.db in the case's folder; a number is added where such a file exists.
+// sessions/<UTC time>.db in the case's folder. A number is added if the file exists.
 [[nodiscard]] std::filesystem::path new_session_file(const casefile::Case &a_case, std::int64_t now_ns);
 
-// Every plan and surface of the case's folder under its file name, and the configuration as bregmad.toml, so that a
-// report needs nothing but the session file. The image stays where it is.
+// Every plan and surface of the case's folder under its file name, and the configuration as bregmad.toml. A report then
+// needs only the session file. The image is not attached.
 [[nodiscard]] std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case,
                                                                const std::string &config_toml);
 [[nodiscard]] std::vector<casefile::MetaEntry> meta_of(const casefile::Case &a_case, std::int64_t now_ns);

@@ -32,7 +32,7 @@ const double kMedianOfNorm = std::sqrt(uncertainty::chi_square_upper_quantile(0.
 // one part of the recording; the halves of the public recording then disagree far beyond their covariance. At 14 only
 // what is grossly wrong loses its say.
 constexpr double kBiweightReach = 14.0;
-constexpr double kOutlierReach = 4.0; // 0.1 % of normal errors lie beyond
+constexpr double kOutlierReach = 4.0; // exceeded by 0.1 % of normal errors
 constexpr int kMaxIterations = 50;
 constexpr double kConverged_mm = 1e-7;
 
@@ -46,12 +46,12 @@ constexpr unsigned kSeed = 5;
 constexpr int kStarts = 150;
 constexpr std::size_t kStartPoses = 8;
 
-// Below it nobody moved the tool: what remains is the tracker's noise.
+// Below it the tool was not moved: the rest is the tracker's noise.
 constexpr double kStatic_rad = 0.05;
 
 struct Sample {
   Matrix3d R;
-  Vector3d t; // from the centre of all, so that no digits are lost to the distance of the tracker
+  Vector3d t; // relative to the centroid, so that the tracker's distance costs no precision
 };
 
 struct Estimate {
@@ -78,7 +78,7 @@ public:
   [[nodiscard]] std::size_t size() const { return samples_.size(); }
   [[nodiscard]] Vector3d pivot_in_fixed_frame(const Estimate &e) const { return e.pivot + centre_; }
 
-  // Rows [R, -I] of the linear system, weighted; not finite where the poses do not fix the tip.
+  // Rows [R, -I] of the linear system, weighted; not finite where the poses do not determine the tip.
   [[nodiscard]] Estimate least_squares(std::span<const double> weights) const {
     Matrix6d normal = Matrix6d::Zero();
     Vector6d right = Vector6d::Zero();
@@ -151,7 +151,7 @@ public:
     return *middle / kMedianOfNorm;
   }
 
-  // RMS and worst of the errors up to a bound, and how many are beyond it.
+  // RMS and maximum of the errors up to a bound, and the number beyond it.
   struct Errors {
     double rms = 0.0, worst = 0.0;
     std::size_t beyond = 0;
@@ -198,10 +198,10 @@ private:
   std::vector<double> weights_;
 };
 
-// Ranges of the rotation vectors about the mean rotation, along the axes on which they vary most, widest first. The
-// outer 1 % at each end are left out: a single wrong pose is no rotation.
+// Ranges of the rotation vectors about the mean rotation, along their principal axes, widest first. The outer 1 % at
+// each end are left out: a single wrong pose must not count as rotation.
 std::array<double, 2> rotation_ranges(std::span<const PivotPose> poses) {
-  // Mean rotation: the eigenvector of the largest eigenvalue of sum q q' (Markley 2007).
+  // Mean rotation: the eigenvector of the largest eigenvalue of sum q q' [Markley 2007].
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
   for (const PivotPose &pose : poses) {
     const Eigen::Vector4d q = pose.T_fixed_tool.rotation().coeffs();
@@ -255,7 +255,7 @@ struct Judgement {
   std::string text;
 };
 
-// What forbids an estimate at all; nothing when there may be one.
+// The reason why no estimate is possible; no result if one is.
 std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &options) {
   const double wide = r.rotation_rad[0] / geometry::kRadiansPerDegree;
   const double narrow = r.rotation_rad[1] / geometry::kRadiansPerDegree;

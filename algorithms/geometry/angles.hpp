@@ -1,5 +1,5 @@
 #pragma once
-// Angles are radians everywhere in the code; degrees are for files and for people.
+// Angles are in radians everywhere in the code; degrees appear in files and output only.
 
 #include <numbers>
 

@@ -1,4 +1,4 @@
-// Clouds of points in the plane or in space: one column a point, mm.
+// Clouds of points in the plane or in space: one column per point, mm.
 #pragma once
 
 #include <Eigen/Core>

@@ -2,8 +2,7 @@
 //
 // Twist order: rotation (rad) first, translation (mm) second. The error d = (w, v) is a left perturbation in the target
 // frame: T_true = Exp(d) T, so a mapped point p = T x errs by w x p + v. Errors are zero mean; a covariance is their
-// second moment. Barfoot & Furgale, "Associating uncertainty with three-dimensional poses", 2014, eqs. (22)-(30), first
-// order.
+// second moment. First order of [Barfoot 2014, eqs. 22-30].
 #pragma once
 
 #include "algorithms/geometry/rigid3.hpp"
@@ -19,7 +18,7 @@ template <class TargetFrame, class SourceFrame> struct UncertainPose {
   Matrix6d covariance = Matrix6d::Zero();
 };
 
-// How a twist in the source frame of T looks in its target frame.
+// Maps a twist in the source frame of T to its target frame.
 template <class TargetFrame, class SourceFrame>
 [[nodiscard]] Matrix6d adjoint(const Rigid3<TargetFrame, SourceFrame> &T) {
   const Matrix3d R = T.rotation_matrix();
@@ -38,7 +37,7 @@ template <class TargetFrame, class SourceFrame>
   return out;
 }
 
-// Errors of the two are taken as independent.
+// The errors of the two are assumed to be independent.
 template <class A, class B, class C>
 [[nodiscard]] UncertainPose<A, C> operator*(const UncertainPose<A, B> &left, const UncertainPose<B, C> &right) {
   const Matrix6d ad = adjoint(left.pose);

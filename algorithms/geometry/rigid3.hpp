@@ -1,4 +1,4 @@
-// Rigid transforms whose type says where they lead and where they come from.
+// Rigid transforms whose type states their target and source frames.
 //
 // Rigid3<Target, Source> maps points given in Source (mm) to the same points in Target (mm); a variable of this type is
 // named T_target_source. Two transforms compose only where the inner frames agree, at compile time.
@@ -19,7 +19,7 @@ struct Tool; // a tracked tool's marker body
 struct Tip;  // the tool's tip: same axes as Tool, origin at the tip
 struct RobotBase;
 struct RobotFlange;
-struct Source; // where an algorithm does not care: the moving side
+struct Source; // for algorithms without specific frames: the moving side
 struct Target; // and the fixed side
 } // namespace frame
 
@@ -57,7 +57,7 @@ public:
     return {rotation_ * right.rotation(), rotation_ * right.translation() + translation_};
   }
 
-  // States other frames for the same numbers: the border between an algorithm and its caller.
+  // Assigns other frames to the same numbers, between an algorithm and its caller.
   template <class NewTarget, class NewSource> [[nodiscard]] Rigid3<NewTarget, NewSource> as() const {
     return {rotation_, translation_};
   }
@@ -76,7 +76,7 @@ private:
 // The rotation by |w| radians about w.
 [[nodiscard]] inline Eigen::Quaterniond rotation_exp(const Vector3d &w) {
   const double angle = w.norm();
-  // sin(a/2)/a, by its series where the division would lose digits.
+  // sin(a/2)/a, by its series where the division would lose precision.
   const double scale = angle < 1e-6 ? 0.5 - angle * angle / 48.0 : std::sin(0.5 * angle) / angle;
   return Eigen::Quaterniond(std::cos(0.5 * angle), scale * w.x(), scale * w.y(), scale * w.z());
 }

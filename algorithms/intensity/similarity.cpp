@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <vector>
+#include <stdexcept>
 
 #include "algorithms/geometry/unknown.hpp"
 
@@ -76,6 +76,20 @@ double mutual_information(std::span<const float> a, std::span<const float> b, in
     }
   }
   return std::max(sum, 0.0);
+}
+
+void restrict_to_overlap(std::initializer_list<std::vector<float> *> images) {
+  const std::size_t size = images.size() == 0 ? 0 : (*images.begin())->size();
+  if (std::any_of(images.begin(), images.end(), [&](const auto *image) { return image->size() != size; })) {
+    throw std::invalid_argument("images of different size have no overlap");
+  }
+  for (std::size_t i = 0; i < size; ++i) {
+    if (std::any_of(images.begin(), images.end(), [&](const auto *image) { return !std::isfinite((*image)[i]); })) {
+      for (std::vector<float> *image : images) {
+        (*image)[i] = std::numeric_limits<float>::quiet_NaN();
+      }
+    }
+  }
 }
 
 } // namespace bregma::intensity

@@ -1,9 +1,8 @@
 // Resampling of an image through a map, in the plane and in space.
 //
 // The map leads from the reference image's frame to the floating image's (resampling direction): each pixel of the
-// result asks the floating image for the intensity where it came from, by (bi-, tri-)linear interpolation. What lies
-// outside the floating image is NaN, so that similarity.hpp leaves it out. Pure; `map` must be safe to call from
-// `threads` threads at a time.
+// result is sampled from the floating image by (bi-, tri-)linear interpolation. Pixels outside the floating image are
+// NaN, so that similarity.hpp leaves them out. Pure; `map` must be safe to call from `threads` threads at a time.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +19,7 @@
 
 namespace bregma::intensity {
 
-// Linear interpolation at a pixel index that need not be whole; NaN outside the pixel centres.
+// Linear interpolation at a fractional pixel index; NaN outside the pixel centres.
 template <int D>
 [[nodiscard]] float sample(const image::Grid<D> &grid, std::span<const float> values,
                            const Eigen::Matrix<double, D, 1> &index) noexcept {

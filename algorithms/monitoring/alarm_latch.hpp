@@ -1,5 +1,5 @@
-// Hysteresis of an alarm: raised when its condition has held long enough, cleared when it has been gone long enough.
-// Time is passed in. No allocation, one thread at a time.
+// Hysteresis of an alarm: raised when its condition has held for a given time, cleared when it has been absent for a
+// given time. Time is an argument. No allocation, one thread at a time.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,7 @@ class AlarmLatch {
 public:
   enum class Change { kNone, kRaised, kCleared };
 
-  // raise_after_ns 0: at once. raise_after_count: updates in a row with the condition true, in addition to the time.
+  // raise_after_ns 0: at once. raise_after_count: consecutive updates with a true condition, in addition to the time.
   // clear_after_ns < 0: never clears by itself.
   AlarmLatch(std::int64_t raise_after_ns, std::int64_t clear_after_ns, int raise_after_count = 1) noexcept
       : raise_after_ns_(raise_after_ns), clear_after_ns_(clear_after_ns), raise_after_count_(raise_after_count) {}

@@ -12,11 +12,11 @@ namespace bregma::monitoring {
 
 namespace {
 
-// The onsets in view are tested together, but they share most of their data: this many independent tests stand for
-// them. Measured: DriftMonitor.CleanTouchesRaiseNoAlarm counts what remains.
+// The hypotheses are tested together, but share most of their data: they correspond to this many independent tests.
+// Measured: DriftMonitor.CleanTouchesRaiseNoAlarm counts the false alarms.
 constexpr double kIndependentOnsets = 4.0;
-constexpr double kCorrelation_mm = 12.0; // surface samples nearer than this repeat each other
-constexpr int kSurfaceBurst = 8;         // surface samples an onset
+constexpr double kCorrelation_mm = 12.0; // surface samples nearer than this are correlated
+constexpr int kSurfaceBurst = 8;         // surface samples per hypothesis
 
 } // namespace
 
@@ -39,8 +39,8 @@ void DriftMonitor::reset(const Matrix6d &registration_covariance) noexcept {
   surface_count_ = 0;
 }
 
-// The newest hypothesis: the shift begins with the observation that comes next. The first one stays in view, so that a
-// registration that was wrong from the beginning is found too.
+// The newest hypothesis: the shift begins with the next observation. The first one is always kept, so that a
+// registration that was wrong from the beginning is detected too.
 void DriftMonitor::open_onset() noexcept {
   if (onset_count_ == kMaxOnsets) {
     std::move(onsets_.begin() + 2, onsets_.end(), onsets_.begin() + 1);
@@ -49,8 +49,8 @@ void DriftMonitor::open_onset() noexcept {
   onsets_[static_cast<std::size_t>(onset_count_++)] = Onset{};
 }
 
-// One step of the filter without drift, and of every hypothesis: Willsky & Jones 1976, eqs. (11)-(17), for a state that
-// does not change between observations.
+// One step of the filter without drift, and of every hypothesis, for a state that does not change between observations
+// [Willsky 1976, eqs. 11-17].
 template <int Rows>
 void DriftMonitor::update(const Eigen::Matrix<double, Rows, kMaxState> &H,
                           const Eigen::Matrix<double, Rows, 3> &shift_part,
@@ -78,7 +78,7 @@ void DriftMonitor::judge() noexcept {
   statistic_ = 0.0;
   for (int i = 0; i < onset_count_; ++i) {
     const Onset &onset = onsets_[static_cast<std::size_t>(i)];
-    // Surface residuals alone may leave directions of the shift open: those take no part.
+    // Surface residuals alone may leave directions of the shift undetermined: those are not used.
     const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(onset.information);
     Vector3d shift = Vector3d::Zero();
     for (int k = 0; k < 3; ++k) {
@@ -145,7 +145,7 @@ void DriftMonitor::add_surface_residual(const Vector3d &point_mm, double signed_
 double DriftMonitor::check_limit_95_mm(const CheckTouch &touch) const noexcept {
   const geometry::Matrix36d J = geometry::point_jacobian(touch.landmark_mm);
   const Matrix3d C = J * registration_covariance_ * J.transpose() + touch.landmark_covariance + touch.touch_covariance;
-  // The squared length is like g times a chi-square of h degrees of freedom (Satterthwaite 1946).
+  // The squared length is about g times a chi-square of h degrees of freedom [Satterthwaite 1946].
   const double mean = C.trace();
   const double g = C.squaredNorm() / mean;
   const double h = mean / g;

@@ -1,13 +1,12 @@
-// Has the reference moved against the head since the registration was accepted? A sequential test on check touches and
-// surface residuals.
+// Detects that the reference has moved against the head since the registration was accepted: a sequential test on check
+// touches and surface residuals.
 //
 // Without drift a residual is e = J(p) x + l + v: x the error of the registration (one for all touches, prior
 // covariance known), l the error of that landmark's place in the image (one for all its touches), v the touch. With
 // drift a constant shift is added from some touch on. The test is the generalised likelihood ratio over the unknown
-// shift and the unknown first touch, by the innovations of a Kalman filter without drift: Willsky & Jones, "A
-// generalized likelihood ratio approach to the detection and estimation of jumps in linear systems", 1976. What is
-// common to all touches cancels by itself, so a landmark touched before and after a bump counts for more than one
-// touched only after it.
+// shift and the unknown first touch, by the innovations of a Kalman filter without drift [Willsky 1976]. Errors that
+// are common to all touches cancel, so that a landmark touched before and after a bump counts for more than one that
+// was touched only after it.
 //
 // Frame: Image, mm. No allocation, no exceptions; one thread at a time.
 #pragma once
@@ -24,41 +23,41 @@ using geometry::Matrix6d;
 using geometry::Vector3d;
 
 struct CheckTouch {
-  int landmark = 0;                                // index; more than kMaxLandmarks are taken as touched once each
-  Vector3d landmark_mm = Vector3d::Zero();         // where the case says it is
+  int landmark = 0;                                // index; landmarks beyond kMaxLandmarks count as touched once each
+  Vector3d landmark_mm = Vector3d::Zero();         // position in the case
   Vector3d residual_mm = Vector3d::Zero();         // shown tip minus landmark
   Matrix3d touch_covariance = Matrix3d::Zero();    // of this touch: tracker, pivot, placement; positive definite
-  Matrix3d landmark_covariance = Matrix3d::Zero(); // of its place in the image, the same for each of its touches
+  Matrix3d landmark_covariance = Matrix3d::Zero(); // of its position in the image, common to all its touches
 };
 
 class DriftMonitor {
 public:
   static constexpr int kMaxLandmarks = 16;
   static constexpr int kMaxOnsets =
-      16; // first touches of a drift that are kept in view: the newest ones, and the first
+      16; // hypotheses of a drift's first touch that are kept: the newest ones, and the first
 
-  // false_alarm: at most, a touch, in clean operation.
+  // false_alarm: maximum probability per touch when nothing has moved.
   explicit DriftMonitor(double false_alarm = 1e-4) noexcept;
 
-  // After a registration was accepted: forgets everything. covariance is that of the accepted pose.
+  // To be called after a registration was accepted: clears all state. covariance is that of the accepted pose.
   void reset(const Matrix6d &registration_covariance) noexcept;
 
   void add_check(const CheckTouch &touch) noexcept;
-  // signed_mm: of a traced point to the surface, positive outside; normal: outward unit normal there; sigma_mm: of the
-  // sample (skin, segmentation, tracker). Samples nearer than correlation_length_mm to one of the last 16 that were
-  // used tell nothing new and are left out.
+  // signed_mm: distance of a traced point from the surface, positive outside; normal: outward unit normal there;
+  // sigma_mm: error of the sample (skin, segmentation, tracker). Samples nearer than correlation_length_mm to one of
+  // the last 16 used samples add no information and are left out.
   void add_surface_residual(const Vector3d &point_mm, double signed_mm, double sigma_mm,
                             const Vector3d &normal) noexcept;
 
-  // The 95 % bound of the length of such a touch's residual if nothing has moved: from the covariances of registration,
-  // landmark and touch alone (Satterthwaite's approximation), not from earlier touches.
+  // The 95 % bound of the length of this touch's residual if nothing has moved, from the covariances of registration,
+  // landmark and touch [Satterthwaite 1946]. Earlier touches are not used.
   [[nodiscard]] double check_limit_95_mm(const CheckTouch &touch) const noexcept;
 
-  [[nodiscard]] double statistic() const noexcept { return statistic_; } // of the present, not its maximum so far
+  [[nodiscard]] double statistic() const noexcept { return statistic_; } // present value, not the maximum so far
   [[nodiscard]] double threshold() const noexcept { return threshold_; }
   [[nodiscard]] bool detected() const noexcept { return detected_; } // stays until reset
   [[nodiscard]] int checks() const noexcept { return checks_; }
-  // The most likely shift, and how many touches ago it began; meaningful when detected.
+  // The most likely shift, and the number of touches since its onset; meaningful when detected.
   [[nodiscard]] const Vector3d &shift_mm() const noexcept { return shift_; }
 
 private:
@@ -68,7 +67,7 @@ private:
   using StateMatrix = Eigen::Matrix<double, kMaxState, kMaxState>;
   using Sensitivity = Eigen::Matrix<double, kMaxState, 3>;
   struct Onset {                             // a hypothesis: the shift began with this observation
-    Sensitivity state = Sensitivity::Zero(); // of the filter's state to the shift
+    Sensitivity state = Sensitivity::Zero(); // of the filter's state to the shift (derivative)
     Matrix3d information = Matrix3d::Zero();
     Vector3d score = Vector3d::Zero();
   };

@@ -26,7 +26,7 @@ namespace {
 using Mesh = fcl::BVHModel<fcl::OBBRSSd>;
 using Solver = fcl::detail::GJKSolver_libccdd;
 
-// FCL measures between volumes: a tip is a sphere too small to matter.
+// FCL measures between volumes: the tip is a sphere of negligible size.
 constexpr double kTipRadius_mm = 1e-6;
 
 std::shared_ptr<Mesh> to_fcl(const surface::TriangleMesh &mesh) {
@@ -56,11 +56,11 @@ struct CriticalStructures::Structure {
   [[nodiscard]] bool contains(const Vector3d &p) const noexcept {
     return surface.is_closed() && box_distance_mm(p) == 0.0 && surface.closest(p).signed_mm < 0.0;
   }
-  // Distance to the surface, or nothing better than bound_mm.
+  // Distance to the surface, if it is less than bound_mm.
   [[nodiscard]] double distance_mm(const Vector3d &p, double bound_mm) const noexcept;
 
   std::string name;
-  surface::SurfaceModel surface; // tells inside from outside
+  surface::SurfaceModel surface; // for inside and outside
   std::shared_ptr<Mesh> mesh;
 };
 
@@ -77,8 +77,8 @@ CriticalStructures::~CriticalStructures() = default;
 CriticalStructures::CriticalStructures(CriticalStructures &&) noexcept = default;
 CriticalStructures &CriticalStructures::operator=(CriticalStructures &&) noexcept = default;
 
-// fcl::distance would do, but it allocates while it fits a box around the tip. So the traversal is set up here, with
-// the tip's sphere-swept box stated. A prefilled result makes it skip every box that is farther.
+// fcl::distance allocates while it fits a box around the tip. The traversal is therefore set up here, with the tip's
+// sphere-swept box given. A prefilled result makes it skip all farther boxes.
 double CriticalStructures::Structure::distance_mm(const Vector3d &p, double bound_mm) const noexcept {
   const fcl::Sphered tip(kTipRadius_mm);
   const Solver solver;
@@ -122,7 +122,7 @@ NearestStructure CriticalStructures::nearest(const Vector3d &tip_mm, Warm &warm)
   };
   const bool known = warm.index >= 0 && warm.index < count;
   if (known) {
-    // The last nearest one cannot have come farther away than the tip has moved.
+    // The distance to the previously nearest one cannot have grown by more than the tip has moved.
     best = (warm.distance_mm + (tip_mm - warm.tip_mm).norm()) * (1.0 + 1e-9) + 1e-6;
     visit(warm.index);
   }

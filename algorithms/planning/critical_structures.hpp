@@ -1,4 +1,4 @@
-// Distances to what must not be touched: from the tip at every frame, from a planned line when planning.
+// Distances to critical structures: from the tip at every frame, and from a planned line during planning.
 //
 // Distances are by FCL (sphere-swept bounding volumes of the meshes). Frame: Image, mm.
 #pragma once
@@ -18,13 +18,13 @@ struct NamedMesh {
 };
 
 struct NearestStructure {
-  int index = -1;           // -1: there are none
+  int index = -1;           // -1: no structure
   double distance_mm = 0.0; // to its surface; 0 inside; NaN when there are none
 };
 
 struct StructureClearance {
   std::string name;
-  double distance_mm = 0.0; // of the line's nearest point to the surface; 0 when the line passes through
+  double distance_mm = 0.0; // from the line's nearest point to the surface; 0 when the line crosses it
 };
 
 class CriticalStructures {
@@ -35,17 +35,17 @@ public:
   CriticalStructures(CriticalStructures &&) noexcept;
   CriticalStructures &operator=(CriticalStructures &&) noexcept;
 
-  // What the last query found; makes the next one near it cheap. Start with a fresh one.
+  // Result of the last query, which accelerates the next query nearby. Start with a new object.
   struct Warm {
     int index = -1;
     double distance_mm = 0.0;
     Eigen::Vector3d tip_mm = Eigen::Vector3d::Zero();
   };
 
-  // No allocation, no exceptions; const and thread-safe, one Warm a caller.
+  // No allocation, no exceptions; const and thread-safe, with one Warm per caller.
   [[nodiscard]] NearestStructure nearest(const Eigen::Vector3d &tip_mm, Warm &warm) const noexcept;
 
-  // Of every structure, nearest first. Allocates: for planning, not for loops.
+  // Clearance of every structure, nearest first. Allocates: for planning, not for loops.
   [[nodiscard]] std::vector<StructureClearance> path_clearance(const Eigen::Vector3d &entry_mm,
                                                                const Eigen::Vector3d &target_mm) const;
 

@@ -6,8 +6,8 @@ namespace bregma::planning {
 
 std::optional<Eigen::Vector3d> surface_entry(const surface::SurfaceModel &surface, const Eigen::Vector3d &from_mm,
                                              const Eigen::Vector3d &to_mm) noexcept {
-  // Nothing of the surface is nearer than the nearest of it: so far one may go without missing it (sphere tracing,
-  // Hart 1996). Shorter steps than this only approach it.
+  // The distance to the nearest point is a step that cannot miss the surface (sphere tracing [Hart 1996]). Steps below
+  // this minimum would only approach it.
   constexpr double kMinLength_mm = 1e-3;
   const Eigen::Vector3d way = to_mm - from_mm;
   const double length = way.norm();

@@ -1,4 +1,4 @@
-// Where a planned way goes into an organ.
+// The entry of a planned path into an organ.
 #pragma once
 
 #include <optional>
@@ -9,8 +9,8 @@
 
 namespace bregma::planning {
 
-// The first point of the straight way from one point to another that is not outside the closed surface, to 1e-3 mm
-// beyond it; the start itself where that lies inside, nothing where the way stays outside. Frame of the surface, mm.
+// The first point on the straight line between two points that is not outside the closed surface, up to 1e-3 mm beyond
+// it. If the start is inside, the start itself; no result if the line stays outside. Frame of the surface, mm.
 // Thread-safe, does not allocate.
 [[nodiscard]] std::optional<Eigen::Vector3d> surface_entry(const surface::SurfaceModel &surface,
                                                            const Eigen::Vector3d &from_mm,

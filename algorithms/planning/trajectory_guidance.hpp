@@ -1,4 +1,4 @@
-// Where a tool stands against the planned line. All points in one frame (usually Image), mm.
+// Position of a tool relative to the planned line. All points in one frame (usually Image), mm.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,13 +7,12 @@ namespace bregma::planning {
 
 struct PlannedLine {
   Eigen::Vector3d entry_mm = Eigen::Vector3d::Zero();
-  Eigen::Vector3d target_mm =
-      Eigen::Vector3d::Zero(); // at least 1e-6 mm from the entry, else the line's figures are NaN
+  Eigen::Vector3d target_mm = Eigen::Vector3d::Zero(); // at least 1e-6 mm from the entry; otherwise the results are NaN
 };
 
 struct Guidance {
   double distance_to_target_mm = 0.0;
-  double lateral_deviation_mm = 0.0; // of the tip from the infinite planned line
+  double lateral_deviation_mm = 0.0; // distance of the tip from the infinite planned line
   double angle_rad = 0.0;            // between the tool's axis and entry-to-target, 0 to pi
   double remaining_depth_mm = 0.0;   // along the planned line; negative beyond the target
 };

@@ -1,4 +1,4 @@
-// A refusal in a person's words.
+// Texts of refusals for the operator.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -14,9 +14,8 @@ std::string_view name_direction(const geometry::Vector6d &direction) noexcept {
       "rotation about left-right", "rotation about anterior-posterior", "rotation about superior-inferior"};
   static constexpr std::array<std::string_view, 3> kTranslations = {
       "translation along left-right", "translation along anterior-posterior", "translation along superior-inferior"};
-  // A turn about an axis that passes within 150 mm of the centre is a rotation to a person, though most of what the
-  // centre itself does is shift: three fiducials on the forehead leave a turn about the forehead open. Rotations come
-  // counted at 80 mm.
+  // A motion about an axis within 150 mm of the centre is called a rotation, even if the centre itself mostly shifts:
+  // three fiducials on the forehead leave a rotation about the forehead free. Rotations are scaled by 80 mm.
   constexpr double kReach = 150.0 / 80.0;
   const bool turns = kReach * direction.head<3>().norm() > direction.tail<3>().norm();
   Eigen::Index axis = 0;
@@ -71,14 +70,13 @@ void describe(const RegistrationResult &result, const RegistrationOptions &optio
     break;
   }
   case Refusal::kFreTooLarge:
-    std::snprintf(
-        out.data(), out.size(),
-        "FRE is %.2f mm where the stated errors give %.2f mm, and it cannot be told which fiducials are wrong: "
-        "touch them again",
-        result.fre_mm, result.fre_expected_mm);
+    std::snprintf(out.data(), out.size(),
+                  "FRE is %.2f mm where the stated errors give %.2f mm, and the wrong fiducials cannot be identified: "
+                  "touch them again",
+                  result.fre_mm, result.fre_expected_mm);
     break;
   case Refusal::kNotConverged:
-    std::snprintf(out.data(), out.size(), "the estimate did not settle in %d iterations", options.max_iterations);
+    std::snprintf(out.data(), out.size(), "the estimate did not converge in %d iterations", options.max_iterations);
     break;
   }
 }

@@ -21,11 +21,11 @@ using geometry::Vector6d;
 
 namespace {
 
-constexpr double kSettledStep_mm = 1e-4; // an estimate that moves less has settled
-constexpr double kLever_mm = 80.0;       // at which rotations are compared with translations
+constexpr double kSettledStep_mm = 1e-4; // an estimate that moves less has converged
+constexpr double kLever_mm = 80.0;       // lever that scales rotations against translations
 constexpr int kRescaled = 6;             // iterations that may change the noise scale
-constexpr double kSlow = 0.5;            // a step that shrank less is shortened: the surface bends within it
-constexpr double kNamingAlarm = 0.05;    // chance of naming a good fiducial beside a wrong one
+constexpr double kSlow = 0.5;            // a step that shrank less is shortened: the surface is curved within it
+constexpr double kNamingAlarm = 0.05;    // probability of naming a good fiducial in addition to a wrong one
 constexpr double kWarmLimit_mm = 10.0;   // a start farther from the fiducials' own fit is not used
 
 double motion_mm(const Vector6d &twist) { return kLever_mm * twist.head<3>().norm() + twist.tail<3>().norm(); }
@@ -59,7 +59,7 @@ struct RegistrationEstimator::Workspace {
   const surface::SurfaceModel *surface;
   SurfaceTerms terms;
   std::array<PointPair, kMaxFiducials> pairs; // source: Reference, target: Image
-  Vector3d centre = Vector3d::Zero();         // of the fiducials in Image: what the iteration turns about
+  Vector3d centre = Vector3d::Zero();         // centroid of the fiducials in Image: centre of the iteration's rotations
   Matrix6d normal_inverse = Matrix6d::Zero();
   RegistrationResult result;
 };
@@ -78,7 +78,7 @@ void RegistrationEstimator::Workspace::take(std::span<const FiducialObservation>
   }
 }
 
-// Three fiducials, and not on a line, on either side.
+// At least three fiducials that are not on a line, on both sides.
 bool RegistrationEstimator::Workspace::geometry_allows() {
   if (result.fiducial_count < 3) {
     result.refusal = Refusal::kTooFewFiducials;
@@ -107,13 +107,13 @@ Refusal RegistrationEstimator::Workspace::test_consistency(const PairedFit &fit)
     return Refusal::kNone;
   }
   if (n < 4) {
-    return Refusal::kFreTooLarge; // three residuals cannot say which of them is wrong
+    return Refusal::kFreTooLarge; // three residuals cannot identify the wrong fiducial
   }
   const auto names = [this](const RobustFit &fit_of_rest) {
     return fit_of_rest.found && fit_of_rest.outliers > 0 && fit_of_rest.fit.p_value >= options.false_refusal;
   };
   RobustFit robust = fit_paired_robust(used_pairs(), {options.false_refusal});
-  if (!names(robust)) { // that something is wrong is known by now: a laxer rate may tell what
+  if (!names(robust)) { // a contradiction is certain here: a higher false-alarm rate may identify it
     robust = fit_paired_robust(used_pairs(), {kNamingAlarm});
   }
   if (!names(robust)) {
@@ -175,7 +175,7 @@ bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &sta
       T = moved_about(centre, step, T);
       continue;
     }
-    // The covariance stands where the terms were taken; the last step is not worth another round.
+    // The covariance is that of the last linearisation; the last step does not justify another iteration.
     const Matrix6d inverse = solver.solve(Matrix6d::Identity());
     const Matrix6d of_gradient = of_fiducials + terms.gradient_covariance();
     normal_inverse = covariance_at_origin(inverse, centre);
@@ -207,7 +207,7 @@ void RegistrationEstimator::Workspace::report_residuals() {
 // The principal motion of the pose's error, about the head's centre, that moves the worst target most.
 void RegistrationEstimator::Workspace::find_weakest(std::span<const Vector3d> targets_image_mm) {
   const Vector3d head = surface != nullptr ? surface->centre_mm() : centre;
-  // Without targets: six points inside the head stand in.
+  // Without targets: six points inside the head are used.
   constexpr double kInside_mm = 60.0;
   std::array<Vector3d, 6> stand_in;
   for (std::size_t k = 0; k < 3; ++k) {
@@ -304,7 +304,7 @@ const RegistrationResult &RegistrationEstimator::estimate_located(std::span<cons
     return result;
   }
   w.finish(targets_image_mm);
-  // The few fiducials that there are cannot be held against each other, but against the surface's pose.
+  // The few fiducials cannot be compared with each other, but with the surface's pose.
   for (int i = 0; i < result.fiducial_count; ++i) {
     if (result.fiducials[static_cast<std::size_t>(i)].p_value < w.options.false_refusal / result.fiducial_count) {
       w.name_suspect(i);

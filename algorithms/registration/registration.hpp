@@ -1,10 +1,10 @@
 // The registration of the patient: one estimate of T_image_reference from touched fiducials and traced skin.
 //
 // Maximum a posteriori by Gauss-Newton on SO(3) x R3: point terms weighted by their full covariances, point-to-plane
-// terms for the surface with Tukey's weights. Errors of the skin and of its segmentation are alike over
-// correlation_length_mm, so samples close together count as fewer: each is down-weighted by its number of correlated
-// neighbours, and the covariance is the sandwich A^-1 B A^-1 with the correlations in B (White 1980). Where surface
-// residuals exceed the stated sigma, the stated sigma is scaled up.
+// terms for the surface with Tukey's weights. Errors of the skin and of its segmentation are correlated
+// over correlation_length_mm. Each sample is therefore down-weighted by the sum of its correlations with the others,
+// and the covariance is the sandwich A^-1 B A^-1 with the correlations in B [White 1980]. Where surface residuals
+// exceed the stated sigma, the stated sigma is scaled up.
 //
 // Frames: fiducials and samples in Reference, their counterparts and the surface in Image, mm. The covariance is a left
 // perturbation in Image (geometry/pose_covariance.hpp).
@@ -34,15 +34,15 @@ struct SurfaceSample {
 };
 
 struct RegistrationOptions {
-  double surface_sigma_mm = 0.7;       // skin give and segmentation, 1-sigma along the normal
-  double correlation_length_mm = 12.0; // over which they are alike: correlation exp(-d^2 / 2 l^2)
-  double max_target_tre_mm = 2.0;      // predicted RMS at a target beyond which a direction counts as not fixed
+  double surface_sigma_mm = 0.7;       // skin compression and segmentation, 1-sigma along the normal
+  double correlation_length_mm = 12.0; // over which they are correlated, by exp(-d^2 / 2 l^2)
+  double max_target_tre_mm = 2.0;      // above this predicted RMS at a target a direction counts as not fixed
   double min_spread_mm = 5.0;          // RMS distance of the fiducials from their best line
-  double false_refusal = 0.002;        // chance that good fiducials are refused as contradicting, all together
+  double false_refusal = 0.002;        // probability that good fiducials are refused as contradicting, in total
   int max_iterations = 50;
 };
 
-enum class Refusal { // the names of the wire's RefusalReason
+enum class Refusal { // corresponds to RefusalReason on the wire
   kNone,
   kTooFewFiducials,
   kCollinearFiducials,
@@ -54,17 +54,17 @@ enum class Refusal { // the names of the wire's RefusalReason
 
 struct RegistrationResult {
   Refusal refusal = Refusal::kTooFewFiducials;
-  // Valid unless refused for too few or collinear fiducials or as not converged: a refused estimate can still be shown
-  // with its residuals, so that a person sees what to touch again, but must not be navigated by.
+  // Valid unless refused for too few or collinear fiducials or as not converged. A refused estimate can still be shown
+  // with its residuals, so that the operator sees what to touch again, but must not be used for navigation.
   bool has_estimate = false;
   ImageFromReference T_image_reference;
   Matrix6d covariance = Matrix6d::Zero();
 
   int fiducial_count = 0;
-  // In the order given; leave-one-out within the joint estimate. Of kContradictingFiducial: leave-one-out and p-value
-  // are what the fiducials that agree predict (robust_points.hpp).
+  // In the given order; leave-one-out within the joint estimate. For kContradictingFiducial, leave-one-out and p-value
+  // are predicted from the fiducials that agree (robust_points.hpp).
   std::array<FiducialFit, kMaxFiducials> fiducials{};
-  std::array<bool, kMaxFiducials> suspects{}; // kContradictingFiducial: which of them do not agree with the rest
+  std::array<bool, kMaxFiducials> suspects{}; // kContradictingFiducial: those that contradict the rest
   int suspect_count = 0;
   int suspect = -1; // the least probable of them
   double fre_mm = 0.0;
@@ -72,16 +72,16 @@ struct RegistrationResult {
   double chi_square = 0.0; // of the fiducials alone, 3 N - 6 degrees of freedom
   double p_value = 1.0;
 
-  int surface_count = 0;    // samples that took part
-  int surface_left_out = 0; // of these, with no weight: far off the surface
+  int surface_count = 0;    // samples used
+  int surface_left_out = 0; // of these, the samples without weight: far off the surface
   double surface_rms_mm = 0.0;
-  double surface_scale = 1.0;     // by which surface_sigma_mm had to be multiplied
-  double surface_effective = 0.0; // independent samples that the surface is worth
+  double surface_scale = 1.0;     // factor by which surface_sigma_mm had to be multiplied
+  double surface_effective = 0.0; // effective number of independent samples
 
-  // The least well known motion, about the head's centre; rotations counted at 80 mm.
+  // The motion with the largest uncertainty, about the head's centre; rotations are scaled by 80 mm.
   geometry::Vector6d weakest = geometry::Vector6d::Zero(); // unit; rotation, translation
   double weakest_sigma_mm = 0.0;
-  int worst_target = -1; // index of the target with the largest predicted TRE; -1: the head's centre stood in
+  int worst_target = -1; // index of the target with the largest predicted TRE; -1: the head's centre
   double worst_target_tre_mm = 0.0;
 
   double spread_mm = 0.0; // second principal spread of the fiducials
@@ -92,12 +92,12 @@ struct RegistrationResult {
 // superior-inferior".
 [[nodiscard]] std::string_view name_direction(const geometry::Vector6d &direction) noexcept;
 
-// Why the result was refused and what to do, for a person; empty when it was not. NUL-terminated, cut at the end of
-// out. subject: the names of the suspect fiducials; target: that of the worst target. Does not allocate.
+// The reason of a refusal and advice for the operator; empty when not refused. NUL-terminated, cut at the end of out.
+// subject: the names of the suspect fiducials; target: the name of the worst target. Does not allocate.
 void describe(const RegistrationResult &result, const RegistrationOptions &options, std::string_view subject,
               std::string_view target, std::span<char> out) noexcept;
 
-// Holds the working memory of an estimate, so that a loop can call it without allocating. One thread at a time.
+// Owns the work space of an estimate, so that a loop can call it without allocation. One thread at a time.
 class RegistrationEstimator {
 public:
   // surface: in Image, may be null (then samples are ignored), outlives the estimator. Samples beyond the first
@@ -108,14 +108,14 @@ public:
   RegistrationEstimator(RegistrationEstimator &&) noexcept;
   RegistrationEstimator &operator=(RegistrationEstimator &&) noexcept;
 
-  // targets_image_mm: where the accuracy matters. start: a previous estimate (warm), else the fiducials' own fit.
+  // targets_image_mm: points of interest for the accuracy. start: a previous estimate; default: the fiducials' own fit.
   // Does not allocate, throw or lock. The result is valid until the next call.
   const RegistrationResult &estimate(std::span<const FiducialObservation> fiducials,
                                      std::span<const SurfaceSample> samples, std::span<const Vector3d> targets_image_mm,
                                      const ImageFromReference *start = nullptr) noexcept;
 
-  // From a pose at which a search over all poses has found the samples (global_surface.hpp): the surface then stands
-  // for the fiducials, of which there may be fewer than three, or none. FRE and its chance are NaN without any.
+  // From a pose that a search over all poses has found (global_surface.hpp). The surface then replaces the fiducials,
+  // of which there may be fewer than three, or none. Without any, FRE and its probability are NaN.
   const RegistrationResult &estimate_located(std::span<const FiducialObservation> fiducials,
                                              std::span<const SurfaceSample> samples,
                                              std::span<const Vector3d> targets_image_mm,

@@ -1,4 +1,4 @@
-// Twists about a centre near the data: the normal equations of a fit lose digits about an origin two metres away.
+// Twists about a centre near the data: about an origin two metres away the normal equations of a fit lose precision.
 #pragma once
 
 #include "algorithms/geometry/pose_covariance.hpp"

@@ -1,8 +1,8 @@
-// Vectors of numbers as GCC and Clang define them: the same code becomes SSE, AVX2 or AVX-512 by the target of its
-// caller, which is chosen when the program runs.
+// Vector types of GCC and Clang: the same code becomes SSE, AVX2 or AVX-512 by the target of its caller, which is
+// selected at run time.
 //
-// Everything is inlined into that caller and handed on by reference, since vectors as arguments depend on the
-// instruction set. For the .cpp of a kernel alone: no vector leaves it.
+// Everything is inlined into that caller and passed by reference, since vectors as arguments depend on the instruction
+// set. For the .cpp files of kernels only: vectors must not leave them.
 #pragma once
 
 #include <cstddef>
@@ -29,7 +29,7 @@ template <class V, class Number> BREGMA_INLINE void store(Number *to, const V &v
   __builtin_memcpy(to, &v, sizeof(V));
 }
 
-// The sum over the lanes, in their order.
+// The sum over the lanes, in order.
 template <class V> BREGMA_INLINE auto total(const V &v) {
   auto sum = v[0];
   for (std::size_t i = 1; i < sizeof(V) / sizeof(sum); ++i) {
@@ -38,7 +38,7 @@ template <class V> BREGMA_INLINE auto total(const V &v) {
   return sum;
 }
 
-// What this machine can run; false where the build is not for x86-64.
+// Support of this machine; false where the build is not for x86-64.
 inline bool has_avx2() noexcept {
 #if defined(__x86_64__)
   return __builtin_cpu_supports("avx2") != 0 && __builtin_cpu_supports("fma") != 0;

@@ -13,7 +13,7 @@ namespace bregma::surface {
 using Eigen::Vector3d;
 
 namespace {
-constexpr std::size_t kBucket = 8;        // ranges this small are searched from end to end
+constexpr std::size_t kBucket = 8;        // ranges up to this size are searched linearly
 constexpr std::size_t kMaxTreeDepth = 64; // median splits of up to 2^64 points
 } // namespace
 
@@ -68,7 +68,7 @@ CloudModel::CloudModel(std::span<const Vector3d> points_mm, std::span<const Vect
 SurfacePoint CloudModel::closest(const Vector3d &p) const noexcept {
   struct Waiting {
     std::size_t begin, end;
-    double squared; // of the distance from the splitting plane
+    double squared; // squared distance from the splitting plane
   };
   std::array<Waiting, kMaxTreeDepth> stack;
   std::size_t top = 0;

@@ -1,5 +1,5 @@
-// A cloud of points with normals that answers "which is nearest" quickly: a kd-tree (Bentley 1975; Friedman, Bentley,
-// Finkel 1977) built once, in flat arrays. Queries are exact, const, thread-safe, and do not allocate or throw.
+// A cloud of points with normals, with fast queries for the nearest point: a kd-tree [Bentley 1975] [Friedman 1977],
+// built once, in flat arrays. Queries are exact, const, thread-safe, and do not allocate or throw.
 #pragma once
 
 #include <cstdint>
@@ -12,9 +12,9 @@ namespace bregma::surface {
 
 class CloudModel {
 public:
-  // normals: one a point, of any positive length, or none (then only point-to-point makes sense). Throws
-  // std::invalid_argument with index and value: no points, a count that differs, a value that is not finite, a normal
-  // of length zero.
+  // normals: one per point, of any positive length, or empty (then only point-to-point is possible). Throws
+  // std::invalid_argument with index and value: no points, a different count, a value that is not finite, a normal of
+  // length zero.
   explicit CloudModel(std::span<const Eigen::Vector3d> points_mm, std::span<const Eigen::Vector3d> normals = {});
 
   // The nearest point. signed_mm is the distance from its tangent plane (from the point itself without normals);
@@ -25,9 +25,9 @@ public:
   [[nodiscard]] std::size_t count() const noexcept { return points_.size(); }
 
 private:
-  // The middle of each range is its root; the smaller half stands before it, the larger after it.
+  // The middle element of each range is its root; smaller coordinates are before it, larger ones after it.
   std::vector<Eigen::Vector3d> points_;
-  std::vector<std::uint8_t> side_; // coordinate that splits at this point
+  std::vector<std::uint8_t> side_; // coordinate of the split at this point
   std::vector<int> index_;
   std::vector<Eigen::Vector3d> normals_; // in the order of points_
 };

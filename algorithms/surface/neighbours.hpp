@@ -1,4 +1,4 @@
-// Which samples lie close enough together that their errors are alike, and how much: rho = exp(-d^2 / 2 l^2).
+// Pairs of samples whose errors are correlated because they are close together: rho = exp(-d^2 / 2 l^2).
 #pragma once
 
 #include <algorithm>
@@ -12,10 +12,10 @@
 
 namespace bregma::surface {
 
-// Holds its memory: set() and each() do not allocate for up to the capacity. One thread at a time.
+// Owns its memory: set() and each() do not allocate up to the capacity. One thread at a time.
 class Neighbours {
 public:
-  // length_mm 0: nobody is anybody's neighbour.
+  // length_mm 0: no sample has a neighbour.
   Neighbours(double length_mm, std::size_t capacity) : length_(length_mm), order_(capacity), points_(capacity) {
     for (std::size_t i = 0; i < kSteps; ++i) {
       const double middle = (static_cast<double>(i) + 0.5) / static_cast<double>(kSteps);
@@ -34,12 +34,12 @@ public:
     }
   }
 
-  // Calls visit(i, j, rho) for every pair once; all pairs of one i come in a row.
+  // Calls visit(i, j, rho) once for every pair; all pairs of one i are consecutive.
   template <class Visit> void each(Visit &&visit) const {
     const auto reach = static_cast<float>(length_) * kCutoff;
     const float limit = reach * reach;
     for (std::size_t a = 0; a < count_; ++a) {
-      // In the order of x: beyond the reach there is nobody left.
+      // Samples are sorted by x: no further sample is in reach.
       for (std::size_t b = a + 1; b < count_ && points_[b].x() - points_[a].x() < reach; ++b) {
         const float d2 = (points_[b] - points_[a]).squaredNorm();
         if (d2 < limit) {
@@ -51,7 +51,7 @@ public:
   }
 
 private:
-  static constexpr float kCutoff = 3.0F; // correlation lengths; rho is below 0.012 beyond
+  static constexpr float kCutoff = 3.0F; // in correlation lengths; beyond it rho is below 0.012
   static constexpr std::size_t kSteps = 1024;
   double length_;
   std::size_t count_ = 0;

@@ -15,9 +15,9 @@ using Eigen::Vector3i;
 namespace {
 
 constexpr double kMaxVoxels = 5e7;
-constexpr double kOnPlane_mm = 1e-6; // nearer than this, only the surface knows its normal
+constexpr double kOnPlane_mm = 1e-6; // nearer than this, the surface's own normal is used
 constexpr double kTransportBand = 2.0;
-constexpr double kSecure_mm = 0.25; // by which the next triangle should be known to be farther away
+constexpr double kSecure_mm = 0.25; // margin to the next triangle
 
 Vector3i voxels(const Vector3d &extent_mm, double spacing_mm) {
   const Eigen::Array3d count = (extent_mm.array() / spacing_mm).ceil().max(1.0);
@@ -79,7 +79,7 @@ void SurfaceField::build_planes() {
     }
   }
 
-  // Fast sweeping: one pass in each of the eight diagonal directions carries every triangle as far as it can be
+  // Fast sweeping: one pass in each of the eight diagonal directions propagates every triangle as far as it can be
   // closest.
   for (int direction = 0; direction < 8; ++direction) {
     const Vector3i step((direction & 1) != 0 ? -1 : 1, (direction & 2) != 0 ? -1 : 1, (direction & 4) != 0 ? -1 : 1);
@@ -203,7 +203,7 @@ void SurfaceField::prefetch(const Vector3d &p, const Nearby &known, Ahead what) 
     __builtin_prefetch(first + 8);
     return;
   }
-  constexpr std::ptrdiff_t kFirst = 6; // a query looks at about so many
+  constexpr std::ptrdiff_t kFirst = 6; // approximate number of triangles per query
   const SurfaceModel::Candidate *last = first + std::min<std::ptrdiff_t>(kFirst, begin[1] - begin[0]);
   for (; first != last; ++first) {
     surface_->prefetch(first->triangle);

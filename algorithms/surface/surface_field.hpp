@@ -1,14 +1,12 @@
-// A surface's neighbourhood, prepared once so that a registration does not search it again in every iteration.
+// The neighbourhood of a surface, prepared once, so that a registration does not search it again in every iteration.
 //
 // Two grids over the surface:
-// - everywhere, the tangent plane of the surface at the point closest to a voxel's centre: what point-to-plane steps
-// need
-//   while the pose is still off. Built by closest-point transport: exact within two voxels of the surface, from there
-//   each voxel chooses among its neighbours' triangles (Tsai 2002; Bridson 2015, section 4.3), so that a far voxel may
-//   miss the closest triangle by a little, never by more than its neighbours know.
-// - near the surface, the triangles that can be closest to any point of a small voxel: exact closest points at a tenth
-// of
-//   the cost of the tree.
+// - Everywhere: the tangent plane at the point closest to a voxel's centre, for point-to-plane steps while the pose is
+//   still off. It is built by closest-point transport, exact within two voxels of the surface. Beyond, each voxel
+//   chooses among its neighbours' triangles [Tsai 2002] [Bridson 2015, section 4.3], so that a far voxel may miss the
+//   closest triangle slightly.
+// - Near the surface: the triangles that can be closest to any point of a small voxel. They give exact closest points,
+//   at a tenth of the cost of the tree.
 //
 // Frame: that of the surface, mm. Const and thread-safe after construction; queries do not allocate or throw.
 #pragma once
@@ -26,10 +24,10 @@
 namespace bregma::surface {
 
 struct FieldOptions {
-  double spacing_mm = 4.0; // of the planes
-  double margin_mm = 40.0; // of the planes around the surface; beyond, the border's planes are used
+  double spacing_mm = 4.0; // spacing of the planes
+  double margin_mm = 40.0; // margin of the planes around the surface; beyond it the outermost planes are used
   double near_mm = 2.0;    // spacing of the exact lists
-  double band_mm = 4.0;    // distance from the surface up to which there are lists; beyond, the tree is asked
+  double band_mm = 4.0;    // lists exist up to this distance from the surface; beyond it the tree is used
 };
 
 class SurfaceField {
@@ -50,18 +48,18 @@ public:
     return {{low_.x(), low_.y(), low_.z()}, per_mm_, {size_.x(), size_.y(), size_.z()}, planes_.front().normal.data()};
   }
 
-  // Exact: what SurfaceModel::closest answers.
+  // Exact: the result of SurfaceModel::closest.
   [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &p) const noexcept;
-  // Exact as well, and quick for a point that moves little from query to query: as long as it has moved by less than
-  // all other triangles were farther away, only the one that was closest is looked at.
+  // Exact too, and fast for a point that moves little between queries: as long as it has moved by less than the margin
+  // to all other triangles, only the previously closest triangle is evaluated.
   struct Nearby {
     Eigen::Vector3d at_mm = Eigen::Vector3d::Zero();
-    int triangle = -1;      // closest to at_mm; none yet
-    double others_mm = 0.0; // no other triangle is nearer to at_mm
+    int triangle = -1;      // the closest to at_mm; -1: none yet
+    double others_mm = 0.0; // lower bound of the distance of all other triangles from at_mm
   };
   [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &p, Nearby &known) const noexcept;
-  // For many points one after another: what such a query will read is asked of the memory while others are answered.
-  // First the list's place (some ten points ahead), then the list (six), then its first triangles (three).
+  // For many consecutive points: prefetches what later queries will read. First the list's index (some ten points
+  // ahead), then the list (six), then its first triangles (three).
   enum class Ahead { kPlace, kList, kTriangles };
   void prefetch(const Eigen::Vector3d &p, const Nearby &known, Ahead what) const noexcept;
 
@@ -78,13 +76,13 @@ private:
     const int number = clamped(at.x(), size_.x()) + size_.x() * row; // no more than 50 million
     return static_cast<std::size_t>(number);
   }
-  // The triangles that can be closest to p, and how far p is from the middle of their voxel; none: too far away.
+  // The triangles that can be closest to p, and the distance of p from the centre of their voxel; empty: too far away.
   struct Listed {
     std::span<const SurfaceModel::Candidate> candidates;
     double offset_mm = 0.0;
   };
   [[nodiscard]] Listed listed(const Eigen::Vector3d &p) const noexcept;
-  // Of the near voxel that holds p; negative where there is none.
+  // Index of the near voxel that contains p; negative: none.
   [[nodiscard]] std::ptrdiff_t near_voxel_of(const Eigen::Vector3d &p) const noexcept;
   // By the tree, from the triangle of the voxel.
   [[nodiscard]] SurfacePoint closest_from_planes(const Eigen::Vector3d &p) const noexcept;
@@ -102,7 +100,7 @@ private:
 
   Eigen::Vector3d near_low_;
   Eigen::Vector3i near_size_;
-  std::vector<std::uint32_t> begin_; // of each near voxel's list; the next voxel's begin is its end
+  std::vector<std::uint32_t> begin_; // begin of each near voxel's list; it ends where the next one begins
   std::vector<SurfaceModel::Candidate> candidates_;
 };
 

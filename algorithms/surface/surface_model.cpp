@@ -46,7 +46,7 @@ void check(const TriangleMesh &mesh) {
   }
 }
 
-// Slab test. inverse: of the segment's components, infinite where it is parallel to a slab.
+// Slab test. inverse: reciprocals of the segment's components, infinite where it is parallel to a slab.
 bool segment_meets_box(const Vector3d &low, const Vector3d &high, const Vector3d &from,
                        const Vector3d &inverse) noexcept {
   double enter = 0.0;
@@ -66,7 +66,7 @@ bool segment_meets_box(const Vector3d &low, const Vector3d &high, const Vector3d
   return enter <= leave * (1.0 + 1e-12);
 }
 
-// Moeller & Trumbore 1997, without culling.
+// [Moeller 1997], without culling.
 bool segment_meets_triangle(const Vector3d &a, const Vector3d &b, const Vector3d &c, const Vector3d &from,
                             const Vector3d &along) noexcept {
   const Vector3d ab = b - a;
@@ -180,7 +180,7 @@ void SurfaceModel::build_normals(const TriangleMesh &mesh) {
   }
 }
 
-// Ericson 2005, section 5.1.5: by the Voronoi regions of the corners, edges and the face.
+// [Ericson 2005, section 5.1.5]: by the Voronoi regions of the corners, edges and the face.
 SurfaceModel::Closest SurfaceModel::closest_on_triangle(const Corners &t, const Vector3d &p) noexcept {
   const Vector3d ab = t.b - t.a;
   const Vector3d ac = t.c - t.a;
@@ -250,7 +250,7 @@ SurfacePoint SurfaceModel::closest(const Vector3d &point_mm, int start_triangle)
       continue;
     }
     std::uint32_t index = now.node;
-    // Down to the nearer leaf; the farther children wait.
+    // Down to the nearer leaf; the farther children are pushed onto the stack.
     while (nodes_[index].count == 0) {
       std::uint32_t near = index + 1;
       std::uint32_t far = nodes_[index].first;
@@ -298,7 +298,8 @@ SurfacePoint SurfaceModel::closest_among(std::span<const Candidate> candidates, 
   double best = std::numeric_limits<double>::infinity();
   double second = std::numeric_limits<double>::infinity();
   double reach = std::numeric_limits<double>::infinity();
-  double rest = static_cast<double>(candidates.back().from_place_mm); // of the place: all beyond are farther
+  double rest = static_cast<double>(
+      candidates.back().from_place_mm); // distance from the sorting point: all later candidates are farther
   std::uint32_t best_slot = 0;
   Closest found{Vector3d::Zero(), kFace};
   for (const Candidate &one : candidates) {

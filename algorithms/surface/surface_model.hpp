@@ -1,7 +1,7 @@
-// A triangle surface that answers "where is the closest point" and "does this line hit" quickly.
+// A triangle surface with fast queries for the closest point and for intersections with a line.
 //
-// Built once: a binary tree of axis-aligned boxes in flat arrays, split at the median of the longest side (after
-// Ericson, "Real-Time Collision Detection", 2005, ch. 6). Queries are exact, const, thread-safe, and do not allocate or
+// Built once: a binary tree of axis-aligned boxes in flat arrays, split at the median of the longest side
+// [Ericson 2005, chapter 6]. Queries are exact, const, thread-safe, and do not allocate or
 // throw. Frame: that of the mesh (usually Image), mm.
 #pragma once
 
@@ -16,30 +16,30 @@ namespace bregma::surface {
 
 struct SurfacePoint {
   Eigen::Vector3d point_mm = Eigen::Vector3d::Zero();
-  // Outward unit pseudonormal there, weighted by angle at edges and vertices: its side tells inside from outside
-  // exactly on a closed surface (Baerentzen & Aanaes 2005).
+  // Outward unit pseudonormal there, weighted by angle at edges and vertices: on a closed surface its side
+  // separates inside from outside exactly [Baerentzen 2005].
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double distance_mm = 0.0; // never negative
   double signed_mm = 0.0;   // negative inside
-  int triangle = -1;        // of the mesh as given
+  int triangle = -1;        // index in the given mesh
 };
 
 class SurfaceModel {
 public:
   // Throws std::invalid_argument with the index and the value of what is wrong: no triangles, a vertex that is not
-  // finite, a triangle that names a vertex that is not there, or a mesh whose triangles all have no area.
+  // finite, a triangle with an invalid vertex index, or a mesh whose triangles all have no area.
   explicit SurfaceModel(const TriangleMesh &mesh);
 
   [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &point_mm) const noexcept;
-  // Warm: start_triangle is a guess (the last answer for a neighbouring point); a wrong one costs time, not
+  // start_triangle is a guess, such as the previous result for a neighbouring point. A wrong guess costs time, not
   // correctness.
   [[nodiscard]] SurfacePoint closest(const Eigen::Vector3d &point_mm, int start_triangle) const noexcept;
 
-  // The closest point of one triangle of the mesh, in the same terms: signed_mm tells the side of this triangle alone.
+  // The closest point of one triangle of the mesh; the sign of signed_mm is the side of this triangle alone.
   [[nodiscard]] SurfacePoint closest_on(int triangle, const Eigen::Vector3d &point_mm) const noexcept;
-  // The closest point among some triangles, which stand in the order of their distance from a place offset_mm away:
-  // the search ends where the rest cannot be nearer by secure_mm. At least one candidate. others_mm, where it is given:
-  // a lower bound of the distance of all other triangles, if none can be closest that is not a candidate.
+  // The closest point among candidate triangles, which are sorted by their distance from a point offset_mm away. The
+  // search ends where the rest cannot be nearer by secure_mm. At least one candidate. others_mm, if given, receives a
+  // lower bound of the distance of all other triangles, provided that only candidates can be closest.
   struct Candidate {
     float from_place_mm;
     int triangle;
@@ -47,7 +47,7 @@ public:
   [[nodiscard]] SurfacePoint closest_among(std::span<const Candidate> candidates, double offset_mm,
                                            const Eigen::Vector3d &point_mm, double *others_mm = nullptr,
                                            double secure_mm = 0.0) const noexcept;
-  // Asks the memory for a triangle that will be looked at soon.
+  // Prefetches a triangle that will be evaluated soon.
   void prefetch(int triangle) const noexcept {
     const Corners *corners = &corners_[slot_[static_cast<std::size_t>(triangle)]];
     __builtin_prefetch(corners);
@@ -88,7 +88,7 @@ private:
     Feature feature;
   };
 
-  // Median splits of up to 2^32 triangles: no path is longer.
+  // Maximum depth of median splits of up to 2^32 triangles.
   static constexpr int kMaxDepth = 64;
 
   [[nodiscard]] SurfacePoint describe(std::uint32_t slot, const Closest &found,
@@ -100,7 +100,7 @@ private:
   void build(std::vector<std::uint32_t> &order, const TriangleMesh &mesh);
   void build_normals(const TriangleMesh &mesh);
 
-  // Triangles stand in the order of the tree ("slots").
+  // Triangles are stored in the order of the tree ("slots").
   std::vector<Node> nodes_;
   std::vector<Corners> corners_;
   std::vector<int> mesh_index_;          // slot to triangle of the mesh

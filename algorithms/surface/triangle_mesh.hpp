@@ -1,4 +1,4 @@
-// A triangle surface as every room exchanges it.
+// A triangle surface, as all rooms exchange it.
 #pragma once
 
 #include <vector>

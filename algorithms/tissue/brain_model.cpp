@@ -16,13 +16,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kNear_mm = 20.0;   // of the brain's box: a probe nearer than this wakes the model
-constexpr double kJump_mm = 5.0;    // between two looks at the probe, beyond what it can have moved
-constexpr double kLever_mm = 50.0;  // a turn moves the shaft there as fast as the probe may move
-constexpr double kShaft_mm = 400.0; // of a probe: where it could go through the brain
-constexpr double kQuiet_J = 1e-9;   // energy that does not matter: a gram at 1 mm/s
-// Biomechanical models explain 74 to 82 % of measured brain displacements (PMC2749709): the bound is what they do not,
-// and what may be swing.
+constexpr double kNear_mm = 20.0;   // a probe nearer than this to the brain's box wakes the model
+constexpr double kJump_mm = 5.0;    // between two samples of the probe, in addition to its possible motion
+constexpr double kLever_mm = 50.0;  // at this distance from the tip a rotation is limited to the probe's maximum speed
+constexpr double kShaft_mm = 400.0; // length of a shaft that could pass through the brain
+constexpr double kQuiet_J = 1e-9;   // negligible energy: a gram at 1 mm/s
+// Biomechanical models explain 74 to 82 % of measured brain displacements [PMC2749709]. The bound is the unexplained
+// part, plus residual vibration.
 constexpr double kUnexplained = 0.26;
 
 const BrainModelOptions &checked(const BrainModelOptions &options) {
@@ -36,7 +36,7 @@ const BrainModelOptions &checked(const BrainModelOptions &options) {
   return options;
 }
 
-// A pose that can be one.
+// The pose, if it is valid.
 std::optional<ProbePose> pose_of(const ProbeObservation &probe) noexcept {
   const double length = probe.pose.shaft.norm();
   if (!probe.seen || !probe.pose.tip_mm.allFinite() || !std::isfinite(length) || length < 1e-6) {
@@ -131,7 +131,7 @@ const BrainState &BrainModel::update(const ProbeObservation &probe, double elaps
   return state_;
 }
 
-// Nothing moves and no probe is near: the answer stays what it is, and costs nothing.
+// Nothing moves and no probe is near: the answer does not change, and no steps are made.
 bool BrainModel::may_rest(const std::optional<ProbePose> &seen) const noexcept {
   if (insertion_.phase() != Phase::kOutside) {
     return false;
@@ -146,13 +146,13 @@ bool BrainModel::may_rest(const std::optional<ProbePose> &seen) const noexcept {
   return energies.kinetic_J < kQuiet_J && std::abs(energies.elastic_J) < kQuiet_J;
 }
 
-// With its tip on the far side of the brain at rest.
+// The shaft crosses the brain at rest, with the tip on the far side.
 bool BrainModel::passes_through(const ProbePose &pose) const noexcept {
   return skull_.surface().segment_hits(pose.tip_mm + options_.probe.radius_mm * pose.shaft,
                                        pose.tip_mm + kShaft_mm * pose.shaft);
 }
 
-// Moves the model's probe to where it is seen, or places it anew where the way there was not seen.
+// Moves the model's probe to the observed pose, or places it there when its path was not seen.
 void BrainModel::follow(const std::optional<ProbePose> &seen, double elapsed_s) noexcept {
   if (!seen) {
     unseen_s_ += elapsed_s;
@@ -173,7 +173,7 @@ void BrainModel::follow(const std::optional<ProbePose> &seen, double elapsed_s) 
   move_probe(*seen, elapsed_s);
 }
 
-// A first look, or one after a gap that hides the way: the probe is set where it is, without dragging tissue along.
+// For a first observation, or one after a gap: the probe is placed at its pose without dragging tissue along.
 void BrainModel::place_probe(const ProbePose &pose) noexcept {
   if (followed_ && insertion_.phase() != Phase::kOutside) {
     verdict_.report(ModelStatus::kExtrapolating, ModelReason::kProbeJumped);
@@ -187,7 +187,7 @@ void BrainModel::place_probe(const ProbePose &pose) noexcept {
   if (const MaterialPoint tip = locator_.locate(pose_.tip_mm, position); tip.inside()) {
     insertion_.reappear_inside(tip.tetrahedron);
   } else if (passes_through(pose_)) {
-    // No tissue can make way for it: until it is somewhere else, there is no probe.
+    // Tissue cannot yield to such a probe: it is ignored until it is elsewhere.
     insertion_.remove_probe();
     followed_ = false;
     verdict_.report(ModelStatus::kInvalid, ModelReason::kProbeLeftMesh);

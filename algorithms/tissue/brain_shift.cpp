@@ -46,7 +46,7 @@ bool open_at(const SkullOptions &skull, const Vector3d &rest_mm) {
   return (rest_mm - skull.craniotomy.centre_mm).norm() < skull.craniotomy.radius_mm;
 }
 
-// What the fluid stands at, measured upwards from the origin.
+// The fluid's level, measured upwards from the origin.
 struct Level {
   double height_mm = 0.0;
   double drop_mm = 0.0;
@@ -69,11 +69,11 @@ Level level_of(const TetMesh &mesh, const BrainShiftOptions &options, const Vect
   return {highest - drop, drop};
 }
 
-// Share of a tetrahedron's volume that lies below a level, from its corners' heights above it.
+// Fraction of a tetrahedron's volume below a level, from its corners' heights above that level.
 double fraction_below(std::array<double, 4> height) {
   std::sort(height.begin(), height.end());
   const auto [a, b, c, d] = height;
-  // Of the edge from p below to q above.
+  // Fraction of the edge from p (below) to q (above).
   const auto cut = [](double p, double q) { return p / (p - q); };
   if (d <= 0.0) {
     return 1.0;
@@ -81,17 +81,17 @@ double fraction_below(std::array<double, 4> height) {
   if (a >= 0.0) {
     return 0.0;
   }
-  if (b >= 0.0) { // the lowest corner is cut off
+  if (b >= 0.0) { // only the lowest corner is below
     return cut(a, b) * cut(a, c) * cut(a, d);
   }
-  if (c <= 0.0) { // the highest
+  if (c <= 0.0) { // all but the highest
     return 1.0 - cut(d, a) * cut(d, b) * cut(d, c);
   }
   // A wedge below, as three tetrahedra.
   return cut(b, c) * cut(b, d) + (1.0 - cut(b, c)) * cut(a, c) * cut(a, d) + cut(a, d) * cut(b, c) * (1.0 - cut(b, d));
 }
 
-// What acts anew on nodes, wherever they are.
+// The change of the load on the nodes at their present positions.
 class ShiftLoad {
 public:
   ShiftLoad(const TetMesh &mesh, const BrainShiftOptions &options)
@@ -109,7 +109,7 @@ public:
 
   [[nodiscard]] double fluid_drop_mm() const noexcept { return level_.drop_mm; }
 
-  // position_mm(node): where it is now.
+  // position_mm(node): its present position.
   template <class Position> void at(const Position &position_mm, std::vector<Vector3d> &load_N) const noexcept {
     std::fill(load_N.begin(), load_N.end(), Vector3d::Zero());
     for (std::size_t e = 0; e < volumes_m3_.size(); ++e) {
@@ -134,8 +134,8 @@ private:
   std::vector<double> volumes_m3_;
 };
 
-// Keeps the load that of where the tissue is while it is relaxed. The fluid's level stands still while tissue sinks
-// below it: a load that each piece of tissue kept would turn the brain over, its heavy side down.
+// Keeps the load consistent with the tissue's position during relaxation. The fluid's level is constant while tissue
+// sinks below it. A load fixed to each piece of tissue would rotate the brain until its heavy side is down.
 class Fluid final : public Contact {
 public:
   Fluid(const ShiftLoad &load, ExplicitSolver &solver)
@@ -152,7 +152,7 @@ public:
   [[nodiscard]] const std::vector<Vector3d> &load_N() const noexcept { return load_N_; }
 
 private:
-  static constexpr int kLookAgain = 10; // steps: in fewer, tissue does not go far
+  static constexpr int kLookAgain = 10; // steps: tissue does not move far in fewer
 
   template <class Position> void put(const Position &position_mm) noexcept {
     load_.at(position_mm, load_N_);

@@ -1,12 +1,13 @@
-// Brain shift: how the brain sinks when cerebrospinal fluid has run out of the opened skull and carries it no longer.
+// Brain shift: how the brain sinks when cerebrospinal fluid has drained from the opened skull and no longer supports
+// it.
 //
-// In the image the brain is submerged, and the shape that is seen there is the one in which its weight, its buoyancy
-// and what holds it are in balance. What deforms it is what changes after that: above the fluid's new level the
-// buoyancy is lost, and where the head lies otherwise than it was imaged, weight less buoyancy pulls another way. The
-// load is that of where the tissue is, the fluid's level stands still. The brain slides along the skull and may leave
-// it (skull.hpp), slides along the falx (falx.hpp), and is held at its stem; the static answer is by dynamic
-// relaxation. Fluid level, sliding, the free surface in the craniotomy and the fixed stem as in Dumpuri et al., Med
-// Image Anal 11 (2007), PMC3819812. Tentorium, vessels and swelling are not modelled.
+// In the image the brain is submerged, and its shape is in balance with weight, buoyancy and supports. Only changes
+// deform it: the buoyancy lost above the fluid's new level, and weight less buoyancy in another direction where the
+// head is positioned otherwise than in the scanner. The load depends on the tissue's present position; the fluid's
+// level does not change. The brain slides along the skull and may separate from it (skull.hpp), slides along the falx
+// (falx.hpp), and is fixed at its stem. Dynamic relaxation finds the static solution. Fluid level, sliding, the free
+// surface in the craniotomy and the fixed stem are those of [Dumpuri 2007]. Tentorium, vessels and swelling are not
+// modelled.
 //
 // Frame: that of the mesh (Image, RAS), mm; forces N. Pure functions, safe from any thread; predict_shift blocks for
 // seconds. Both throw std::invalid_argument with the name and value of what is wrong.
@@ -21,43 +22,44 @@
 namespace bregma::tissue {
 
 struct BrainShiftOptions {
-  Material material; // its density is for motion and does not count here
+  Material material; // its density affects motion only and is not used here
   SolverOptions solver;
   SkullOptions skull;
-  // Directions in which things fall, of any length: on the operating table, and when the image was taken. Supine.
+  // Direction of gravity, of any length: on the operating table, and when the image was taken. Default: supine.
   Eigen::Vector3d gravity = -Eigen::Vector3d::UnitY();
   Eigen::Vector3d gravity_imaged = -Eigen::Vector3d::UnitY();
-  // How far the fluid's level has fallen below the brain's highest point. Where it is not given: as far as the fluid
-  // can run out, to the craniotomy's lowest edge.
+  // Fluid level below the brain's highest point. Default: at the craniotomy's lowest edge, as far as the fluid can
+  // drain.
   std::optional<double> fluid_drop_mm;
-  // Tissue within this of the brain's most caudal point (RAS: lowest z) is held: it goes on into the spine. 0: none;
-  // with a gap, nothing then keeps a round brain from turning.
+  // Tissue within this distance of the brain's most caudal point (RAS: minimum z) is fixed, since it continues into the
+  // spine. 0: none; with a gap, nothing then prevents a round brain from rotating.
   double stem_mm = 15.0;
-  bool falx = true; // it is there (falx.hpp)
+  bool falx = true; // model the falx (falx.hpp)
   double tissue_kg_m3 = 1040.0;
   double fluid_kg_m3 = 1007.0;
-  double deep_mm = 30.0; // from the surface on, tissue is called deep
-  RelaxationOptions relax{
-      .tolerance = 1e-3, .max_steps = 40000, .relaxed = true}; // shift takes minutes: all has relaxed
+  double deep_mm = 30.0; // deep tissue is farther than this from the surface
+  RelaxationOptions relax{.tolerance = 1e-3,
+                          .max_steps = 40000,
+                          .relaxed = true}; // brain shift takes minutes: the tissue has relaxed fully
 };
 
 struct ShiftedPoint {
-  int node = -1; // -1: there is none
+  int node = -1; // -1: none
   Eigen::Vector3d rest_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d displacement_mm = Eigen::Vector3d::Zero();
 };
 
 struct BrainShift {
   std::vector<Eigen::Vector3d> displacement_mm; // by node
-  double fluid_drop_mm = 0.0;                   // as given, or to the craniotomy's edge
+  double fluid_drop_mm = 0.0;                   // as given, or down to the craniotomy's edge
   Eigen::Vector3d load_N = Eigen::Vector3d::Zero();
-  // What moves farthest: of the surface in the craniotomy (without one: of all of it), and of what is deep.
+  // The points of maximum displacement: on the surface in the craniotomy (without one, on all of it), and in depth.
   ShiftedPoint surface, deep;
-  RelaxationResult relaxation; // where it has not converged, none of this is an answer
+  RelaxationResult relaxation; // the results are valid only if it has converged
   int inverted_elements = 0;
 };
 
-// What is new in what acts on each node, before it moves.
+// Change of the load on each node, before it moves.
 [[nodiscard]] std::vector<Eigen::Vector3d> shift_load_N(const TetMesh &mesh, const BrainShiftOptions &options);
 
 [[nodiscard]] BrainShift predict_shift(const TetMesh &mesh, const BrainShiftOptions &options);

@@ -8,10 +8,11 @@ namespace bregma::tissue {
 namespace {
 
 constexpr double kRejected_s = 0.25;
-constexpr double kMaxEnergyGain = 2.0; // of energy, by what snaps back; more comes from a solver that blows up
+constexpr double kMaxEnergyGain =
+    2.0; // energy ratio of tissue that snaps back; a higher ratio comes from an unstable solver
 constexpr double kSettlingEnergyFraction =
-    0.25;                           // kinetic against elastic energy: half of the displacement may be swing
-constexpr double kUnseen_mm = 0.25; // swing that a tracker would not see: a hand's tremor, and the tracker's own noise
+    0.25;                           // kinetic over elastic energy: half of the displacement may be vibration
+constexpr double kUnseen_mm = 0.25; // vibration within a hand's tremor and the tracker's noise
 constexpr double kUnmoved_J = 1e-9; // kinetic energy that does not matter: 1 mm/s of a gram
 
 double farthest_mm(const ExplicitSolver &solver) noexcept {

@@ -1,5 +1,5 @@
-// What an answer of the brain model is worth, and why: the worst of what is said in an update; and what becomes of
-// steps of the solver that went wrong.
+// Validity of the brain model's answer, with the reason: the worst status reported in an update. Also decides whether
+// the solver's steps are kept or rolled back.
 //
 // One thread at a time; nothing allocates or throws.
 #pragma once
@@ -13,14 +13,14 @@ namespace bregma::tissue {
 enum class ModelStatus { kValid, kExtrapolating, kInvalid };
 enum class ModelReason {
   kNone,
-  kSettling,      // the tissue still swings
-  kProbeNotSeen,  // the model holds the probe where it was last
-  kProbeJumped,   // the model follows at the fastest speed it may
-  kPathUnknown,   // the probe reappeared inside: how it came there was not seen
-  kTooSlow,       // fewer steps than the time that passed
-  kProbeLeftMesh, // the shaft goes through, and out again
-  kInverted,      // nodes were held or tetrahedra turned inside out, as when tissue snaps back after a rupture
-  kStepRejected,  // the same, with energy that comes from nowhere: back to the last good state
+  kSettling,      // the tissue is still settling
+  kProbeNotSeen,  // the model keeps the probe's last pose
+  kProbeJumped,   // the model follows at its maximum speed
+  kPathUnknown,   // the probe reappeared inside, its path was not seen
+  kTooSlow,       // fewer steps than the elapsed time requires
+  kProbeLeftMesh, // the shaft passes through the brain
+  kInverted,      // nodes were clamped or tetrahedra inverted, as when tissue snaps back after a rupture
+  kStepRejected,  // the same, with unphysical energy: back to the last good state
   kDiverged       // steps were rejected for too long: back to rest
 };
 
@@ -32,15 +32,15 @@ class ModelVerdict {
 public:
   void reset() noexcept { *this = {}; }
   void begin_update() noexcept;
-  // The first of the worst stays.
+  // The worst status counts; of equal ones the first.
   void report(ModelStatus status, ModelReason reason) noexcept;
 
   // After a step of the solver.
   void observe(const ExplicitSolver &solver) noexcept;
-  // After an update's steps: keeps the solver's state where it is sound. Where it is not, lets it go on while its
-  // energy could be that of tissue that snaps back (taken back, it would snap back again and again), and else puts back
-  // the last state that was kept. After kRejected_s of either, says that the model has diverged, and leaves it to the
-  // caller to put all to rest.
+  // To be called after an update's steps. Saves the solver's state if it is valid. If not, the state is kept as long as
+  // its energy could be that of tissue that snaps back (rolled back, it would snap back again); otherwise the last
+  // saved state is restored. After kRejected_s of either, reports that the model has diverged; the caller then resets
+  // the model to rest.
   void commit_or_roll_back(ExplicitSolver &solver, double elapsed_s) noexcept;
 
   [[nodiscard]] ModelStatus status() const noexcept { return status_; }

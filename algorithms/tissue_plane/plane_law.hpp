@@ -1,5 +1,5 @@
 // The laws of material.hpp for one triangle of constant strain: stress from the gradient of the motion, in the plane.
-// Pressure is told from outside (the solver averages it over nodes); shear is what the law says. SI.
+// The pressure is an argument (the solver averages it over nodes); the shear follows from the law. SI.
 #pragma once
 
 #include <algorithm>
@@ -12,7 +12,7 @@
 
 namespace bregma::tissue_plane {
 
-// What the solver needs of a material in its inner loop.
+// Material parameters for the solver's inner loop.
 struct PlaneLaw {
   tissue::Law law = tissue::Law::kNeoHookean;
   double shear_Pa = 0.0;
@@ -26,12 +26,12 @@ struct PlaneStress {
   double zz_Pa = 0.0; // across the plane: 0 in plane stress
   double xy_Pa = 0.0;
 
-  // In Pa. Thesis, equation (41): sqrt(sxx^2 + syy^2 - sxx syy + 3 txy^2). Complete in plane stress; in plane strain it
-  // leaves out the stress across.
+  // In Pa [thesis, eq. 41]: sqrt(sxx^2 + syy^2 - sxx syy + 3 txy^2). Complete in plane stress; in plane strain it omits
+  // the stress across the plane.
   [[nodiscard]] double von_mises_plane() const {
     return std::sqrt(xx_Pa * xx_Pa + yy_Pa * yy_Pa - xx_Pa * yy_Pa + 3.0 * xy_Pa * xy_Pa);
   }
-  // In Pa, with the stress across the plane: does not see pressure.
+  // In Pa, with the stress across the plane; independent of pressure.
   [[nodiscard]] double von_mises() const {
     const double a = xx_Pa - yy_Pa;
     const double b = yy_Pa - zz_Pa;
@@ -44,15 +44,15 @@ namespace plane_law {
 
 using Eigen::Matrix2d;
 
-// Below this the shear terms are those of a triangle of this relative volume: a triangle that is turned over is pressed
-// back instead of dividing by nothing. Counted by the solver as inverted.
+// Below this relative volume, the shear terms are those of a triangle of this volume: an inverted triangle is pushed
+// back, and nothing is divided by zero. The solver counts it as inverted.
 inline constexpr double kMinVolumeRatio = 0.05;
 
 [[nodiscard]] inline Matrix2d cofactor(const Matrix2d &f) {
   return (Matrix2d() << f(1, 1), -f(1, 0), -f(0, 1), f(0, 0)).finished();
 }
 
-// The volume's measure: J = det F times the thickness' stretch; for Hooke's law 1 + trace of the strain.
+// Volume ratio: J = det F times the stretch of the thickness; for Hooke's law 1 + trace of the strain.
 [[nodiscard]] inline double volume_ratio(const PlaneLaw &law, const Matrix2d &f, double thickness) {
   return law.law == tissue::Law::kLinear ? f(0, 0) + f(1, 1) + thickness - 2.0 : f.determinant() * thickness;
 }
@@ -101,7 +101,7 @@ struct OgdenShear {
     const double det = std::max(f.determinant(), kMinVolumeRatio);
     const Squares s = principal_squares(f);
     const OgdenShear tau = ogden_shear(law, s, thickness, det * thickness);
-    // S = a 1 + b C takes the principal values tau_i / l_i^2 without principal directions.
+    // S = a 1 + b C has the principal values tau_i / l_i^2; no principal directions are needed.
     const double first = tau.first / s.first;
     const double second = tau.second / s.second;
     const double gap = s.first - s.second;
@@ -130,8 +130,8 @@ struct OgdenShear {
   return {sigma(0, 0) + p, sigma(1, 1) + p, across + p, 0.5 * (sigma(0, 1) + sigma(1, 0))};
 }
 
-// Plane stress: the stretch of the thickness at which the stress across vanishes, by Newton in its logarithm from the
-// last one.
+// Plane stress: the stretch of the thickness at which the stress across the plane vanishes, by Newton's method in its
+// logarithm, started from the previous stretch.
 [[nodiscard]] inline double free_thickness(const PlaneLaw &law, const Matrix2d &f, double thickness) {
   if (law.law == tissue::Law::kLinear) {
     const double lambda = law.bulk_Pa - 2.0 / 3.0 * law.shear_Pa;
@@ -154,7 +154,7 @@ struct OgdenShear {
       value += g * (2.0 * square - in_plane) / 3.0;
       slope += g * (8.0 * square + 2.0 * in_plane) / 9.0;
     }
-    // Where the curve bends the wrong way (much compressed) the step falls back to a safe slope.
+    // Under strong compression the slope is not reliable: the step falls back to a safe slope.
     const double step = std::clamp(-value / std::max(slope, 0.1 * law.bulk_Pa * j), -0.5, 0.5);
     thickness *= std::exp(step);
     if (std::abs(step) < 1e-12) {

@@ -1,4 +1,4 @@
-// Triangles that fill a plane section, as the two-dimensional tissue solver takes them: mm, in the plane's own axes.
+// Triangle mesh of a plane section, the input of the two-dimensional tissue solver: mm, in the plane's own axes.
 #pragma once
 
 #include <vector>

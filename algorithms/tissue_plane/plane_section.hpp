@@ -1,4 +1,4 @@
-// Where a plane cuts a closed surface: the outline that the two-dimensional tissue solver fills with triangles.
+// The section of a closed surface by a plane: the outline that the two-dimensional mesher fills with triangles.
 #pragma once
 
 #include <vector>
@@ -9,8 +9,8 @@
 
 namespace bregma::tissue_plane {
 
-// A closed polygon in the plane's own axes, mm; the last point joins the first. Counter-clockwise: the inside is
-// within.
+// A closed polygon in the plane's own axes, mm; the last point is joined to the first. A counter-clockwise loop has the
+// material inside.
 using Loop = std::vector<Eigen::Vector2d>;
 
 struct SectionPlane {
@@ -24,19 +24,19 @@ struct Outline {
   std::vector<Loop> holes = {}; // clockwise, inside outer
 };
 
-// All closed curves of the cut: counter-clockwise around the surface's inside, clockwise around its hollows. A vertex
-// in the plane counts as above it, so that no curve branches. Empty where the plane misses the surface. Throws
-// std::invalid_argument when the surface is open where it is cut.
+// All closed curves of the section: counter-clockwise around the interior, clockwise around holes. A vertex in the
+// plane counts as above it, so that no curve branches. Empty where the plane misses the surface. Throws
+// std::invalid_argument when the surface is open at the plane.
 [[nodiscard]] std::vector<Loop> section_of(const surface::TriangleMesh &surface, const SectionPlane &plane);
 
-// The loop of largest area with the hollows inside it; what lies beside it is left out. Throws std::invalid_argument
-// when no loop is counter-clockwise.
+// The loop of largest area, with the holes inside it; all other loops are omitted. Throws std::invalid_argument when no
+// loop is counter-clockwise.
 [[nodiscard]] Outline largest_outline(const std::vector<Loop> &loops);
 
 // Positive for a counter-clockwise loop.
 [[nodiscard]] double area_mm2(const Loop &loop);
 [[nodiscard]] double area_mm2(const Outline &outline);
-// By the parity of crossings; what lies on the curve itself may count either way.
+// By the parity of crossings; for points on the curve itself either result is possible.
 [[nodiscard]] bool contains(const Loop &loop, const Eigen::Vector2d &point_mm);
 [[nodiscard]] bool contains(const Outline &outline, const Eigen::Vector2d &point_mm);
 

@@ -9,7 +9,7 @@
 namespace bregma::tissue_plane {
 namespace {
 
-// 1 for an equilateral triangle, 0 for a flat one, negative for one that is turned over (Bank & Smith 1997).
+// 1 for an equilateral triangle, 0 for a flat one, negative for an inverted one [Bank 1997].
 double quality(const Eigen::Vector2d &a, const Eigen::Vector2d &b, const Eigen::Vector2d &c) {
   const double twice_area = (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
   return 2.0 * std::sqrt(3.0) * twice_area / ((b - a).squaredNorm() + (c - b).squaredNorm() + (a - c).squaredNorm());

@@ -1,4 +1,4 @@
-// The mesher's last step: nodes move to where their triangles are best.
+// The mesher's last step: smoothing that improves the triangles.
 #pragma once
 
 #include <optional>
@@ -8,10 +8,10 @@
 
 namespace bregma::tissue_plane {
 
-// Nodes within go to the area-weighted centroid of their triangles, nodes on the boundary along the outline to the
-// middle of their neighbours, nodes on y = cut_y_mm stay on it. A move that makes the worst triangle around a node
-// worse is halved, and given up when that does not help: no triangle's quality falls below what it was around that
-// node.
+// Interior nodes move to the area-weighted centroid of their triangles. Boundary nodes move along the outline to the
+// middle of their neighbours, and nodes on y = cut_y_mm stay on that line. A move that degrades the worst triangle
+// around a node is halved, and omitted when that does not help. The worst quality around a node therefore never
+// decreases.
 void smooth(PlaneMesh &mesh, const Outline &outline, const std::optional<double> &cut_y_mm, int sweeps);
 
 } // namespace bregma::tissue_plane

@@ -1,14 +1,15 @@
-// A plane body of soft tissue at rest under loads: total-Lagrangian triangles of constant strain (Miller, Joldes, Lance
-// & Wittek 2007), explicit central differences with scaled masses, damped until nothing moves (dynamic relaxation,
-// Underwood 1983; the damping follows the motion's Rayleigh quotient as in Joldes, Wittek & Miller 2009).
+// A plane body of soft tissue at rest under loads: total-Lagrangian triangles of constant strain [Miller 2007],
+// explicit central differences with scaled masses, damped to rest (dynamic relaxation [Underwood 1983]; the damping
+// follows the Rayleigh quotient of the motion [Joldes 2009]).
 //
-// Plane strain does not lock as the material nears incompressibility: pressure lives at nodes. A node's volume ratio is
-// the volume-weighted mean over its triangles, its pressure kappa (ratio - 1), and a triangle's pressure the mean of
-// its nodes; the forces are the exact gradient of that energy (average nodal pressure, Bonet & Burton 1998). In plane
-// stress each triangle's thickness takes the stretch at which the stress across vanishes, and nothing locks.
+// Plane strain does not lock for nearly incompressible materials, because the pressure is nodal. A node's volume ratio
+// is the volume-weighted mean over its triangles, its pressure kappa (ratio - 1), and a triangle's pressure the mean of
+// its nodes. The forces are the exact gradient of that energy (average nodal pressure [Bonet 1998]). In plane stress
+// the thickness of each triangle has the stretch at which the stress across the plane vanishes, and nothing locks.
 //
-// Lengths at the border in mm, displacements too; forces in N per metre of thickness, stresses in Pa; SI behind it.
-// Elastic: where the material relaxes, PlaneSettings says at which end of the relaxation. Not for several threads.
+// Lengths and displacements in the interface are in mm, forces in N per metre of thickness, stresses in Pa; SI
+// internally. The solver is elastic: for a material that relaxes, PlaneSettings selects the instantaneous or the
+// relaxed modulus. Not for several threads.
 #pragma once
 
 #include <span>
@@ -27,12 +28,13 @@ enum class PlaneState { kStrain, kStress };
 struct PlaneSettings {
   PlaneState state = PlaneState::kStrain;
   double shear_fraction =
-      1.0;              // of the instantaneous shear modulus; Material::relaxed_fraction() for the relaxed tissue
-  bool follower = true; // pressure stays normal to the deformed edge and grows with it; else dead: as at rest
+      1.0; // fraction of the instantaneous shear modulus; relaxed tissue: Material::relaxed_fraction()
+  bool follower =
+      true; // true: pressure is normal to the deformed edge and scales with it; false: a dead load as at rest
 };
 
 struct PlaneRelaxationOptions {
-  double tolerance = 1e-4; // of the unbalanced force against the forces of loads and supports (norms over all nodes)
+  double tolerance = 1e-4; // unbalanced force over the forces of loads and supports (norms over all nodes)
   int max_steps = 50'000;
 };
 
@@ -40,54 +42,56 @@ struct PlaneRelaxationResult {
   bool converged = false;
   int steps = 0;
   double residual = 0.0; // as PlaneRelaxationOptions::tolerance
-  int inverted = 0;      // triangles turned over in the last step: with any, the answer is not one
+  int inverted = 0;      // inverted triangles in the last step; with any, the result is not valid
   [[nodiscard]] bool valid() const { return converged && inverted == 0; }
 };
 
-// Keeps nodes out of something rigid. Called once a step; may not allocate.
+// Keeps nodes out of a rigid body. Called once per step; must not allocate.
 class PlaneContact {
 public:
   virtual ~PlaneContact() = default;
-  // next_m: where nodes would go in this step, in m; those that may not are moved to where they may. Index: node.
+  // next_m: predicted positions of the nodes in this step, in m; forbidden positions are corrected. Index: node.
   virtual void project(std::span<Eigen::Vector2d> next_m) = 0;
-  // While it moves, the body is not taken to be at rest.
+  // While it moves, the body does not count as at rest.
   [[nodiscard]] virtual bool arrived() const { return true; }
 };
 
 class PlaneSolver {
 public:
-  // Throws std::invalid_argument of check(mesh), check(material), or for a shear share outside (0, 1].
+  // Throws std::invalid_argument of check(mesh), check(material), or for a shear fraction outside (0, 1].
   PlaneSolver(const PlaneMesh &mesh, const tissue::Material &material, const PlaneSettings &settings = {});
 
-  // Boundary conditions hold until changed. A node is free unless it is held.
+  // Boundary conditions are valid until changed. A node is free unless it is held.
   void hold(int node, int axis, double displacement_mm); // axis 0: x, 1: y
   void hold(int node, const Eigen::Vector2d &displacement_mm = Eigen::Vector2d::Zero());
   void set_force(int node, const Eigen::Vector2d &force_N_m);
-  // Replaces the last ones. Edges as boundary_of gives them: the body on the left. Positive presses on the body.
+  // Replaces the previous edges. Edges are those of boundary_of, with the body on the left. A positive pressure acts on
+  // the body.
   void set_pressure(std::span<const Eigen::Vector2i> edges, double pressure_Pa);
   void set_contact(PlaneContact *contact) { contact_ = contact; } // not owned; null: none
-  // A start, or a guess, for nodes that are free.
+  // A start value for free nodes.
   void displace(int node, const Eigen::Vector2d &displacement_mm);
-  // The named triangles around a node get a node of their own, at the same place and at rest: its index.
+  // The given triangles around a node get a new node at the same place and at rest. Returns its index.
   int split(int node, std::span<const int> triangles);
 
-  // From where the body stands to rest. Never throws; a body that blows up is not converged.
+  // Relaxes the body from its present state to rest. Never throws; an unstable body is not converged.
   PlaneRelaxationResult relax(const PlaneRelaxationOptions &limits = {});
 
   [[nodiscard]] const PlaneMesh &mesh() const { return mesh_; } // at rest; split nodes included
   [[nodiscard]] Eigen::Vector2d position_mm(int node) const { return 1e3 * at(x_, node); }
   [[nodiscard]] Eigen::Vector2d displacement_mm(int node) const { return position_mm(node) - at(mesh_.nodes_mm, node); }
-  // What holds the node against the body: the force of its support and of contact, N/m.
+  // Force of support and contact on the node, N/m.
   [[nodiscard]] Eigen::Vector2d reaction(int node) const { return at(internal_, node) - at(external_, node); }
   [[nodiscard]] PlaneStress stress(int triangle) const;
   // Volume-weighted means over the triangles around each node.
   [[nodiscard]] std::vector<PlaneStress> nodal_stress() const;
-  // At a place of the body at rest, between the nodes' means. Throws std::invalid_argument outside the mesh.
+  // At a point of the body at rest, interpolated between the nodal means. Throws std::invalid_argument outside the
+  // mesh.
   [[nodiscard]] PlaneStress stress_at(const Eigen::Vector2d &at_rest_mm) const;
 
 private:
   struct Triangle {
-    Eigen::Matrix2d inverse; // of the edges at rest, 1/m: gradient of the motion = edges now * inverse
+    Eigen::Matrix2d inverse; // inverse of the edges at rest, 1/m: gradient of the motion = present edges * inverse
     double area_m2 = 0.0;
     int nodes[3] = {0, 0, 0};
   };
@@ -111,7 +115,7 @@ private:
   PlaneSettings settings_;
   PlaneContact *contact_ = nullptr;
   std::vector<Triangle> triangles_;
-  std::vector<Eigen::Matrix2d> gradients_; // of the last forces
+  std::vector<Eigen::Matrix2d> gradients_; // gradients of the last force evaluation
   std::vector<double> thickness_;          // stretch across the plane
   std::vector<double> ratio_;              // volume ratio of each triangle
   std::vector<Eigen::Vector2d> x_, v_, next_, internal_, last_internal_, external_, forces_, target_;

@@ -38,7 +38,7 @@ TenCentimetres ten_centimetre_error(const AnyPose &actual, const AnyPose &estima
   TenCentimetres out;
   const Vector3d x = kTool_mm * Vector3d::UnitX();
   out.as_published_mm = (actual * x - estimated * x).norm() / std::sqrt(3.0);
-  // |(R_a - R_e) u| = |(I - R_a' R_e) u|: the part of u normal to the axis turns by the angle.
+  // |(R_a - R_e) u| = |(I - R_a' R_e) u|: the part of u normal to the axis rotates by the angle.
   const Vector3d turn = geometry::rotation_log(actual.rotation().conjugate() * estimated.rotation());
   out.angle_rad = turn.norm();
   out.worst_mm = 2.0 * kTool_mm * std::sin(0.5 * out.angle_rad);

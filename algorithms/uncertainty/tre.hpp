@@ -1,7 +1,7 @@
-// The target registration error: how far a mapped point is from where it is shown, as its 3x3 covariance.
+// The target registration error: the error of a mapped point, as its 3x3 covariance.
 //
-// It comes from the covariance of the pose (geometry/pose_covariance.hpp), never from the FRE, which says nothing about
-// it (Fitzpatrick, "Fiducial registration error and target registration error are uncorrelated", 2009).
+// It follows from the covariance of the pose (geometry/pose_covariance.hpp), never from the FRE, which is uncorrelated
+// with it [Fitzpatrick 2009].
 // Pure functions, no allocation.
 #pragma once
 
@@ -24,20 +24,20 @@ using geometry::Vector3d;
 // e' C^-1 e; chi-square with three degrees of freedom if e has the covariance C. Infinite where C is singular along e.
 [[nodiscard]] double mahalanobis_squared(const Matrix3d &covariance, const Vector3d &error_mm) noexcept;
 
-// The region that holds a zero-mean normal error with 95 % probability.
+// The region that contains a zero-mean normal error with 95 % probability.
 struct Ellipsoid95 {
   Vector3d semi_axes_mm = Vector3d::Zero(); // longest first
   Matrix3d axes = Matrix3d::Identity();     // row i: unit direction of semi-axis i; right-handed
 };
 [[nodiscard]] Ellipsoid95 ellipsoid_95(const Matrix3d &covariance) noexcept;
 
-// For isotropic, equal FLE: Fitzpatrick, West, Maurer, "Predicting error in rigid-body point-based registration", 1998,
-// eq. (46): RMS TRE at a point from the fiducials' spread about their principal axes. fle_rms_mm is the RMS distance
+// For isotropic, equal FLE: RMS TRE at a point from the fiducials' spread about their principal axes
+// [Fitzpatrick 1998, eq. 46]. fle_rms_mm is the RMS distance
 // (sqrt 3 times the 1-sigma of a coordinate). NaN below three fiducials or where they are collinear.
 [[nodiscard]] double fitzpatrick_tre_rms_mm(std::span<const Vector3d> fiducials_mm, const Vector3d &target_mm,
                                             double fle_rms_mm) noexcept;
 
-// The FRE to be expected: sqrt((1 - 2/N)) FLE; Sibson 1979.
+// The expected FRE: sqrt(1 - 2/N) FLE [Sibson 1979].
 [[nodiscard]] double expected_fre_rms_mm(int fiducials, double fle_rms_mm) noexcept;
 
 } // namespace bregma::uncertainty

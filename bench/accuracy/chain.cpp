@@ -1,8 +1,8 @@
-// Accuracy of the whole chain: the demo's operation, from pivoting to the target, for 20 seeds. The simulated room, the
-// engine of the daemon and the scenario are those of the demo; only time is virtual.
+// Accuracy of the whole chain: the demo's operation, from pivot calibration to the target, for 20 seeds. The simulated
+// room, the daemon's engine and the scenario are those of the demo. Only time is virtual.
 //
-// One reading a seed: the state of the probe in the middle of its hold at the target, as a person would read it off the
-// display, against the truth of the same frame.
+// One reading per seed: the probe's state in the middle of its hold at the target, as displayed, compared with the
+// ground truth of the same frame.
 #include <algorithm>
 #include <cmath>
 #include <future>
@@ -23,7 +23,7 @@ namespace {
 using namespace bregma;
 
 constexpr std::uint64_t kFirstSeed = 1;
-constexpr double kHeld_mm = 2.0; // shown distance to the target below which the probe is at it
+constexpr double kHeld_mm = 2.0; // the probe is at the target below this displayed distance
 constexpr double kStill_mm_s = 3.0;
 
 struct Reading {
@@ -36,9 +36,8 @@ struct Outcome {
   double error_mm = std::nan("");
   double predicted_mm = std::nan("");
   bool inside = false;
-  double mean_error_mm =
-      std::nan("");          // of the mean over the hold: what is left when the markers' noise is averaged out
-  double inside_share = 0.0; // of all frames of the hold
+  double mean_error_mm = std::nan(""); // of the mean over the hold, which averages out the markers' noise
+  double inside_share = 0.0;           // fraction of all frames of the hold
   double fre_mm = std::nan("");
 };
 
@@ -52,7 +51,7 @@ Outcome operate(const casefile::Case &a_case, const sim::Scenario &scenario, std
         !(speed < kStill_mm_s)) {
       return;
     }
-    out.fre_mm = operation.registration().fre_mm; // while the case is open
+    out.fre_mm = operation.registration().fre_mm; // available while the case is open
     for (std::uint32_t i = 0; i < truth->tool_count; ++i) {
       if (wire::view(truth->tools[i].tool) == wire::view(state.tool)) {
         const Eigen::Vector3d tip = Eigen::Vector3d::Map(state.T_image_tip.translation_mm);
@@ -119,10 +118,10 @@ int main(int argc, char **argv) {
   const std::uint64_t seeds = options.quick ? 4 : 20;
   bench::Report report(options.json);
   report.note("seeds " + std::to_string(kFirstSeed) + " to " + std::to_string(kFirstSeed + seeds - 1) +
-              "; one reading a seed, in the middle of the hold at the target");
+              "; one reading per seed, in the middle of the hold at the target");
 
   std::vector<Outcome> outcomes(seeds);
-  for (std::uint64_t i = 0; i < seeds; i += 2) { // two at a time
+  for (std::uint64_t i = 0; i < seeds; i += 2) { // two seeds at a time
     auto second = std::async(std::launch::async, [&] {
       if (i + 1 < seeds) {
         outcomes[i + 1] = operate(*a_case, *scenario, kFirstSeed + i + 1);

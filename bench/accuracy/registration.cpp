@@ -1,4 +1,4 @@
-// What the registrations of algorithms/registration reach, how fast, and beside what: docs/registration.md.
+// Accuracy and time of the registrations of algorithms/registration, with peers: docs/registration.md.
 #include <iostream>
 
 #include <CLI/CLI.hpp>

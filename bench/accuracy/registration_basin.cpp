@@ -21,7 +21,7 @@ constexpr double kStepAngle = 10.0;
 constexpr double kStep_mm = 10.0;
 constexpr int kCell = 34; // pixels
 
-// From white, none, to deep blue, all.
+// Colour map from white (no run succeeds) to deep blue (all succeed).
 std::string colour(double fraction) {
   const auto mix = [fraction](double none, double all) { return static_cast<int>(none + fraction * (all - none)); };
   std::ostringstream out;

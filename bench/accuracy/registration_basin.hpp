@@ -1,4 +1,4 @@
-// The convergence basin of local surface registration: how often it ends at the true pose from how far off.
+// The convergence basin of local surface registration: success rate by distance of the start from the true pose.
 #pragma once
 
 #include <string>
@@ -8,7 +8,8 @@
 
 namespace bregma::bench {
 
-// 0-180 degrees by 0-100 mm, runs starts a cell; writes an SVG. Throws std::runtime_error when it cannot be written.
+// 0-180 degrees by 0-100 mm, `runs` starts per cell; writes an SVG. Throws std::runtime_error when it cannot be
+// written.
 void draw_basin(Report &report, const Head &head, const surface::SurfaceField &field, const std::string &file,
                 int runs);
 

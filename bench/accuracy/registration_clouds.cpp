@@ -1,4 +1,4 @@
-// Figures of coherent point drift, beside naive sums, a published fixture and Go-ICP's bunny.
+// Figures of coherent point drift, compared with direct sums, a published fixture and Go-ICP's bunny.
 #include <algorithm>
 #include <cmath>
 #include <fstream>
@@ -31,7 +31,7 @@ double degrees_between(const Eigen::Matrix3d &a, const Eigen::Matrix3d &b) {
   return Eigen::AngleAxisd(Eigen::Matrix3d(a.transpose() * b)).angle() / geometry::kRadiansPerDegree;
 }
 
-// The E-step as the formula has it, in doubles, one exponential a pair; the whole matrix is kept, as the paper does.
+// The E-step as in the paper: in double precision, one exponential per pair, with the full matrix stored.
 double naive_e_step_ms(const Points3 &x, const Points3 &y, double sigma, double c) {
   return milliseconds([&] {
     Eigen::MatrixXd P(y.cols(), x.cols());
@@ -132,7 +132,7 @@ void bunny_figures(Report &report) {
   for (double &v : theirs.reshaped<Eigen::RowMajor>()) {
     in >> v;
   }
-  // The model is whole and the data a part of it: the model is the source.
+  // The model is complete and the data covers a part of it, so the model is the source.
   std::vector<double> times;
   std::vector<double> errors;
   for (unsigned seed = 1; seed <= 5; ++seed) {

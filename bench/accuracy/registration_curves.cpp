@@ -1,4 +1,4 @@
-// Figures of points with curves, in the layout of the thesis' table 3.1.
+// Figures of points with curves, in the layout of [thesis, table 3.1].
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -74,47 +74,44 @@ Marks read_marks(const std::string &name) {
   return out;
 }
 
-// Table 3.1: before, points, curve, hybrid.
+// [thesis, table 3.1]: before, points, curves, hybrid.
 void table_of(Report &report, const std::string &title, const std::string &label, const Slice &reference,
               const Slice &floating, const Marks &on_reference, const Marks &on_floating) {
   CurvePair<2> head{on_reference.head, on_floating.head, 31, false};
   const PointSets<2> landmarks{on_reference.landmarks, on_floating.landmarks};
   const auto none = join<2>({Points2(2, 0), Points2(2, 0)}, std::span(&head, 1));
   const auto both = join<2>(landmarks, std::span(&head, 1));
-  struct Warped {
-    const char *name;
+  const auto warped = [&](const PointSets<2> &pairs) {
+    const auto spline = ThinPlateSpline<2>::fit(pairs.reference_mm, pairs.floating_mm);
+    if (!spline) {
+      throw std::runtime_error(title + ": " + spline.error());
+    }
+    return intensity::warp<2>(reference.grid, floating.grid, floating.grey, *spline);
+  };
+  auto before = intensity::warp<2>(reference.grid, floating.grid, floating.grey, [](const auto &p) { return p; });
+  auto point = warped(landmarks);
+  auto curve = warped(*none);
+  auto hybrid = warped(*both);
+  intensity::restrict_to_overlap({&before, &point, &curve, &hybrid});
+  struct Similarity {
     double rmse, mi;
   };
-  std::vector<Warped> rows;
-  const auto add = [&](const char *name, const PointSets<2> *pairs) {
-    std::vector<float> image;
-    if (pairs == nullptr) {
-      image = intensity::warp<2>(reference.grid, floating.grid, floating.grey, [](const auto &p) { return p; });
-    } else {
-      const auto spline = ThinPlateSpline<2>::fit(pairs->reference_mm, pairs->floating_mm);
-      if (!spline) {
-        throw std::runtime_error(title + ": " + spline.error());
-      }
-      image = intensity::warp<2>(reference.grid, floating.grid, floating.grey, *spline);
-    }
-    // What comes from outside the picture is background.
-    std::replace_if(
-        image.begin(), image.end(), [](float v) { return !std::isfinite(v); }, 0.0F);
-    rows.push_back(
-        {name, intensity::rmse(reference.grey, image), intensity::mutual_information(reference.grey, image)});
-  };
-  add("before", nullptr);
-  add("point", &landmarks);
-  add("curve", &*none);
-  add("hybrid", &*both);
+  std::vector<Similarity> rows;
+  for (const auto *image : {&before, &point, &curve, &hybrid}) {
+    rows.push_back({intensity::rmse(reference.grey, *image), intensity::mutual_information(reference.grey, *image)});
+  }
   std::ostringstream lines;
-  lines << title << std::fixed << "\n  registration quality        before     point     curve    hybrid";
+  const auto overlap =
+      static_cast<double>(std::count_if(before.begin(), before.end(), [](float v) { return std::isfinite(v); }));
+  lines << title << std::fixed << std::setprecision(1) << ", over the "
+        << 100.0 * overlap / static_cast<double>(before.size()) << " % of the pixels that all four images cover"
+        << "\n  registration quality        before     point     curve    hybrid";
   lines << "\n  error parameter (RMSE)  " << std::setprecision(4);
-  for (const Warped &row : rows) {
+  for (const Similarity &row : rows) {
     lines << std::setw(10) << row.rmse;
   }
   lines << "\n  degree of matching (MI) ";
-  for (const Warped &row : rows) {
+  for (const Similarity &row : rows) {
     lines << std::setw(10) << row.mi;
   }
   report.note(lines.str());
@@ -151,8 +148,6 @@ void curve_figures(Report &report) {
            average, one, on_average, on_one);
   Slice moved = one;
   moved.grey = intensity::warp<2>(one.grid, one.grid, one.grey, undeformed);
-  std::replace_if(
-      moved.grey.begin(), moved.grey.end(), [](float v) { return !std::isfinite(v); }, 0.0F);
   Marks on_moved = on_one;
   for (auto *points : {&on_moved.landmarks, &on_moved.head}) {
     for (Eigen::Index i = 0; i < points->cols(); ++i) {

@@ -21,7 +21,7 @@ struct Head {
 // Throws std::runtime_error when the case has no scalp.
 [[nodiscard]] Head load_head(const std::string &case_folder);
 
-// What one run registers: true places on the head, and the samples of them in a frame of their own.
+// Data of one run: true points on the head, and their samples in a frame of their own.
 struct Trace {
   std::vector<Vector3d> true_mm;
   std::vector<Vector3d> source_mm;
@@ -29,23 +29,23 @@ struct Trace {
 
   [[nodiscard]] double rmse_mm(const PairedPose &estimate) const { return rmse_mm(estimate, true_mm); }
   [[nodiscard]] double rmse_mm(const PairedPose &estimate, const std::vector<Vector3d> &at_mm) const;
-  // Seed 002, equation (1): how far the end of a 100 mm line along x diverges under the rotation's error.
+  // [NeuroGuide, eq. 1]: displacement of the end of a 100 mm line along x by the rotation's error.
   [[nodiscard]] double error_at_10cm_mm(const PairedPose &estimate) const;
 };
 
 enum class Noise { kAll, kDepth }; // in all axes, or in z alone
-// From places on the head to samples under a pose anywhere in SO(3), 200 mm away.
+// Samples of points on the head under a pose anywhere in SO(3), 200 mm away.
 [[nodiscard]] Trace take_trace(std::vector<Vector3d> places_mm, double sigma_mm, Noise noise, std::mt19937 &rng);
 
-// count places on one side of the head, left and right in turn, uniform by area.
+// `count` points on one side of the head, uniform by area.
 [[nodiscard]] std::vector<Vector3d> side_of(const Head &head, std::size_t count, bool left, std::mt19937 &rng);
 
-// A start off by this rotation about a random axis through the head's middle, and this translation in a random
+// A start perturbed by this rotation about a random axis through the head's centre, and by this translation in a random
 // direction.
 [[nodiscard]] PairedPose perturbed_start(const PairedPose &truth, const Vector3d &middle_mm, double angle_rad,
                                          double distance_mm, std::mt19937 &rng);
 
-// CPU time of the calling thread, ms: what a busy machine does not stretch.
+// CPU time of the calling thread, ms, which other load does not affect.
 [[nodiscard]] double thread_ms();
 
 } // namespace bregma::bench

@@ -1,4 +1,4 @@
-// The verdict on heads that its thresholds were not set on: how often it finds, hesitates, and errs.
+// The verdict on heads that were not used to set its thresholds: rates of correct, undecided and wrong verdicts.
 #include <array>
 #include <cstdio>
 #include <filesystem>
@@ -22,13 +22,13 @@ using namespace registration;
 constexpr unsigned kHeadSeed = 20260316;
 constexpr double kRight_mm = 2.0;
 
-// A CT template (a mean of older people), SPM's scalp, and another program's segmentation of Colin27, smoothed. What is
-// not there is left out.
+// A CT template (a mean of older people), SPM's scalp, and a smoothed segmentation of Colin27 by another program.
+// Missing files are skipped.
 const std::vector<std::string> kOtherHeads{"../shared/data/images/mni/scct.nii.gz",
                                            "../shared/data/images/mni/scalp_2562.surf.gii",
                                            "../shared/data/meshes/colin27/colin27_outer_skin_surface.asc"};
 
-// With the middle of its box in the origin, so that its sides are x < 0 and x > 0.
+// Centres the bounding box at the origin, so that the sides are x < 0 and x > 0.
 surface::TriangleMesh read_head(const std::string &file) {
   const bool image = file.ends_with(".nii.gz") || file.ends_with(".nii") || std::filesystem::is_directory(file);
   surface::TriangleMesh mesh;
@@ -58,9 +58,9 @@ surface::TriangleMesh read_head(const std::string &file) {
 
 struct Counts {
   int found = 0, ambiguous = 0, refused = 0;
-  int wrong = 0;                // found, and off by more than 10 mm
-  int hesitated = 0;            // not found, though within 2 mm
-  std::array<int, 6> reasons{}; // by VerdictReason
+  int wrong = 0;                // found, with an error of more than 10 mm
+  int hesitated = 0;            // not found, although the error is below 2 mm
+  std::array<int, 6> reasons{}; // per VerdictReason
 };
 
 Counts try_region(GlobalRegistration &global, const surface::TriangleMesh &mesh, std::size_t points, int runs,

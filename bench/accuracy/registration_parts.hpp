@@ -16,7 +16,7 @@ struct RegistrationBenchOptions : Options {
 inline const std::vector<std::string> kRegistrationParts{
     "local", "global", "table", "degenerate", "coverage", "heads", "points", "clouds", "splines", "curves", "basin"};
 
-constexpr double kWrong_mm = 10.0; // RMSE from which a pose that was "found" is a wrong one
+constexpr double kWrong_mm = 10.0; // RMSE above which a pose that was "found" is wrong
 constexpr int kThreads = 2;
 
 // registration_surface.cpp: local and global surface registration.

@@ -13,7 +13,7 @@ namespace bregma::bench {
 namespace {
 using Point = pcl::PointNormal;
 constexpr int kPeerIterations = 50;
-constexpr double kPeerReach_mm = 60.0; // farther than any sample of a start 20 degrees and 20 mm off
+constexpr double kPeerReach_mm = 60.0; // larger than the distance of any sample at starts 20 degrees and 20 mm off
 constexpr double kPeerSettled = 1e-6;
 } // namespace
 

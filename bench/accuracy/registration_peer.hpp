@@ -15,7 +15,7 @@ public:
   ~PclIcp();
   PclIcp(PclIcp &&) noexcept;
   PclIcp &operator=(PclIcp &&) noexcept;
-  // False where the program was built without the library.
+  // False if the program was built without the library.
   [[nodiscard]] static bool available();
   [[nodiscard]] PairedPose fit(std::span<const Vector3d> source_mm, const PairedPose &start);
 

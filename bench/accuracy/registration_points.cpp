@@ -25,7 +25,7 @@ void paired_figures(Report &report, bool quick) {
   std::uint64_t allocations = 0;
   const int runs = quick ? 200 : 2000;
   for (std::vector<double> *times : {&ours, &plain, &robust}) {
-    times->reserve(static_cast<std::size_t>(runs)); // what is counted are the fits' allocations
+    times->reserve(static_cast<std::size_t>(runs)); // reserved before the count of the fits' allocations
   }
   int right = 0;
   for (int run = 0; run < runs; ++run) {
@@ -62,7 +62,7 @@ void paired_figures(Report &report, bool quick) {
   }
 }
 
-// Does the true error at a target 80 mm away lie in the predicted 95 % as often as that says?
+// Coverage: how often the true error at a target 80 mm away lies inside the predicted 95 % ellipsoid.
 void paired_coverage(Report &report, int runs) {
   for (const auto &[name, depth_mm] : {std::pair("isotropic", 0.3), std::pair("anisotropic", 0.9)}) {
     std::mt19937 rng(kStudySeed);

@@ -1,4 +1,4 @@
-// What the studies of points, clouds, splines and curves have in common.
+// Common parts of the studies of points, clouds, splines and curves.
 #pragma once
 
 #include <chrono>

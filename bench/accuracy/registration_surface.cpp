@@ -1,6 +1,5 @@
-// Surface registration, local and global: the figures of issue 3. Every study states its seed; times of the local
-// method are CPU times of its thread, so that a busy machine does not stretch them; times of the global method are wall
-// times.
+// Surface registration, local and global: the figures of issue 3. Every study states its seed. Times of the local
+// method are CPU times of its thread, which do not depend on other load. Times of the global method are wall times.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -42,7 +41,7 @@ double percent_below(const std::vector<double> &values, double limit) {
   return 100.0 * static_cast<double>(below) / static_cast<double>(values.size());
 }
 
-// The estimator's options for errors that are independent from sample to sample, as those simulated here are.
+// The estimator's options for errors that are independent between samples, as in these simulations.
 LocalOptions independent(double sigma_mm) {
   LocalOptions options;
   options.sigma_mm = sigma_mm;
@@ -50,7 +49,7 @@ LocalOptions independent(double sigma_mm) {
   return options;
 }
 
-// The RMSE of poses drawn from the Cramer-Rao bound of the trace: no unbiased method scatters less, whatever it does.
+// RMSE of poses drawn from the Cramer-Rao bound of the trace, the minimum for an unbiased estimator.
 void draw_from_bound(const Trace &trace, const surface::SurfaceModel &surface, double sigma_mm, std::mt19937 &rng,
                      std::vector<double> &rmse_mm) {
   const Vector3d middle = std::accumulate(trace.true_mm.begin(), trace.true_mm.end(), Vector3d(Vector3d::Zero())) /
@@ -98,10 +97,10 @@ constexpr std::array<Row, 15> kTable{
      {14, 3, Noise::kAll, 60, 9.1, 7},
      {15, 3, Noise::kDepth, 30, std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()}}};
 
-// Seed 002, table 1: random subsets of the face's vertices, from arbitrary start poses. RMSE over all of the face.
+// [NeuroGuide, table 1]: random subsets of the face's vertices, from arbitrary start poses. RMSE over the whole face.
 void paper_table(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   report.note(
-      format("seed 002, table 1: %d seeds a row from %u, start anywhere in SO(3) and 200 mm; row 15 is not in the "
+      format("NeuroGuide, table 1: %d seeds per row from %u, start anywhere in SO(3) and 200 mm; row 15 is not in the "
              "paper. RMSE over the face's 3,000 true points, median and largest; floor: local from the truth",
              runs, kSurfaceSeed));
   report.note(" #  noise mm axis points | paper RMSE E10cm |  RMSE   max  floor E10cm | found % wrong");
@@ -244,7 +243,7 @@ void global_table(Report &report, const Head &head, const surface::SurfaceField 
   report.add(at_most("surface.global.wrong_as_found", wrong, "runs", 0.0));
 }
 
-// Clouds that do not fix a pose, or are no head at all.
+// Clouds that do not determine a pose, or that are not a head.
 void degenerate(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   GlobalOptions options;
   options.threads = kThreads;
@@ -300,7 +299,7 @@ void degenerate(Report &report, const Head &head, const surface::SurfaceField &f
   }
 }
 
-// Does the true error at a deep target lie in the predicted 95 % as often as that says?
+// Coverage: how often the true error at a deep target lies inside the predicted 95 % ellipsoid.
 void coverage(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   constexpr double kSkinSigma_mm = 0.7;
   constexpr double kSkinLength_mm = 12.0;

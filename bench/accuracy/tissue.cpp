@@ -1,4 +1,4 @@
-// What the tissue models of algorithms/tissue reach, and beside what: docs/tissue_verification.md and
+// Accuracy and time of the tissue models of algorithms/tissue, with peers: docs/tissue_verification.md and
 // docs/tissue_plane.md.
 #include <iostream>
 

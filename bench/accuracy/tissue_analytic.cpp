@@ -1,5 +1,5 @@
-// The figures of issue "The brain under the probe" against analytic answers. No random numbers but the meshes' jitter,
-// whose seed is in tests/support/tissue_problems.cpp.
+// The solver compared with analytic solutions: the figures of issue "The brain under the probe". The only random
+// numbers are the jitter of the meshes, with its seed in tests/support/tissue_problems.cpp.
 #include <cmath>
 
 #include "bench/accuracy/tissue_parts.hpp"
@@ -58,7 +58,7 @@ void relaxation(Report &report) {
   report.add(at_most("relaxation.bar", kPercent * worst, "%", 1.0));
 }
 
-// A problem on finer and finer meshes.
+// A problem on successively refined meshes.
 template <class Problem>
 ErrorCurve refine(Report &report, const std::string &name, const std::vector<int> &meshes, double limit,
                   const Problem &problem) {
@@ -102,7 +102,8 @@ void analytic_figures(Report &report, const TissueBenchOptions &options, const s
                             [&](int n) { return test::pressurised_sphere(poisson, n); }));
   }
   for (const double poisson : {0.45, 0.49, 0.499}) {
-    // 5 %: it does not lock. On the finest mesh the thesis' brain keeps the 1 % of the other problems.
+    // 5 % shows that the element does not lock. On the finest mesh the thesis' brain meets the 1 % of the other
+    // problems.
     const double limit = poisson == 0.45 && !options.quick ? 1.0 : 5.0;
     curves.push_back(refine(report, with("bending", poisson), rows, limit,
                             [&](int n) { return test::plane_strain_beam(Law::kNeoHookean, poisson, n); }));

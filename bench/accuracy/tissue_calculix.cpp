@@ -1,13 +1,13 @@
-// Indentation of a block beside CalculiX, because two questions are asked:
+// Indentation of a block, compared with CalculiX. The comparison answers two questions.
 //
-// Is the solver right? C3D4 on the same mesh has the same shape functions. It differs by its pressure, one for each
-// tetrahedron instead of each node, and is stiffer the nearer the tissue is to incompressible; told to take the
-// tetrahedra's own pressures, the solver must give C3D4's answer. These are the figures that are judged.
-// Is its element good? C3D10 on the same tetrahedra has quadratic displacements and stands for the exact answer of the
-// problem, beside which the nodes' pressures and C3D4 are shown.
+// Is the solver correct? C3D4 on the same mesh has the same shape functions. Its pressure is constant per tetrahedron
+// instead of per node, so it becomes stiffer as the tissue approaches incompressibility. With the option of pressures
+// per tetrahedron, the solver must reproduce C3D4's result. These figures have limits.
+// Is the element accurate? C3D10 on the same tetrahedra has quadratic displacements and serves as the reference
+// solution. Nodal pressures and C3D4 are reported relative to it, without limits.
 //
-// The edge of the pushed patch is singular, so that forces converge slowly in every formulation: all are shown on
-// finer and finer meshes.
+// The edge of the displaced patch is singular, so forces converge slowly in every formulation. All figures are
+// reported on successively refined meshes.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -29,9 +29,9 @@ using Eigen::Vector3d;
 
 constexpr double kSide_mm = 90.0;
 constexpr double kDepth_mm = 6.0;
-constexpr int kStages = 4; // as CalculiX is told to begin with
+constexpr int kStages = 4; // initial number of load increments in CalculiX
 
-enum class Shape { kPunch, kDimple }; // a square of 30 mm; a round cos^2 of 60 mm, without an edge
+enum class Shape { kPunch, kDimple }; // a square of 30 mm; a circular cos^2 profile of 60 mm, without an edge
 
 Indentation block_indentation(Shape shape, int cells, double poisson) {
   Indentation out;
@@ -59,8 +59,8 @@ Indentation block_indentation(Shape shape, int cells, double poisson) {
   return out;
 }
 
-// The case's brain: its highest point is the entry. The surface within 12 mm of it goes in by 5 mm, a ring of 30 mm
-// around it is free, and the rest is held.
+// The case's brain, with its highest point as entry. The surface within 12 mm of the entry is displaced inwards by
+// 5 mm, a ring of 30 mm around it is free, and the rest is fixed.
 Indentation brain_indentation(const std::string &case_folder, int tetrahedra) {
   Indentation out;
   const auto surface = casefile::read_mesh(std::filesystem::path(case_folder) / "surfaces" / "brain.ply");
@@ -110,7 +110,7 @@ Answer relax(const Indentation &problem, double element_pressure_fraction) {
       solver.set_displacement_mm(node, problem.prescribed_mm(problem.mesh.nodes_mm[static_cast<std::size_t>(node)]) *
                                            stage / kStages);
     }
-    // Only the last stage has to be an answer.
+    // Only the last stage must converge.
     const tissue::RelaxationResult relaxation = solver.relax({stage < kStages ? 1e-2 : 1e-4, 20000, false});
     out.relaxation.steps += relaxation.steps;
     out.relaxation.converged = relaxation.converged;
@@ -184,7 +184,7 @@ void calculix_figures(Report &report, const TissueBenchOptions &options) {
   report.note("calculix: block of 90 mm, held below; on its top a square of 30 mm (punch) or a round cos^2 of 60 mm "
               "(dimple) goes down by 6 mm without sliding; neo-Hookean, E 2100 Pa; static, large deformation");
   report.note("differences: RMS over nodes by RMS displacement; forces on what is pushed");
-  // C3D10 on more than about 10,000 tetrahedra takes minutes and more memory than a laptop has to spare.
+  // C3D10 on more than about 10,000 tetrahedra takes minutes and more memory than a laptop has.
   for (const Shape shape : {Shape::kDimple, Shape::kPunch}) {
     const auto block = [&](int cells, double poisson, bool quadratic) {
       compare(report, shape == Shape::kPunch ? "punch" : "dimple", block_indentation(shape, cells, poisson), quadratic);

@@ -30,7 +30,7 @@ Job job_of(const Indentation &problem, CalculixElement element) {
   for (const int node : job.pushed) {
     is_pushed[static_cast<std::size_t>(node)] = 1;
   }
-  // CalculiX' order of mid-edge nodes.
+  // Order of the mid-edge nodes in CalculiX.
   constexpr std::array<std::array<int, 2>, 6> kEdges{{{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}}};
   std::map<std::pair<int, int>, int> middles;
   for (const Eigen::Vector4i &t : problem.mesh.tetrahedra) {
@@ -99,7 +99,7 @@ void write(const Job &job, const Indentation &problem, CalculixElement element, 
   }
 }
 
-// Tables of the last time for which the file has them.
+// Tables of the last time step in the file.
 CalculixAnswer read(const std::string &file, std::size_t nodes) {
   CalculixAnswer out;
   out.displacement_mm.assign(nodes, Eigen::Vector3d::Zero());

@@ -42,7 +42,7 @@ void draw_convergence(const std::vector<ErrorCurve> &curves, const std::string &
         << "' stroke='#ddd'/><text text-anchor='end' x='" << kAxisLeft - 6 << "' y='" << y_of(error) + 4 << "'>"
         << 100.0 * error << " %</text>\n";
   }
-  // Second order, for the eye.
+  // Reference line of second order.
   out << "<line x1='" << x_of(1.0) << "' y1='" << y_of(0.0015) << "' x2='" << x_of(10.0) << "' y2='" << y_of(0.15)
       << "' stroke='#888' stroke-dasharray='5 4'/><text x='" << x_of(1.05) << "' y='" << y_of(0.0011)
       << "' fill='#666'>second order</text>\n";

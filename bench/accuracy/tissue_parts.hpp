@@ -11,25 +11,26 @@ namespace bregma::bench {
 
 constexpr double kPercent = 100.0;
 
-// tissue_analytic.cpp: answers that are known (tests/support/tissue_problems.hpp), and how errors fall with the edge.
-// Writes the picture of it (SVG) where a file is named; throws std::runtime_error when that cannot be written.
+// tissue_analytic.cpp: analytic solutions (tests/support/tissue_problems.hpp), and the order of convergence. Writes its
+// picture (SVG) if a file is given; throws std::runtime_error when that cannot be written.
 void analytic_figures(Report &report, const TissueBenchOptions &options, const std::string &convergence_picture);
 
-// tissue_speed.cpp: cost of a step by elements, threads, kernels and laws.
+// tissue_speed.cpp: cost of one step by elements, threads, kernels and laws.
 void speed_figures(Report &report, const TissueBenchOptions &options);
 
-// tissue_calculix.cpp: static indentation beside CalculiX, where it is installed.
+// tissue_calculix.cpp: static indentation compared with CalculiX, if installed.
 void calculix_figures(Report &report, const TissueBenchOptions &options);
 
-// tissue_shift.cpp: brain shift on the case's brain. Writes its picture (SVG) where a file is named; throws
+// tissue_shift.cpp: brain shift on the case's brain. Writes its picture (SVG) if a file is given; throws
 // std::runtime_error when that cannot be written, or the case has no trajectory.
 void shift_figures(Report &report, const TissueBenchOptions &options, const std::string &picture);
 
-// tissue_probe.cpp: a sphere on a half space beside Hertz, and random insertions into a block of 20,000 tetrahedra.
+// tissue_probe.cpp: a sphere on a half space compared with Hertz, and random insertions into a block of 20,000
+// tetrahedra.
 void hertz_figures(Report &report, const TissueBenchOptions &options);
 void robustness_figures(Report &report, const TissueBenchOptions &options);
 
-// Errors of a problem against the edges of its meshes, both axes logarithmic.
+// Errors of a problem over the edges of its meshes, both axes logarithmic.
 struct ErrorCurve {
   std::string name;
   std::vector<double> edge_mm, error;

@@ -1,4 +1,4 @@
-// The probe's contact beside Hertz, and what the brain model makes of anything that an operator and a tracker can do:
+// The probe's contact compared with Hertz, and the brain model's answers to arbitrary inputs of operator and tracker:
 // docs/tissue_probe.md.
 #include <chrono>
 #include <cstdio>
@@ -60,7 +60,7 @@ void hertz_figures(Report &report, const TissueBenchOptions &options) {
 
 void robustness_figures(Report &report, const TissueBenchOptions &options) {
   const int insertions = options.quick ? kQuickInsertions : kInsertions;
-  // A block of 90 x 90 x 55 mm, fixed but for an opening above; finer where the probes enter, as a case's brain is.
+  // A block of 90 x 90 x 55 mm, fixed except for an opening at the top, and refined at the entries like a case's brain.
   const Eigen::Vector3d top_mm(45.3, 44.6, 55.0);
   const tissue::RefinementRegion entry{top_mm, 15.0, 5.0};
   const tissue::TetMesh lattice = tissue::block_mesh({18, 18, 11}, {90.0, 90.0, 55.0});

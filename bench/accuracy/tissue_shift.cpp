@@ -1,8 +1,9 @@
 // Brain shift on the case's brain: time, plausibility, picture. The skull is open by 30 mm around the entry of the
-// case's first trajectory, and the fluid has run out to the opening's lowest edge.
+// case's first trajectory, and the fluid has drained to the opening's lowest edge.
 //
-// The limits are what the thesis (seed 000, chapter 1) reports of operations: 10 to 25 mm at the surface, 6 to 7 mm
-// deep in the brain. They are figures of patients, not of this head: a model is plausible within them, not verified.
+// The limits are the upper ends of the ranges that [thesis, chapter 1] reports from operations: 10 to 25 mm at the
+// surface, 6 to 7 mm in depth. They are figures of patients, not of this head. A result below them is plausible, not
+// verified. The lower ends are not tested.
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
@@ -28,7 +29,7 @@ constexpr int kTetrahedra = 20'000;
 constexpr double kMaxWall_s = 10.0;
 constexpr double kMaxSurface_mm = 25.0;
 constexpr double kMaxDeep_mm = 7.0;
-constexpr double kMinCosine = 0.8; // cosine between gravity and what moves farthest
+constexpr double kMinCosine = 0.8; // cosine between gravity and the largest displacement
 
 struct Timed {
   BrainShift shift;

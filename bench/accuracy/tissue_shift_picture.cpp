@@ -20,7 +20,7 @@ struct ShiftLevel {
   double up_to_mm;
   const char *colour;
 };
-// ColorBrewer YlGnBu: told apart in grey as well.
+// [ColorBrewer] YlGnBu: distinguishable in greyscale too.
 constexpr std::array<ShiftLevel, 8> kShiftLevels = {{{1, "#ffffd9"},
                                                      {2, "#edf8b1"},
                                                      {4, "#c7e9b4"},
@@ -31,12 +31,12 @@ constexpr std::array<ShiftLevel, 8> kShiftLevels = {{{1, "#ffffd9"},
                                                      {INFINITY, "#0c2c84"}}};
 
 constexpr double kPixel_mm = 1.0;
-constexpr double kUnits = 2.2; // of the picture a mm
+constexpr double kUnits = 2.2; // units of the picture per mm
 constexpr double kMargin_mm = 12.0;
 constexpr double kTop = 40.0;
 constexpr double kKey = 60.0;
 
-// A view of a section: the other two axes, the first to the right, the second up.
+// A view of a section. The two axes in its plane: the first to the right, the second up.
 class View {
 public:
   View(const ShiftPicture &picture, const ShiftSection &section)
@@ -82,7 +82,7 @@ private:
   [[nodiscard]] Vector2d flat(const Vector3d &p) const { return {p[right_], p[up_]}; }
   [[nodiscard]] Vector2d on_paper(const Vector2d &p) const { return {p.x() - low_.x(), high_.y() - p.y()}; }
 
-  // Where the fluid still stands, as a tint behind everything; only where the section shows the level as a line.
+  // The remaining fluid, as a tint in the background. Only for sections that show the fluid level as a line.
   void draw_fluid(std::ostream &out) const {
     const Vector2d down = flat(picture_.gravity);
     if (down.norm() < 0.99) {
@@ -101,11 +101,11 @@ private:
     out << "z'/>";
   }
 
-  // Levels of displacement on the sunken section, by rows from the top; -1 without tissue.
+  // Levels of displacement on the displaced section, in rows from the top; -1 outside the tissue.
   [[nodiscard]] std::vector<int> levels() const {
     std::vector<int> out(pixel(rows_, 0), -1);
     for (const Eigen::Vector4i &t : picture_.mesh->tetrahedra) {
-      Eigen::Matrix4d corners; // in homogeneous coordinates, by columns
+      Eigen::Matrix4d corners; // homogeneous coordinates in columns
       Vector2d low = Vector2d::Constant(INFINITY);
       Vector2d high = Vector2d::Constant(-INFINITY);
       for (int i = 0; i < 4; ++i) {

@@ -1,5 +1,5 @@
-// The picture of a brain shift: sections of the brain as it was imaged (outline) and as it has sunk (coloured by how
-// far).
+// The picture of a brain shift: sections of the brain as imaged (outline) and after the shift (coloured by
+// displacement).
 #pragma once
 
 #include <string>
@@ -13,8 +13,8 @@ namespace bregma::bench {
 
 struct ShiftSection {
   std::string title;
-  int normal = 0;         // axis that the section is across
-  double offset_mm = 0.0; // on that axis
+  int normal = 0;         // axis normal to the section
+  double offset_mm = 0.0; // position on that axis
 };
 
 struct ShiftPicture {

@@ -1,5 +1,5 @@
-// Wall time of the explicit solver. Best of several runs, since the machine has other work; the floor is the time in
-// which one thread reads the bytes that a step must read, measured in the same run.
+// Wall time of the explicit solver, as the minimum of several runs because of other load. The lower bound is the time
+// in which one thread reads the bytes that a step must read, measured in the same run.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -29,7 +29,7 @@ struct Cost {
   int elements = 0;
   double step_ms = 0.0;
   double stable_step_ms = 0.0;
-  [[nodiscard]] double ratio() const { return stable_step_ms / step_ms; } // simulated by wall time
+  [[nodiscard]] double ratio() const { return stable_step_ms / step_ms; } // simulated time over wall time
 };
 
 Cost cost_of(int elements, const Material &material, int threads, const ElementKernel *kernel, int runs) {
@@ -37,7 +37,7 @@ Cost cost_of(int elements, const Material &material, int threads, const ElementK
   options.threads = threads;
   options.kernel = kernel;
   ExplicitSolver solver(block_of(elements), material, options);
-  // A node that swings: nothing in a step depends on how much moves, but zeros would be too kind.
+  // One displaced node: the cost of a step does not depend on the displacements, but all zeros might be faster.
   solver.set_displacement_mm(solver.nodes() / 2, {0.2, 0.1, -0.2});
   const int steps = std::clamp(2000000 / solver.elements(), 20, 400);
   solver.advance(steps);
@@ -51,7 +51,7 @@ Cost cost_of(int elements, const Material &material, int threads, const ElementK
   return cost;
 }
 
-// Reading the packs twice, as the two passes of a step do.
+// Reads the packs twice, like the two passes of a step.
 double floor_ms(int elements) {
   std::vector<ElementPack> packs(static_cast<std::size_t>(elements) / tissue::kPack);
   const auto *words = reinterpret_cast<const std::uint64_t *>(packs.data());

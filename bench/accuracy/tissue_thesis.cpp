@@ -19,7 +19,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-// Table 6.1: tool position and von Mises stress at the thesis' point A. The letters are those of its figure 6.10.
+// [thesis, table 6.1]: tool position and von Mises stress at point A. The letters are those of figure 6.10.
 struct Row {
   char letter;
   double tool_mm;
@@ -40,11 +40,11 @@ constexpr double kWidth_mm = 6.0;
 constexpr double kPressure_Pa = 10.0;
 constexpr int kTriangles = 21'786; // as the thesis had
 
-// What the thesis does not say, chosen once: docs/tissue_plane.md tells why.
+// Parameters that the thesis does not state, chosen once; the reasons are in docs/tissue_plane.md.
 constexpr double kContact_mm =
-    45.0;                          // tool position at which the end touches: its table has no stress at 40, some at 50
-constexpr double kAhead_mm = 10.0; // of the evaluation point beyond the last tool position, on the axis
-constexpr double kFree_mm = 20.0;  // the outline is free this far around the entry
+    45.0; // tool position at first contact: the table has zero stress at 40 and nonzero stress at 50
+constexpr double kAhead_mm = 10.0; // distance of the evaluation point beyond the last tool position, on the axis
+constexpr double kFree_mm = 20.0;  // the outline is free within this distance of the entry
 constexpr double kCuttingFraction = 0.5;
 constexpr double kCurveStep_mm = 1.0;
 constexpr int kQuickTriangles = 12'000;
@@ -95,7 +95,7 @@ Section section_of_brain(const std::string &case_folder) {
   return out;
 }
 
-// Held to the skull, but free around the entry.
+// Fixed at the skull, free around the entry.
 void hold_to_skull(tissue_plane::PlaneSolver &solver, const Vector2d &entry_mm, double channel_mm, double axis_y_mm) {
   for (const Eigen::Vector2i &edge : tissue_plane::boundary_of(solver.mesh())) {
     const Vector2d &p = solver.mesh().nodes_mm[static_cast<std::size_t>(edge[0])];
@@ -109,7 +109,7 @@ void hold_to_skull(tissue_plane::PlaneSolver &solver, const Vector2d &entry_mm, 
 
 struct State {
   double plane_Pa = 0.0; // (41)
-  double full_Pa = 0.0;  // with the stress across
+  double full_Pa = 0.0;  // with the out-of-plane stress
   tissue_plane::ProbeReading reading;
 };
 
@@ -126,7 +126,7 @@ public:
     hold_to_skull(solver_, entry_mm_, 0.0, section.axis_y_mm);
   }
 
-  // All states of rest at the table's positions; the curve and the frames on the way.
+  // All equilibria at the table's positions, and the curve and frames between them.
   std::vector<State> run() {
     std::vector<State> out;
     for (const Row &row : kTable) {
@@ -164,7 +164,7 @@ private:
 
   void move(double tool_mm) {
     tool_mm_ = tool_mm;
-    // Before it touches, the probe is away from the tissue, which is at rest and free of stress.
+    // Before contact, the tissue is at rest and free of stress.
     last_ = tool_mm > kContact_mm ? state(probe_.move_to(entry_mm_.x() + tool_mm - kContact_mm)) : State{};
     picture.curve.push_back({1e-3 * tool_mm, last_.plane_Pa});
   }
@@ -202,8 +202,8 @@ private:
   bool valid_ = true;
 };
 
-// The outline with the probe's rectangle cut out of it, `depth_mm` deep from where the axis enters: the first crossing
-// of each of the rectangle's sides, from the left.
+// The outline with the probe's rectangle cut out, `depth_mm` deep from the entry of the axis. The cut uses the first
+// crossing of each side of the rectangle, from the left.
 tissue_plane::Outline notched(const tissue_plane::Outline &outline, const Vector2d &entry_mm, double depth_mm) {
   const tissue_plane::Loop &loop = outline.outer;
   struct Crossing {
@@ -236,8 +236,8 @@ tissue_plane::Outline notched(const tissue_plane::Outline &outline, const Vector
   return out;
 }
 
-// The thesis' prescribed loading: nothing moves the tissue but 10 N/m^2 on the probe's boundary, its end alone (depth
-// 0) or its end and both sides in a channel of its width.
+// The thesis' prescribed loading: the only load is 10 N/m^2 on the probe's boundary. The boundary is the end alone
+// (depth 0), or the end and both sides in a channel of the probe's width.
 double stress_under_pressure(const Section &section, const Vector2d &entry_mm, const Vector2d &point_mm,
                              double depth_mm, tissue_plane::PlaneState plane, int triangles) {
   const tissue_plane::Outline outline = depth_mm > 0.0 ? notched(section.outline, entry_mm, depth_mm) : section.outline;
@@ -255,7 +255,7 @@ double stress_under_pressure(const Section &section, const Vector2d &entry_mm, c
       end_mm += std::abs(a.y() - b.y());
     }
   }
-  // On the whole surface the pressed edges are not exactly as wide as the probe: the force is.
+  // The loaded edges of the whole surface are not exactly as wide as the probe, but the total force is the same.
   solver.set_pressure(pressed, depth_mm > 0.0 ? kPressure_Pa : kPressure_Pa * kWidth_mm / end_mm);
   if (!solver.relax({.tolerance = 1e-4}).valid()) {
     throw std::runtime_error("the section does not come to rest under pressure");
@@ -266,7 +266,7 @@ double stress_under_pressure(const Section &section, const Vector2d &entry_mm, c
 void pressure_figures(Report &report, const Section &section, const ThesisRun &run, int triangles, bool quick) {
   report.note(
       "the thesis' loading: 10 N/m^2 on the probe's boundary (end; from (e) on end and both sides), stationary:");
-  report.note("von Mises (41) at the same point; beside table 6.1");
+  report.note("von Mises (41) at the same point; compared with table 6.1");
   for (const auto &[plane, name] : {std::pair{tissue_plane::PlaneState::kStrain, "plane strain"},
                                     std::pair{tissue_plane::PlaneState::kStress, "plane stress"}}) {
     if (quick && plane == tissue_plane::PlaneState::kStress) {

@@ -1,4 +1,4 @@
-// The thesis' own set-up (seed 000, section 6.3) in the plane: docs/tissue_plane.md.
+// The set-up of [thesis, section 6.3] in the plane: docs/tissue_plane.md.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 namespace bregma::bench {
 
 struct TissueBenchOptions : Options {
-  std::string case_folder = "out/cases/colin27"; // its brain is cut
+  std::string case_folder = "out/cases/colin27"; // the section is cut from its brain
   std::string thesis_picture;                    // SVG of the run; none when empty
 };
 

@@ -15,7 +15,7 @@ struct Level {
   double up_to_Pa;
   const char *colour;
 };
-// Steps of about two, from pale to dark (ColorBrewer YlOrRd): told apart in grey as well.
+// Steps of about two, from pale to dark ([ColorBrewer] YlOrRd): distinguishable in greyscale too.
 constexpr std::array<Level, 8> kLevels = {{{10, "#f7f5ee"},
                                            {20, "#ffeda0"},
                                            {50, "#fed976"},

@@ -11,7 +11,7 @@
 
 namespace bregma::bench {
 
-// A state of rest, thinned to what is drawn: squares of kPixel_mm around the probe.
+// A state of rest, reduced to the drawn squares of kPixel_mm around the probe.
 struct ThesisFrame {
   static constexpr double kPixel_mm = 1.0;
   static constexpr int kColumns = 92; // from 7 mm before the surface on the axis
@@ -25,7 +25,7 @@ struct ThesisFrame {
   Eigen::Vector2d point_mm = Eigen::Vector2d::Zero(); // the evaluation point, from the surface on the axis
 };
 
-// origin_mm: where the axis meets the surface at rest.
+// origin_mm: intersection of the axis with the surface at rest.
 [[nodiscard]] std::vector<int> stress_levels(const tissue_plane::PlaneSolver &solver, const Eigen::Vector2d &origin_mm);
 
 struct ThesisPoint {
@@ -35,7 +35,7 @@ struct ThesisPoint {
 
 struct ThesisPicture {
   std::vector<ThesisFrame> frames;
-  std::vector<ThesisPoint> curve; // as computed, in order: the tool position stands still while the tissue ruptures
+  std::vector<ThesisPoint> curve; // computed, in order: the tool position does not change while the tissue ruptures
   std::vector<ThesisPoint> table; // table 6.1
   double contact_m = 0.0;
   double rupture_m = 0.0;

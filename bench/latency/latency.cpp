@@ -1,7 +1,6 @@
-// From the write of a tracker frame to a client's take of the navigation state made from it: through bregmad with all
-// its loops at work, beside a bare relay that takes a frame and writes states of the same size over the same DDS
-// settings. The frames come from the simulated operating room, a process of its own, in both cases; so does each
-// client.
+// Latency from the write of a tracker frame to a client's take of the resulting navigation state. Measured through
+// bregmad with all its loops active, and through a bare relay that takes a frame and writes states of the same size
+// with the same DDS settings. In both cases the simulated operating room and each client are separate processes.
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -41,12 +40,12 @@ std::int64_t now_ns() {
 
 std::atomic<bool> stopping{false};
 
-// Two hops and nothing between them: one state for each tool that the daemon would publish.
+// Two hops without processing: one state for each tool that the daemon would publish.
 int relay(std::uint32_t domain) {
   std::signal(SIGTERM, [](int) { stopping = true; });
   const dds::Participant participant(domain);
   const dds::Writer<wire::NavigationState> states(participant);
-  const dds::Reader<wire::Command> commands(participant); // the room waits for somebody who listens
+  const dds::Reader<wire::Command> commands(participant); // the room waits for a reader of commands
   const dds::Writer<wire::CommandReply> replies(participant);
   const dds::Writer<wire::SystemHealth> health(participant);
   dds::Reader<wire::TrackerFrame> frames(participant);
@@ -64,13 +63,13 @@ int relay(std::uint32_t domain) {
       }
     });
     if (taken == 0) {
-      (void)frames.status(); // lets the wait set sleep after a missed deadline
+      (void)frames.status(); // clears the status after a missed deadline
     }
   }
   return 0;
 }
 
-// Writes one latency (int64, ns) a frame to the file.
+// Writes one latency (int64, ns) per frame to the file.
 int client(std::uint32_t domain, double seconds, const std::string &file) {
   const dds::Participant participant(domain);
   dds::Reader<wire::NavigationState> states(participant);
@@ -85,7 +84,7 @@ int client(std::uint32_t domain, double seconds, const std::string &file) {
     wait.wait(std::chrono::milliseconds(100));
     const std::size_t taken = states.take_each([&](const wire::NavigationState &state, const auto &) {
       const std::int64_t taken_ns = now_ns();
-      // A state that is published again without a new frame says nothing about the way of a frame.
+      // A state that is published again without a new frame is not a sample of the latency.
       if (wire::view(state.tool) == kTool && state.frame != last_frame && taken_ns >= begin_ns) {
         latencies.push_back(taken_ns - state.frame_sent_time_ns);
       }
@@ -127,8 +126,8 @@ public:
     return measure(1, -1);
   }
 
-  // The probe is navigated, its tip at the target, when this returns; the processes run until the next call. elements:
-  // of the tissue model that follows it; 0: none.
+  // On return the probe is navigated with its tip at the target. The processes run until the next call. elements: size
+  // of the tissue model that follows the probe; 0 for no model.
   void start_operation(double rate_hz, int elements) {
     operation_room_.reset();
     operation_daemon_.reset();
@@ -176,7 +175,7 @@ public:
                                                         log("client")));
     }
     if (stopped >= 0) {
-      std::this_thread::sleep_for(std::chrono::duration<double>(0.5 * kWarmUp_s)); // it has joined by then
+      std::this_thread::sleep_for(std::chrono::duration<double>(0.5 * kWarmUp_s)); // the client has joined by then
       running[static_cast<std::size_t>(stopped)]->signal(SIGSTOP);
     }
     std::vector<double> out;
@@ -196,7 +195,7 @@ public:
     return out;
   }
 
-  // Answers of the tissue model a second, and the share of them that are valid, over so long.
+  // Updates of the tissue model per second, and the percentage of valid ones, measured over `seconds`.
   struct TissueRate {
     double updates_hz = 0.0;
     double valid_percent = 0.0;
@@ -272,8 +271,8 @@ private:
 
 double quantile(std::vector<double> &values, double p) { return bench::percentile(values, p); }
 
-// The tissue model at work beside the navigation, against none: in turn, and the medians of the turns. What else the
-// machine does changes from one minute to the next by more than the model does.
+// Navigation with and without a running tissue model. The two alternate, and the medians of the runs are compared,
+// because other load on the machine changes within minutes by more than the effect of the model.
 void run_beside_tissue(Bench &bench, bench::Report &report, int turns) {
   constexpr double kRate_hz = 250.0;
   std::vector<double> p50[2];
@@ -344,13 +343,13 @@ int serve(int argc, char **argv) {
   double seconds = 0.0;
   std::string client_file;
   bool relaying = false;
-  CLI::App app("Latency from the write of a tracker frame to a client's take, beside a bare relay");
+  CLI::App app("Latency from the write of a tracker frame to a client's take, compared with a bare relay");
   bench::add_options(app, options, {"relay", "clients", "tissue"});
   app.add_option("--case", case_folder, "case folder")->capture_default_str();
   app.add_option("--scenario", scenario, "scenario that registers the patient")->capture_default_str();
   app.add_option("--domain", domain, "DDS domain")->capture_default_str();
   app.add_option("--seconds", seconds, "length of each measurement; default 30, with --quick 4");
-  // The roles that this program gives to copies of itself.
+  // Roles of the child processes, which are copies of this program.
   app.add_flag("--relay", relaying)->group("");
   app.add_option("--client", client_file)->group("");
   CLI11_PARSE(app, argc, argv);

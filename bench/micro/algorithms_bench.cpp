@@ -1,5 +1,5 @@
-// What the loops pay for each algorithm: the tracker's frame pays for the first and the last, the registration loop for
-// the rest. Google Benchmark: --benchmark_format=json for a machine, --benchmark_filter=REGEX for some.
+// Time of each algorithm in the loops: the first and the last run per tracker frame, the rest in the registration loop.
+// Google Benchmark: --benchmark_format=json for JSON output, --benchmark_filter=REGEX for a selection.
 #include <cmath>
 #include <tuple>
 
@@ -16,7 +16,7 @@ using namespace bregma;
 using registration::Matrix3d;
 using registration::Vector3d;
 constexpr unsigned kSeed = 20260301;
-constexpr int kFine = 5; // 10,242 vertices, 20,480 triangles: a case's scalp
+constexpr int kFine = 5; // 10,242 vertices and 20,480 triangles, the size of a case's scalp
 
 const surface::TriangleMesh &head() {
   static const surface::TriangleMesh mesh = test::make_head(kFine);
@@ -73,7 +73,7 @@ void paired_fit_8_anisotropic(benchmark::State &state) {
 }
 BENCHMARK(paired_fit_8_anisotropic)->Unit(benchmark::kMicrosecond);
 
-// Points 0 to 5 mm off the skin, each a millimetre from the one before.
+// Points 0 to 5 mm off the skin, each 1 mm from the previous one.
 void surface_closest(benchmark::State &state, bool warm) {
   std::vector<Vector3d> path;
   for (int i = 0; i < 4096; ++i) {
@@ -135,7 +135,7 @@ std::vector<planning::NamedMesh> structures() {
   return out;
 }
 
-// Down a trajectory in steps of 20 um, as a probe at 5 mm/s seen 250 times a second.
+// Along a trajectory in steps of 20 um, like a probe at 5 mm/s tracked at 250 Hz.
 void nearest_structure(benchmark::State &state, bool warm) {
   const planning::CriticalStructures critical(structures());
   planning::CriticalStructures::Warm last;

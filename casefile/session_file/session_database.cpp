@@ -25,7 +25,7 @@ Statement &Statement::bind(int index, std::int64_t value) noexcept {
 }
 
 Statement &Statement::bind(int index, std::string_view text) noexcept {
-  // A null pointer would bind NULL, and an empty view may hold one.
+  // An empty view may contain a null pointer, which would bind NULL.
   sqlite3_bind_text(handle_.get(), index, text.empty() ? "" : text.data(), static_cast<int>(text.size()),
                     SQLITE_STATIC);
   return *this;
@@ -67,7 +67,7 @@ base::Result<Connection> Connection::open(const std::filesystem::path &file, Ope
                     (mode == OpenMode::kCreate ? SQLITE_OPEN_CREATE : 0);
   sqlite3 *handle = nullptr;
   const int code = sqlite3_open_v2(connection.file_.c_str(), &handle, flags, nullptr);
-  connection.handle_.reset(handle); // SQLite wants it closed also after an error
+  connection.handle_.reset(handle); // SQLite requires a close also after an error
   if (code != SQLITE_OK) {
     return connection.error();
   }

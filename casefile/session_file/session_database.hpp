@@ -1,4 +1,4 @@
-// SQLite as the session file needs it: connections and prepared statements that close themselves, errors as sentences.
+// SQLite for the session file: connections and prepared statements that close themselves, errors as sentences.
 // Private to session_file/.
 #pragma once
 
@@ -56,11 +56,11 @@ public:
 
   [[nodiscard]] base::Result<void> execute(const char *sql) const;
   [[nodiscard]] base::Result<Statement> prepare(const char *sql) const;
-  // Runs a statement that gives no rows, and resets it.
+  // Runs a statement without rows, and resets it.
   [[nodiscard]] base::Result<void> run(Statement &statement) const;
   [[nodiscard]] base::Result<std::int64_t> integer(const char *sql) const; // the first column of the first row
   [[nodiscard]] bool in_transaction() const noexcept;
-  // SQLite's last error as "file: what it says".
+  // SQLite's last error as "file: message".
   [[nodiscard]] tl::unexpected<base::Error> error() const;
   [[nodiscard]] const std::string &file() const noexcept { return file_; }
 

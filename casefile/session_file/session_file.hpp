@@ -1,4 +1,4 @@
-// The session file: everything that went in and out of a session, in one SQLite database (WAL while it is written).
+// The session file: all input and output of a session in one SQLite database (WAL while it is written).
 //
 // Tables: meta(key, value), topic(id, name, size, type), sample(id, topic, time_ns, body), attachment(name, body).
 // A body is the bytes of the wire struct. Its size and the identity of its type (a hash of all its members, made by
@@ -29,7 +29,7 @@ namespace bregma::casefile {
 
 inline constexpr int kSessionFileVersion = 2; // 1: enumerations had other numbers, and types no identity
 
-// True for wire types that are plain bytes: a body with a pointer in it means nothing in a file.
+// True for wire types that are plain bytes: a pointer is meaningless in a file.
 template <class T>
 inline constexpr bool kIsRecordable =
     std::is_trivially_copyable_v<T> && !std::is_same_v<T, wire::ImageSlice> &&
@@ -52,15 +52,15 @@ struct RecordedTopic {
   std::uint64_t count = 0;
 };
 
-// Writes in transactions: begin() is implied by the first write, and only what was committed is in the file. After an
-// error the open transaction is rolled back, and the writer can be used again: a full disk may have been emptied.
+// Writes in transactions: the first write begins one, and only committed data are in the file. After an error the open
+// transaction is rolled back, and the writer can be used again, since a full disk may have been freed.
 class SessionWriter {
 public:
-  // Makes a new file; one that exists is refused.
+  // Makes a new file; an existing file is refused.
   [[nodiscard]] static base::Result<SessionWriter> create(const std::filesystem::path &file);
   SessionWriter(SessionWriter &&) noexcept;
   SessionWriter &operator=(SessionWriter &&) noexcept;
-  ~SessionWriter(); // commits and closes; the file then stands alone, without -wal beside it
+  ~SessionWriter(); // commits and closes; the file is then complete, without a -wal file
 
   [[nodiscard]] base::Result<void> set_meta(std::string_view key, std::string_view value);         // replaces
   [[nodiscard]] base::Result<void> attach(std::string_view name, std::span<const std::byte> body); // replaces

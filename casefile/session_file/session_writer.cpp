@@ -12,8 +12,8 @@
 namespace bregma::casefile {
 namespace {
 
-// NORMAL in WAL mode: a commit is a write into the log, which outlives the process; the log is synced when it is copied
-// into the database, so that a power failure loses the last commits but never the file.
+// NORMAL in WAL mode: a commit writes to the log, which survives a crash of the process. The log is synced when it is
+// copied to the database, so a power failure can lose the last commits but not the file.
 constexpr const char *kPragmas = "PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; PRAGMA temp_store=MEMORY;";
 
 constexpr const char *kSchema =
@@ -40,7 +40,7 @@ struct SessionWriter::Database {
   detail::Statement insert_sample;
   detail::Statement set_meta;
   detail::Statement attach;
-  std::map<std::string, TopicEntry, std::less<>> topics; // what this or an earlier transaction has put in the table
+  std::map<std::string, TopicEntry, std::less<>> topics; // topics in the table, from this or an earlier transaction
 
   [[nodiscard]] base::Result<void> prepare();
   [[nodiscard]] base::Result<void> begin() const {
@@ -95,8 +95,8 @@ SessionWriter::~SessionWriter() {
   if (!commit()) {
     rollback();
   }
-  // Without a log beside it the file can be copied, and read from a medium that cannot be written. When somebody is
-  // reading, the log stays until he is done.
+  // Without its log, the file can be copied and read from a read-only medium. If a reader is active, the log remains
+  // until it ends.
   static_cast<void>(database_->connection.execute("PRAGMA journal_mode=DELETE"));
 }
 
@@ -165,7 +165,7 @@ base::Result<void> SessionWriter::commit() {
 }
 
 void SessionWriter::rollback() noexcept {
-  // After a full disk SQLite may have rolled back by itself; either way topics of the transaction are gone.
+  // After a full disk SQLite may have rolled back by itself. In both cases the topics of the transaction are lost.
   if (database_->connection.in_transaction()) {
     static_cast<void>(database_->connection.execute("ROLLBACK"));
   }

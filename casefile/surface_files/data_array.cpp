@@ -10,7 +10,7 @@ namespace bregma::casefile::detail {
 
 namespace {
 
-// Deflate gains at most 1032 to 1 (zlib's technical notes): a file that claims more is not believed before it is
+// Deflate compresses by at most 1032 to 1 (zlib's technical notes). A file that claims more is rejected before it is
 // unpacked.
 constexpr std::size_t kMaxCompression = 1100;
 

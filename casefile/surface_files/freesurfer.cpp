@@ -1,5 +1,5 @@
-// FreeSurfer's surfaces. Their coordinates are "surface RAS", about the centre of the volume that they were made from;
-// binary files end with that volume's geometry, by which they are moved into scanner RAS, where NIfTI has the image.
+// FreeSurfer's surfaces. Their coordinates are "surface RAS", relative to the centre of the source volume. Binary files
+// end with that volume's geometry, which gives the transform to scanner RAS, the coordinates of the NIfTI image.
 #include <cmath>
 
 #include <Eigen/LU>
@@ -55,13 +55,14 @@ Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
   return out;
 }
 
-// "valid = 1\nfilename = ...\nxras = -1 0 0\n...cras = 5.4 18 0\n" of a binary file's end.
+// "valid = 1\nfilename = ...\nxras = -1 0 0\n...cras = 5.4 18 0\n" at the end of a binary file.
 struct VolumeGeometry {
   bool valid = false;
   Eigen::Matrix3d axes = Eigen::Matrix3d::Identity(); // columns: directions of the voxels' axes in scanner RAS
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
 
-  // Of a point in surface RAS. There the axes are taken to run left, inferior and anterior, about the centre.
+  // Scanner RAS of a point in surface RAS. Surface RAS assumes axes to the left, inferior and anterior, about the
+  // centre.
   [[nodiscard]] Eigen::Vector3d scanner_ras(const Eigen::Vector3d &p) const {
     return axes * Eigen::Vector3d(-p.x(), -p.z(), p.y()) + centre;
   }
@@ -102,8 +103,7 @@ Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
   return out;
 }
 
-// What stands behind the triangles: pairs of tag and content. Unknown tags end the search, as their length is not
-// known.
+// Data after the triangles: pairs of tag and content. An unknown tag ends the search, because its length is unknown.
 Parsed<VolumeGeometry> footer_geometry(std::string_view content, std::size_t at) {
   bool real_ras = false;
   while (content.size() - at >= 8) {

@@ -1,7 +1,7 @@
 // GIFTI surfaces (.surf.gii, version 1.0): one array of points, one of triangles.
 //
-// A reader of our own on expat and zlib, not Debian's libgiftiio: the format is two arrays in XML, encoded as those of
-// a .vtp file, and a refusal must name the line and the value.
+// This reader uses expat and zlib instead of Debian's libgiftiio. The format is two arrays in XML with the encodings of
+// a .vtp file, and error messages must name the line and the value.
 #include <array>
 #include <optional>
 #include <utility>
@@ -33,7 +33,7 @@ std::optional<NumberType> gifti_type(std::string_view name) {
   return std::nullopt;
 }
 
-// Columns of three, in the order of the file's rows.
+// Columns of three values, in the order of the file's rows.
 Parsed<std::vector<double>> gifti_array(const XmlElement &array, const std::string &what) {
   const auto wrong_here = [&array](const std::string &text) { return wrong_line(array.line, text); };
   const auto type = gifti_type(array.attribute("DataType"));
@@ -95,11 +95,11 @@ Parsed<RawSurface> parse_gifti(std::string_view content) {
     return tl::unexpected(document.error());
   }
   if (document->name != "GIFTI") {
-    return wrong_line(document->line, quoted(document->name) + " stands where GIFTI must");
+    return wrong_line(document->line, quoted(document->name) + " where GIFTI is expected");
   }
   RawSurface out;
   out.format = "GIFTI";
-  out.assumed_space = Space::kRas; // as NIfTI's
+  out.assumed_space = Space::kRas; // the coordinates of NIfTI
   for (const auto &[intent, what] :
        {std::pair("NIFTI_INTENT_POINTSET", "the points"), {"NIFTI_INTENT_TRIANGLE", "the triangles"}}) {
     const XmlElement *found = nullptr;

@@ -1,4 +1,4 @@
-// A mesh out of flat lists of numbers, as VTK's and GIFTI's files hold it. Private to this library.
+// A mesh from the flat lists of numbers of VTK's and GIFTI's files. Private to this library.
 #pragma once
 
 #include <cstddef>
@@ -9,10 +9,10 @@
 
 namespace bregma::casefile::detail {
 
-// x, y, z of every vertex. What is wrong, with the vertex and the value; empty where nothing is.
+// x, y, z of every vertex. Returns the error with the vertex and the value; empty if there is none.
 [[nodiscard]] std::string append_vertices(surface::TriangleMesh &mesh, std::span<const double> coordinates);
 
-// Triples of corners, each after `before` numbers that are left out. The vertices must be there.
+// Triples of corners, each after `before` numbers that are skipped. The vertices must have been set.
 [[nodiscard]] std::string append_triangles(surface::TriangleMesh &mesh, std::span<const double> corners,
                                            std::size_t before = 0);
 

@@ -1,4 +1,4 @@
-// Numbers as they stand in binary files of either byte order. Private to this library.
+// Numbers in binary files of either byte order. Private to this library.
 #pragma once
 
 #include <algorithm>
@@ -30,7 +30,7 @@ template <class T> [[nodiscard]] T load(const char *bytes, bool big_endian) {
   return std::bit_cast<T>(raw);
 }
 
-// bytes must hold size_of(type). Whole numbers beyond 2^53 lose digits: none here counts so far.
+// bytes must hold size_of(type). Whole numbers beyond 2^53 lose precision; none of these files contains any.
 [[nodiscard]] inline double load_number(const char *bytes, NumberType type, bool big_endian) {
   switch (type) {
   case NumberType::kInt8:

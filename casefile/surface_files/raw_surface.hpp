@@ -1,5 +1,4 @@
-// What the readers of the single formats hand over, before it is checked and turned into RAS mm. Private to this
-// library.
+// Output of the readers of the single formats, before it is checked and converted to RAS mm. Private to this library.
 #pragma once
 
 #include <cstddef>
@@ -14,10 +13,10 @@
 
 namespace bregma::casefile::detail {
 
-// Where in the file, and what is wrong there with which value.
+// Place in the file, problem and value.
 struct Problem {
   std::string what;
-  int line = 0; // of a text; 0 where the place is a byte, or the whole file
+  int line = 0; // line of a text; 0 where the place is a byte, or the whole file
   std::optional<std::size_t> byte = std::nullopt;
 };
 
@@ -37,8 +36,8 @@ template <class T> using Parsed = tl::expected<T, Problem>;
 struct RawSurface {
   surface::TriangleMesh mesh;
   std::string format;                // "STL", ...
-  std::optional<Space> space;        // that the file states
-  Space assumed_space = Space::kLps; // otherwise: that of the programs which write the format
+  std::optional<Space> space;        // stated by the file
+  Space assumed_space = Space::kLps; // otherwise the space of the programs that write the format
 };
 
 // The SPACE=LPS or SPACE=RAS that Slicer writes into the comments of its mesh files; a file that states both is
@@ -49,10 +48,10 @@ struct RawSurface {
 [[nodiscard]] Parsed<RawSurface> parse_vtk_legacy(std::string_view content);
 [[nodiscard]] Parsed<RawSurface> parse_vtk_xml(std::string_view content);
 [[nodiscard]] Parsed<RawSurface> parse_gifti(std::string_view content);
-// Either of FreeSurfer's two: ASCII, or the big-endian "triangle file" that starts with FF FF FE.
+// Both FreeSurfer formats: ASCII, and the big-endian "triangle file" that starts with FF FF FE.
 [[nodiscard]] Parsed<RawSurface> parse_freesurfer(std::string_view content);
 
-// By what the file begins with; name: its file name, which decides only where the content does not.
+// Detected by the begin of the file; name: its file name, which decides only where the content does not.
 [[nodiscard]] Parsed<RawSurface> parse_surface(std::string_view content, std::string_view name);
 
 } // namespace bregma::casefile::detail

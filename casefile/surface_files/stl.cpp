@@ -1,4 +1,4 @@
-// STL, ASCII and binary: three corners a triangle, whose equal positions become one vertex.
+// STL, ASCII and binary: three corners per triangle. Corners at equal positions become one vertex.
 #include <array>
 #include <cmath>
 #include <cstring>
@@ -16,7 +16,7 @@ constexpr std::size_t kStlHeader = 80;
 constexpr std::size_t kStlStart = kStlHeader + 4; // after the number of triangles
 constexpr std::size_t kStlTriangle = 50;          // normal, three corners, two bytes of attributes
 
-// Joins corners at exactly the same place. STL repeats a vertex for each of its triangles.
+// Merges corners at exactly the same position. STL repeats a vertex for each of its triangles.
 class VertexMerger {
 public:
   explicit VertexMerger(surface::TriangleMesh &mesh) : mesh_(mesh) {}
@@ -49,7 +49,7 @@ Parsed<void> expect_word(TextCursor &cursor, std::string_view expected) {
   if (found != expected) {
     return wrong_line(cursor.line(), found.empty()
                                          ? "the file ends where \"" + std::string(expected) + "\" must stand"
-                                         : quoted(found) + " stands where \"" + std::string(expected) + "\" must");
+                                         : quoted(found) + " where \"" + std::string(expected) + "\" is expected");
   }
   return {};
 }
@@ -104,7 +104,7 @@ Parsed<RawSurface> ascii_stl(std::string_view content) {
       continue;
     }
     if (word != "facet") {
-      return wrong_line(cursor.line(), quoted(word) + " stands where \"facet\" or \"endsolid\" must");
+      return wrong_line(cursor.line(), quoted(word) + " where \"facet\" or \"endsolid\" is expected");
     }
     const auto corners = ascii_facet(cursor, "triangle " + std::to_string(out.mesh.triangles.size()), vertices);
     if (!corners) {
@@ -153,7 +153,7 @@ Parsed<RawSurface> binary_stl(std::string_view content) {
   return out;
 }
 
-// "solid" begins an ASCII file, but some programs begin the header of a binary one with it as well.
+// An ASCII file begins with "solid", but some programs begin the header of binary files with it as well.
 bool is_binary_stl(std::string_view content) {
   if (!content.starts_with("solid")) {
     return true;

@@ -77,8 +77,8 @@ std::string message_of(const std::filesystem::path &file, const detail::Problem 
   return file.string() + place + ": " + problem.what;
 }
 
-// What no reader should have let pass, and what PLY's does: not finite, corners out of range. A triangle with a vertex
-// twice has no area and is left out.
+// Final check after all readers, needed for PLY: finite coordinates and corners in range. A triangle that contains a
+// vertex twice has no area and is dropped.
 std::string clean(surface::TriangleMesh &mesh, std::size_t &left_out) {
   for (std::size_t i = 0; i < mesh.vertices_mm.size(); ++i) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) {

@@ -52,7 +52,7 @@ Parsed<double> TextCursor::number(const std::string &what) {
   if (text.empty()) {
     return wrong_line(line_, "the file ends before " + what);
   }
-  // A leading plus is not taken by from_chars.
+  // from_chars does not accept a leading plus.
   const auto value = base::parsed_number<double>(text.front() == '+' ? text.substr(1) : text);
   if (!value || !std::isfinite(*value)) {
     return wrong_line(line_, what + " = " + quoted(text) + ": must be a finite number");
@@ -67,7 +67,7 @@ Parsed<std::size_t> TextCursor::count(const std::string &what, std::size_t min_b
     return wrong_line(line_, what + " = " + quoted(text) + ": must be a whole number");
   }
   if (*value > left() / min_bytes_each) {
-    return wrong_line(line_, what + " = " + std::string(text) + ": the file is too short for so many");
+    return wrong_line(line_, what + " = " + std::string(text) + ": the file is too short for this number");
   }
   return *value;
 }

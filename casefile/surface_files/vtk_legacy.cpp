@@ -1,7 +1,7 @@
 // VTK's legacy polydata, versions 1 to 5.1, ASCII and binary (big-endian).
 //
-// Not by VTK's own reader: where a section ends early 9.1 prints a warning and hands over points that it has not read,
-// and it takes corners beyond the last point.
+// VTK's own reader is not used. If a section is truncated, VTK 9.1 prints a warning and returns points that it has not
+// read, and it accepts corners beyond the last point.
 #include <array>
 #include <cmath>
 #include <utility>
@@ -52,11 +52,11 @@ public:
     surface_.format = "VTK";
     const std::string_view encoding = cursor_.word();
     if (encoding != "ASCII" && encoding != "BINARY") {
-      return wrong_line(cursor_.line(), quoted(encoding) + " stands where ASCII or BINARY must");
+      return wrong_line(cursor_.line(), quoted(encoding) + " where ASCII or BINARY is expected");
     }
     binary_ = encoding == "BINARY";
     if (const auto word = cursor_.word(); word != "DATASET") {
-      return wrong_line(cursor_.line(), quoted(word) + " stands where DATASET must");
+      return wrong_line(cursor_.line(), quoted(word) + " where DATASET is expected");
     }
     if (const auto kind = cursor_.word(); kind != "POLYDATA") {
       return wrong_line(cursor_.line(), "the dataset is " + quoted(kind) + ", only POLYDATA is read");
@@ -65,7 +65,7 @@ public:
     while (!done_) {
       if (auto section = read_section(); !section) {
         Problem problem = section.error();
-        if (binary_ && !problem.byte) { // what is binary has no lines
+        if (binary_ && !problem.byte) { // binary data has no lines
           problem.line = 0;
           problem.byte = cursor_.position();
         }
@@ -78,14 +78,14 @@ public:
 private:
   Parsed<void> read_section() {
     const std::string_view keyword = cursor_.word();
-    // Data of points and cells comes last, and is not needed.
+    // Point and cell data comes last and is not needed.
     if (keyword.empty() || keyword == "POINT_DATA" || keyword == "CELL_DATA") {
       done_ = true;
       return {};
     }
     if (keyword == "METADATA") {
       static_cast<void>(cursor_.rest_of_line());
-      while (cursor_.left() > 0 && !cursor_.rest_of_line().empty()) { // it ends with an empty line
+      while (cursor_.left() > 0 && !cursor_.rest_of_line().empty()) { // metadata ends with an empty line
       }
       return {};
     }
@@ -171,7 +171,7 @@ private:
     return {};
   }
 
-  // "POLYGONS cells numbers", then each cell's count of corners and its corners; since version 5
+  // "POLYGONS cells numbers", then the number of corners and the corners of each cell. Since version 5:
   // "POLYGONS offsets corners" with OFFSETS and CONNECTIVITY.
   Parsed<void> read_cells(bool polygons) {
     const int line = cursor_.line();
@@ -190,7 +190,7 @@ private:
         return tl::unexpected(offsets.error());
       }
       if (const auto word = cursor_.word(); word != "CONNECTIVITY") {
-        return wrong_line(cursor_.line(), quoted(word) + " stands where CONNECTIVITY must");
+        return wrong_line(cursor_.line(), quoted(word) + " where CONNECTIVITY is expected");
       }
       const auto corner_type = type();
       const auto corners =

@@ -1,4 +1,4 @@
-// VTK's XML polydata (.vtp), serial, with its arrays as text, in base64 or appended, plain or compressed by zlib.
+// VTK's serial XML polydata (.vtp). Arrays are text, base64 or appended data, uncompressed or compressed by zlib.
 #include <array>
 #include <cmath>
 #include <optional>
@@ -36,10 +36,10 @@ std::optional<NumberType> xml_type(std::string_view name) {
   return std::nullopt;
 }
 
-// The file in two: XML, whole again without what is appended, and that.
+// The two parts of the file: well-formed XML without the appended data, and the appended data.
 struct Parts {
   std::string xml;
-  std::string_view appended; // behind the underscore
+  std::string_view appended; // after the underscore
   bool appended_in_base64 = false;
 };
 
@@ -97,7 +97,7 @@ public:
   }
 
 private:
-  // Slicer's: an array SPACE of one string in FieldData, whose letters are numbers in an ASCII file.
+  // Written by Slicer: an array SPACE of one string in FieldData. In ASCII files its letters are character codes.
   Parsed<void> read_space(const XmlElement &data) {
     const XmlElement *field = data.child("FieldData");
     for (const XmlElement &array : field == nullptr ? std::vector<XmlElement>() : field->children) {
@@ -210,8 +210,8 @@ private:
     return numbers_of(*bytes, type, big_endian_);
   }
 
-  // The bytes of an array: behind one header word with their number, or, compressed, behind the numbers of blocks, of
-  // bytes in a block, of bytes in a last, shorter one, and the packed size of each.
+  // The bytes of an array. Uncompressed: one header word with the number of bytes precedes them. Compressed: the number
+  // of blocks, the bytes per block, the bytes of a shorter last block and the packed size of each block precede them.
   Parsed<std::string> block(std::string_view source, bool base64, std::size_t size) const {
     const std::size_t word = size_of(header_type_);
     const auto bytes_to = [&](std::size_t wanted) {

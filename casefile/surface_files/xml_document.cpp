@@ -13,7 +13,7 @@ constexpr std::size_t kDeepest = 64;
 
 struct TreeBuilder {
   XML_Parser parser = nullptr;
-  std::vector<XmlElement> open; // from the outermost to the present one
+  std::vector<XmlElement> open; // from the outermost to the current one
   XmlElement root;
   std::string problem;
 
@@ -25,7 +25,7 @@ struct TreeBuilder {
   static void start(void *self, const char *name, const char **attributes) {
     auto &builder = *static_cast<TreeBuilder *>(self);
     if (builder.open.size() == kDeepest) {
-      builder.stop("elements lie more than 64 deep in each other");
+      builder.stop("elements are nested more than 64 deep");
       return;
     }
     XmlElement element;

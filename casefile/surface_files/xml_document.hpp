@@ -1,7 +1,7 @@
 // An XML file as a tree, by expat. Private to this library.
 //
-// expat itself stops entities that grow without end; entities of a file's own are refused here altogether, and nothing
-// outside the file is ever fetched.
+// expat itself limits the growth of entities. Entities that a file defines are refused here altogether, and nothing
+// outside the file is ever read.
 #pragma once
 
 #include <map>
@@ -16,7 +16,7 @@ namespace bregma::casefile::detail {
 struct XmlElement {
   std::string name;
   std::map<std::string, std::string, std::less<>> attributes;
-  std::string text; // all of it, that of children left out
+  std::string text; // the whole text without that of children
   std::vector<XmlElement> children;
   int line = 0;
 

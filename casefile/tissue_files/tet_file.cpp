@@ -26,7 +26,7 @@ namespace fs = std::filesystem;
 
 constexpr std::array<const char *, 6> kTensorNames{"XX", "YY", "ZZ", "XY", "YZ", "XZ"}; // as ParaView shows them
 
-// What stands against the fields; empty when nothing does.
+// The reason why the fields are invalid; empty if they are valid.
 std::string fields_problem(std::span<const TetField> fields, std::size_t rows, const char *of) {
   for (auto field = fields.begin(); field != fields.end(); ++field) {
     const std::string which = "field \"" + field->name + "\" of the " + of + " ";
@@ -92,7 +92,7 @@ vtkSmartPointer<vtkUnstructuredGrid> to_grid(const tissue::TetMesh &mesh) {
   return grid;
 }
 
-// Into memory: what VTK has to say about a disk that is full it prints, and does not return.
+// Writes to memory first: VTK prints the error of a full disk instead of returning it.
 std::string to_text(vtkUnstructuredGrid *grid) {
   vtkNew<vtkXMLUnstructuredGridWriter> writer;
   writer->SetInputData(grid);

@@ -1,6 +1,6 @@
-// A mesh of tetrahedra and fields on it, for ParaView and Slicer: VTK XML unstructured grid (.vtu), appended binary.
+// A tetrahedral mesh with fields, for ParaView and Slicer: VTK XML unstructured grid (.vtu), appended binary.
 //
-// Coordinates are written as they are in memory, RAS in mm, and the file says so in the way Slicer reads (field SPACE).
+// Coordinates are written in RAS, mm, and the file states this in the form that Slicer reads (field SPACE).
 // Blocking; safe from any thread; nothing throws but std::bad_alloc.
 #pragma once
 
@@ -14,16 +14,16 @@
 
 namespace bregma::casefile {
 
-// One row of `components` values for each node or each tetrahedron, one row after the other. Its name carries the unit:
-// "displacement_mm". Six components are a symmetric tensor in VTK's order: xx, yy, zz, xy, yz, xz.
+// One row of `components` values per node or tetrahedron, row after row. The name contains the unit: "displacement_mm".
+// Six components are a symmetric tensor in VTK's order: xx, yy, zz, xy, yz, xz.
 struct TetField {
   std::string name;
   int components = 1; // 1, 3 or 6
   std::vector<double> values;
 };
 
-// Replaces an existing file, but only by a whole one. Refuses a mesh that tissue::check refuses, fields whose number of
-// values does not fit the mesh, a name that is empty or used twice.
+// Replaces an existing file, but only by a complete one. Refuses a mesh that tissue::check refuses, fields with a wrong
+// number of values, and a name that is empty or used twice.
 [[nodiscard]] base::Result<void> write_tet_mesh(const std::filesystem::path &file, const tissue::TetMesh &mesh,
                                                 std::span<const TetField> node_fields = {},
                                                 std::span<const TetField> cell_fields = {});

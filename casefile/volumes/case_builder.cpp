@@ -18,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// How long each part takes, as shares of the whole, on the head of the demonstration.
+// Fraction of the total time per part, measured on the demonstration's head.
 constexpr double kScalpShare = 0.45;
 constexpr double kBrainShare = 0.25;
 
@@ -31,7 +31,7 @@ Progress within(const Progress &progress, double from, double to, const std::str
   };
 }
 
-// Files as they are where they hold everything themselves, so that nothing is lost; others as NIfTI.
+// Self-contained files are copied unchanged, so that nothing is lost. Others are written as NIfTI.
 base::Result<fs::path> store_image(const fs::path &source, const Volume &volume, const fs::path &folder) {
   const std::string name = source.filename().string();
   for (const std::string extension : {".nii.gz", ".nii", ".nrrd", ".mha"}) {
@@ -92,7 +92,7 @@ public:
   }
 
 private:
-  // Before the long work: a wrong plan should not be found out after it.
+  // Checks the plan before the long computation.
   base::Result<void> read_plans() {
     Case &c = created_.value;
     for (const auto &[file, points] : {std::pair{&sources_.fiducials, &c.fiducials},
@@ -198,7 +198,7 @@ private:
   base::Result<void> make_structures() {
     SurfaceOptions options;
     options.closing_mm = 1.0;
-    options.blur_mm = 0.7; // a thin gyrus would lose its edges to more
+    options.blur_mm = 0.7; // more blur would erode thin gyri
     options.vertices = std::max(100, sources_.vertices / 2);
     const double start = kScalpShare + kBrainShare;
     const double share = (1.0 - start) / static_cast<double>(std::max<std::size_t>(structures_.size(), 1));

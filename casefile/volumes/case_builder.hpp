@@ -1,4 +1,4 @@
-// From image files and plans to a case folder: what `bregma case create` does.
+// Makes a case folder from image files and plans, for `bregma case create`.
 #pragma once
 
 #include <filesystem>
@@ -21,22 +21,22 @@ struct StructureRequest {
 // "Name=Region,Region" or "Region", which is then the structure's name as well.
 [[nodiscard]] base::Result<StructureRequest> parse_structure(const std::string &text);
 
-// What is critical in the naming of the AAL atlas: precentral gyri, occipital lobes, Heschl's gyri, each side apart.
+// Critical structures by the names of the AAL atlas: precentral gyri, occipital lobes, Heschl's gyri, each side apart.
 [[nodiscard]] std::vector<StructureRequest> aal_critical_structures();
 
-// The craniotomy of the case is planned about the first trajectory, where there is one.
+// The craniotomy of the case is centred on the first trajectory, if there is one.
 struct CaseSources {
   std::string id;
-  std::filesystem::path image;              // of the head: a file or a DICOM folder
-  std::string series;                       // of the DICOM folder, where it holds several
+  std::filesystem::path image;              // image of the head: a file or a DICOM folder
+  std::string series;                       // series of the DICOM folder, if it has several
   std::filesystem::path brain;              // the same head without skull: every voxel above 0 is brain
   std::filesystem::path labels;             // regions; may be empty, then there are no structures
-  std::filesystem::path label_names;        // empty: beside the labels, with ".txt" for ".gz"
+  std::filesystem::path label_names;        // empty: next to the labels, with ".txt" for ".gz"
   std::vector<StructureRequest> structures; // empty: aal_critical_structures()
-  // Slicer markups; may be empty but the first.
+  // Slicer markups; all but the first may be empty.
   std::filesystem::path fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::filesystem::path tools;           // TOML with [[tools]]
-  int vertices = 10'000;                 // of scalp and brain; structures get at most half of it
+  int vertices = 10'000;                 // of scalp and of brain; structures get at most half of it
   std::optional<double> scalp_threshold; // Otsu's where not given
   bool snap = false;                     // moves fiducials and landmarks onto the scalp, from at most kMaxSnap_mm
 };
@@ -54,8 +54,8 @@ struct CreatedCase {
   std::vector<SurfaceSummary> surfaces; // scalp, brain, structures
 };
 
-// Makes `folder`, whole or not at all: it is written beside it under a hidden name and then renamed. An existing folder
-// is replaced only if `replace` is set and it holds a case.toml; its sessions/ are taken over. Blocks for some seconds.
+// Makes `folder` completely or not at all: it is written next to it under a hidden name and then renamed. An existing
+// folder is replaced only if `replace` is set and it has a case.toml; its sessions/ are kept. Blocks for some seconds.
 [[nodiscard]] base::Result<CreatedCase> create_case(const std::filesystem::path &folder, const CaseSources &sources,
                                                     bool replace, const Progress &progress = {});
 
@@ -64,8 +64,7 @@ struct SnappedPoint {
   double moved_mm = 0.0;
 };
 
-// Moves the points to the nearest place on the surface; refuses a point that lies farther away than max_mm and names
-// it.
+// Moves the points to the nearest position on the surface. A point farther away than max_mm is refused and named.
 [[nodiscard]] base::Result<std::vector<SnappedPoint>> snap_points(std::vector<NamedPoint> &points,
                                                                   const Surface &surface, double max_mm);
 

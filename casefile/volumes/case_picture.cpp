@@ -21,7 +21,7 @@ SceneMesh layer(const surface::TriangleMesh &mesh, const Colour &colour, double 
 } // namespace
 
 Colour structure_colour(std::size_t index) {
-  // Okabe and Ito's colours, which people who are colour-blind can tell apart.
+  // Okabe and Ito's colours, which colour-blind readers can distinguish.
   static constexpr std::array<Colour, 8> kColours{{{213, 94, 0},
                                                    {0, 158, 115},
                                                    {204, 121, 167},
@@ -42,7 +42,7 @@ Scene case_scene(const Case &c, const Eigen::Vector3d &towards_eye, int width, i
   for (std::size_t at = 0; at < c.structures.size(); ++at) {
     scene.meshes.push_back(layer(c.structures[at].mesh, structure_colour(at), 1.0));
   }
-  // Seen through one after the other, from the inside out.
+  // Transparent layers, drawn from the inside out.
   scene.meshes.push_back(layer(c.brain.mesh, kBrain, 0.4));
   scene.meshes.push_back(layer(c.scalp.mesh, kScalp, 0.35));
   for (const NamedPoint &point : c.fiducials) {
@@ -55,7 +55,7 @@ Scene case_scene(const Case &c, const Eigen::Vector3d &towards_eye, int width, i
     scene.spheres.push_back({point.position_mm, 4.0, kTarget});
   }
   for (const Trajectory &trajectory : c.trajectories) {
-    // From where the instrument's holder would stand.
+    // View from the side of the instrument's holder.
     const Eigen::Vector3d outside =
         trajectory.entry_mm + 30.0 * (trajectory.entry_mm - trajectory.target_mm).normalized();
     scene.lines.push_back({outside, trajectory.target_mm, 1.2, kTrajectory});

@@ -1,4 +1,4 @@
-// How a case looks: the scalp as glass, the brain within it, critical structures in colour, fiducials, trajectories.
+// Picture of a case: translucent scalp, brain, critical structures in colour, fiducials, trajectories.
 #pragma once
 
 #include <Eigen/Core>
@@ -8,7 +8,7 @@
 
 namespace bregma::casefile {
 
-// The colour of the n-th critical structure, the same in every picture; after eight they come again.
+// The colour of the n-th critical structure, the same in every picture; eight colours are repeated.
 [[nodiscard]] Colour structure_colour(std::size_t index);
 
 // `c` must outlive the scene. Landmarks are drawn smaller than fiducials; targets as spheres at their trajectories'

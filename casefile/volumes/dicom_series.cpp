@@ -1,5 +1,5 @@
-// A DICOM series is a set of slices that each say where they lie. They make a volume only if they lie one behind the
-// other at even gaps along their common normal; whatever else is said of "slice spacing" in the files is not used.
+// A DICOM series is a set of slices, each with its own position. They form a volume only if they are stacked at equal
+// gaps along their common normal. Other tags about "slice spacing" are not used.
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kGapTolerance = 0.01; // share of the median gap: positions are written with few digits
+constexpr double kGapTolerance = 0.01; // fraction of the median gap: positions are written with few digits
 constexpr double kGapTolerance_mm = 0.01;
 constexpr double kTiltTolerance_rad = 0.0018; // 0.1 degrees: 0.35 mm over a stack of 200 mm
 constexpr double kOrientationTolerance = 1e-4;
@@ -114,7 +114,7 @@ struct Stack {
   double gap_mm = 0.0;
 };
 
-// What is wrong with the slices' places, all of it in one sentence.
+// All problems of the slices' positions in one sentence.
 base::Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> &slices) {
   std::vector<double> gaps;
   for (std::size_t at = 1; at < slices.size(); ++at) {
@@ -181,7 +181,7 @@ base::Result<std::vector<std::string>> files_of(const fs::path &folder, const st
 } // namespace
 
 base::Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::string &series) {
-  gdcm::Trace::WarningOff(); // what matters comes back as an Error
+  gdcm::Trace::WarningOff(); // relevant problems are returned as an Error
   gdcm::Trace::ErrorOff();
   const auto files = files_of(folder, series);
   if (!files) {
@@ -219,7 +219,7 @@ base::Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const
   reader->SetFileNames(sorted);
   reader->Update();
 
-  // The grid is the one that was checked, whatever the reader made of the headers.
+  // Uses the grid that was checked, not the reader's interpretation of the headers.
   ItkVolume::Pointer image = reader->GetOutput();
   const Slice &first = slices.front();
   ItkVolume::DirectionType direction;

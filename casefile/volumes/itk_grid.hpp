@@ -1,4 +1,4 @@
-// Inside casefile/volumes only: what ITK hands over, before it is ours.
+// Private to casefile/volumes: data from ITK before conversion.
 #pragma once
 
 #include <itkImage.h>
@@ -10,14 +10,14 @@ namespace bregma::casefile {
 
 using ItkVolume = itk::Image<float, 3>;
 
-// The even, untilted stack of slices of one DICOM series in the folder, in LPS as ITK has it.
+// The evenly spaced, untilted stack of slices of one DICOM series in the folder, in LPS as in ITK.
 [[nodiscard]] base::Result<ItkVolume::Pointer> read_dicom_series(const std::filesystem::path &folder,
                                                                  const std::string &series);
 
-// What the library that reads NIfTI lets pass: a file that ends early (it would give zeros), a header without extent.
+// Errors that the NIfTI library does not detect: a truncated file (it would return zeros), a header without extent.
 [[nodiscard]] base::Result<void> check_nifti_size(const std::filesystem::path &path, const itk::ImageIOBase &io);
 
-// A NIfTI file may carry two matrices, or none; refused where it is not certain where the image lies.
+// A NIfTI file may contain two matrices, or none; refused where the image's position is ambiguous.
 [[nodiscard]] base::Result<void> check_nifti_placement(const std::filesystem::path &path, const itk::ImageIOBase &io,
                                                        const ItkVolume &image);
 
@@ -26,7 +26,7 @@ using ItkVolume = itk::Image<float, 3>;
 // "path: what"
 [[nodiscard]] std::string file_error(const std::filesystem::path &path, const std::string &what);
 
-// A number as a message shows it.
+// A number as text for messages.
 [[nodiscard]] std::string shown(double value, int digits);
 
 } // namespace bregma::casefile

@@ -1,4 +1,4 @@
-// Whether a triangle mesh bounds a body: counted on its half-edges, independent of the library that made it.
+// Checks that a triangle mesh bounds a body, from its half-edges and independent of the library that made it.
 #include <algorithm>
 #include <cstdint>
 #include <numeric>
@@ -28,7 +28,7 @@ std::vector<HalfEdge> half_edges_of(const surface::TriangleMesh &mesh) {
   return edges;
 }
 
-// Each edge with two triangles is `closed`; that they run along it in opposite directions is `oriented`.
+// `closed`: each edge has two triangles. `oriented`: the two run along the edge in opposite directions.
 void check_edges(const surface::TriangleMesh &mesh, MeshCheck &check) {
   const std::vector<HalfEdge> edges = half_edges_of(mesh);
   check.closed = !edges.empty();
@@ -44,7 +44,7 @@ void check_edges(const surface::TriangleMesh &mesh, MeshCheck &check) {
   }
 }
 
-// Around each vertex the triangles lead from one neighbour to the next; one round trip over all of them is a fan.
+// The triangles around a vertex lead from one neighbour to the next. One cycle over all of them is a fan.
 bool has_single_fans(const surface::TriangleMesh &mesh) {
   struct Link {
     int vertex, from, to;

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where ITK places a corner of the image against where the file's own matrix places it.
+// Distance between a corner of the image as placed by ITK and as placed by the file's own matrix.
 constexpr double kPlacementTolerance_mm = 0.01;
 
 constexpr std::size_t kHeaderBytes = 348;
@@ -45,7 +45,7 @@ std::string header_field(const itk::ImageIOBase &io, const std::string &key) {
 } // namespace
 
 base::Result<void> check_nifti_size(const fs::path &path, const itk::ImageIOBase &io) {
-  // zlib reads files that are not compressed as they are.
+  // zlib reads uncompressed files unchanged.
   const std::unique_ptr<gzFile_s, int (*)(gzFile)> file(gzopen(path.c_str(), "rb"), gzclose);
   std::array<char, kHeaderBytes> header{};
   if (!file || gzread(file.get(), header.data(), kHeaderBytes) != static_cast<int>(kHeaderBytes)) {
@@ -64,7 +64,7 @@ base::Result<void> check_nifti_size(const fs::path &path, const itk::ImageIOBase
     }
   }
   const auto start = static_cast<double>(field<float>(header, kVoxelsStartAt, swapped));
-  // As stored: ITK's own size is that of the scaled values.
+  // The stored type; ITK reports that of the scaled values.
   const double needed = start + static_cast<double>(io.GetImageSizeInPixels()) *
                                     field<std::int16_t>(header, kBitsPerVoxelOffset, swapped) / 8.0;
   double found = kHeaderBytes;

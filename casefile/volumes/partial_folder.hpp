@@ -1,4 +1,5 @@
-// A case folder that comes to be whole or not at all: it is filled beside its place under a hidden name, then renamed.
+// A case folder that is made completely or not at all: it is filled next to its place under a hidden name, then
+// renamed.
 #pragma once
 
 #include <filesystem>
@@ -9,9 +10,9 @@ namespace bregma::casefile {
 
 class PartialFolder {
 public:
-  // Makes the hidden folder. Refuses a place that is taken, unless by a case that may be replaced.
+  // Makes the hidden folder. Refuses an existing folder, unless it is a case that may be replaced.
   [[nodiscard]] static base::Result<PartialFolder> beside(const std::filesystem::path &folder, bool replace);
-  ~PartialFolder(); // takes away what was not put in place
+  ~PartialFolder(); // removes the folder if it was not put in place
   PartialFolder(PartialFolder &&other) noexcept;
   PartialFolder &operator=(PartialFolder &&) = delete;
   PartialFolder(const PartialFolder &) = delete;
@@ -20,7 +21,7 @@ public:
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }
   [[nodiscard]] const std::filesystem::path &final_path() const { return final_path_; }
 
-  // The sessions/ of a case that is replaced are taken over.
+  // The sessions/ of a replaced case are kept.
   [[nodiscard]] base::Result<void> put_in_place();
 
 private:

@@ -10,7 +10,7 @@
 namespace bregma::casefile {
 namespace {
 
-constexpr int kSamples = 2; // a side of a pixel
+constexpr int kSamples = 2; // samples per side of a pixel
 constexpr double kAmbient = 0.35;
 
 // x to the right, y down, in samples; z towards the eye, in mm.
@@ -81,7 +81,7 @@ public:
     }
   }
 
-  // What `layer` has in front of this canvas, seen through.
+  // Blends the visible part of `layer` over this canvas.
   void blend(const Canvas &layer, float opacity) {
     for (std::size_t at = 0; at < colour_.size(); ++at) {
       if (layer.depth_[at] > depth_[at]) {
@@ -116,7 +116,7 @@ private:
   std::vector<float> depth_;
 };
 
-// Light from the upper left behind the viewer; both sides of a surface are lit, so that a cut shows its inside.
+// Light from the upper left behind the viewer. Both sides of a surface are lit, so that a cut shows the inside.
 float brightness(const Eigen::Vector3d &view_normal) {
   static const Eigen::Vector3d light = Eigen::Vector3d(-0.4, 0.5, 0.9).normalized();
   const double facing = view_normal.z() < 0.0 ? -view_normal.dot(light) : view_normal.dot(light);
@@ -213,7 +213,7 @@ void draw_sphere(Canvas &canvas, const View &view, const SceneSphere &sphere) {
   }
 }
 
-// A chain of spheres, near enough to each other to look like a rod.
+// A chain of spheres that are close enough to look like a rod.
 void draw_line(Canvas &canvas, const View &view, const SceneLine &line) {
   const double length = (line.to_mm - line.from_mm).norm();
   const int steps = 1 + static_cast<int>(length / std::max(0.05, 0.25 * line.radius_mm));
@@ -256,7 +256,7 @@ base::Result<std::vector<std::uint8_t>> encode_png(const Image &image) {
                          " pixels cannot be written");
   }
   cv::Mat pixels(image.height, image.width, CV_8UC3);
-  for (std::size_t at = 0; at < image.rgb.size(); at += 3) { // OpenCV has blue first
+  for (std::size_t at = 0; at < image.rgb.size(); at += 3) { // OpenCV stores blue first
     pixels.data[at] = image.rgb[at + 2];
     pixels.data[at + 1] = image.rgb[at + 1];
     pixels.data[at + 2] = image.rgb[at];

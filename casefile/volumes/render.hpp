@@ -21,14 +21,14 @@ using Colour = std::array<std::uint8_t, 3>; // red, green, blue
 struct Camera {
   Eigen::Vector3d towards_eye = Eigen::Vector3d::UnitY();
   Eigen::Vector3d up = Eigen::Vector3d::UnitZ();
-  double margin = 0.05; // share of the picture left free around the meshes
+  double margin = 0.05; // fraction of the picture left free around the meshes
 };
 
 struct SceneMesh {
   const surface::TriangleMesh *mesh = nullptr; // must outlive render()
-  std::vector<Colour> vertex_colours;          // one a vertex, or one for all
-  double opacity = 1.0;                        // below 1: the nearest layer of it is blended over what lies behind
-  // Where set, only the side with normal . (x - point) <= 0 is drawn: the cut shows what is inside.
+  std::vector<Colour> vertex_colours;          // one per vertex, or one for all
+  double opacity = 1.0;                        // below 1: its nearest layer is blended over the background
+  // If set, only the side with normal . (x - point) <= 0 is drawn, so that the interior is visible.
   bool cut = false;
   Eigen::Vector3d cut_point_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d cut_normal = Eigen::Vector3d::UnitX();
@@ -60,10 +60,10 @@ struct Scene {
 struct Image {
   int width = 0;
   int height = 0;
-  std::vector<std::uint8_t> rgb; // 3 bytes a pixel, row by row from the top
+  std::vector<std::uint8_t> rgb; // 3 bytes per pixel, row by row from the top
 };
 
-// Each pixel is the mean of 2x2 samples. The picture shows everything of the meshes, in mm true to scale.
+// Each pixel is the mean of 2x2 samples. The picture shows the meshes completely and true to scale.
 [[nodiscard]] Image render(const Scene &scene);
 
 [[nodiscard]] base::Result<std::vector<std::uint8_t>> encode_png(const Image &image);

@@ -67,7 +67,7 @@ Mask::Pointer padded_mask(const image::Image<Voxel, 3> &volume, const Padding &p
   return mask;
 }
 
-// The smallest box around the wanted voxels, of which there is at least one: a structure is a small part of its image.
+// The bounding box of the selected voxels, of which there is at least one. A structure is a small part of its image.
 template <class Wanted> LabelVolume cropped(const LabelVolume &volume, const Wanted &wanted) {
   Eigen::Array3i first = Eigen::Array3i::Constant(std::numeric_limits<int>::max());
   Eigen::Array3i last = Eigen::Array3i::Constant(-1);
@@ -118,8 +118,8 @@ Mask::Pointer largest_component(const Mask::Pointer &mask) {
   return filter->GetOutput();
 }
 
-// The ball-shaped neighbourhood of all voxels of `value` takes that value: dilation for 1, erosion for 0, one the exact
-// dual of the other, so that closing never takes anything away.
+// Sets the ball-shaped neighbourhood of all voxels of `value` to that value: dilation for 1, erosion for 0. The two are
+// exact duals, so closing never removes a voxel.
 Mask::Pointer grown(const Mask::Pointer &mask, std::uint8_t value, double radius_mm) {
   const auto count = mask->GetLargestPossibleRegion().GetNumberOfPixels();
   auto out = Mask::New();
@@ -150,7 +150,7 @@ template <class ImageType> typename ImageType::Pointer filled(const ImageType *m
   return filter->GetOutput();
 }
 
-// Slice by slice along k: airways, open where the image cuts the neck, are closed in the slices above.
+// Fills slice by slice along k: airways that are open where the image cuts the neck are closed in the slices above.
 void fill_slices(const Mask::Pointer &mask) {
   const auto whole = mask->GetLargestPossibleRegion();
   for (itk::IndexValueType k = 0; k < static_cast<itk::IndexValueType>(whole.GetSize(2)); ++k) {
@@ -209,7 +209,7 @@ bool is_empty(const Mask::Pointer &mask) {
   return std::all_of(from, from + count, [](std::uint8_t v) { return v == 0; });
 }
 
-// The mask with its clefts and holes closed.
+// The mask after clefts and holes are closed.
 Mask::Pointer closed(Mask::Pointer mask, const SurfaceOptions &options, const Step &step) {
   if (options.closing_mm > 0.0) {
     step(0.3, "closing clefts");

@@ -1,4 +1,4 @@
-// Inside casefile/volumes only: from voxels to the mask of one object.
+// Private to casefile/volumes: the mask of one object from voxels.
 #pragma once
 
 #include <functional>
@@ -9,14 +9,14 @@
 
 namespace bregma::casefile {
 
-// 1 inside the object, 0 outside, smooth between: its border is at 0.5. Padded, so that the object never touches the
-// border of the grid.
+// 1 inside the object, 0 outside, smooth between: the boundary is at 0.5. Padded, so that the object never touches the
+// boundary of the grid.
 struct Field {
   Volume grid;            // T_image_index holds for this grid's own indices
-  double threshold = 0.0; // of the image, that was used
+  double threshold = 0.0; // threshold of the image that was used
 };
 
-// Says where the work stands (0 to 1) and throws where the caller wants it stopped.
+// Reports the progress (0 to 1) and throws where the caller stops the work.
 using Step = std::function<void(double, std::string_view)>;
 
 // Both may throw (ITK's exceptions, the step's).

@@ -28,10 +28,10 @@ namespace {
 
 using surface::TriangleMesh;
 
-// Leaves the filters' call stack when the person has asked to stop.
+// Leaves the filters' call stack when the user cancels.
 struct Stopped : std::exception {};
 
-// Share of the work that segmentation is, by the clock.
+// Fraction of the time that segmentation takes.
 constexpr double kSegmentationShare = 0.6;
 
 Step step_within(const Progress &progress, double from, double to) {
@@ -53,7 +53,7 @@ vtkSmartPointer<vtkPolyData> isosurface(const Volume &grid) {
   image->GetPointData()->SetScalars(values);
   vtkNew<vtkFlyingEdges3D> edges;
   edges->SetInputData(image);
-  // Not 0.5 itself, which a blurred mask meets in places exactly: triangles would collapse there.
+  // Not exactly 0.5: a blurred mask reaches that value exactly at some voxels, where triangles would collapse.
   edges->SetValue(0, 0.500013);
   edges->ComputeNormalsOff();
   edges->ComputeGradientsOff();
@@ -98,7 +98,7 @@ TriangleMesh mesh_in_image(vtkPolyData *data, const Volume &grid) {
     Eigen::Vector3i triangle;
     for (int corner = 0; corner < 3; ++corner) {
       int &index = new_index[static_cast<std::size_t>(corners->GetId(corner))];
-      if (index < 0) { // points that no triangle uses any more are left behind
+      if (index < 0) { // skips points that no triangle uses
         index = static_cast<int>(mesh.vertices_mm.size());
         mesh.vertices_mm.emplace_back(A * Eigen::Vector3d(data->GetPoint(corners->GetId(corner))) + origin);
       }
@@ -179,7 +179,7 @@ base::Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptio
   vtkSmartPointer<vtkPolyData> reduced = full;
   MeshCheck check;
   if (full->GetNumberOfPoints() > options.vertices) {
-    vtkNew<vtkQuadricDecimation> quadric; // the better shape, but it can pinch the surface
+    vtkNew<vtkQuadricDecimation> quadric; // better shape, but it can pinch the surface
     reduced = decimated_by(*quadric, full, options.vertices);
     out.mesh = mesh_in_image(reduced, field.grid);
     check = check_mesh(out.mesh);

@@ -1,10 +1,9 @@
 // Closed surfaces from images, by ITK (segmentation) and VTK (mesh).
 //
 // Stages: threshold, largest component, morphological closing, holes filled, isosurface (flying edges) of the slightly
-// blurred mask, windowed-sinc smoothing, quadric decimation. Around the image there is nothing: where the object is cut
-// off by its border (the neck) the surface is closed along it. The result is one closed
-// 2-manifold, oriented outward, in Image (RAS, mm); anything else is an Error, never a doubtful mesh. Blocking, for
-// seconds; safe from any thread.
+// blurred mask, windowed-sinc smoothing, quadric decimation. The outside of the image counts as empty: where the object
+// is cut off by the image (the neck), the surface is closed along it. The result is one closed 2-manifold, oriented
+// outwards, in Image (RAS, mm); anything else is an Error. Blocking, for seconds; safe from any thread.
 #pragma once
 
 #include <cstdint>
@@ -21,29 +20,29 @@
 
 namespace bregma::casefile {
 
-// Called from the calling thread with the share of the work that is done (0 to 1) and the stage's name. Returning false
-// stops the work: the function then returns an Error that says so.
+// Called from the calling thread with the completed fraction of the work (0 to 1) and the stage's name. Returning false
+// stops the work, and the function returns an Error.
 using Progress = std::function<bool(double, std::string_view)>;
 
 struct SurfaceOptions {
   std::optional<double> threshold =
-      std::nullopt;              // intensity above which a voxel belongs to the object; Otsu's where not given
+      std::nullopt;              // intensity above which a voxel belongs to the object; default: Otsu's
   double closing_mm = 0.0;       // radius of the ball that closes clefts (sinuses, ear canals, sulci)
-  bool fill_holes = true;        // what the outside cannot reach belongs to the object
-  bool fill_slices = false;      // and what it cannot reach within an axial slice: airways that end in the neck's cut
-  double blur_mm = 1.0;          // sigma of the Gaussian on the mask: takes off the steps of the voxels
-  int smoothing_iterations = 20; // windowed sinc; 0 leaves it out
-  double pass_band = 0.1;        // of the windowed sinc: lower is smoother
-  int vertices = 10'000;         // at most; the mesh is decimated to it
+  bool fill_holes = true;        // enclosed voids belong to the object
+  bool fill_slices = false;      // also voids enclosed within an axial slice: airways that end in the neck's cut
+  double blur_mm = 1.0;          // sigma of the Gaussian on the mask, which removes the voxels' steps
+  int smoothing_iterations = 20; // windowed sinc; 0: none
+  double pass_band = 0.1;        // pass band of the windowed sinc: lower is smoother
+  int vertices = 10'000;         // maximum; the mesh is decimated to it
 };
 
-// The skin of a head in an image: closed over nostrils, ear canals and the neck's cut.
+// The skin of a head in an image, closed over nostrils, ear canals and the neck's cut.
 [[nodiscard]] SurfaceOptions scalp_options();
 
 struct SurfaceReport {
-  double threshold = 0.0;        // that was used
+  double threshold = 0.0;        // the threshold that was used
   int full_vertices = 0;         // before decimation
-  double mean_distance_mm = 0.0; // of the full surface's vertices to the decimated surface
+  double mean_distance_mm = 0.0; // from the full surface's vertices to the decimated surface
   double max_distance_mm = 0.0;
   double volume_ml = 0.0;
 };
@@ -56,7 +55,7 @@ struct ExtractedSurface {
 [[nodiscard]] base::Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
                                                              const Progress &progress = {});
 
-// The surface around the voxels that carry any of `labels`, all their parts.
+// The surface around all voxels with any of `labels`, with all its parts.
 [[nodiscard]] base::Result<ExtractedSurface> extract_surface(const LabelVolume &volume,
                                                              std::span<const std::int16_t> labels,
                                                              const SurfaceOptions &options,
@@ -72,8 +71,8 @@ struct MeshCheck {
 };
 [[nodiscard]] MeshCheck check_mesh(const surface::TriangleMesh &mesh);
 
-// For each point the nearest one on the surface, not only among its vertices. Sorts the mesh first: ask for many at
-// once.
+// For each point the nearest one on the surface, not only among its vertices. Each call builds a search tree: query
+// many points at once.
 [[nodiscard]] std::vector<Eigen::Vector3d> nearest_on_surface(const surface::TriangleMesh &mesh,
                                                               std::span<const Eigen::Vector3d> points_mm);
 

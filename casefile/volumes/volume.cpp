@@ -23,12 +23,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Columns of the index-to-world matrix may be this far from a right angle (cosine) before the grid counts as sheared.
+// Maximal cosine between two columns of the index-to-world matrix. Above it the grid counts as sheared.
 constexpr double kShearTolerance = 1e-3;
 
 itk::ImageIOBase::Pointer image_io_of(const std::string &path) {
   auto nifti = itk::NiftiImageIO::New();
-  // Analyze 7.5 does not say which side is left.
+  // Analyze 7.5 does not state which side is left.
   nifti->SetLegacyAnalyze75Mode(itk::NiftiImageIOEnums::Analyze75Flavor::AnalyzeReject);
   const itk::ImageIOBase::Pointer known[] = {nifti.GetPointer(), itk::NrrdImageIO::New().GetPointer(),
                                              itk::MetaImageIO::New().GetPointer()};
@@ -128,8 +128,8 @@ base::Result<void> check_grid(const fs::path &path, const Eigen::Matrix4d &T) {
   return {};
 }
 
-// Which index axis runs along R, A, S: of the six assignments the one with the largest sum of cosines, so that oblique
-// images have one answer as well.
+// Finds the index axis along R, A and S: the assignment with the largest sum of cosines. It is unique for oblique
+// images as well.
 std::array<int, 3> axes_along_ras(const Eigen::Matrix4d &T) {
   const Eigen::Matrix3d cosines = T.topLeftCorner<3, 3>().colwise().normalized().cwiseAbs();
   std::array<int, 3> axes{0, 1, 2};
@@ -218,7 +218,7 @@ base::Result<Volume> read_volume(const fs::path &path, const std::string &series
   if (!fs::exists(path, ignored)) {
     return base::failure(file_error(path, "no such file or folder"));
   }
-  itk::Object::SetGlobalWarningDisplay(false); // what matters comes back as an Error
+  itk::Object::SetGlobalWarningDisplay(false); // relevant problems are returned as an Error
   try {
     auto image = fs::is_directory(path, ignored) ? read_dicom_series(path, series) : read_file(path);
     if (!image) {

@@ -1,9 +1,9 @@
-// Images as a case needs them: voxels on a regular grid, with the map from voxel index to Image (RAS, mm).
+// Images of a case: voxels on a regular grid, with the map from voxel index to Image (RAS, mm).
 //
-// Read through ITK: NIfTI, NRRD, MetaImage, or a folder with a DICOM series. ITK's LPS is turned into RAS once, here,
-// and voxels are put in the order nearest to it (i towards the right, j anterior, k superior), so that nothing
-// downstream depends on how a scanner or converter stored the same image. Everything that is wrong with a file is an
-// Error that names it; nothing here throws. Not for a loop: reads block and allocate. Functions are safe to call from
+// Images are read by ITK: NIfTI, NRRD, MetaImage, or a folder with a DICOM series. ITK's LPS is converted to RAS once,
+// here, and voxels are reordered to the nearest axes (i towards the right, j anterior, k superior). Nothing downstream
+// depends on how a scanner or converter stored the image. Every problem is an Error that names the file; nothing here
+// throws. Not for a loop: reads block and allocate. Functions are safe to call from
 // any thread, on different files at a time.
 #pragma once
 

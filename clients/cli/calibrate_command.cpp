@@ -150,7 +150,7 @@ void add_calibrate_command(CLI::App &app, Context &context) {
       ->required();
   pivot
       ->add_option("--transform", arguments->transform,
-                   "Which transform of a PLUS sequence; inverses and chains of recorded ones are found")
+                   "Transform of a PLUS sequence; inverses and chains of recorded transforms are allowed")
       ->capture_default_str();
   pivot->add_option("--noise-mm", arguments->noise_mm, "The tracker's noise, 1 sigma of a coordinate of a marker")
       ->check(CLI::Range(0.001, 10.0))

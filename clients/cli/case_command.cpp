@@ -1,4 +1,4 @@
-// `bregma case`: makes a case folder from images and plans, shows it, checks it, draws it, and fills its brain.
+// `bregma case`: makes a case folder from images and plans, shows it, checks it, renders it, and meshes its brain.
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -74,7 +74,7 @@ int run_create(CreateOptions options, const Context &context) {
                fixed(report.mean_distance_mm, 3), fixed(report.max_distance_mm, 3)});
   }
   print("Case " + created->value.id + " made in " + created->value.folder.string() + "\n\n" + table.text() +
-        "\nOff: from the vertices of the full surface to the one that is kept.\n");
+        "\nOff: distance of the full surface's vertices from the reduced surface.\n");
   return kOk;
 }
 
@@ -210,23 +210,25 @@ void add_create(CLI::App &group, Context &context) {
   command->add_option("--series", sources.series, "Series UID, where the DICOM folder holds several");
   command->add_option("--brain", sources.brain, "The same head without skull: voxels above 0 are brain")->required();
   command->add_option("--labels", sources.labels, "Regions: a label image on the same head");
-  command->add_option("--label-names", sources.label_names, "Lines \"number name\" (default: beside the labels, .txt)");
+  command->add_option("--label-names", sources.label_names,
+                      "Lines \"number name\" (default: next to the labels, .txt)");
   command->add_option("--structure", options->structures,
                       "Critical structure: \"Region\" or \"Name=Region,Region\"; any number of them\n"
                       "(default: precentral gyri, occipital lobes and Heschl's gyri of the AAL atlas)");
   command->add_option("--fiducials", sources.fiducials, "Slicer markups (.mrk.json): points to register by")
       ->required();
-  command->add_option("--landmarks", sources.landmarks, "Slicer markups: points to check by");
+  command->add_option("--landmarks", sources.landmarks, "Slicer markups: landmarks for check touches");
   command->add_option("--brain-landmarks", sources.brain_landmarks,
                       "Slicer markups: points in the brain that the tissue model follows, such as AC and PC");
   command->add_option("--targets", sources.targets, "Slicer markups: targets");
   command->add_option("--trajectories", sources.trajectories, "Slicer markups: lines, entry first");
   command->add_option("--tools", sources.tools, "TOML with [[tools]]")->required();
   command->add_option("--id", sources.id, "Name of the case, nothing about the patient (default: the folder's name)");
-  command->add_option("--vertices", sources.vertices, "Of scalp and brain; half of it for each structure")
+  command
+      ->add_option("--vertices", sources.vertices, "Number of vertices of scalp and of brain; half of it per structure")
       ->check(CLI::Range(500, 200'000))
       ->capture_default_str();
-  auto *threshold = command->add_option("--threshold", options->threshold, "Of the scalp (default: Otsu's)");
+  auto *threshold = command->add_option("--threshold", options->threshold, "Threshold of the scalp (default: Otsu's)");
   command->add_flag("--snap", sources.snap, "Move fiducials and landmarks onto the scalp, by at most 10 mm");
   command->add_flag("--force", options->force, "Replace the case that is there; its sessions are kept");
   add_json_flag(*command, context);
@@ -275,9 +277,9 @@ void add_picture(CLI::App &group, Context &context) {
   auto *command = group.add_subcommand("picture", "Draws a case; needs no display");
   command->add_option("folder", options->folder, "Case folder")->required();
   command->add_option("file", options->file, "PNG to write")->required();
-  command->add_option("--view", options->view, "front, back, left, right, top, or x,y,z: where the viewer stands, RAS")
+  command->add_option("--view", options->view, "front, back, left, right, top, or the viewer's position x,y,z, RAS")
       ->capture_default_str();
-  command->add_option("--size", options->size, "Pixels a side")->check(CLI::Range(64, 8192))->capture_default_str();
+  command->add_option("--size", options->size, "Pixels per side")->check(CLI::Range(64, 8192))->capture_default_str();
   add_json_flag(*command, context);
   command->footer("Example:\n  bregma case picture colin27 colin27.png --view front");
   command->callback(
@@ -291,7 +293,8 @@ void add_case_command(CLI::App &app, Context &context) {
   group->require_subcommand(1);
   add_create(*group, context);
   add_folder_command(*group, context, "show", "Surfaces, points, trajectories and their clearances", run_show);
-  add_folder_command(*group, context, "check", "Says what is wrong with a case; exit code 1 if anything is", run_check);
+  add_folder_command(*group, context, "check", "Reports what is wrong with a case; exit code 1 if anything is",
+                     run_check);
   add_snap(*group, context);
   add_picture(*group, context);
   add_mesh_command(*group, context);

@@ -1,4 +1,4 @@
-// How the answer to a command is shown: the same for every command that asks the daemon for something.
+// Output of the daemon's reply, the same for every command.
 #pragma once
 
 #include "clients/cli/commands.hpp"
@@ -6,8 +6,7 @@
 
 namespace bregma::cli {
 
-// kOk when it was done, kRefused when the daemon refused it (its reason goes to standard error), kBadInput when no
-// answer came.
+// kOk when done, kRefused when the daemon refused (with its reason on standard error), kBadInput without a reply.
 int show_reply(const base::Result<wire::CommandReply> &reply, const Context &context);
 
 // Joins the domain, sends, shows. The error of a command that could not be made is shown as well.

@@ -1,4 +1,4 @@
-// The commands of `bregma`: each file adds its own to the program and stores what is to be run in the context.
+// The commands of `bregma`: each file adds its own to the program and stores the function to run in the context.
 #pragma once
 
 #include <cstdint>
@@ -10,16 +10,16 @@ class App;
 
 namespace bregma::cli {
 
-// What a command's exit code says to a script.
+// Exit codes of all commands.
 enum ExitCode : int {
   kOk = 0,
-  kRefused = 1,  // it ran, and the answer is no: verdict not passed, command refused, limit not held
-  kBadInput = 2, // it could not run: usage, unreadable file, no daemon
+  kRefused = 1,  // the command ran with a negative result: verdict not passed, command refused, limit exceeded
+  kBadInput = 2, // the command could not run: usage, unreadable file, no daemon
 };
 
 // Filled while the command line is parsed. A command's callback sets run; main calls it once parsing has succeeded.
 struct Context {
-  bool json = false;        // --json: one JSON document on standard output (watch: one a line)
+  bool json = false;        // --json: one JSON document on standard output (watch: one per line)
   std::uint32_t domain = 0; // --domain: DDS domain of the daemon
   std::function<int()> run; // returns an ExitCode; may throw, main turns that into one sentence and kBadInput
 };

@@ -17,7 +17,7 @@ struct Word {
   std::string description;
 };
 
-// One place in the tree: what may follow there.
+// One node of the command tree and the words that may follow it.
 struct Place {
   std::string path; // "", "/alarms", "/alarms/ack"
   std::vector<Word> words;
@@ -53,7 +53,7 @@ std::vector<Place> places_of(const CLI::App &program) {
   return out;
 }
 
-// For a shell, between single quotes.
+// Quotes a text for a shell, in single quotes.
 std::string shell_quoted(const std::string &text) {
   std::string out = "'";
   for (const char c : text) {
@@ -62,7 +62,7 @@ std::string shell_quoted(const std::string &text) {
   return out + "'";
 }
 
-// Shell code that leaves in `at` the command that has been typed so far; names the same variables in both shells.
+// Shell code that stores the command typed so far in `at`. The variable names are the same in both shells.
 std::string walk_case(const std::vector<Place> &places) {
   std::string pattern;
   for (const auto &place : places) {

@@ -1,4 +1,4 @@
-// Completion scripts made from the program's own commands and options, so that they cannot fall behind them.
+// Completion scripts generated from the program's own commands and options, so that they are always up to date.
 #pragma once
 
 #include <string>

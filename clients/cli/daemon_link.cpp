@@ -12,7 +12,7 @@ using Clock = std::chrono::steady_clock;
 using base::failure;
 using base::Result;
 
-// Two clients with one name would take each other's replies.
+// Makes the client's name unique: two clients with one name would receive each other's replies.
 std::string unique_client_name() {
   std::random_device random;
   constexpr std::string_view kDigits = "0123456789abcdef";
@@ -64,7 +64,7 @@ bool DaemonLink::take_all() {
   std::size_t news = 0;
   const auto take = [&news](auto &reader, auto &&visit) {
     news += reader.take_each([&](const auto &sample, const dds::SampleInfo &) { visit(sample); });
-    (void)reader.status(); // else a change of liveliness would keep the wait set awake
+    (void)reader.status(); // clears the status: a change of liveliness would keep the wait set triggered
   };
   take(replies_, [&](const wire::CommandReply &reply) {
     if (wire::view(reply.client) == client_) {
@@ -103,7 +103,7 @@ void DaemonLink::settle(Duration timeout) {
           missing(health_, snapshot_.health.has_value()))) {
     (void)update(20ms);
   }
-  // The other instances of a topic come right behind its first.
+  // The other instances of a topic follow its first one.
   const auto grace = Clock::now() + 100ms;
   while (Clock::now() < grace) {
     (void)update(20ms);
@@ -135,7 +135,8 @@ Result<void> DaemonLink::wait_for_daemon(Duration timeout) {
     }
     if (Clock::now() >= end) {
       if (const auto quiet = silence(utc_now_ns()); quiet && health_.matched_writers() > 0) {
-        return failure("bregmad on domain " + std::to_string(domain_) + " hangs: it last spoke " +
+        return failure("bregmad on domain " + std::to_string(domain_) +
+                       " does not respond: its last message was sent " +
                        seconds_text(std::chrono::duration_cast<std::chrono::seconds>(*quiet)) + " ago");
       }
       return tl::unexpected(no_daemon());
@@ -163,7 +164,7 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
     }
     if (Clock::now() >= end) {
       return failure("bregmad on domain " + std::to_string(domain_) + " did not reply within " + seconds_text(timeout) +
-                     "; whether it carried the command out is not known");
+                     "; it is not known whether it carried out the command");
     }
     (void)update(20ms);
   }

@@ -1,7 +1,7 @@
-// The command line's connection to a daemon: what it broadcasts, and commands with their replies.
+// The command line's connection to a daemon: its broadcasts, and commands with their replies.
 //
-// Threads: one object, one thread. Errors: the constructor throws dds::Error (the domain cannot be joined); everything
-// else returns a sentence for the person at the terminal.
+// Threads: one object, one thread. Errors: the constructor throws dds::Error (the domain cannot be joined); all
+// other errors are returned as sentences for the user.
 #pragma once
 
 #include <chrono>
@@ -21,7 +21,7 @@
 
 namespace bregma::cli {
 
-// The latest value of everything that the daemon broadcasts. Empty where nothing has arrived.
+// The latest values that the daemon broadcasts. Empty where nothing has arrived.
 struct Snapshot {
   std::optional<wire::SystemHealth> health;
   std::optional<wire::RegistrationState> registration;
@@ -34,8 +34,8 @@ struct Snapshot {
   std::string other_wire; // who on the domain speaks another generation of the wire, as a sentence; empty: nobody
 };
 
-// Health is broadcast twice a second by default; after this long without one the daemon has stopped or hangs, and
-// nothing it has said may be shown as the present.
+// Health is broadcast twice per second by default. After this time without it the daemon has stopped or does not
+// respond, and none of its values may be shown as current.
 inline constexpr std::chrono::nanoseconds kDaemonSilent = std::chrono::seconds(2);
 
 class DaemonLink {
@@ -53,16 +53,16 @@ public:
   [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command,
                                                       Duration timeout = std::chrono::seconds(5));
 
-  // Takes in what has arrived; waits up to timeout when nothing has. True when something was new.
+  // Reads what has arrived; waits up to timeout if nothing has. True when something was new.
   bool update(Duration timeout);
 
-  // Until the state has come in whole after joining: every topic that has a writer has said something, or has been
-  // given the time to.
+  // Waits until the state is complete after joining: every topic with a writer has delivered a sample, or the time has
+  // elapsed.
   void settle(Duration timeout = std::chrono::milliseconds(600));
 
   [[nodiscard]] const Snapshot &snapshot() const { return snapshot_; }
 
-  // How long ago, on this host's clock, the daemon last said that it is alive; nothing before it ever did.
+  // Time since the daemon's last sign of life, on this host's clock; empty before the first.
   [[nodiscard]] std::optional<Duration> silence(std::int64_t now_ns) const;
   // False also when there has never been a daemon.
   [[nodiscard]] bool alive(std::int64_t now_ns) const;
@@ -79,8 +79,8 @@ private:
   std::string client_;
   std::uint64_t next_id_ = 1;
   dds::Participant participant_;
-  // In this order: endpoints are announced in the order of their creation, so a daemon whose health has reached us has
-  // heard of the two ends of the control path before.
+  // In this order: endpoints are announced in the order of their creation. A daemon whose health has arrived therefore
+  // knows both ends of the control path.
   dds::Writer<wire::Command> commands_;
   dds::Reader<wire::CommandReply> replies_;
   dds::Reader<wire::RegistrationState> registration_;

@@ -1,4 +1,4 @@
-// `bregma doctor`: whether this machine can keep the rates, and what to set.
+// `bregma doctor`: checks whether this machine can keep the rates, and names the settings to change.
 #include <algorithm>
 #include <memory>
 #include <string>
@@ -39,7 +39,7 @@ RealtimeCheck check_timer(std::chrono::nanoseconds duration) {
   out.name = "timer at 1 kHz";
   out.finding = "wakes late by p50 " + fixed(timer.p50_us, 0) + ", p99 " + fixed(timer.p99_us, 0) + ", max " +
                 fixed(timer.max_us, 0, "us") + (timer.fifo ? " with SCHED_FIFO" : " without SCHED_FIFO");
-  const bool good = timer.p99_us <= 100.0 && timer.max_us <= 1000.0; // a tenth of the period, and never a whole one
+  const bool good = timer.p99_us <= 100.0 && timer.max_us <= 1000.0; // limits: a tenth of the period, and one period
   out.fitness = good ? Fitness::kGood : timer.p99_us <= 500.0 ? Fitness::kLimited : Fitness::kBad;
   if (!good) {
     out.advice = timer.fifo
@@ -89,7 +89,7 @@ RealtimeCheck check_disk(const std::filesystem::path &wanted, int blocks) {
   }
   out.finding = "write and fsync of 64 KiB p50 " + fixed(measured->p50, 1) + ", p99 " + fixed(measured->p99, 1) +
                 ", max " + fixed(measured->max, 1, "ms");
-  // The recorder commits every 20 ms and may lose what is younger than 100 ms.
+  // The recorder commits every 20 ms. A crash may lose at most the last 100 ms.
   out.fitness = measured->p99 <= 20.0 ? Fitness::kGood : measured->p99 <= 80.0 ? Fitness::kLimited : Fitness::kBad;
   if (out.fitness != Fitness::kGood) {
     out.advice = "put state.directory on a faster disk: more than the last 100 ms could be lost in a power cut";
@@ -98,7 +98,8 @@ RealtimeCheck check_disk(const std::filesystem::path &wanted, int blocks) {
 }
 
 int run_doctor(const DoctorOptions &options, const Context &context) {
-  const auto domain = 200 + static_cast<std::uint32_t>(getpid()) % 30; // of its own: no daemon is disturbed
+  const auto domain =
+      200 + static_cast<std::uint32_t>(getpid()) % 30; // a separate domain, so that the check disturbs no daemon
   EchoProcess echo(domain);
   const auto duration = options.quick ? std::chrono::nanoseconds(500ms) : std::chrono::nanoseconds(2s);
   std::vector<RealtimeCheck> checks = runtime::check_realtime();
@@ -142,11 +143,11 @@ int run_doctor(const DoctorOptions &options, const Context &context) {
 
 void add_doctor_command(CLI::App &app, Context &context) {
   auto options = std::make_shared<DoctorOptions>();
-  auto *command = app.add_subcommand("doctor", "Says whether this machine can keep the rates, and what to set");
+  auto *command = app.add_subcommand("doctor", "Checks whether this machine can keep the rates, and what to set");
   command->add_flag("--quick", options->quick, "Measure for half a second each");
   command->add_option("--state", options->state_directory, "Directory whose disk is measured (default: the daemon's)");
   add_json_flag(*command, context);
-  command->footer("Run it on the machine and as the user of the daemon, without other load. Sets nothing.\n"
+  command->footer("Run it on the daemon's machine, as its user, without other load. It changes no settings.\n"
                   "Exit code 1 when something is bad.\n\nExamples:\n  bregma doctor\n  bregma doctor --quick --json");
   command->callback(
       [options, &context] { context.run = [options, &context] { return run_doctor(*options, context); }; });

@@ -23,11 +23,12 @@ namespace {
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::size_t kCommitBytes = 65536; // about what the recorder commits at once
-// Of the answers: deep enough that one which is taken late has not been replaced by the next, and counted as lost.
+constexpr std::size_t kCommitBytes = 65536; // approximate size of one commit of the recorder
+// QoS of the answers. The history is deep enough that an answer taken late is not replaced by the next one and counted
+// as lost.
 constexpr wire::Qos kAnswers = wire::qos::kTracker;
 
-// As the daemon's own loop would run, where the kernel allows it.
+// Gives the thread the priority of the daemon's navigation loop, where the kernel allows it.
 void set_up_like_a_loop() { (void)runtime::set_up_thread({.name = "dds-check", .fifo_priority = 70}); }
 
 // Runs in the second process until it is killed.
@@ -45,7 +46,7 @@ void answer_frames(std::uint32_t domain) {
       state.frame = frame.frame;
       (void)states.write(state);
     });
-    (void)frames.status(); // as below
+    (void)frames.status(); // clears the status; see below
   }
 }
 
@@ -63,7 +64,7 @@ base::Result<LoopbackQuality> measure_round_trips(std::uint32_t domain, double r
     }
     std::this_thread::sleep_for(10ms);
   }
-  std::this_thread::sleep_for(100ms); // the other side has to have matched as well
+  std::this_thread::sleep_for(100ms); // the other side must have matched as well
 
   LoopbackQuality out;
   std::unordered_map<std::uint64_t, Clock::time_point> under_way;
@@ -76,7 +77,7 @@ base::Result<LoopbackQuality> measure_round_trips(std::uint32_t domain, double r
         under_way.erase(sent);
       }
     });
-    (void)states.status(); // lets the wait set sleep again after a change of liveliness or a missed deadline
+    (void)states.status(); // clears the status after a change of liveliness or a missed deadline
   };
   wire::TrackerFrame frame{};
   (void)wire::set_name(frame.device, "Doctor");
@@ -127,11 +128,11 @@ EchoProcess::EchoProcess(std::uint32_t domain) : domain_(domain) {
   process_ = fork();
   if (process_ == 0) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (getppid() == parent) { // else it ended before it could be watched
+    if (getppid() == parent) { // otherwise the parent ended before prctl took effect
       try {
         answer_frames(domain);
       } catch (const std::exception &) {
-        // The parent finds nobody who answers, and says so.
+        // The parent receives no answers and reports that.
       }
     }
     _exit(1);

@@ -1,4 +1,4 @@
-// What `bregma doctor` measures on this machine. Every measurement blocks for as long as it says.
+// The measurements of `bregma doctor` on this machine. Every measurement blocks for the given time.
 #pragma once
 
 #include <chrono>
@@ -21,12 +21,12 @@ struct Spread {
 [[nodiscard]] Spread spread_of(std::vector<double> values);
 
 struct LoopbackQuality {
-  Spread round_trip_us; // write of a tracker frame to the take of the state that another process answers with
-  std::size_t sent = 0; // those above that are missing got no answer
+  Spread round_trip_us; // from the write of a tracker frame to the read of the state that another process returns
+  std::size_t sent = 0; // frames without an entry above got no answer
 };
 
-// A second process that answers every tracker frame with a navigation state, on a DDS domain of its own: the least that
-// any daemon would need. Make it before the first thread and the first DDS entity of this process.
+// A second process that answers every tracker frame with a navigation state, on a DDS domain of its own: the minimum
+// for any daemon. Create it before the first thread and the first DDS entity of this process.
 class EchoProcess {
 public:
   explicit EchoProcess(std::uint32_t domain);
@@ -41,10 +41,10 @@ private:
   int process_ = -1;
 };
 
-// Writes and fsyncs blocks as large as the recorder's commits, in a file that is gone afterwards. Milliseconds.
+// Writes and fsyncs blocks as large as the recorder's commits, in a temporary file. Milliseconds.
 [[nodiscard]] base::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks);
 
-// The directory itself or the nearest above it that exists.
+// The directory itself or its nearest existing parent.
 [[nodiscard]] std::filesystem::path existing_part(std::filesystem::path directory);
 
 } // namespace bregma::cli

@@ -1,4 +1,4 @@
-// `bregma status | watch | alarms | target`: what a running daemon says, and what it is asked to do.
+// `bregma status | watch | alarms | target`: state of a running daemon, and commands to it.
 #include <memory>
 #include <string>
 
@@ -120,21 +120,21 @@ int list_targets(const Context &context) {
 }
 
 void add_status_command(CLI::App &app, Context &context) {
-  auto *command = app.add_subcommand("status", "Says once how daemon, registration, devices and loops are");
+  auto *command = app.add_subcommand("status", "Prints the state of daemon, registration, devices and loops once");
   add_json_flag(*command, context);
   add_domain_option(*command, context);
   command->footer(
-      "Exit code 2 when no daemon speaks.\n\nExamples:\n  bregma status\n  bregma status --json | jq .devices");
+      "Exit code 2 when no daemon answers.\n\nExamples:\n  bregma status\n  bregma status --json | jq .devices");
   command->callback([&context] { context.run = [&context] { return status(context); }; });
 }
 
 void add_alarms_command(CLI::App &app, Context &context) {
-  auto *alarms = app.add_subcommand("alarms", "Lists alarms that stand, and acknowledges them");
+  auto *alarms = app.add_subcommand("alarms", "Lists active alarms and acknowledges them");
   alarms->require_subcommand(0, 1);
   add_json_flag(*alarms, context);
   add_domain_option(*alarms, context);
   alarms->footer("Examples:\n  bregma alarms\n  bregma alarms ack drift\n  bregma alarms ack tool_hidden Probe");
-  // Called after the subcommand's own callback, which it must not replace.
+  // Runs after the subcommand's own callback and must not replace it.
   alarms->callback([alarms, &context] {
     if (alarms->get_subcommands().empty()) {
       context.run = [&context] { return list_alarms(context); };
@@ -146,10 +146,10 @@ void add_alarms_command(CLI::App &app, Context &context) {
   add_domain_option(*list, context);
   list->callback([&context] { context.run = [&context] { return list_alarms(context); }; });
 
-  auto *acknowledge = alarms->add_subcommand("ack", "Acknowledges an alarm: a person has seen it");
+  auto *acknowledge = alarms->add_subcommand("ack", "Acknowledges an alarm");
   auto name = std::make_shared<std::pair<std::string, std::string>>();
   acknowledge->add_option("kind", name->first, "As listed, for example drift")->required();
-  acknowledge->add_option("subject", name->second, "The device, tool or target that it is about");
+  acknowledge->add_option("subject", name->second, "The device, tool or target of the alarm");
   add_json_flag(*acknowledge, context);
   add_domain_option(*acknowledge, context);
   acknowledge->callback([name, &context] {

@@ -32,7 +32,7 @@ std::string nearest_text(const ToolView &view) {
   return std::isfinite(view.nearest_mm) ? view.nearest_structure + " " + fixed(view.nearest_mm, 1) : "-";
 }
 
-// FRE only ever in these words: it says how well the fiducials agree, not how well the target is hit.
+// The only wording for the FRE: it measures the agreement of the fiducials, not the error at the target.
 std::string consistency_text(const Snapshot &snapshot) {
   if (!snapshot.registration) {
     return "registration: no news";
@@ -70,7 +70,7 @@ std::string stale_text(const DaemonView &daemon, std::int64_t published_ns, std:
   }
   const std::int64_t silent_ns = now_ns - published_ns;
   return silent_ns < kToolSilent_ns ? std::string()
-                                    : "no news for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+                                    : "no data for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
 }
 
 ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns) {

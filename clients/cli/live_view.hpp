@@ -1,5 +1,5 @@
-// What may be shown of a daemon's state at this moment. The one place that decides whether a figure is still the
-// present: views print what stands here and nothing else.
+// The part of a daemon's state that may be shown now. Only this file decides whether a value is current; views print
+// its results and nothing else.
 #pragma once
 
 #include <cstdint>
@@ -13,8 +13,8 @@
 
 namespace bregma::cli {
 
-// The navigation loop publishes each tool tens of times a second even without frames; after this long without, its last
-// word is no longer the present.
+// The navigation loop publishes each tool tens of times per second, even without frames. After this time without a
+// sample the last one is no longer current.
 inline constexpr std::int64_t kToolSilent_ns = 500'000'000;
 
 enum class Presence { kNever, kSilent, kAlive };
@@ -26,10 +26,10 @@ struct DaemonView {
 };
 [[nodiscard]] DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns);
 
-// Why what was published at this time is no longer the present; empty where it is.
+// The reason why a sample published at this time is no longer current; empty if it is current.
 [[nodiscard]] std::string stale_text(const DaemonView &daemon, std::int64_t published_ns, std::int64_t now_ns);
 
-// Figures are NaN unless the pose is live (or computed for a check touch: "unverified") and the news is fresh.
+// Values are NaN unless the pose is live (or "unverified", for a check touch) and the sample is current.
 struct ToolView {
   std::string tool;
   std::string status;
@@ -50,10 +50,10 @@ struct ToolView {
 };
 [[nodiscard]] ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns);
 
-// Those that are not cleared, the gravest first.
+// Alarms that are not cleared, the most severe first.
 [[nodiscard]] std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot);
 
-// `bregma status`: everything, for a person and for a program. NaN is null in JSON.
+// `bregma status`: the whole state as text and as JSON. NaN is null in JSON.
 [[nodiscard]] std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns);
 [[nodiscard]] nlohmann::json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns);
 

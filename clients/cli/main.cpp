@@ -20,7 +20,7 @@ constexpr void (*kCommands[])(CLI::App &, Context &) = {
     bregma::cli::add_doctor_command,
 };
 
-// One sentence: what was wrong, and where the help is that says how it is right.
+// One sentence: the error, and the help command that shows the correct form.
 std::string explain(const CLI::App &app, const CLI::ParseError &error) {
   const CLI::App *command = &app;
   std::string path = app.get_name();
@@ -41,7 +41,7 @@ int run(int argc, char **argv) {
   app.set_version_flag("--version", std::string("bregma ") + BREGMA_VERSION);
   app.require_subcommand(1);
   app.footer("Every command has --help with examples, and --json.\n"
-             "Exit codes: 0 done, 1 the answer is no (refused, limit not held), 2 it could not run.");
+             "Exit codes: 0 done; 1 negative result (refused, limit exceeded); 2 the command could not run.");
   Context context;
   for (const auto add : kCommands) {
     add(app, context);

@@ -10,7 +10,7 @@ namespace bregma::cli {
 
 namespace {
 
-// Code points, which is what a terminal gives one column each for the scripts that appear here.
+// Number of code points. A terminal shows one column per code point in the scripts used here.
 std::size_t width(const std::string &text) {
   return static_cast<std::size_t>(
       std::count_if(text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xC0U) != 0x80U; }));
@@ -62,7 +62,7 @@ std::string fixed(double value, int decimals, std::string_view unit) {
   char buffer[64];
   std::snprintf(buffer, sizeof buffer, "%.*f", decimals, value);
   std::string out = buffer;
-  // -0.000 is a zero to whoever reads it.
+  // Print -0.000 as zero.
   if (out.front() == '-' && out.find_first_not_of("-0.") == std::string::npos) {
     out.erase(0, 1);
   }
@@ -100,7 +100,7 @@ nlohmann::json json_matrix(const Eigen::MatrixXd &m) {
 void print(std::string_view text) { std::fwrite(text.data(), 1, text.size(), stdout); }
 
 void print_json(const nlohmann::json &json) {
-  // Names come from files and the wire and need not be UTF-8.
+  // Names come from files and from DDS, and may not be valid UTF-8.
   print(json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
 }
 

@@ -1,4 +1,4 @@
-// How commands speak: tables and JSON to standard output, one sentence to standard error.
+// Output of commands: tables and JSON to standard output, one sentence to standard error.
 #pragma once
 
 #include <string>
@@ -12,7 +12,7 @@
 
 namespace bregma::cli {
 
-// Columns as wide as their widest cell; cells that are numbers stand right. UTF-8 aware. No trailing blanks.
+// Columns as wide as their widest cell; numbers are right-aligned. UTF-8 aware. No trailing blanks.
 class Table {
 public:
   explicit Table(std::vector<std::string> header) : header_(std::move(header)) {}
@@ -25,13 +25,13 @@ private:
   std::vector<std::vector<std::string>> rows_;
 };
 
-// "-" where the value is not known (not finite).
+// "-" for an unknown value (not finite).
 [[nodiscard]] std::string fixed(double value, int decimals, std::string_view unit = {});
-// The same in a sentence: "not known" where the value is not.
+// The same in a sentence: "not known" for an unknown value.
 [[nodiscard]] std::string known(double value, int decimals, std::string_view unit);
 [[nodiscard]] std::string vector_text(const Eigen::Vector3d &v, int decimals); // "(1.0, 2.0, 3.0)"
 
-// JSON has no NaN: what is not known is null.
+// JSON has no NaN: an unknown value is null.
 [[nodiscard]] nlohmann::json json_number(double value);
 [[nodiscard]] nlohmann::json json_vector(const Eigen::Vector3d &v);
 [[nodiscard]] nlohmann::json json_matrix(const Eigen::MatrixXd &m); // array of rows

@@ -1,5 +1,5 @@
-// What may be shown of the tissue model's answer about a target or a landmark at this moment; as live_view.hpp does for
-// tools. The point as imaged and as predicted stand beside each other, never one for the other.
+// The part of the tissue model's answer about a target or a landmark that may be shown now, as in live_view.hpp for
+// tools. The point as imaged and the point as predicted are both shown, and never one instead of the other.
 #pragma once
 
 #include "algorithms/geometry/unknown.hpp"
@@ -7,7 +7,7 @@
 
 namespace bregma::cli {
 
-// Figures are NaN unless the answer is valid or extrapolating, and fresh.
+// Values are NaN unless the answer is valid or extrapolating, and current.
 struct PredictionView {
   std::string point;                                                                     // its name
   std::string kind;                                                                      // target or landmark

@@ -1,4 +1,4 @@
-// `bregma register`: of points in files, and the steps of the daemon's registration.
+// `bregma register`: registration of points in files, and the steps of the daemon's registration.
 #include <algorithm>
 #include <array>
 #include <memory>
@@ -24,7 +24,7 @@ using nlohmann::json;
 struct LiveArguments {
   std::string tool = "Stylus";
   std::string point;
-  std::string action; // of trace: start or stop
+  std::string action; // for trace: start or stop
 };
 
 json fiducials_json(const Snapshot &snapshot) {
@@ -64,7 +64,7 @@ int show_status(const Context &context) {
   link.settle();
   const Snapshot &snapshot = link.snapshot();
   if (!snapshot.registration) {
-    return fail("the daemon has said nothing about a registration");
+    return fail("the daemon has sent no registration");
   }
   const wire::RegistrationState &r = *snapshot.registration;
   if (context.json) {
@@ -95,7 +95,7 @@ CLI::App *add_live(CLI::App &parent, const char *name, const char *text, Context
   return command;
 }
 
-// The command is made when it runs: its arguments are known only then.
+// The command is built when it runs, because its arguments are known only then.
 template <class MakeBody> void on_run(CLI::App *command, Context &context, MakeBody make_body) {
   command->callback(
       [make_body, &context] { context.run = [make_body, &context] { return send_and_show(make_body(), context); }; });
@@ -107,14 +107,14 @@ void add_tool_option(CLI::App &command, LiveArguments &arguments) {
 
 void add_touch_commands(CLI::App &parent, Context &context) {
   const auto arguments = std::make_shared<LiveArguments>();
-  auto *capture = add_live(parent, "capture", "Takes the touch of a fiducial: hold the tip still on it", context);
+  auto *capture = add_live(parent, "capture", "Captures the touch of a fiducial: hold the tip still on it", context);
   capture->add_option("fiducial", arguments->point, "Its name in the case")->required();
   add_tool_option(*capture, *arguments);
   on_run(capture, context, [arguments] {
     return make_command(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, {arguments->tool, arguments->point});
   });
 
-  auto *remove = add_live(parent, "remove", "Forgets the touch of a fiducial", context);
+  auto *remove = add_live(parent, "remove", "Removes the touch of a fiducial", context);
   remove->add_option("fiducial", arguments->point, "Its name in the case")->required();
   on_run(remove, context,
          [arguments] { return make_command(bregma_wire_COMMAND_REMOVE_FIDUCIAL, {arguments->point}); });
@@ -127,7 +127,7 @@ void add_touch_commands(CLI::App &parent, Context &context) {
                         {arguments->tool});
   });
 
-  auto *check = add_live(parent, "check", "Touches a check landmark: how far is what is shown?", context);
+  auto *check = add_live(parent, "check", "Checks a landmark: distance of the shown tip from it", context);
   check->add_option("landmark", arguments->point, "Its name in the case")->required();
   add_tool_option(*check, *arguments);
   on_run(check, context, [arguments] {
@@ -138,23 +138,22 @@ void add_touch_commands(CLI::App &parent, Context &context) {
 } // namespace
 
 void add_register_command(CLI::App &app, Context &context) {
-  auto *command = app.add_subcommand("register", "Registers the patient, or what lies in files");
+  auto *command = app.add_subcommand("register", "Registers the patient, or data in files");
   command->require_subcommand(1);
   command->footer("Examples:\n  bregma register start\n  bregma register capture Nasion\n"
                   "  bregma register trace start    (move over the skin, then)\n  bregma register trace stop\n"
                   "  bregma register status\n  bregma register accept\n  bregma register check Bregma\n"
                   "  bregma register confirm\n  bregma register points touched.csv fiducials.mrk.json\n"
                   "  bregma register surface trace.csv scalp.ply");
-  auto *status = add_live(*command, "status", "The estimate so far, and how each fiducial fits", context);
+  auto *status = add_live(*command, "status", "The current estimate, and the residual of each fiducial", context);
   status->callback([&context] { context.run = [&context] { return show_status(context); }; });
 
-  auto *start = add_live(*command, "start", "Begins a registration; an earlier one is given up", context);
+  auto *start = add_live(*command, "start", "Starts a registration; an earlier one is discarded", context);
   on_run(start, context, [] { return make_command(bregma_wire_COMMAND_START_REGISTRATION); });
   add_touch_commands(*command, context);
-  auto *accept = add_live(*command, "accept", "Accepts the present estimate", context);
+  auto *accept = add_live(*command, "accept", "Accepts the current estimate", context);
   on_run(accept, context, [] { return make_command(bregma_wire_COMMAND_ACCEPT_REGISTRATION); });
-  auto *confirm =
-      add_live(*command, "confirm", "Confirms that the checks were good: the patient may be navigated", context);
+  auto *confirm = add_live(*command, "confirm", "Confirms the verification: navigation may start", context);
   on_run(confirm, context, [] { return make_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
   add_register_points(*command, context);
   add_register_surface(*command, context);

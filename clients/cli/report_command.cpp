@@ -1,4 +1,4 @@
-// `bregma report`: what a session file says about its run.
+// `bregma report`: report on a recorded session.
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -75,12 +75,12 @@ int run_report(const ReportOptions &options, const Context &context) {
 
 void add_report_command(CLI::App &app, Context &context) {
   auto options = std::make_shared<ReportOptions>();
-  auto *command = app.add_subcommand("report", "Sums up a recorded session, and judges it against limits");
+  auto *command = app.add_subcommand("report", "Summarises a recorded session and compares it with limits");
   command->add_option("session", options->session, "Session file (.db)")->required();
-  command->add_option("--html", options->html, "Write a page with plots, one file that needs no other");
-  command->add_option("--scenario", options->scenario, "Judge by the [limits] of this scenario file");
+  command->add_option("--html", options->html, "Write a page with plots, in one self-contained file");
+  command->add_option("--scenario", options->scenario, "Compare with the [limits] of this scenario file");
   add_json_flag(*command, context);
-  command->footer("Exit code 1 when a limit of the scenario did not hold.\n\nExamples:\n"
+  command->footer("Exit code 1 when a limit of the scenario was exceeded.\n\nExamples:\n"
                   "  bregma report sessions/2024-05-01T10-20.db --html report.html\n"
                   "  bregma report run.db --scenario biopsy.toml --json");
   command->callback(

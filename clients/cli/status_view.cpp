@@ -1,4 +1,4 @@
-// `bregma status`: the whole state, once, for a person and for a program.
+// `bregma status`: prints the whole state once, as text or as JSON.
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -29,7 +29,7 @@ std::span<const wire::TargetAccuracy> targets(const wire::AccuracyState &accurac
   return {accuracy.targets, std::min<std::size_t>(accuracy.target_count, std::size(accuracy.targets))};
 }
 
-// Its age has grown since the daemon stated it.
+// Adds the time since the daemon stated the age.
 double age_ms(const wire::DeviceHealth &device, const wire::SystemHealth &health, std::int64_t now_ns) {
   return device.age_ms + static_cast<double>(now_ns - health.time_ns) * 1e-6;
 }
@@ -47,13 +47,13 @@ std::string wire_text(const Snapshot &snapshot) {
   const wire::WireVersion daemon{health.wire_generation, health.wire_revision};
   std::string out = "Wire " + wire::text_of(daemon);
   out += daemon == wire::kWireVersion ? "" : ", this program " + wire::text_of(wire::kWireVersion);
-  out += health.other_wire > 0 ? ", " + std::to_string(health.other_wire) + " participants of another wire" : "";
-  return out + (snapshot.other_wire.empty() ? "\n" : ": " + snapshot.other_wire + "\n");
+  out += health.other_wire > 0 ? ", participants of another wire: " + std::to_string(health.other_wire) : "";
+  return out + (snapshot.other_wire.empty() ? "\n" : "; " + snapshot.other_wire + "\n");
 }
 
 std::string registration_text(const Snapshot &snapshot) {
   if (!snapshot.registration) {
-    return "Registration  no news\n";
+    return "Registration  no data\n";
   }
   const auto &state = *snapshot.registration;
   std::string out = "Registration  " + std::string(registration_label(state.status));
@@ -67,7 +67,7 @@ std::string registration_text(const Snapshot &snapshot) {
          " surface points\n";
   if (std::isfinite(state.fre_mm)) {
     out += "  FRE " + fixed(state.fre_mm, 2, "mm") +
-           ": how well the fiducials agree, not how well the target is hit; surface RMS " +
+           ": consistency of the fiducials, not the error at the target; surface RMS " +
            fixed(state.surface_rms_mm, 2, "mm") + "\n";
   }
   return out;
@@ -116,7 +116,7 @@ std::string devices_text(const wire::SystemHealth &health, std::int64_t now_ns) 
     }
   }
   if (health.unknown_device_samples > 0) {
-    reasons += "  " + std::to_string(health.unknown_device_samples) + " samples of devices that nobody configured\n";
+    reasons += "  " + std::to_string(health.unknown_device_samples) + " samples of devices that are not configured\n";
   }
   return (table.empty() ? "Devices  none\n" : table.text()) + reasons;
 }
@@ -197,7 +197,7 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
   out += ", " + case_text(health) + ", up " +
          duration_text(static_cast<double>(health.time_ns - health.started_time_ns) * 1e-9) + "\n";
   if (daemon.presence != Presence::kAlive) {
-    out += "THIS IS NOT THE PRESENT: what follows is the last word of a daemon that no longer speaks.\n";
+    out += "NOT CURRENT: these are the last values of a daemon that is silent.\n";
   }
   out += wire_text(snapshot);
   out += "\n" + registration_text(snapshot) + accuracy_text(snapshot) + "\n";

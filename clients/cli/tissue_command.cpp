@@ -1,4 +1,4 @@
-// `bregma tissue`: the deformable brain without a daemon.
+// `bregma tissue`: the tissue model without a daemon.
 #include <memory>
 #include <string>
 
@@ -64,8 +64,8 @@ int run_materials(const Context &context) {
     sources += material.name + ": " + material.source + "\n";
   }
   print(table.text() + "\n" + sources +
-        "\nBulk and shear follow from E and nu. The thesis prints 1.24e8 Pa and 6.20e6 Pa beside its E and nu, which "
-        "contradicts them.\nRelaxed: what is left of the shear modulus after a long time.\n");
+        "\nBulk and shear follow from E and nu. The thesis prints 1.24e8 Pa and 6.20e6 Pa besides E and nu, which "
+        "contradicts them.\nRelaxed: the shear modulus after all relaxation.\n");
   return kOk;
 }
 
@@ -75,7 +75,7 @@ void add_tissue_command(CLI::App &app, Context &context) {
   auto *group =
       app.add_subcommand("tissue", "The brain as a deformable body: materials, a probe's insertion, brain shift");
   group->require_subcommand(1);
-  auto *materials = group->add_subcommand("materials", "The materials that have a name, with their sources");
+  auto *materials = group->add_subcommand("materials", "Lists the named materials with their sources");
   add_json_flag(*materials, context);
   materials->footer("Example:\n  bregma tissue materials");
   materials->callback([&context] { context.run = [&context] { return run_materials(context); }; });

@@ -36,7 +36,7 @@ struct WatchOptions {
 std::atomic<bool> interrupted{false};
 static_assert(std::atomic<bool>::is_always_lock_free); // may be set by a signal handler
 
-// Ctrl-C and SIGTERM end the loop instead of the process, so that the terminal is given back as it was.
+// Ctrl-C and SIGTERM end the loop instead of the process, so that the terminal is restored.
 class Interruptible {
 public:
   Interruptible() {
@@ -58,7 +58,7 @@ private:
   struct sigaction old_term_ {};
 };
 
-// The terminal's other screen, without a cursor, for as long as the object lives.
+// Uses the terminal's alternate screen, without a cursor, during the object's lifetime.
 class Screen {
 public:
   Screen() { print("\x1b[?1049h\x1b[?25l"); }
@@ -66,7 +66,7 @@ public:
   Screen(const Screen &) = delete;
   Screen &operator=(const Screen &) = delete;
 
-  // Over the last drawing, so that nothing flickers. Lines are cut at the edge: a wrapped one would shift the rest.
+  // Overwrites the last output, which avoids flicker. Lines are truncated at the edge: wrapping would shift the rest.
   static void draw(const std::string &text) {
     winsize size{};
     const bool known = ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
@@ -89,18 +89,18 @@ public:
   }
 };
 
-// A zombie has ended as well: it only waits for its parent.
+// A zombie counts as ended: it only waits for its parent.
 bool process_runs(int pid) {
   if (kill(pid, 0) != 0 && errno == ESRCH) {
     return false;
   }
   std::ifstream stat("/proc/" + std::to_string(pid) + "/stat");
   const std::string text((std::istreambuf_iterator<char>(stat)), std::istreambuf_iterator<char>());
-  const auto name_end = text.rfind(')'); // a name may hold anything
+  const auto name_end = text.rfind(')'); // a name may contain any character
   return name_end == std::string::npos || name_end + 2 >= text.size() || text[name_end + 2] != 'Z';
 }
 
-// The end that --until-end waits for: the daemon has gone, or its case was closed.
+// The condition of --until-end: the daemon has ended, or its case was closed.
 class EndOfSession {
 public:
   bool reached(const Snapshot &snapshot, std::int64_t now_ns) {
@@ -137,7 +137,7 @@ int watch(const WatchOptions &options, const Context &context) {
   std::int64_t now_ns = 0;
   bool ended = false;
   do {
-    (void)link.update(0ns); // readers keep the latest value of each tool, so nothing piles up between two drawings
+    (void)link.update(0ns); // readers keep only the latest value per tool, so no queue grows between two updates
     now_ns = utc_now_ns();
     if (terminal) {
       Screen::draw(watch_table(link.snapshot(), options.tool, now_ns) + "\nCtrl-C ends\n");
@@ -158,7 +158,7 @@ int watch(const WatchOptions &options, const Context &context) {
   } while (!interrupted && !ended && std::ferror(stdout) == 0);
   if (terminal) {
     screen.reset();
-    print(watch_table(link.snapshot(), options.tool, now_ns)); // the last that was seen stays on the terminal
+    print(watch_table(link.snapshot(), options.tool, now_ns)); // the last state stays on the terminal
   }
   return kOk;
 }
@@ -167,12 +167,12 @@ int watch(const WatchOptions &options, const Context &context) {
 
 void add_watch_command(CLI::App &app, Context &context) {
   auto options = std::make_shared<WatchOptions>();
-  auto *command = app.add_subcommand("watch", "Shows session, tools and alarms as they change");
+  auto *command = app.add_subcommand("watch", "Shows session, tools and alarms continuously");
   command->add_option("--tool", options->tool, "Only this tool");
-  command->add_option("--rate", options->rate_hz, "Drawings (with --json: objects) a second")
+  command->add_option("--rate", options->rate_hz, "Redraws (with --json: objects) per second")
       ->check(CLI::Range(0.1, 100.0))
       ->capture_default_str();
-  command->add_option("--wait", options->wait_s, "Seconds to wait for a daemon that is not there yet")
+  command->add_option("--wait", options->wait_s, "Seconds to wait for a daemon that has not started yet")
       ->check(CLI::Range(0.0, 3600.0))
       ->capture_default_str();
   command->add_flag("--until-end", options->until_end, "End when the daemon has stopped or its case was closed");
@@ -180,8 +180,8 @@ void add_watch_command(CLI::App &app, Context &context) {
   add_json_flag(*command, context);
   add_domain_option(*command, context);
   command->footer(
-      "On a terminal a table that is redrawn; into a pipe one line a second; with --json one object a line.\n"
-      "A figure that is not the present is shown as \"-\" (null in JSON).\n\n"
+      "On a terminal: a table that is redrawn. Into a pipe: one line per second. With --json: one object per line.\n"
+      "A value that is not current is shown as \"-\" (null in JSON).\n\n"
       "Examples:\n"
       "  bregma watch --tool Probe\n"
       "  bregma watch --json --rate 2 --until-end > run.jsonl");

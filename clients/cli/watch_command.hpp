@@ -1,4 +1,4 @@
-// `bregma watch`: the state as it changes.
+// `bregma watch`: the state, continuously.
 #pragma once
 
 #include "clients/cli/commands.hpp"

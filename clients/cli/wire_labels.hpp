@@ -1,5 +1,4 @@
-// The words with which the wire's states are shown to a person and written to JSON, by the kind of state: on the wire
-// they are all integers. A value that this program does not know is never shown as the nearest word.
+// Names of the wire's states for output and JSON. A value that the wire does not define is "invalid".
 #pragma once
 
 #include <string_view>

@@ -19,7 +19,7 @@ Vector3d any_perpendicular(const Vector3d &v) {
 
 } // namespace
 
-// A sum of waves with normal wave vectors has a Gaussian correlation (random Fourier features, Rahimi & Recht 2007).
+// A sum of waves with normal wave vectors has a Gaussian correlation (random Fourier features [Rahimi 2007]).
 Head::Head(const surface::TriangleMesh &scalp, double sigma_mm, double correlation_mm, std::uint64_t seed)
     : surface_(scalp), centre_(surface_.centre_mm()), nose_(centre_), amplitude_(sigma_mm * std::sqrt(2.0 / kWaves)) {
   for (const auto &triangle : scalp.triangles) {

@@ -36,7 +36,7 @@ public:
 };
 
 // Fraction of the way of a minimum-jerk movement at the fraction u of its time: 10 u^3 - 15 u^4 + 6 u^5
-// (Flash & Hogan 1985).
+// [Flash 1985].
 [[nodiscard]] double minimum_jerk(double u);
 
 // A bowed way from one pose to another. The bow keeps clear of what stands between.

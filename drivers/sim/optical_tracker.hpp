@@ -1,7 +1,7 @@
 // An optical tracker that errs like one: markers err, poses are fitted to them.
 //
 // Each seen marker is measured with normal noise in the tracker's frame, across and along the line of sight; the pose
-// is the plain least-squares fit (Arun 1987) to those that were seen. So rotation and translation errors are
+// is the plain least-squares fit [Arun 1987] to those that were seen. So rotation and translation errors are
 // correlated, and grow when markers are lost, as in reality. A marker is lost when the tool is turned too far from the
 // camera, when the head is in the way, when it is outside the measuring volume, or when somebody holds a hand before
 // the tool.

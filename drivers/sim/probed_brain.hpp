@@ -1,8 +1,8 @@
 // What the patient's brain truly does to the probe: it is dented until its surface breaks, then cut, and rubs along the
 // shaft. Along one line, without the finite elements that the daemon predicts with: a second, simpler truth.
 //
-// Dent: a sphere on an elastic half space (Hertz 1882). Cutting and friction against the motion: Okamura, Simone,
-// O'Leary (IEEE Trans Biomed Eng 51 (2004) 1707). Where the surface was broken once, it lets the probe through.
+// Indentation: a sphere on an elastic half space [Hertz 1882]. Cutting and friction against the motion: [Okamura 2004].
+// Where the surface has ruptured once, it does not resist again.
 #pragma once
 
 #include <optional>

@@ -1,6 +1,6 @@
 // A six-axis arm beside the head that holds the biopsy guide at its flange.
 //
-// Its joints follow the guide's wanted pose by damped least squares (Wampler 1986), so that joints and flange always
+// Its joints follow the guide's wanted pose by damped least squares [Wampler 1986], so that joints and flange always
 // agree: the flange it reports is what its joints give, encoder noise included. Base: z up in the room (anterior of the
 // supine patient). Flange: z towards the head, along the guide. mm, rad, ns.
 #pragma once

@@ -78,7 +78,7 @@ struct RobotParameters {
 
 // Of the brain as the probe feels it.
 struct TissueParameters {
-  double young_Pa = 3000.0;   // stiffer than the daemon supposes (seed 000: 2100): its force correction has work
+  double young_Pa = 3000.0;   // stiffer than the daemon supposes ([thesis]: 2100): its force correction has work
   double tip_radius_mm = 3.0; // of the probe
   double rupture_N = 0.12;    // at which the surface breaks
   double cutting_N = 0.06;    // at the tip, afterwards

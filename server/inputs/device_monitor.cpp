@@ -14,7 +14,7 @@ using base::TimeVerdict;
 constexpr std::int64_t kStalePeriods = 3;
 constexpr std::int64_t kRateWindow_ns = 1'000'000'000;
 
-// Between 0 and the year 2096; differences of two such times fit.
+// Times between 1970 and the year 2096. The difference of two such times does not overflow.
 constexpr std::int64_t kMaxTime_ns = 4'000'000'000'000'000'000;
 
 bool is_well_formed(const SampleHeader &header) noexcept {
@@ -65,7 +65,7 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   period_ns_ = header.period_ns;
   device_time_ns_ = header.device_time_ns;
   arrived_ns_ = now_ns;
-  // A better estimate of the clock may move the line back; time behind the border still goes forward.
+  // A better estimate of the clock may move the line back. Accepted times must still increase.
   acquired_ns_ = std::max(clock_.to_host_ns(header.device_time_ns), acquired_ns_ + 1);
   latency_.add(now_ns - acquired_ns_);
   if (now_ns - acquired_ns_ - options_.clock.minimum_latency_ns > period_ns_) {
@@ -90,7 +90,7 @@ Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payl
     if (!writers_gone_ && now_ns - arrived_ns_ <= kStalePeriods * period_ns_) {
       return bregma_wire_REJECT_DUPLICATE;
     }
-    // Another process has its own count and may have its own idea of the device's clock.
+    // Another process has its own frame count and possibly its own time base.
     clock_.reset();
     frames_.reset();
   }
@@ -104,7 +104,7 @@ Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payl
     return rejection;
   }
   if (time == TimeVerdict::kResynced) {
-    frames_.reset(); // what was lost meanwhile cannot be told by number
+    frames_.reset(); // frame numbers do not show the losses in between
     return std::nullopt;
   }
   return number == FrameVerdict::kImplausible ? Rejection(bregma_wire_REJECT_MALFORMED) : std::nullopt;

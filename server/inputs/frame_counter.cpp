@@ -7,7 +7,7 @@ namespace {
 
 constexpr std::uint64_t kWindow = 64;
 
-// A device whose clock and count disagree a little, or that was held up, may run ahead by so many.
+// Tolerance for a device that was delayed, or whose clock and count disagree slightly.
 constexpr std::uint64_t kSlack = 16;
 
 } // namespace

@@ -1,6 +1,6 @@
-// What the frame numbers of one device tell: samples lost on the way, and samples seen twice.
+// Detects lost and duplicate samples of one device from its frame numbers.
 //
-// A frame that arrived but was refused is not lost: the numbers of refused samples are remembered until the next good
+// A frame that arrived but was rejected is not lost: the numbers of rejected samples are kept until the next accepted
 // one. Threads: one. No allocation, no exceptions.
 #pragma once
 
@@ -11,19 +11,19 @@ namespace bregma::inputs {
 enum class FrameVerdict {
   kNext,
   kDuplicate,  // the number of the last accepted sample
-  kImplausible // far beyond what the time between the two allows, or below the last one
+  kImplausible // far more than the elapsed time allows, or below the last one
 };
 
 class FrameCounter {
 public:
-  // Starts again with the next sample: the writer is another one, or its clock was set.
+  // Restarts with the next sample, after a change of the writer or of its clock.
   void reset() noexcept;
 
-  // Judges a number, and changes nothing but the run of implausible numbers: after kRenumbered of them in sequence the
-  // device is taken to have begun to count anew. elapsed_ns: device time since the last accepted sample.
+  // Checks a number and updates only the run of implausible numbers. After kRenumbered of them in sequence the device
+  // is assumed to have restarted its count. elapsed_ns: device time since the last accepted sample.
   [[nodiscard]] FrameVerdict judge(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) noexcept;
   void accept(std::uint64_t frame) noexcept;
-  void refuse(std::uint64_t frame) noexcept; // it did arrive
+  void refuse(std::uint64_t frame) noexcept; // the frame arrived
 
   [[nodiscard]] std::uint64_t lost() const noexcept { return lost_; }
 
@@ -31,7 +31,7 @@ private:
   static constexpr int kRenumbered = 5;
   bool started_ = false;
   std::uint64_t last_ = 0;
-  std::uint64_t refused_ = 0; // bit i: number last_ + 1 + i arrived and was refused
+  std::uint64_t refused_ = 0; // bit i: number last_ + 1 + i arrived and was rejected
   std::uint64_t lost_ = 0;
   int implausible_run_ = 0;
   std::uint64_t implausible_last_ = 0;

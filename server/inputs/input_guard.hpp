@@ -1,16 +1,16 @@
-// The border of one stream: every sample of TrackerFrame, RobotState, RangeSample or ForceSample passes here once, and
-// is either accepted with its time of exposure on the host's clock, or refused and counted by reason. What is behind
-// the border is finite, rotations are rotations, names end, counts are in range, and time goes forward.
+// Input check of one stream. Every sample of TrackerFrame, RobotState, RangeSample or ForceSample passes here once. It
+// is either accepted, with its time of exposure on the host's clock, or rejected and counted per reason. Accepted
+// samples have finite values, valid rotations, terminated names, counts in range and increasing times.
 //
 //   InputGuard<wire::TrackerFrame> guard(names, options);
 //   reader.take_each([&](const wire::TrackerFrame &frame, const dds::SampleInfo &info) {
 //     if (const auto verdict = guard.check(frame, info.writer, clock.now_ns()); verdict.accepted) ...
 //   });
 //
-// A flood cannot hold up the others: a check costs about a µs, and the topic's depth bounds how many samples of a
-// device are waiting at a wake-up.
+// A flood of samples cannot delay other devices: a check takes about 1 µs, and the topic's history depth bounds the
+// number of waiting samples per device.
 //
-// Threads: one (that which reads the stream). Other threads get copies of health() through a runtime::LatestValue.
+// Threads: one, the reader of the stream. Other threads get copies of health() through a runtime::LatestValue.
 // No allocation after construction, no exceptions.
 #pragma once
 
@@ -30,14 +30,14 @@ template <> struct KindOf<wire::RobotState> { static constexpr auto kKind = breg
 template <> struct KindOf<wire::RangeSample> { static constexpr auto kKind = bregma_wire_DEVICE_RANGE; };
 template <> struct KindOf<wire::ForceSample> { static constexpr auto kKind = bregma_wire_DEVICE_FORCE; };
 
-// A stream's part of wire::SystemHealth.
+// The stream's part of wire::SystemHealth.
 struct StreamHealth {
   std::uint32_t device_count = 0;
   wire::DeviceHealth devices[bregma_wire_MAX_DEVICES] = {};
   std::uint64_t unknown_device_samples = 0;
 };
 
-// Appends the stream's devices and adds its unknown samples. Devices beyond MAX_DEVICES are left out.
+// Appends the stream's devices and adds its unknown samples. Devices beyond MAX_DEVICES are omitted.
 // health: a wire::SystemHealth, or the StreamHealth of several streams.
 template <class Health> void add_to(Health &health, const StreamHealth &stream) noexcept {
   for (std::uint32_t i = 0; i < stream.device_count && health.device_count < bregma_wire_MAX_DEVICES; ++i) {
@@ -55,7 +55,7 @@ public:
 
   [[nodiscard]] Verdict check(const Sample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept;
 
-  // From ReaderStatus::writers_alive; 0 makes every device of the stream lost at once.
+  // count: ReaderStatus::writers_alive. With 0 every device of the stream is lost at once.
   void set_writers_alive(std::uint32_t count) noexcept;
 
   [[nodiscard]] const std::deque<DeviceMonitor> &devices() const noexcept { return devices_; }
@@ -63,7 +63,7 @@ public:
   [[nodiscard]] StreamHealth health(std::int64_t now_ns) const noexcept;
 
 private:
-  std::deque<DeviceMonitor> devices_; // a histogram of atomics cannot be moved
+  std::deque<DeviceMonitor> devices_; // a deque, because a histogram of atomics cannot be moved
   KnownTools tools_;
   std::uint64_t unknown_ = 0;
 };

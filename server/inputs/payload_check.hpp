@@ -1,4 +1,4 @@
-// What must hold for the contents of one sample, whatever came before it. Nothing behind the border checks again.
+// Checks of a single sample's contents, independent of earlier samples. Later stages do not check them again.
 //
 // Threads: any. No allocation, no exceptions.
 #pragma once
@@ -13,7 +13,7 @@
 
 namespace bregma::inputs {
 
-// A quaternion's norm may differ from 1 by so much: single precision on a device's own wire leaves 1e-7.
+// Tolerance of a quaternion's norm. Single precision in a device's protocol causes errors of about 1e-7.
 inline constexpr double kRotationTolerance = 1e-3;
 // A covariance in single precision may claim a correlation a little beyond 1: of its square.
 inline constexpr double kCorrelationTolerance = 1.001;
@@ -22,26 +22,26 @@ inline constexpr double kMaxPosition_mm = 20'000.0;
 inline constexpr std::int64_t kMinPeriod_ns = 200'000; // 5 kHz
 inline constexpr std::int64_t kMaxPeriod_ns = 60'000'000'000;
 
-// The tools of the case. Trivially copyable, so that it travels to a loop as a latest value.
+// The tools of the case. Trivially copyable, so that it can be passed to a loop in a LatestValue.
 struct KnownTools {
-  bool any = true; // no case is loaded: every tool may come
+  bool any = true; // no case is loaded: every tool is accepted
   std::uint32_t count = 0;
   wire::Name names[bregma_wire_MAX_TOOLS] = {};
 
   [[nodiscard]] bool contains(std::string_view name) const noexcept;
 };
-// Names beyond MAX_TOOLS, or too long for the wire, cannot be known: false, and nothing is returned for them.
+// False if there are more than MAX_TOOLS names, or a name is too long for DDS messages.
 [[nodiscard]] std::optional<KnownTools> known_tools(std::span<const std::string> names);
 
 using Rejection = std::optional<wire::RejectReason>; // nullopt: accepted
 
-// The first rule broken, in the order: malformed, unknown tool, not finite, not a rotation.
+// The first violated rule, in the order: malformed, unknown tool, not finite, not a rotation.
 [[nodiscard]] Rejection check_payload(const wire::TrackerFrame &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::RobotState &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::RangeSample &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::ForceSample &sample, const KnownTools &tools) noexcept;
 
-// "not a rotation", "time backwards", ...: for people.
+// Text for messages: "not a rotation", "time backwards", ...
 [[nodiscard]] std::string_view describe(wire::RejectReason reason) noexcept;
 
 } // namespace bregma::inputs

@@ -12,7 +12,7 @@ namespace {
 
 using base::Result;
 
-// A transaction takes at most so many records of a channel, so that one that is full does not delay the commit.
+// Maximal number of records per channel and transaction, so that a full channel does not delay the commit.
 constexpr int kBatch = 4096;
 
 constexpr const char *kPollChannel = "poll";
@@ -145,7 +145,7 @@ void Recorder::run() {
 
 Result<void> Recorder::begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
                              const std::vector<casefile::MetaEntry> &meta) {
-  static_cast<void>(finish()); // what a failing disk did not take is counted; another folder may have room
+  static_cast<void>(finish()); // records that the disk did not accept are counted; another folder may have space
   auto writer = casefile::SessionWriter::create(file);
   if (!writer) {
     return tl::unexpected(writer.error());
@@ -171,7 +171,7 @@ Result<void> Recorder::finish() {
     return {};
   }
   recording_.store(false, std::memory_order_relaxed);
-  next_try_ = {}; // one last try, whatever the disk said before
+  next_try_ = {}; // one last attempt, regardless of earlier errors
   drain();
   const RecorderStatus last = status();
   Result<void> result;
@@ -233,7 +233,7 @@ Result<std::uint64_t> Recorder::write_waiting() {
   return written.map([&] { return number; });
 }
 
-// Nobody will write these any more: no file is open, or the disk did not take them.
+// These records will not be written: no file is open, or the disk did not accept them.
 void Recorder::drop_waiting() {
   for (const auto &channel : channels()) {
     std::uint64_t number = 0;
@@ -252,7 +252,7 @@ void Recorder::report(const Result<std::uint64_t> &result) {
     next_try_ = std::chrono::steady_clock::now() + options_.retry;
   }
   if (result.has_value() != failing_) {
-    return; // no news
+    return; // nothing changed
   }
   failing_ = !result;
   detail::Failure failure{};

@@ -1,15 +1,15 @@
-// Everything in and out of a session goes to its file, off the loops.
+// Records all inputs and outputs of a session to its file, outside the loops.
 //
 //   loops --- Channel (wait-free byte ring, one per producing thread) ---> recorder thread ---> SessionWriter
 //
-// The recorder drains all rings every 20 ms in one transaction, so SIGKILL loses what is younger than that and the
-// commit under way. A record leaves its ring only after its commit: when the disk is full nothing stops, the recorder
-// says so, tries again, and the rings hold what they can. What they cannot is dropped and counted:
+// The recorder drains all rings every 20 ms in one transaction, so SIGKILL loses at most the last 20 ms and the current
+// commit. A record leaves its ring only after its commit. If the disk is full, the daemon continues: the recorder
+// reports the error and retries, and the rings buffer records. Records that do not fit are dropped and counted:
 //
 //   pushed = recorded + dropped + waiting   (pushes while no file is open are not counted)
 //
-// Threads: push by the one thread that owns the channel; open, attach, set_poll, close and channel by any thread that
-// may block; status by any thread, wait-free.
+// Threads: the thread that owns the channel calls push. Any thread that may block calls open, attach, set_poll, close
+// and channel. Any thread may call status, which is wait-free.
 #pragma once
 
 #include <array>
@@ -38,18 +38,18 @@
 namespace bregma::recording {
 
 struct RecorderOptions {
-  std::size_t channel_bytes = std::size_t{4} << 20; // about two seconds of a 1 kHz loop's records
+  std::size_t channel_bytes = std::size_t{4} << 20; // about 2 s of the records of a 1 kHz loop
   std::chrono::milliseconds interval{20};           // between commits
-  std::chrono::milliseconds retry{200};             // between tries while the disk refuses
+  std::chrono::milliseconds retry{200};             // between attempts while the disk fails
 };
 
 struct RecorderStatus {
   std::uint64_t recorded = 0; // committed to a file, since the start
   std::uint64_t dropped =
-      0; // since the start: what full rings did not hold, and what the disk did not take before close
+      0; // since the start: records that did not fit a ring, or that the disk did not accept before close
   bool open = false;
   bool failing = false;
-  char text[256] = {}; // why it is failing, for a person
+  char text[256] = {}; // reason of the failure, for messages
 };
 
 namespace detail {
@@ -61,13 +61,13 @@ struct Failure {
 
 class Recorder;
 
-// The producing end of one thread. Lives as long as its Recorder.
+// The producer's end of one thread. Valid as long as its Recorder.
 class Channel {
 public:
   Channel(std::string name, std::size_t bytes, const std::atomic<bool> &recording);
 
-  // Wait-free, no allocation. False when the record was dropped (and counted). While no file is open there is nothing
-  // to do, and nothing is counted.
+  // Wait-free, no allocation. Returns false if the record was dropped, which is counted. While no file is open, records
+  // are ignored and not counted.
   template <class T> bool push(std::int64_t time_ns, const T &sample) noexcept {
     static_assert(casefile::kIsRecordable<T>);
     return push(wire::Topic<T>::kName, time_ns, std::as_bytes(std::span(&sample, 1)));
@@ -98,21 +98,20 @@ public:
   Recorder(const Recorder &) = delete;
   Recorder &operator=(const Recorder &) = delete;
 
-  // The channel of that name, made when it is new. One producing thread each; at most kMaxChannels.
+  // The channel of that name, created on first use. One producer thread per channel; at most kMaxChannels.
   [[nodiscard]] Channel &channel(std::string_view name);
 
-  // Called on the recorder's thread every 20 ms with a channel of its own: a source that no pipeline may see, such as
-  // the simulator's truth, goes from its reader to the file here. Called also while no file is open, to keep the source
-  // empty.
+  // Called on the recorder's thread every 20 ms with a separate channel. It records sources that pipelines must not
+  // see, such as the simulator's ground truth. It is also called while no file is open, which empties the source.
   void set_poll(std::function<void(Channel &)> poll);
 
-  // Closes the file that is open, then begins a new one. Attachments and meta go in first.
+  // Closes the open file, then begins a new one. Attachments and meta are written first.
   [[nodiscard]] base::Result<void> open(const std::filesystem::path &file,
                                         std::vector<casefile::Attachment> attachments,
                                         std::vector<casefile::MetaEntry> meta);
-  // Puts more into the open file.
+  // Adds attachments to the open file.
   [[nodiscard]] base::Result<void> attach(casefile::Attachment attachment);
-  // Everything pushed before is written. An error when the disk did not take it: that much is counted as dropped.
+  // Writes all records pushed before. If the disk fails, an error is returned and the records are counted as dropped.
   [[nodiscard]] base::Result<void> close();
 
   [[nodiscard]] RecorderStatus status() const noexcept;
@@ -147,7 +146,7 @@ private:
   std::vector<Task> tasks_;
   bool stopping_ = false;
 
-  // The recorder thread's alone.
+  // Used only by the recorder thread.
   std::optional<casefile::SessionWriter> writer_;
   std::function<void(Channel &)> poll_;
   bool failing_ = false;

@@ -7,7 +7,7 @@
 namespace bregma::runtime {
 namespace {
 
-// A record is its size in a word, then its bytes, padded to whole words. This size says: go on at the start of the
+// A record is its size in one word, then its bytes, padded to whole words. This size marks a jump to the start of the
 // ring.
 constexpr std::uint64_t kWrap = ~std::uint64_t{0};
 constexpr std::size_t kWord = 8;
@@ -24,7 +24,7 @@ bool ByteRing::try_push(std::span<const std::byte> head, std::span<const std::by
   const std::size_t record = kWord + padded(head.size() + body.size());
   const std::uint64_t begin = head_.load(std::memory_order_relaxed);
   const std::size_t to_end = capacity() - (begin & mask_);
-  // A record lies in one piece: what is left before the end is skipped when it is too short.
+  // A record is contiguous: the space before the end is skipped if it is too short.
   const std::size_t skipped = record <= to_end ? 0 : to_end;
   const std::uint64_t used = begin - tail_.load(std::memory_order_acquire);
   if (used + skipped + record > capacity()) {

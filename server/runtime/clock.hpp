@@ -1,4 +1,4 @@
-// Time is injected, so that a run can be replayed and tests have no sleeps.
+// Interface for the time, so that runs can be replayed and tests need no sleeps.
 #pragma once
 
 #include <array>

@@ -9,7 +9,7 @@ double HistogramSnapshot::percentile_ns(double fraction) const noexcept {
   if (total == 0) {
     return 0.0;
   }
-  // The smallest value that at least this share of the samples does not exceed.
+  // The smallest value that at least this fraction of the samples does not exceed.
   const double wanted = std::ceil(std::clamp(fraction, 0.0, 1.0) * static_cast<double>(total));
   const std::uint64_t rank = std::max<std::uint64_t>(1, static_cast<std::uint64_t>(wanted));
   std::uint64_t seen = 0;

@@ -1,5 +1,5 @@
-// Histogram of durations in ns without allocation: log-linear, 32 classes an octave, so a percentile errs by less than
-// 1.6 % of its value; exact below 32 ns. One thread adds, any thread takes a snapshot.
+// Histogram of durations in ns without allocation. Log-linear with 32 classes per octave: the error of a percentile is
+// below 1.6 % of its value, and zero below 32 ns. One thread adds samples, any thread takes snapshots.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@ namespace bregma::runtime {
 
 namespace detail {
 inline constexpr unsigned kSubBits = 5;
-inline constexpr unsigned kTopBit = 40; // 2^40 ns is 18 minutes; what is longer counts in the last class
+inline constexpr unsigned kTopBit = 40; // 2^40 ns is 18 minutes; longer durations count in the last class
 inline constexpr std::size_t kClasses = (kTopBit - kSubBits + 1) << kSubBits;
 
 [[nodiscard]] constexpr std::size_t class_of(std::uint64_t value) noexcept {
@@ -43,7 +43,7 @@ struct HistogramSnapshot {
 
   // fraction in [0, 1]: 0.5 is the median. 0 when empty; never above the maximum.
   [[nodiscard]] double percentile_ns(double fraction) const noexcept;
-  // What came since an earlier snapshot of the same histogram; the maximum stays that of all.
+  // Samples since an earlier snapshot of the same histogram. The maximum remains that of all samples.
   [[nodiscard]] HistogramSnapshot since(const HistogramSnapshot &earlier) const noexcept;
 };
 
@@ -59,7 +59,7 @@ public:
     }
   }
 
-  // Any thread; 10 KB are copied. Counts that change meanwhile may or may not be in it.
+  // Any thread. Copies 10 KB. Concurrent additions may or may not be included.
   [[nodiscard]] HistogramSnapshot snapshot() const noexcept;
 
 private:

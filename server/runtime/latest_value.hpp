@@ -1,12 +1,12 @@
-// The latest value of something, from one writing thread to any number of reading threads.
+// The latest value of a variable, from one writer thread to any number of reader threads.
 //
 // A ring of kSlots copies: the writer fills the slot after the published one and then publishes it. The writer is
-// wait-free. A reader copies the published slot, and tries again only when the writer has meanwhile published kSlots -
-// 2 more values. So a writer that is preempted in the middle of a store never holds up a reader, whatever their
-// priorities: with the plain sequence lock a FIFO reader on the same core would spin forever.
+// wait-free. A reader copies the published slot, and retries only if the writer has published kSlots - 2 more values in
+// the meantime. So a writer that is preempted during a store never delays a reader, for any priorities. With a plain
+// sequence lock a FIFO reader on the same core would spin forever.
 //
-// The copies are atomic words: release stores and acquire loads order them against the published count, which needs no
-// fence, costs nothing on x86, and is a program without data races also in the eyes of the thread sanitizer.
+// The copies are atomic words. Release stores and acquire loads order them relative to the published count. This needs
+// no fence, costs nothing on x86, and has no data race, also for the thread sanitizer.
 #pragma once
 
 #include <array>
@@ -36,7 +36,7 @@ public:
     published_.store(count, std::memory_order_release);
   }
 
-  // Number of values stored so far; 0 means that there is none yet.
+  // Number of values stored so far.
   [[nodiscard]] std::uint64_t count() const noexcept { return published_.load(std::memory_order_acquire); }
 
   // The latest value, or nullopt before the first.
@@ -46,8 +46,8 @@ public:
     return load_newer(value, seen) ? std::optional<T>(value) : std::nullopt;
   }
 
-  // Copies the latest value if it is newer than the one that was number `seen`, and updates `seen`.
-  // Start with seen = 0. False, and nothing touched, when there is nothing newer.
+  // Copies the latest value if it is newer than value number `seen`, and updates `seen`.
+  // Start with seen = 0. Returns false and changes nothing if there is no newer value.
   [[nodiscard]] bool load_newer(T &value, std::uint64_t &seen) const noexcept {
     auto *bytes = reinterpret_cast<unsigned char *>(&value);
     for (;;) {
@@ -60,7 +60,7 @@ public:
         const std::uint64_t word = slot[i].load(std::memory_order_acquire);
         std::memcpy(bytes + 8 * i, &word, bytes_of_word(i));
       }
-      // Slot `count` is filled again by store number count + kSlots, which begins once count + kSlots - 1 is published.
+      // Slot `count` is refilled by store number count + kSlots, which begins after count + kSlots - 1 is published.
       if (published_.load(std::memory_order_relaxed) - count < kSlots - 1) {
         seen = count;
         return true;

@@ -33,7 +33,7 @@ base::Result<void> start_logging(const LogOptions &options) {
           std::make_shared<spdlog::sinks::rotating_file_sink_mt>(options.file.string(), kFileBytes, kFiles));
     }
     spdlog::init_thread_pool(kQueue, 1);
-    // Rather lose the oldest line than make anybody wait for a console that does not scroll.
+    // Drops the oldest line, so that a blocked console does not block the callers.
     auto logger = std::make_shared<spdlog::async_logger>("bregmad", sinks.begin(), sinks.end(), spdlog::thread_pool(),
                                                          spdlog::async_overflow_policy::overrun_oldest);
     logger->set_level(level);

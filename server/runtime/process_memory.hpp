@@ -1,4 +1,4 @@
-// How much memory the process holds.
+// Memory of the process.
 #pragma once
 
 #include <cstdint>
@@ -8,7 +8,7 @@
 
 namespace bregma::runtime {
 
-// Resident set, from /proc/self/statm; 0 where there is none. Not for loops: opens a file.
+// Resident set size, from /proc/self/statm; 0 if it is not available. Not for loops: opens a file.
 [[nodiscard]] inline std::uint64_t resident_bytes() {
   std::FILE *file = std::fopen("/proc/self/statm", "re");
   if (file == nullptr) {

@@ -20,8 +20,8 @@ namespace {
 
 std::string reason(int error) { return std::string(std::strerror(error)); }
 
-// From Linux 6.12 on, sched_runtime is how long a thread of this class asks to run at a stretch: one that asks for less
-// takes the core as soon as it wakes up, where it would wait for a millisecond or two. Older kernels take no notice.
+// Since Linux 6.12, sched_runtime is the time slice that a thread of this class requests. A thread with a shorter slice
+// gets the core as soon as it wakes, instead of after 1 to 2 ms. Older kernels ignore it.
 constexpr std::uint64_t kBatchStretch_ns = 50'000'000;
 
 // struct sched_attr of sched_setattr(2), first version: the kernel's header and glibc's cannot both be included.
@@ -80,17 +80,17 @@ bool may_lock(std::size_t bytes) {
   if (block == MAP_FAILED) {
     return false;
   }
-  const bool allowed = mlock2(block, bytes, MLOCK_ONFAULT) == 0; // takes no memory: no page is touched
+  const bool allowed = mlock2(block, bytes, MLOCK_ONFAULT) == 0; // uses no memory: no page is touched
   munmap(block, bytes);
   return allowed;
 }
 
 std::vector<std::string> lock_memory() {
   std::vector<std::string> problems;
-  // Freed heap stays with the process: a page that was touched once never faults again.
+  // The process keeps freed heap memory, so a page that was touched once never faults again.
   mallopt(M_TRIM_THRESHOLD, -1);
   mallopt(M_MMAP_MAX, 0);
-  // Below a small limit mlockall may succeed now and make an allocation fail later.
+  // With a small limit mlockall may succeed now and a later allocation may fail.
   if (!may_lock(kLockedBytes)) {
     problems.push_back("memory is not locked, and may be paged out: the limit is below " +
                        std::to_string(kLockedBytes >> 20) + " MiB (allow it by LimitMEMLOCK=infinity or CAP_IPC_LOCK)");

@@ -1,5 +1,5 @@
-// What a process can ask of the kernel for real time, and whether it gets it. Knows no DDS: `bregma doctor` uses the
-// same checks as the daemon.
+// Real-time settings of a process, and checks of them. Independent of DDS: `bregma doctor` uses the same checks as the
+// daemon.
 #pragma once
 
 #include <cstddef>
@@ -11,20 +11,19 @@ namespace bregma::runtime {
 
 struct ThreadOptions {
   std::string name;      // shown by ps and top; at most 15 bytes, the kernel's limit
-  int fifo_priority = 0; // SCHED_FIFO 1 to 99; 0 keeps the ordinary scheduler
-  int cpu = -1;          // pin to this core; -1 leaves it to the kernel
-  // Computes for long and can wait: SCHED_BATCH with a long stretch, so that it does not take a core from others when
-  // it wakes up, and leaves its own to them when they do. Not used with a fifo_priority. Threads that it starts inherit
-  // this.
+  int fifo_priority = 0; // SCHED_FIFO 1 to 99; 0 keeps the default scheduler
+  int cpu = -1;          // pin to this core; -1: the kernel chooses
+  // For long computations that can wait: SCHED_BATCH with a long time slice. The thread then does not preempt others
+  // when it wakes, and others preempt it. Not used with a fifo_priority. Threads that it starts inherit the setting.
   bool batch = false;
 };
 
-// Sets up the calling thread. Returns one sentence for each thing that could not be set; the thread runs on regardless.
+// Sets up the calling thread. Returns one sentence per setting that failed. The thread continues in all cases.
 [[nodiscard]] std::vector<std::string> set_up_thread(const ThreadOptions &options);
 
-inline constexpr std::size_t kLockedBytes = std::size_t{512} << 20; // what the daemon may come to need
+inline constexpr std::size_t kLockedBytes = std::size_t{512} << 20; // upper limit of the daemon's memory
 
-// Whether the kernel would let so much memory be locked.
+// Whether the kernel allows locking this amount of memory.
 [[nodiscard]] bool may_lock(std::size_t bytes);
 
 // Locks all present and future memory of the process and keeps freed heap. Sentences as above.
@@ -36,18 +35,18 @@ struct RealtimeCheck {
   std::string name; // for example "fifo", "memory lock", "kernel"
   Fitness fitness = Fitness::kGood;
   std::string finding; // what was found
-  std::string advice;  // what to set; empty when good
+  std::string advice;  // the setting to change; empty if the check passed
 };
 
-// Looks, and sets nothing: SCHED_FIFO, memory lock, real-time throttling, kernel preemption, cores, frequency governor,
-// clock source, clock synchronisation, socket buffers. Blocks for a few ms.
+// Checks without changing anything: SCHED_FIFO, memory lock, real-time throttling, kernel preemption, cores, frequency
+// governor, clock source, clock synchronisation, socket buffers. Blocks for a few ms.
 [[nodiscard]] std::vector<RealtimeCheck> check_realtime();
 
 struct TimerQuality {
-  double p50_us = 0.0; // how late the thread woke after its absolute deadline
+  double p50_us = 0.0; // delay of the wake-up after its absolute deadline
   double p99_us = 0.0;
   double max_us = 0.0;
-  bool fifo = false; // measured with SCHED_FIFO (else the kernel refused it)
+  bool fifo = false; // measured with SCHED_FIFO; false if the kernel refused it
 };
 
 // Wakes `wakes` times at the period from a thread set up like a loop's. Blocks for wakes * period_ns.

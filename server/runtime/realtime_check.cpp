@@ -1,4 +1,4 @@
-// What check_realtime() looks at. Everything is read from the kernel; nothing is left changed.
+// The checks of check_realtime(). All values are read from the kernel, and no setting remains changed.
 #include <fstream>
 #include <future>
 #include <string>
@@ -29,7 +29,7 @@ long number(const std::string &file, long otherwise) {
 std::string limit_text(rlim_t limit) { return limit == RLIM_INFINITY ? "unlimited" : std::to_string(limit); }
 
 RealtimeCheck check_fifo() {
-  // In a thread that ends, so that the caller's own scheduling stays.
+  // In a temporary thread, so that the caller's scheduling does not change.
   const auto problems =
       std::async(std::launch::async, [] { return set_up_thread({.name = "fifo-check", .fifo_priority = 80}); }).get();
   if (problems.empty()) {
@@ -113,7 +113,7 @@ RealtimeCheck check_clock_source() {
 
 RealtimeCheck check_synchronisation() {
   timex state{};
-  const int status = adjtimex(&state); // modes 0: only looks
+  const int status = adjtimex(&state); // modes 0: only reads
   if (status < 0 || status == TIME_ERROR || (state.status & STA_UNSYNC) != 0) {
     return {"clock", Fitness::kLimited, "not synchronised: times of other hosts cannot be compared",
             "run chrony or ptp4l; not needed when all drivers run on this host"};

@@ -1,5 +1,5 @@
-// Bounded ring from one writing thread to one reading thread. Both sides are wait-free; what does not fit is dropped
-// and counted, never waited for.
+// Bounded ring from one writer thread to one reader thread. Both sides are wait-free. A value that does not fit is
+// dropped and counted.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ template <class T, std::size_t Capacity> class SpscRing {
   static_assert(std::is_trivially_copyable_v<T>);
 
 public:
-  // Writing thread. False when full: the value is dropped and counted.
+  // Writer thread. False if the ring is full: the value is dropped and counted.
   bool try_push(const T &value) noexcept {
     const std::uint64_t head = head_.load(std::memory_order_relaxed);
     if (head - tail_.load(std::memory_order_acquire) == Capacity) {
@@ -28,7 +28,7 @@ public:
     return true;
   }
 
-  // Reading thread. False when empty.
+  // Reader thread. False if the ring is empty.
   [[nodiscard]] bool try_pop(T &value) noexcept {
     const std::uint64_t tail = tail_.load(std::memory_order_relaxed);
     if (tail == head_.load(std::memory_order_acquire)) {

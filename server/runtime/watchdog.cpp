@@ -7,7 +7,7 @@
 namespace bregma::runtime {
 namespace {
 
-// A service manager that is gone is none of our business: results are not looked at.
+// Errors are ignored: the service manager may have ended.
 void notify(const std::string &state) { static_cast<void>(sd_notify(0, state.c_str())); }
 
 } // namespace

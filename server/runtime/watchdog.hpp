@@ -1,6 +1,7 @@
-// Readiness and watchdog towards systemd (sd_notify). Without NOTIFY_SOCKET in the environment all of it does nothing.
+// Readiness and watchdog messages to systemd (sd_notify). Without NOTIFY_SOCKET in the environment they have no effect.
 //
-// systemd's watchdog is fed only while every watched loop advances, so that one stuck loop gets the daemon restarted.
+// systemd's watchdog is triggered only while every watched loop advances, so systemd restarts the daemon if a loop
+// hangs.
 // Threads: one (the control thread).
 #pragma once
 
@@ -18,17 +19,18 @@ class Watchdog {
 public:
   Watchdog(); // reads the environment
 
-  // heartbeat: a count that grows while the loop lives, for example LoopStatistics::steps. Must be readable from here.
+  // heartbeat: a count that increases while the loop runs, for example LoopStatistics::steps. Read on this thread.
   void watch(std::string name, std::function<std::uint64_t()> heartbeat);
 
   void ready(std::string_view status);
   void status(std::string_view status);
   void stopping();
 
-  // At what interval feed() has to be called: a third of systemd's time. nullopt when no watchdog is asked for.
+  // Interval for calls of feed(): a third of systemd's timeout. nullopt if systemd requests no watchdog.
   [[nodiscard]] std::optional<std::chrono::microseconds> interval() const noexcept { return interval_; }
 
-  // Feeds systemd if every watched loop has advanced since the last call. Returns the names of those that have not.
+  // Triggers the watchdog if every watched loop has advanced since the last call. Returns the names of those that have
+  // not.
   std::vector<std::string> feed();
 
 private:

@@ -19,7 +19,7 @@ bool AlarmRegistry::update(const AlarmCondition &condition) {
     publish_(found->second);
     return true;
   }
-  wire::Alarm &alarm = alarms_[key]; // value-initialised when it is new
+  wire::Alarm &alarm = alarms_[key]; // value-initialised if it is new
   if (was_active && condition.severity <= alarm.severity) {
     return false;
   }
@@ -50,7 +50,7 @@ std::optional<std::string> AlarmRegistry::acknowledge(std::string_view kind, std
     }
     return "no alarm " + name + " is raised; " + (raised.empty() ? "none is" : "raised: " + raised);
   }
-  if (found->second.state == bregma_wire_ALARM_RAISED) { // a second acknowledgement changes nothing
+  if (found->second.state == bregma_wire_ALARM_RAISED) { // a repeated acknowledgement has no effect
     found->second.state = bregma_wire_ALARM_ACKNOWLEDGED;
     found->second.changed_time_ns = now_ns;
     publish_(found->second);

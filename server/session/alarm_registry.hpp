@@ -1,11 +1,11 @@
-// All alarms of a session: what is raised, who has acknowledged, how often it came back.
+// All alarms of a session, with their state, acknowledgement and number of recurrences.
 //
-//   condition begins -> RAISED -> (a person) ACKNOWLEDGED -> condition ends -> CLEARED -> begins again -> RAISED, count
-//   2
+//   condition begins -> RAISED -> (operator) ACKNOWLEDGED -> condition ends -> CLEARED -> begins again -> RAISED,
+//   count 2
 //
-// A condition that ends unacknowledged is cleared as well: the board shows the present, the count and the recording
-// keep the past. An acknowledged alarm that grows more severe is raised again. Hysteresis is the sender's. Threads: one
-// at a time. Time is passed in.
+// A condition that ends unacknowledged is cleared as well. The registry shows the current state; the count and the
+// recording keep the history. An acknowledged alarm that becomes more severe is raised again. The sender applies the
+// hysteresis. Threads: one at a time. The caller passes the time.
 #pragma once
 
 #include <functional>
@@ -22,15 +22,15 @@ namespace bregma::server {
 class AlarmRegistry {
 public:
   using Publish = std::function<void(const wire::Alarm &)>;
-  // publish is called once for every change of state, severity or count.
+  // publish is called once per change of state, severity or count.
   explicit AlarmRegistry(Publish publish) : publish_(std::move(publish)) {}
 
-  // True when the condition began or ended by this message, false for a repetition.
+  // True if the condition began or ended with this message, false for a repetition.
   bool update(const AlarmCondition &condition);
-  // Nothing when it was acknowledged, else the sentence that refuses.
+  // Empty if the alarm was acknowledged, otherwise the reason of the refusal.
   [[nodiscard]] std::optional<std::string> acknowledge(std::string_view kind, std::string_view subject,
                                                        std::int64_t now_ns);
-  // Raised or acknowledged, whatever the subject.
+  // Raised or acknowledged, for any subject.
   [[nodiscard]] bool active(std::string_view kind) const;
   // Raised and not acknowledged.
   [[nodiscard]] bool unacknowledged(std::string_view kind) const;

@@ -1,11 +1,12 @@
-// What passes between the session (control thread) and the loops: plain data, so that it fits lock-free rings.
+// Messages between the session (control thread) and the loops: plain data, for lock-free rings.
 //
-// One ring a direction and a loop keeps the order in which things were said: NavigationMessage, RegistrationMessage and
-// MonitoringMessage go out, NavigationEvent, wire::RegistrationState and AlarmCondition come back. The session owns the
-// set of samples; the registration loop sees only what the session sends it, so a restart can restore exactly that.
+// One ring per loop and direction keeps the order of the messages. The session sends NavigationMessage,
+// RegistrationMessage and MonitoringMessage. The loops send NavigationEvent, wire::RegistrationState and
+// AlarmCondition. The session owns the set of samples, and the registration loop knows only the samples that the
+// session sent. A restart can therefore restore it exactly.
 //
-// Positions of samples are of the tip in Reference (mm), covariances row by row (mm^2), times ns UTC on the host's
-// clock.
+// Positions of samples are those of the tip in Reference (mm). Covariances are row-major (mm^2). Times are ns UTC on
+// the host's clock.
 #pragma once
 
 #include <array>
@@ -23,8 +24,8 @@ using Array36 = std::array<double, 36>;
 
 // ---- to the navigation loop ----
 
-// Averages the tip in Reference over frames exposed in [start_ns, start_ns + window_ns]. Exactly one CaptureResult with
-// the same id answers, at the first frame or tick past the window's end.
+// Averages the tip in Reference over frames exposed in [start_ns, start_ns + window_ns]. The answer is exactly one
+// CaptureResult with the same id, at the first frame or tick after the window's end.
 struct CaptureRequest {
   std::uint64_t id;
   wire::CaptureKind kind; // CAPTURE_FIDUCIAL_TOUCH or CAPTURE_CHECK
@@ -32,10 +33,10 @@ struct CaptureRequest {
   wire::Name point;
   std::int64_t start_ns;
   std::int64_t window_ns;
-  double max_motion_mm; // a tip that moved further about the window's mean was not held still
+  double max_motion_mm; // maximal motion about the window's mean of a tip that was held still
 };
 
-// While on: a SurfaceSample event wherever the tip is spacing_mm away from the last sample.
+// While on: a SurfaceSample event whenever the tip is spacing_mm away from the last sample.
 struct TraceRequest {
   wire::Name tool;
   bool on;
@@ -44,20 +45,19 @@ struct TraceRequest {
 
 // While on: a PivotPose event for every frame that shows the tool.
 struct PivotRequest {
-  std::uint64_t id; // copied into every pose, so that a late pose of an old pivot is told apart
+  std::uint64_t id; // copied into every pose, to recognize late poses of an earlier pivot
   wire::Name tool;
   bool on;
 };
 
-// A pivot-calibrated tip, in the tool's body frame. Not known (POSE_NOT_CALIBRATED) until such a message names the
-// tool.
+// A pivot-calibrated tip, in the tool's body frame. Without such a message the tool is POSE_NOT_CALIBRATED.
 struct ToolTip {
   wire::Name tool;
   Array3 tip_mm;
   Array9 covariance_mm2;
 };
 
-// The plan of a tool; an empty trajectory: navigate without one. on == false: the tool has no plan any more.
+// The plan of a tool. Empty trajectory: navigation without one. on == false: removes the tool's plan.
 struct PlanSelected {
   wire::Name tool;
   wire::Name trajectory;
@@ -66,7 +66,7 @@ struct PlanSelected {
 
 // ---- to navigation, registration and monitoring ----
 
-// Accepted by a person: T_image_reference as navigation uses it from now on, bit for bit.
+// The registration accepted by the operator: T_image_reference exactly as navigation uses it from now on.
 struct RegistrationAccepted {
   std::uint64_t revision;
   wire::Pose T_image_reference;
@@ -78,22 +78,23 @@ struct RegistrationReset {
   std::uint64_t revision;
 };
 
-// state is what clients are shown. verified: a person has verified the accepted registration, which stays true while a
-// Degraded session waits to resume; only with it may a pose be POSE_LIVE, without it POSE_UNVERIFIED at best.
+// state: the state shown to clients. verified: the operator has verified the accepted registration. It stays true while
+// a Degraded session waits to resume. A pose can be POSE_LIVE only if verified is true, otherwise at most
+// POSE_UNVERIFIED.
 struct SessionChanged {
   wire::SessionState state;
   bool verified;
 };
 
 // ---- to the registration loop ----
-// Every change of the sample set carries the revision of the set after it; RegistrationState::revision answers with the
-// revision of the last change that the estimate contains. So nobody can accept an estimate that lacks a sample.
+// Every change of the sample set carries the set's new revision. RegistrationState::revision is the revision of the
+// last change that the estimate contains. So an estimate that lacks a sample cannot be accepted.
 
 struct FiducialSample { // replaces an earlier sample of the same point
   std::uint64_t revision;
   wire::Name tool;
   wire::Name point;
-  std::uint64_t frame; // the last that was averaged
+  std::uint64_t frame; // the last averaged frame
   std::int64_t acquired_time_ns;
   Array3 position_mm;
   Array9 covariance_mm2; // tracker, tip and averaging; not the placement error of the touch (limits.fle_touch_mm)
@@ -104,9 +105,9 @@ struct FiducialRemoved {
   wire::Name point;
 };
 
-// Traced while Registering it joins the set; later it goes to the monitoring loop alone, for the drift test.
+// A sample traced while Registering joins the set. Later samples go only to the monitoring loop, for the drift test.
 struct SurfaceSample {
-  std::uint64_t revision; // set by the session where it joins the set; navigation leaves it 0
+  std::uint64_t revision; // set by the session if the sample joins the set; 0 from navigation
   wire::Name tool;
   std::uint64_t frame;
   std::int64_t acquired_time_ns;
@@ -124,15 +125,15 @@ struct JudgedCheck {
   std::int64_t acquired_time_ns;
   Array3 position_mm; // of the tip, in Reference
   Array9 covariance_mm2;
-  // In Image, against the accepted registration:
+  // In Image, by the accepted registration:
   std::uint32_t landmark_index; // in the case's list
-  Array3 error_mm;              // shown tip minus landmark
+  Array3 error_mm;              // displayed tip minus landmark
   Array9 touch_covariance_mm2;  // of this touch: tracker, tip and placement (limits.fle_touch_mm)
   double distance_mm;           // length of error_mm
   double limit_mm;              // 95 % bound of distance_mm if nothing has moved: registration, landmark and touch
 };
 
-// Begin the sequential drift test anew: a person has acknowledged the alarm, or the checks were voided.
+// Restarts the sequential drift test: the operator has acknowledged the alarm, or the checks were voided.
 struct DriftRestart {
   std::int64_t time_ns;
 };
@@ -143,7 +144,7 @@ enum class CaptureStatus : std::uint8_t {
   kOk,
   kNoFrames,        // the tracker was silent
   kToolHidden,      // the tool was seen in too few of the window's frames
-  kReferenceHidden, // the reference was
+  kReferenceHidden, // the reference was seen in too few of them
   kMoved,           // see CaptureResult::motion_mm
   kNotCalibrated    // the tool has no tip
 };
@@ -152,12 +153,12 @@ struct CaptureResult {
   std::uint64_t id;
   CaptureStatus status;
   std::uint32_t used_frames;
-  std::uint32_t window_frames; // all that were exposed in the window
-  std::uint64_t frame;         // the last that was used
+  std::uint32_t window_frames; // all frames exposed in the window
+  std::uint64_t frame;         // the last frame used
   std::int64_t acquired_time_ns;
-  Array3 position_mm;    // mean; this and what follows only with kOk, motion_mm also with kMoved
+  Array3 position_mm;    // mean; this and the next fields only with kOk, motion_mm also with kMoved
   Array9 covariance_mm2; // of the mean
-  double motion_mm;      // how far the tip moved about the mean, beyond the noise of the markers
+  double motion_mm;      // motion of the tip about the mean, beyond the noise of the markers
 };
 
 struct PivotPose {
@@ -172,13 +173,13 @@ struct PivotPose {
 // ---- from monitoring, inputs and recorder ----
 
 enum class SessionEffect : std::uint8_t {
-  kNone,    // shown, nothing else
-  kDegrade, // Degraded as long as the condition lasts, then the session resumes by itself
-  kDemote,  // back to Registered, and a person verifies again
-  kFault    // only CLOSE_CASE or a restart leaves it
+  kNone,    // is only shown
+  kDegrade, // Degraded while the condition lasts, then the session resumes automatically
+  kDemote,  // back to Registered; the operator must verify again
+  kFault    // left only by CLOSE_CASE or a restart
 };
 
-// A condition that began (active) or ended, after its hysteresis. Send changes; a repetition does no harm.
+// A condition that began (active) or ended, after its hysteresis. Changes must be sent; repetitions are harmless.
 struct AlarmCondition {
   wire::Name kind;
   wire::Name subject; // may be empty
@@ -201,7 +202,7 @@ static_assert(std::is_trivially_copyable_v<NavigationMessage> && std::is_trivial
               std::is_trivially_copyable_v<MonitoringMessage> && std::is_trivially_copyable_v<NavigationEvent> &&
               std::is_trivially_copyable_v<AlarmCondition>);
 
-// Kinds of alarms: one spelling for those that raise them, the session, and the command line.
+// Names of alarms, common to the senders, the session and the command line.
 namespace alarm {
 inline constexpr const char *kTrackerLost = "tracker_lost"; // degrades
 inline constexpr const char *kDeviceLost = "device_lost";   // another device

@@ -1,5 +1,5 @@
-// One pivot calibration: poses as they come, then the estimate, which may run on a worker while the control thread goes
-// on. Threads: one owner; the worker sees only what finish() hands it.
+// One pivot calibration: collects poses, then estimates. The estimate may run on a worker while the control thread
+// continues. Threads: one owner. The worker accesses only the data that finish() passes to it.
 #pragma once
 
 #include <atomic>
@@ -23,8 +23,8 @@ public:
 
   // Poses of another run, and those beyond max_samples, are ignored.
   void add(const PivotPose &pose);
-  // Takes the poses seen from the reference where it was visible in at least half of them (a moved camera does no harm
-  // then), else those seen from the tracker. Without an executor the estimate is ready on return.
+  // Uses poses relative to the reference if it was visible in at least half of them, so that camera motion has no
+  // effect. Otherwise uses poses relative to the tracker. Without an executor the estimate is ready on return.
   void finish(const calibration::PivotOptions &options, const Executor &executor);
   [[nodiscard]] bool finishing() const { return job_ != nullptr; }
   // Null until it is ready.
@@ -44,7 +44,7 @@ private:
   std::string tool_;
   std::size_t max_samples_;
   std::vector<PivotPose> poses_;
-  std::shared_ptr<Job> job_; // shared with the worker, which may outlive the run
+  std::shared_ptr<Job> job_; // shared with the worker, which may end after the run
 };
 
 } // namespace bregma::server

@@ -13,7 +13,7 @@ ReplyCache::Seen ReplyCache::enter(const Ticket &ticket) {
   if (const auto found = find(ticket); found != entries_.end()) {
     return found->reply ? Seen::kAnswered : Seen::kUnderWay;
   }
-  if (entries_.size() >= kKept) { // the few under way are among the youngest
+  if (entries_.size() >= kKept) { // the few unanswered ones are among the newest
     entries_.pop_front();
   }
   entries_.push_back({ticket, std::nullopt});

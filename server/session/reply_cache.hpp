@@ -1,4 +1,4 @@
-// Which commands have come and how they were answered, so that one that is sent again is not carried out again.
+// Received commands and their replies, so that a command that is sent again is not executed again.
 // Threads: one at a time.
 #pragma once
 
@@ -11,7 +11,7 @@
 
 namespace bregma::server {
 
-// A command is the same one only if it was also sent at the same time: a client that restarts counts from one again.
+// Commands are equal only if they were also sent at the same time, because a restarted client counts from one again.
 struct Ticket {
   std::string client;
   std::uint64_t id = 0;
@@ -24,13 +24,13 @@ struct Ticket {
 
 class ReplyCache {
 public:
-  static constexpr std::size_t kKept = 256; // answered commands that are remembered, of all clients
+  static constexpr std::size_t kKept = 256; // number of answered commands kept, of all clients
 
   enum class Seen { kNew, kUnderWay, kAnswered };
-  // A new one is entered.
+  // Adds a new command.
   [[nodiscard]] Seen enter(const Ticket &ticket);
   void answer(const Ticket &ticket, const wire::CommandReply &reply);
-  // Of an answered command.
+  // Reply to an answered command.
   [[nodiscard]] const wire::CommandReply &reply(const Ticket &ticket) const;
 
 private:

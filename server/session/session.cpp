@@ -11,8 +11,8 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kSaveIntervalNs = 1'000'000'000; // of samples that come without a command
-// Raised when a registration stands that nobody has verified since a restart or a drift alarm.
+constexpr std::int64_t kSaveIntervalNs = 1'000'000'000; // of samples that arrive without a command
+// Raised if the accepted registration has not been verified since a restart or a drift alarm.
 constexpr const char *kVerify = "verification";
 
 // Why a command of this kind is carried out by no state of this daemon; empty: it may be.
@@ -35,7 +35,7 @@ Session::Impl::Impl(SessionConfig config, SessionPorts &ports, Executor executor
 
 void Session::Impl::handle(const wire::Command &command) {
   if (!wire::is_terminated(command.client) || wire::view(command.client).empty()) {
-    ports_.log("a command without a client's name was dropped: nobody can be answered");
+    ports_.log("a command without a client's name was dropped: there is no client to answer");
     return;
   }
   if (!wire::view(command.receiver).empty() && wire::view(command.receiver) != wire::kDaemonName) {
@@ -77,7 +77,7 @@ void Session::Impl::answer(const Ticket &ticket, const Answer &answer) {
 
 void Session::Impl::publish_reply(const Ticket &ticket, const Answer &answer, bool remember) {
   wire::CommandReply reply{};
-  (void)wire::set_name(reply.client, ticket.client); // it came as a name
+  (void)wire::set_name(reply.client, ticket.client); // it was received as a valid name
   reply.id = ticket.id;
   reply.kind = ticket.kind;
   reply.result = answer.result;
@@ -92,7 +92,7 @@ void Session::Impl::publish_reply(const Ticket &ticket, const Answer &answer, bo
   ports_.publish(reply);
 }
 
-// Brings what others are told in line with the state.
+// Publishes changes of the state to clients and loops.
 void Session::Impl::settle() {
   const SessionChanged present{machine_.state(), machine_.verified()};
   if (!announced_ || announced_->state != present.state || announced_->verified != present.verified) {
@@ -120,7 +120,7 @@ void Session::Impl::save() {
   saved_ns_ = now_ns;
   const auto saved = file_.save(data_);
   unsaved_ = !saved;
-  // A full disk stops nobody, but everybody is told that a restart would not find this session.
+  // A full disk does not stop the session. An alarm states that a restart would not find this session.
   condition(alarm::kDisk, "session", !saved, bregma_wire_SEVERITY_CRITICAL, saved ? "" : saved.error().message);
 }
 
@@ -145,17 +145,17 @@ void Session::Impl::on_condition(const AlarmCondition &condition) {
     ports_.log("alarm " + cause + (condition.active ? " raised: " + text : " cleared"));
   }
   if (!condition.active) {
-    machine_.recover(cause); // whatever its effect was: the end of a condition degrades nothing
+    machine_.recover(cause); // for any effect: the end of a condition never degrades
   } else if (condition.effect == SessionEffect::kDegrade) {
     machine_.degrade(cause);
   } else if (condition.effect == SessionEffect::kFault) {
     machine_.fault(cause + (text.empty() ? "" : ": " + text));
   } else if (condition.effect == SessionEffect::kDemote && changed) {
-    data_.checks.clear(); // made before the doubt
+    data_.checks.clear(); // made before the drift alarm
     unsaved_ = true;
     if (machine_.demote()) {
       this->condition(kVerify, "", true, bregma_wire_SEVERITY_WARNING,
-                      "The registration is in doubt (" + cause +
+                      "The registration is no longer verified (" + cause +
                           "): check the landmarks and confirm, or register anew.");
     }
   }
@@ -234,7 +234,7 @@ base::Result<void> Session::Impl::bring_back(SessionData data) {
   }
   case_ = std::move(shared);
   data_ = std::move(data);
-  data_.checks.clear(); // nobody knows what happened in between: a person verifies again
+  data_.checks.clear(); // the situation may have changed in between, so the operator must verify again
 
   send_all(RegistrationReset{data_.revision});
   for (const auto &[name, tip] : data_.tips) {

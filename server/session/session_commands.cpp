@@ -1,4 +1,4 @@
-// What each command does, but for those of the registration.
+// Execution of the commands, except those of the registration.
 #include <algorithm>
 
 #include "server/session/session_core.hpp"
@@ -39,7 +39,7 @@ Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &
   case bregma_wire_COMMAND_CLOSE_CASE:
     return close_case();
   }
-  return refused("not a command"); // the border has refused it already
+  return refused("not a command"); // the input check has rejected it already
 }
 
 tl::expected<const casefile::ToolModel *, Answer> Session::Impl::find_tool(const std::string &name) const {
@@ -131,12 +131,12 @@ Outcome Session::Impl::finish_pivot(const Ticket &ticket, const std::string &too
 }
 
 Answer Session::Impl::take_pivot(const calibration::PivotResult &result) {
-  const calibration::PivotResult pivot = result; // the run that holds it ends here
+  const calibration::PivotResult pivot = result; // a copy, because the run that owns it ends here
   const std::string tool = pivot_->tool();
   pivot_.reset();
   pivot_ticket_.reset();
   if (!pivot.accepted()) {
-    constexpr std::string_view kVerdict = "refused: "; // said once is enough
+    constexpr std::string_view kVerdict = "refused: "; // not repeated in the answer
     return refused(tool + " is not calibrated: " +
                    (pivot.text.starts_with(kVerdict) ? pivot.text.substr(kVerdict.size()) : pivot.text));
   }
@@ -152,7 +152,7 @@ Answer Session::Impl::take_pivot(const calibration::PivotResult &result) {
   ports_.send(NavigationMessage(message));
 
   std::string text = tool + ": " + pivot.text;
-  // Checks that were made with the old tip say nothing about the new one.
+  // Checks made with the old tip are not valid for the new one.
   const auto voided =
       std::erase_if(data_.checks, [&](const auto &item) { return wire::view(item.second.tool) == tool; });
   if (voided > 0 && data_.checks.size() < config_.min_checks && machine_.demote()) {
@@ -199,7 +199,7 @@ Answer Session::Impl::close_case() {
   data_.case_folder.clear();
   data_.case_id.clear();
   case_.reset();
-  (void)ports_.use_case(nullptr); // nothing can refuse an end
+  (void)ports_.use_case(nullptr); // closing cannot be rejected
   return {.text = id.empty() ? "no case was loaded" : "case " + id + " is closed"};
 }
 

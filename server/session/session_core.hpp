@@ -1,6 +1,6 @@
-// The inside of a session, shared by session.cpp (what every command has in common, restart, alarms),
-// session_commands.cpp (what each command does) and session_registration.cpp (those of the registration). Nobody else
-// includes it.
+// Implementation of the session, common to session.cpp (parts common to all commands, restart, alarms),
+// session_commands.cpp (execution of the commands) and session_registration.cpp (commands of the registration). Only
+// these files include it.
 #pragma once
 
 #include <optional>
@@ -24,7 +24,7 @@ struct Answer {
   double value_mm = wire::kUnknown;
 };
 
-// Nothing: the answer comes later, from a loop, a worker or a timeout.
+// Empty: the answer comes later, from a loop, a worker or a timeout.
 using Outcome = std::optional<Answer>;
 
 class Session::Impl {
@@ -43,7 +43,7 @@ public:
   void on_pivot_pose(const PivotPose &pose);
   void on_estimate(const wire::RegistrationState &estimate);
 
-  std::int64_t now_ns = 0; // of the call under way
+  std::int64_t now_ns = 0; // of the current call
   [[nodiscard]] const StateMachine &machine() const { return machine_; }
   [[nodiscard]] const SessionData &data() const { return data_; }
   [[nodiscard]] const std::shared_ptr<const casefile::Case> &loaded_case() const { return case_; }
@@ -89,7 +89,7 @@ private:
   [[nodiscard]] Answer acknowledge(const std::string &kind, const std::string &subject);
   [[nodiscard]] Answer close_case();
 
-  // Ends what is under way; commands that wait are refused with the reason.
+  // Ends running operations. Waiting commands are refused with the reason.
   void abandon(const std::string &reason);
   void end_trace();
   void clear_samples();
@@ -113,10 +113,10 @@ private:
   std::optional<PendingCapture> capture_;
   std::optional<PendingAccept> accept_;
   std::optional<PivotRun> pivot_;
-  std::optional<Ticket> pivot_ticket_; // of the FINISH_PIVOT that waits for the estimate
-  std::optional<PlanSelected> plan_;   // of the tool that is navigated
-  std::string tracing_;                // the tool that traces; empty: none
-  std::size_t traced_ = 0;             // samples of the trace under way
+  std::optional<Ticket> pivot_ticket_; // the FINISH_PIVOT that waits for the estimate
+  std::optional<PlanSelected> plan_;   // plan of the navigated tool
+  std::string tracing_;                // the tracing tool; empty if there is none
+  std::size_t traced_ = 0;             // samples of the current trace
 };
 
 [[nodiscard]] inline Answer refused(std::string text) { return {bregma_wire_COMMAND_REFUSED, std::move(text)}; }
@@ -127,7 +127,7 @@ template <class Message> void Session::Impl::send_all(const Message &message) {
   ports_.send(MonitoringMessage(message));
 }
 
-// A sample as the wire shows it.
+// The DDS message for a sample.
 template <class Sample>
 [[nodiscard]] wire::CapturedPoint captured_point(const Sample &sample, wire::CaptureKind kind, std::string_view point) {
   wire::CapturedPoint out{};
@@ -135,7 +135,7 @@ template <class Sample>
   out.kind = kind;
   out.frame = sample.frame;
   out.acquired_time_ns = sample.acquired_time_ns;
-  (void)wire::set_name(out.point, point); // it was a name before
+  (void)wire::set_name(out.point, point); // it was a valid name before
   std::copy(sample.position_mm.begin(), sample.position_mm.end(), out.position_mm);
   std::copy(sample.covariance_mm2.begin(), sample.covariance_mm2.end(), out.covariance_mm2);
   return out;

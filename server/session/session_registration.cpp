@@ -1,4 +1,4 @@
-// From touches and traces to a registration that a person has verified.
+// Commands from touches and traces to a verified registration.
 #include <algorithm>
 #include <cmath>
 
@@ -48,13 +48,13 @@ Outcome Session::Impl::touch(const Ticket &ticket, wire::CaptureKind kind, const
 
 void Session::Impl::on_capture(const CaptureResult &result) {
   if (!capture_ || capture_->request.id != result.id) {
-    return; // of a command that was given up
+    return; // result of an abandoned command
   }
   const PendingCapture capture = *capture_;
   capture_.reset();
   if (const auto refusal = refuse_capture(capture.request, result)) {
     answer(capture.ticket, refused(*refusal));
-  } else if (const auto by_state = machine_.refusal(capture.ticket.kind)) { // it changed meanwhile
+  } else if (const auto by_state = machine_.refusal(capture.ticket.kind)) { // the state changed in the meantime
     answer(capture.ticket, {bregma_wire_COMMAND_REFUSED_BY_STATE, *by_state});
   } else if (capture.request.kind == bregma_wire_CAPTURE_CHECK) {
     answer(capture.ticket, take_check(capture.request, result));
@@ -111,8 +111,8 @@ Answer Session::Impl::remove_fiducial(const std::string &point) {
   return {.text = point + " is removed, " + std::to_string(data_.fiducials.size()) + " fiducials are left"};
 }
 
-// While Registering a trace makes samples of the registration; afterwards it tells the drift test how the skin lies
-// now.
+// While Registering, trace samples belong to the registration. Afterwards they show the current position of the skin to
+// the drift test.
 Answer Session::Impl::start_trace(const std::string &tool) {
   if (const auto found = find_tool_with_tip(tool); !found) {
     return found.error();
@@ -125,7 +125,7 @@ Answer Session::Impl::start_trace(const std::string &tool) {
   }
   const bool registering = machine_.stage() == bregma_wire_SESSION_REGISTERING;
   if (registering && data_.surface.size() >= config_.trace_max_samples) {
-    return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the most that are kept");
+    return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the maximum");
   }
   tracing_ = tool;
   traced_ = 0;
@@ -157,7 +157,7 @@ void Session::Impl::on_surface(SurfaceSample sample) {
   if (tracing_.empty() || wire::view(sample.tool) != tracing_ ||
       !std::all_of(sample.position_mm.begin(), sample.position_mm.end(), finite) ||
       !std::all_of(sample.covariance_mm2.begin(), sample.covariance_mm2.end(), finite)) {
-    return; // a late one of a trace that has been stopped, or one that measures nothing
+    return; // a late sample of a stopped trace, or one without a measurement
   }
   ++traced_;
   ports_.publish(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
@@ -170,8 +170,7 @@ void Session::Impl::on_surface(SurfaceSample sample) {
   unsaved_ = true;
   ports_.send(RegistrationMessage(sample));
   if (data_.surface.size() >= config_.trace_max_samples) {
-    ports_.log("the trace ends: " + std::to_string(data_.surface.size()) +
-               " surface samples are the most that are kept");
+    ports_.log("the trace ends: " + std::to_string(data_.surface.size()) + " surface samples are kept at most");
     end_trace();
   }
 }

@@ -1,4 +1,4 @@
-// Pieces of the sentences that a session answers with.
+// Parts of the texts in a session's answers.
 #pragma once
 
 #include <algorithm>
@@ -15,9 +15,9 @@ namespace bregma::server {
   return text;
 }
 
-// "A, B, C and 5 more", of anything with a name.
+// "A, B, C and 5 more", for items with names.
 template <class Items> [[nodiscard]] std::string names_of(const Items &items) {
-  constexpr std::size_t kShown = 8; // what fits a reply
+  constexpr std::size_t kShown = 8; // as many as fit a reply
   std::string out;
   for (std::size_t i = 0; i < std::min(items.size(), kShown); ++i) {
     out += (i == 0 ? "" : ", ") + items[i].name;
@@ -28,7 +28,7 @@ template <class Items> [[nodiscard]] std::string names_of(const Items &items) {
   return out.empty() ? "none" : out;
 }
 
-// For a name that the case does not have.
+// Answer for a name that the case does not contain.
 template <class Items>
 [[nodiscard]] std::string not_in_case(const casefile::Case &the_case, const char *what, const std::string &name,
                                       const Items &items) {

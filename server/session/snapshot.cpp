@@ -24,7 +24,7 @@ std::string checksum(const std::string &text) {
   return out;
 }
 
-// A folder's name may hold bytes that are no UTF-8: such a case is not found again, but nothing else is lost.
+// A folder's name may not be valid UTF-8. Such a case is not found again, but nothing else is lost.
 std::string dump(const json &value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
 
 void read_name(const json &from, const char *key, wire::Name &to) {
@@ -43,7 +43,7 @@ CalibratedTip read_tip(const json &from) {
   return {from.at("tip_mm"), from.at("covariance_mm2"), from.at("rms_mm"), from.at("time_ns")};
 }
 
-// Fiducial and surface samples differ by the name of the point alone, and carry the set's revision again when sent.
+// Fiducial and surface samples differ only by the name of the point. They get the set's revision again when sent.
 template <class Sample> json write_sample(const Sample &sample) {
   return {{"tool", wire::text(sample.tool)},
           {"frame", sample.frame},
@@ -169,11 +169,11 @@ base::Result<SessionData> from_json(const std::string &text, const std::string &
       return base::failure(name + ": crc32 = " + file.at("crc32").dump() + ": the content has \"" + sum +
                            "\", the file is damaged");
     }
-    if (dump(file) + "\n" != text) { // damage that spells the same values differently
+    if (dump(file) + "\n" != text) { // damage that changes the text but not the values
       return base::failure(name + ": is not as it was written, the file is damaged");
     }
     return read_session(session);
-  } catch (const std::exception &error) { // of the JSON library, and of the checks above
+  } catch (const std::exception &error) { // from the JSON library and the checks above
     return base::failure(name + ": not a session that can be read: " + error.what());
   }
 }

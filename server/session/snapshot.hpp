@@ -1,8 +1,8 @@
-// What survives a killed daemon: everything the session knows, in one JSON file that is always whole.
+// Snapshot of the session for a restart: its complete state in one JSON file that is never partially written.
 //
-// Written to a temporary file, synced, renamed over the old one, and the folder synced; so after a power cut either the
-// old or the new session is there. Numbers come back bit for bit. A file whose checksum, version or content does not
-// hold is never half believed: it is refused with a reason and kept aside.
+// The file is written to a temporary file, synced and renamed over the old one, and the folder is synced. After a power
+// failure either the old or the new snapshot exists. Numbers are restored bit for bit. A file with an invalid checksum,
+// version or content is rejected as a whole with a reason, and is kept under another name.
 // Threads: any, one at a time. Blocks for the disk: control thread only.
 #pragma once
 
@@ -28,30 +28,30 @@ struct CalibratedTip { // in the tool's body frame
 struct SessionData {
   wire::SessionState stage = bregma_wire_SESSION_IDLE;
   std::string case_folder;
-  std::string case_id;   // a folder that holds another case by now is not restored
-  std::string recording; // the session file that was written to
+  std::string case_id;   // the session is not restored if the folder contains another case
+  std::string recording; // the session file of the recording
   std::uint64_t revision = 0;
-  std::map<std::string, CalibratedTip> tips;       // by tool
-  std::map<std::string, FiducialSample> fiducials; // by fiducial
+  std::map<std::string, CalibratedTip> tips;       // per tool
+  std::map<std::string, FiducialSample> fiducials; // per fiducial
   std::vector<SurfaceSample> surface;
   std::optional<RegistrationAccepted> accepted;
   std::map<std::string, JudgedCheck> checks; // by landmark, the last touch of each since acceptance
 };
 
 [[nodiscard]] std::string to_json(const SessionData &data);
-// name: of the file, for the error.
+// name: the file's name, for errors.
 [[nodiscard]] base::Result<SessionData> from_json(const std::string &text, const std::string &name);
 
 class SnapshotFile {
 public:
-  // The folder is made when it is not there.
+  // Creates the folder if it does not exist.
   explicit SnapshotFile(const std::filesystem::path &folder);
 
-  // Nothing is lost when it fails: the file of the last success stays.
+  // If it fails, the last successfully written file remains.
   [[nodiscard]] base::Result<void> save(const SessionData &data) const;
-  // Empty when there is none. A damaged file becomes session.json.bad, and the error says why.
+  // Empty if there is no file. A damaged file is renamed to session.json.bad, and the error states the reason.
   [[nodiscard]] base::Result<std::optional<SessionData>> load() const;
-  // Renames the file to session.json.bad: whole, but of no use (its case is gone).
+  // Renames a valid file that cannot be used (its case no longer exists) to session.json.bad.
   void set_aside() const;
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }
 

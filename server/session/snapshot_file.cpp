@@ -49,7 +49,7 @@ tl::unexpected<base::Error> system_failure(const fs::path &path, const char *dee
 } // namespace
 
 SnapshotFile::SnapshotFile(const fs::path &folder) : path_(folder / "session.json") {
-  std::error_code ignored; // the first save names the reason
+  std::error_code ignored; // the first save reports the reason
   fs::create_directories(path_.parent_path(), ignored);
 }
 
@@ -64,7 +64,7 @@ base::Result<void> SnapshotFile::save(const SessionData &data) const {
   if (::rename(temporary.c_str(), path_.c_str()) != 0) {
     return system_failure(path_, "replaced");
   }
-  const Descriptor folder(path_.parent_path(), O_RDONLY | O_DIRECTORY); // the rename itself has to reach the disk
+  const Descriptor folder(path_.parent_path(), O_RDONLY | O_DIRECTORY); // the rename itself must reach the disk
   if (!folder.open() || !folder.sync()) {
     return system_failure(path_.parent_path(), "synced");
   }
@@ -90,7 +90,7 @@ base::Result<std::optional<SessionData>> SnapshotFile::load() const {
 }
 
 void SnapshotFile::set_aside() const {
-  std::error_code ignored; // where it cannot be renamed the next save replaces it
+  std::error_code ignored; // if the rename fails, the next save replaces the file
   fs::rename(path_, path_.string() + ".bad", ignored);
 }
 

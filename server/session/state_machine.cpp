@@ -19,14 +19,14 @@ constexpr SessionState kRegistering = bregma_wire_SESSION_REGISTERING;
 constexpr SessionState kRegistered = bregma_wire_SESSION_REGISTERED;
 constexpr SessionState kVerified = bregma_wire_SESSION_VERIFIED;
 constexpr SessionState kNavigating = bregma_wire_SESSION_NAVIGATING;
-constexpr SessionState kSame = bregma_wire_SESSION_FAULT; // as a row's next stage: stays where it is
+constexpr SessionState kSame = bregma_wire_SESSION_FAULT; // as a row's next stage: the stage does not change
 
 struct Row {
   CommandKind kind;
   SessionState first, last; // the stages it fits, both included
   SessionState next;
-  bool needs_tracking;  // measures or relies on what is measured now: refused while Degraded
-  const char *too_late; // what to do where the stage is past `last`
+  bool needs_tracking;  // needs current measurements: refused while Degraded
+  const char *too_late; // advice if the stage is past `last`
 };
 
 constexpr Row kTable[] = {
@@ -56,7 +56,7 @@ const Row *find_row(CommandKind kind) {
   return found != std::end(kTable) ? found : nullptr;
 }
 
-// The step that is still missing in a stage that is too early for a command.
+// The missing step if the stage is too early for a command.
 const char *missing_step(SessionState stage) {
   switch (stage) {
   case kIdle:

@@ -1,9 +1,9 @@
-// The states of a session and which command fits which: one table (state_machine.cpp), nothing else.
+// The states of a session and the commands allowed in each, defined by one table in state_machine.cpp.
 //
-// A session stands in one of Idle .. Navigating (its stage). Degraded lies over a stage and remembers it: when the last
-// cause is gone the session resumes there by itself. A demotion (drift) changes the stage to Registered at most, also
-// under Degraded, so that nothing resumes as Verified that a person has not verified. Fault is left only by CLOSE_CASE.
-// Threads: none of its own, one caller.
+// A session is in one of the stages Idle to Navigating. Degraded is an overlay that keeps the stage: after the last
+// cause ends, the session resumes in it automatically. A demotion (drift) lowers the stage to at most Registered, also
+// while Degraded. So a session resumes as Verified only if the operator has verified it. Only CLOSE_CASE leaves Fault.
+// Threads: none, one caller.
 #pragma once
 
 #include <optional>
@@ -21,9 +21,9 @@ namespace bregma::server {
 
 class StateMachine {
 public:
-  // What clients are shown.
+  // The state shown to clients.
   [[nodiscard]] wire::SessionState state() const;
-  // Where a Degraded session resumes; otherwise the state itself (the last stage in Fault).
+  // The stage in which a Degraded session resumes; otherwise the state itself (the last stage in Fault).
   [[nodiscard]] wire::SessionState stage() const { return stage_; }
   [[nodiscard]] bool verified() const;
 
@@ -32,16 +32,16 @@ public:
   // Only for commands that a session carries out. Nothing when the command fits, else the sentence that refuses it and
   // says what to do.
   [[nodiscard]] std::optional<std::string> refusal(wire::CommandKind kind) const;
-  // The command was carried out: moves to the state it leads to. Only after refusal() returned nothing.
+  // The command was executed: moves to the next state. Precondition: refusal() was empty.
   void done(wire::CommandKind kind);
 
   // cause: a key that recover() repeats, for example "tracker_lost Tracker".
   void degrade(std::string cause);
   void recover(const std::string &cause);
-  // Verified and Navigating become Registered. True when something changed.
+  // Changes Verified and Navigating to Registered. True if the stage changed.
   bool demote();
   void fault(std::string reason);
-  // At start: a stage from the snapshot, at most Registered.
+  // At start: sets a stage from the snapshot, at most Registered.
   void restore(wire::SessionState stage);
 
 private:

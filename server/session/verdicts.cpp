@@ -43,7 +43,7 @@ bool is_finite(const RegistrationAccepted &registration) {
 
 Matrix3d isotropic(double sigma) { return sigma * sigma * Matrix3d::Identity(); }
 
-// Chance of errors this large, all together, if the registration is as good as predicted. They share its error x:
+// Joint p-value of the errors if the registration is as accurate as predicted. Its error x is common to all of them:
 // e_i = J_i x + touch_i + landmark_i.
 double joint_p_value(const casefile::Case &the_case, const RegistrationAccepted &registration,
                      const std::map<std::string, JudgedCheck> &checks) {
@@ -121,7 +121,7 @@ JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccept
 
   JudgedCheck out{};
   std::copy(std::begin(tool), std::end(tool), out.tool);
-  (void)wire::set_name(out.landmark, landmark.name); // load_case has refused names that are too long
+  (void)wire::set_name(out.landmark, landmark.name); // load_case rejects names that are too long
   out.frame = touch.frame;
   out.acquired_time_ns = touch.acquired_time_ns;
   out.position_mm = touch.position_mm;
@@ -145,7 +145,7 @@ std::optional<std::string> refuse_verification(const casefile::Case &the_case, c
       }
     }
     return std::to_string(checks.size()) + " of at least " + std::to_string(min_checks) +
-           " landmarks checked since the registration was accepted or put in doubt; not checked: " +
+           " landmarks checked since the registration was accepted or lost its verification; not checked: " +
            (left.empty() ? "none, the case has too few landmarks" : left);
   }
   const auto worst = std::max_element(checks.begin(), checks.end(), [](const auto &a, const auto &b) {
@@ -161,7 +161,7 @@ std::optional<std::string> refuse_verification(const casefile::Case &the_case, c
   if (!(p >= kVerificationTail)) {
     char chance[32];
     std::snprintf(chance, sizeof chance, "%.1e", p);
-    return "the checks do not fit the registration (chance " + std::string(chance) + "); " + worst_text +
+    return "the checks contradict the registration (probability " + std::string(chance) + "); " + worst_text +
            ": register anew";
   }
   return std::nullopt;

@@ -68,6 +68,15 @@ TEST(Daemon, TrackerStoppedKilledAndRestartedIsNeverShownAsLiveAndComesBackByIts
   Operation operation;
   ASSERT_NO_FATAL_FAILURE(start_navigating(operation));
   operation.observe_for(1.0);
+  for (const wire::NavigationState &state : operation.probe) {
+    const bool has_frame = state.acquired_time_ns > 0;
+    EXPECT_EQ(wire::view(state.source), has_frame ? "Tracker" : "");
+    EXPECT_EQ(state.source_kind, has_frame ? bregma_wire_DEVICE_TRACKER : bregma_wire_DEVICE_UNKNOWN);
+    EXPECT_GT(state.published_boot_ns, 0);
+    EXPECT_TRUE(std::any_of(std::begin(state.boot_id), std::end(state.boot_id), [](auto byte) { return byte != 0; }));
+    EXPECT_EQ(state.valid_for_ns, 0) << "not stated yet";
+    EXPECT_TRUE(std::isnan(state.velocity_covariance_mm2_s2[8])) << "not stated yet";
+  }
 
   operation.room().signal(SIGSTOP);
   ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_LOST); })) << operation.logs();

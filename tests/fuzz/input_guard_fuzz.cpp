@@ -1,5 +1,5 @@
-// Any bytes as samples of the four streams: nothing crashes, every sample is taken or refused, and what is taken keeps
-// what the border promises to the pipelines.
+// Any bytes as samples of the four streams, or as a command: nothing crashes, every sample is taken or refused, and
+// what is taken keeps what the border promises to the pipelines.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -9,6 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "idl/commands.hpp"
+#include "idl/names.hpp"
 #include "server/inputs/input_guard.hpp"
 
 namespace {
@@ -53,18 +55,36 @@ void require_rotation(const wire::Pose &pose) {
   }
 }
 
+// A covariance that is stated is finite, with variances that are not negative.
+void require_covariance(const wire::PoseCovariance &upper) {
+  for (std::size_t row = 0; row < 6; ++row) {
+    for (std::size_t column = row; column < 6; ++column) {
+      const float entry = upper[wire::upper_index(row, column)];
+      require(std::isfinite(entry) && (row != column || entry >= 0.0F));
+    }
+  }
+}
+
 void require_usable(const wire::TrackerFrame &frame) {
   require(frame.tool_count <= bregma_wire_MAX_TOOLS);
   for (std::uint32_t i = 0; i < frame.tool_count; ++i) {
     require(wire::is_terminated(frame.tools[i].tool));
-    require(frame.tools[i].status <= bregma_wire_TOOL_OUT_OF_VOLUME);
+    require(frame.tools[i].status >= 0);
     if (frame.tools[i].status == bregma_wire_TOOL_VISIBLE || frame.tools[i].status == bregma_wire_TOOL_PARTLY_VISIBLE) {
       require_rotation(frame.tools[i].T_tracker_tool);
+      require_covariance(frame.tools[i].covariance);
     }
   }
 }
-void require_usable(const wire::RobotState &state) { require_rotation(state.T_base_flange); }
-void require_usable(const wire::RangeSample &sample) { require(sample.range_mm >= 0.0 && sample.sigma_mm >= 0.0); }
+void require_usable(const wire::RobotState &state) {
+  require(state.mode >= 0 && wire::is_terminated(state.tool) && wire::is_terminated(state.motion_client));
+  require_rotation(state.T_base_flange);
+  require_covariance(state.covariance);
+}
+void require_usable(const wire::RangeSample &sample) {
+  require(sample.status > bregma_wire_RANGE_UNKNOWN);
+  require(sample.status != bregma_wire_RANGE_VALID || (sample.range_mm >= 0.0 && sample.sigma_mm >= 0.0));
+}
 void require_usable(const wire::ForceSample &sample) {
   for (const double force : sample.force_N) {
     require(std::isfinite(force));
@@ -107,6 +127,24 @@ template <class Sample> void run(Bytes bytes) {
           sent);
 }
 
+// What passes the check of a command has the body of its kind, names with an end and finite numbers.
+void run_command(Bytes bytes) {
+  const auto plan = bytes.take<std::uint8_t>();
+  auto command = bytes.take<wire::Command>();
+  const wire::CommandEntry *entry = wire::find_command(plan % (bregma_wire_COMMAND_RESET_ROBOT + 2));
+  if (entry != nullptr) {
+    command.kind = entry->kind;
+    command.body._d = entry->form;
+  }
+  if (!wire::malformed(command).empty()) {
+    return;
+  }
+  for (const wire::CommandField &field : wire::fields_of(command.body._d)) {
+    const std::string_view text = wire::text_of(command.body, field);
+    require(field.type != wire::CommandField::Type::kName || text.size() <= wire::kNameLength);
+  }
+}
+
 } // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
@@ -114,7 +152,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     return 0;
   }
   const Bytes rest(data + 1, size - 1);
-  switch (data[0] % 4) {
+  switch (data[0] % 5) {
   case 0:
     run<wire::TrackerFrame>(rest);
     break;
@@ -123,6 +161,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     break;
   case 2:
     run<wire::RangeSample>(rest);
+    break;
+  case 3:
+    run_command(rest);
     break;
   default:
     run<wire::ForceSample>(rest);

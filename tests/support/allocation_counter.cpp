@@ -32,7 +32,7 @@ bool AllocationScope::available() noexcept { return true; }
 } // namespace bregma::test
 
 #ifndef BREGMA_SANITIZED
-// glibc's own entry points, by their documented names; the C++ operators end up here too.
+// glibc's entry points under their documented names. The C++ operators call them as well.
 // NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming)
 extern "C" {
 void *__libc_malloc(std::size_t size);

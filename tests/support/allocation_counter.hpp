@@ -1,7 +1,7 @@
-// Counts the calling thread's heap allocations, so that a test can show that a loop step makes none.
+// Counts the calling thread's heap allocations, so that a test can show that a loop step does not allocate.
 //
-// Link tests/support/allocation_counter.cpp into the test program: it stands in for malloc and its family (glibc).
-// Under address and thread sanitizers, which do the same, it counts nothing and available() is false.
+// Link tests/support/allocation_counter.cpp into the test program: it replaces malloc and related functions (glibc).
+// Under the address and thread sanitizers, which also replace them, it does not count and available() is false.
 #pragma once
 
 #include <cstdint>

@@ -12,8 +12,8 @@ namespace {
 
 constexpr double kQuarters = 4.0;
 
-// A quarter of the half space: a block of which every coordinate is drawn out; its surface is the plane z = 0, the axis
-// x = y = 0.
+// A quarter of the half space: a block whose coordinates are stretched away from the contact. The surface is the plane
+// z = 0, the axis is x = y = 0.
 tissue::TetMesh quarter_of_half_space(const HertzMesh &mesh, double &size_mm) {
   const int cells = mesh.even_cells + mesh.growing_cells;
   std::vector<double> at_mm{0.0};
@@ -31,8 +31,8 @@ tissue::TetMesh quarter_of_half_space(const HertzMesh &mesh, double &size_mm) {
   return out;
 }
 
-// Points share nodes, so that the impulses of one step are uneven for ever and relax() never calls its answer
-// converged: their mean over some hundred steps counts, as in the brain model.
+// Contact points share nodes, so the impulses vary between steps and relax() never reports convergence. The mean over a
+// few hundred steps is used instead, as in the brain model.
 class SmoothedContact final : public tissue::Contact {
 public:
   explicit SmoothedContact(tissue::SurfaceContact &contact) : contact_(&contact) {}

@@ -18,7 +18,7 @@ using tissue::ModelStatus;
 
 constexpr double kBeyondHertz = 3.0;
 constexpr std::size_t kMaxExamples = 5;
-constexpr double kAtRest_mm = 0.25; // what damping leaves after kCalm_s
+constexpr double kAtRest_mm = 0.25; // residual displacement after kCalm_s of damping
 constexpr double kCalm_s = 2.0;
 
 class Operator {
@@ -94,7 +94,7 @@ private:
     }
   }
 
-  // The operator goes on meanwhile.
+  // The operator continues meanwhile.
   void lose_sight(double time_s) {
     for (double t = 0.0; t < time_s; t += kUpdate_s) {
       update({});
@@ -103,7 +103,7 @@ private:
     update(seen());
   }
 
-  // For a few samples the tracker takes something else for the probe.
+  // For a few samples the tracker mistakes another object for the probe.
   void jump() {
     tissue::ProbeObservation wrong = seen();
     wrong.pose.tip_mm += uniform(5.0, 60.0) * anywhere();
@@ -148,7 +148,7 @@ private:
     double largest_mm = 0.0;
     for (int i = 0; i < model_.solver().nodes(); ++i) {
       const double moved_mm = model_.solver().displacement_mm(i).norm();
-      largest_mm = moved_mm <= largest_mm ? largest_mm : moved_mm; // a NaN stays
+      largest_mm = moved_mm <= largest_mm ? largest_mm : moved_mm; // keeps NaN
     }
     bool finite = std::isfinite(largest_mm) && std::isfinite(state.tip_force_N + state.shaft_force_N + state.depth_mm +
                                                              state.stiffness_scale + state.behind_s);

@@ -1,7 +1,7 @@
-// Insertions of a probe into a BrainModel as an operator and a tracker make them, good and bad, and what must hold of
-// every answer.
+// Random insertions of a probe into a BrainModel, with correct and faulty inputs of operator and tracker, and the
+// conditions that every answer must satisfy.
 //
-// Deterministic by its seed. mm, N, s.
+// Deterministic for a seed. mm, N, s.
 #pragma once
 
 #include <cstdint>
@@ -14,34 +14,34 @@
 namespace bregma::test {
 
 inline constexpr double kUpdate_s = 0.02; // the daemon's deformation loop
-inline constexpr int kManySteps = 1000;   // of the solver in an update: enough for the clock
+inline constexpr int kManySteps = 1000;   // solver steps per update: enough to keep up with the time
 
-// Where insertions go in, and the tissue that they go into.
+// The entry of the insertions, and the tissue.
 struct InsertionSite {
   Eigen::Vector3d entry_mm; // on the surface
   Eigen::Vector3d outward;  // unit
-  double aside_mm = 10.0;   // entries are strewn so far around entry_mm
-  double deepest_mm = 40.0; // of the tip under the entry
+  double aside_mm = 10.0;   // entries are distributed within this distance of entry_mm
+  double deepest_mm = 40.0; // maximal depth of the tip below the entry
 };
 
-// What an answer may be at the most. The rupture bounds what a probe does to tissue: before it, a sphere of the probe's
-// radius dents the tissue as Hertz says; after it, the tip pushes with less. The factors are for what Hertz leaves out:
-// tissue in motion, held by friction along the shaft, and near an edge.
+// Upper bounds of an answer. The rupture force limits the load on the tissue: before the rupture a sphere of the
+// probe's radius indents the tissue according to Hertz, and after it the tip force is smaller. The factors allow for
+// effects outside Hertz' theory: inertia, friction along the shaft, and edges.
 struct PhysicalBounds {
   double displacement_mm = 0.0;
   double energy_J = 0.0;
 };
 [[nodiscard]] PhysicalBounds physical_bounds(const tissue::BrainModelOptions &options);
 
-// Of one insertion, or of many. Zeros are good.
+// Findings from one or several insertions. The expected values are zero.
 struct InsertionFindings {
   int updates = 0, valid = 0, invalid = 0;
-  int not_finite = 0;                // a node, a prediction or a force, whatever the status
-  int inverted = 0;                  // tetrahedra of no or negative volume in an answer that is called valid
+  int not_finite = 0;                // nodes, predictions or forces, for any status
+  int inverted = 0;                  // tetrahedra with zero or negative volume in valid answers
   int beyond_bounds = 0;             // valid answers beyond the physical bounds
-  int contradictions = 0;            // a reason without a status that says so, or the other way round
-  int not_at_rest = 0;               // insertions after which the tissue did not come back
-  double largest_mm = 0.0;           // displacement of a node in a valid answer
+  int contradictions = 0;            // a reason without the matching status, or a status without its reason
+  int not_at_rest = 0;               // insertions after which the tissue did not return to rest
+  double largest_mm = 0.0;           // nodal displacement in a valid answer
   double largest_J = 0.0;            // elastic and kinetic energy of a valid answer
   std::vector<std::string> examples; // the first few
 
@@ -49,8 +49,8 @@ struct InsertionFindings {
   [[nodiscard]] int failures() const { return not_finite + inverted + beyond_bounds + contradictions + not_at_rest; }
 };
 
-// One insertion at random: a straight way to a random depth at up to 50 mm/s, with pauses, retreats, a turning shaft,
-// and now and then a tracker that loses the probe, jumps, or says what is not a number; then out again and away.
+// One random insertion: a straight path to a random depth at up to 50 mm/s, with pauses, retreats and a rotating shaft.
+// Occasionally the tracker loses the probe, jumps, or sends NaN. Finally the probe is withdrawn.
 [[nodiscard]] InsertionFindings insert_at_random(tissue::BrainModel &model, const InsertionSite &site,
                                                  const PhysicalBounds &bounds, std::uint32_t seed);
 

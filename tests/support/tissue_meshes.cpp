@@ -21,7 +21,7 @@ template <class Distance> std::vector<int> nodes_where(const tissue::TetMesh &me
   return out;
 }
 
-// Whole numbers that are the same for places that are.
+// Integer keys that are equal for equal positions.
 std::array<long, 3> key(const Eigen::Vector3d &p) {
   return {std::lround(p.x() / kSame_mm), std::lround(p.y() / kSame_mm), std::lround(p.z() / kSame_mm)};
 }
@@ -47,7 +47,8 @@ tissue::TetMesh sphere_octant(double inner_mm, double outer_mm, int layers, int 
   const tissue::TetMesh block = tissue::block_mesh({layers, along, along}, Eigen::Vector3d::Ones());
   tissue::TetMesh mesh;
   std::map<std::array<long, 3>, int> known;
-  // Cyclic permutations of the axes: faces of the three blocks meet with the same diagonals, and nothing turns over.
+  // Cyclic permutations of the axes: the faces of the three blocks meet with equal diagonals and no element is
+  // inverted.
   for (int third = 0; third < 3; ++third) {
     std::vector<int> number;
     for (const Eigen::Vector3d &p : block.nodes_mm) {

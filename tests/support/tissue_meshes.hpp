@@ -7,7 +7,7 @@
 
 namespace bregma::test {
 
-// A block whose inner nodes are moved at random by up to share of a cell's edge (below 0.2: no tetrahedron turns over).
+// A block whose inner nodes are moved at random by up to `share` of a cell's edge (below 0.2: no inverted element).
 [[nodiscard]] tissue::TetMesh jittered_block(const Eigen::Vector3i &cells, const Eigen::Vector3d &size_mm, double share,
                                              unsigned seed);
 
@@ -15,9 +15,9 @@ namespace bregma::test {
 // layers * along * along cells, thinner inside.
 [[nodiscard]] tissue::TetMesh sphere_octant(double inner_mm, double outer_mm, int layers, int along);
 
-// Nodes whose coordinate along the axis is that.
+// Nodes with this coordinate along the axis.
 [[nodiscard]] std::vector<int> nodes_at(const tissue::TetMesh &mesh, int axis, double mm);
-// Nodes at that distance from the origin.
+// Nodes at this distance from the origin.
 [[nodiscard]] std::vector<int> nodes_at_radius(const tissue::TetMesh &mesh, double mm);
 
 } // namespace bregma::test

@@ -34,8 +34,8 @@ void move(ExplicitSolver &solver, int node, unsigned axes, const Vector3d &to_mm
   solver.set_displacement_mm(node, to_mm);
 }
 
-// Forces of a traction on the triangles of the surface whose corners are all among the nodes: Gauss points for cubics,
-// so that tractions that are quadratic are exact. traction_Pa(place in mm).
+// Nodal forces of a traction on the surface triangles whose corners are all among the nodes. The quadrature is exact
+// for cubics, so that quadratic tractions are exact. traction_Pa(position in mm).
 template <class Traction>
 void pull_at(ExplicitSolver &solver, const std::vector<int> &nodes, const Traction &traction_Pa) {
   std::vector<Vector3d> force(solver.mesh().nodes_mm.size(), Vector3d::Zero());
@@ -66,8 +66,8 @@ void pull_at(ExplicitSolver &solver, const std::vector<int> &nodes, const Tracti
   }
 }
 
-// Errors against fields of the place at rest (mm): displacements (mm) weighted by the nodes' masses, stresses by the
-// tetrahedra's volumes, taken at their middles.
+// Errors relative to reference fields of the position at rest (mm). Displacements (mm) are weighted by the nodal
+// masses, stresses at the centroids by the volumes of the tetrahedra.
 template <class Displacement, class Stress>
 void compare_fields(const ExplicitSolver &solver, const Displacement &displacement_mm, const Stress &stress_Pa,
                     FieldAnswer &out) {
@@ -137,7 +137,7 @@ PatchAnswer patch(const tissue::Material &material, const Matrix3d &gradient, co
   }
   out.displacement_error /= largest;
 
-  // Principal stresses turned by the left stretch's axes.
+  // Principal stresses rotated to the axes of the left stretch tensor.
   const Eigen::SelfAdjointEigenSolver<Matrix3d> left(gradient * gradient.transpose());
   const Vector3d principal = principal_cauchy_Pa(material, left.eigenvalues().cwiseSqrt());
   const Matrix3d cauchy = left.eigenvectors() * principal.asDiagonal() * left.eigenvectors().transpose();
@@ -146,7 +146,7 @@ PatchAnswer patch(const tissue::Material &material, const Matrix3d &gradient, co
     out.stress_error = std::max(out.stress_error, (solver.cauchy_Pa(e) - cauchy).cwiseAbs().maxCoeff());
   }
   out.stress_error /= cauchy.cwiseAbs().maxCoeff();
-  // Mean stress by the forces that hold the surface: V P = sum f X^T.
+  // Mean stress from the reaction forces at the surface: V P = sum f X^T.
   out.nominal_Pa.setZero();
   for (const int node : surface) {
     out.nominal_Pa -= solver.elastic_force_N(node) * rest(mesh, node).transpose() / kMetre;
@@ -164,7 +164,7 @@ UniaxialAnswer uniaxial(const tissue::Material &material, double stretch, const 
   fix_at(solver, nodes_at(mesh, 1, 0.0), tissue::kAxisY);
   fix_at(solver, nodes_at(mesh, 2, 0.0), tissue::kAxisZ);
   const std::vector<int> top = nodes_at(mesh, 2, kHeight_mm);
-  constexpr int kStages = 5; // a jump of more than a cell folds the block
+  constexpr int kStages = 5; // a step of more than one cell would invert elements
   for (int stage = 1; stage <= kStages; ++stage) {
     for (const int node : top) {
       Vector3d to = solver.displacement_mm(node);
@@ -242,14 +242,14 @@ Compared blown_sphere(double poisson, int layers, const tissue::SolverOptions &o
   ExplicitSolver solver(mesh, material, options);
   fix_octant(solver);
   const std::vector<int> inner = nodes_at_radius(mesh, kInner_mm);
-  constexpr int kStages = 10; // small enough to turn no tetrahedron over
+  constexpr int kStages = 10; // small enough to avoid inverted tetrahedra
   for (int stage = 1; stage <= kStages; ++stage) {
     for (const int node : inner) {
       move(solver, node, tissue::kAllAxes, (kGrowth - 1.0) * stage / kStages * rest(mesh, node));
     }
     (void)solver.relax(kTight);
   }
-  // The radial forces are the pressure times the inner surface as it is now, an eighth of 4 pi r^2.
+  // The radial forces are the pressure times the current inner surface, an eighth of 4 pi r^2.
   double force = 0.0;
   for (const int node : inner) {
     force -= solver.elastic_force_N(node).dot(rest(mesh, node).normalized());
@@ -273,7 +273,7 @@ FieldAnswer plane_strain_beam(tissue::Law law, double poisson, int rows, const t
   ExplicitSolver solver(mesh, material, options);
   fix_at(solver, nodes_at(mesh, 2, 0.0), tissue::kAxisZ);
   fix_at(solver, nodes_at(mesh, 2, 2.0 * edge_mm), tissue::kAxisZ);
-  // Small: the end goes down by a thousandth of the length.
+  // Small strain: the end is displaced by a thousandth of the length.
   PlaneStrainBeam beam{kLength_mm / kMetre, kHeight_mm / kMetre, 1.0, material.young_Pa, poisson};
   beam.force_N_per_m = -1e-3 * beam.length_m / beam.displacement_m(beam.length_m, 0.0).y();
   const auto displacement = [&](const Vector3d &p) {
@@ -311,7 +311,7 @@ Compared slender_cantilever(double poisson, int rows, const tissue::SolverOption
   const tissue::Material material = elastic(tissue::Law::kLinear, 2100.0, poisson);
   const TetMesh mesh = tissue::block_mesh({10 * rows, rows, rows}, {kLength_mm, kSide_mm, kSide_mm});
   ExplicitSolver solver(mesh, material, options);
-  // Held so that the section may still bulge: Timoshenko's beam knows no clamp.
+  // Supported so that the section can deform in its plane, as in Timoshenko's beam.
   for (const int node : nodes_at(mesh, 0, 0.0)) {
     const Vector3d &p = rest(mesh, node);
     solver.fix(node, tissue::kAxisX | (p.y() == 0.5 * kSide_mm ? tissue::kAxisY : 0U) |
@@ -343,7 +343,7 @@ std::vector<Compared> relaxing_bar(const tissue::Material &material, const std::
   fix_at(solver, nodes_at(mesh, 0, 0.0), tissue::kAxisX);
   fix_at(solver, nodes_at(mesh, 1, 0.0), tissue::kAxisY);
   fix_at(solver, nodes_at(mesh, 2, 0.0), tissue::kAxisZ);
-  // All of it starts where the instantaneous answer is, so that nothing has to swing out.
+  // All nodes start at the instantaneous solution, so that there is no transient vibration.
   const double across = uniaxial_reference(material, 1.0 + kStrain).across - 1.0;
   const std::vector<int> top = nodes_at(mesh, 2, kHeight_mm);
   for (int i = 0; i < solver.nodes(); ++i) {

@@ -85,7 +85,7 @@ double timoshenko_deflection_m(double force_N, double length_m, double width_m, 
 double relaxing_bar_Pa(const tissue::Material &material, double strain, double time_s) {
   const double kappa = material.bulk_Pa();
   const double mu = material.shear_Pa();
-  // d: strain along less strain across; h: what each term has taken of it. No stress across: kappa tr = 2/3 mu (d - h).
+  // d: axial minus lateral strain; h: relaxed part per term. Zero lateral stress: kappa tr = 2/3 mu (d - h).
   std::vector<double> taken(material.prony.size(), 0.0);
   const auto difference = [&] {
     double sum = 0.0;

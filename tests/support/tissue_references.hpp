@@ -1,6 +1,6 @@
-// What the tissue solver is held against: analytic solutions, and one-dimensional ones that are solved to the last
-// digit. Independent of algorithms/tissue/material/constitutive.hpp: principal stretches and closed forms. SI unless a
-// name says otherwise.
+// References for the tissue solver: analytic solutions, and one-dimensional problems that are solved to full precision.
+// Independent of algorithms/tissue/material/constitutive.hpp: principal stretches and closed forms. SI units unless a
+// name states another unit.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,17 +9,17 @@
 
 namespace bregma::test {
 
-// Cauchy stresses of principal stretches.
+// Principal Cauchy stresses of principal stretches.
 [[nodiscard]] Eigen::Vector3d principal_cauchy_Pa(const tissue::Material &material, const Eigen::Vector3d &stretches);
 
-// A bar stretched along one axis, free across it.
+// A bar stretched along one axis, with free sides.
 struct UniaxialReference {
   double across = 1.0;     // stretch
-  double nominal_Pa = 0.0; // force by area at rest
+  double nominal_Pa = 0.0; // force per area at rest
 };
 [[nodiscard]] UniaxialReference uniaxial_reference(const tissue::Material &material, double along);
 
-// Lame: a hollow sphere under a pressure inside, small strain.
+// Lame's solution: a hollow sphere under inner pressure, small strain.
 struct LameSphere {
   double inner_m, outer_m, pressure_Pa, young_Pa, poisson;
   [[nodiscard]] double radial_displacement_m(double radius_m) const;
@@ -27,13 +27,12 @@ struct LameSphere {
   [[nodiscard]] double hoop_stress_Pa(double radius_m) const;
 };
 
-// The pressure that widens a hollow, incompressible neo-Hookean sphere from inner_m to inner_now_m (Green & Zerna,
-// Theoretical Elasticity, 3.10): mu / 2 (b^-4 + 4 / b - a^-4 - 4 / a) for hoop stretches a inside and b outside.
+// The pressure that expands a hollow, incompressible neo-Hookean sphere from inner_m to inner_now_m [Green 1954,
+// section 3.10]: mu / 2 (b^-4 + 4 / b - a^-4 - 4 / a) for hoop stretches a inside and b outside.
 [[nodiscard]] double blown_sphere_pressure_Pa(double shear_Pa, double inner_m, double outer_m, double inner_now_m);
 
-// Timoshenko & Goodier, Theory of Elasticity, 21: a cantilever 0 <= x <= length, |y| <= height / 2 under the shear
-// force at its end, in plane strain; the end at x = 0 moves as the solution says. (Augarde & Deeks, Finite Elem Anal
-// Des 44 (2008) 595.)
+// [Timoshenko 1951, section 21]: a cantilever 0 <= x <= length, |y| <= height / 2 under the shear force at its end, in
+// plane strain; the end at x = 0 is displaced as in the solution [Augarde 2008].
 struct PlaneStrainBeam {
   double length_m, height_m, force_N_per_m, young_Pa, poisson;
   [[nodiscard]] Eigen::Vector2d displacement_m(double x_m, double y_m) const;
@@ -44,13 +43,13 @@ private:
   [[nodiscard]] double inertia_m3() const { return height_m * height_m * height_m / 12.0; }
 };
 
-// Deflection of the end of a slender cantilever of rectangular section (Timoshenko beam; shear coefficient of Cowper,
-// J Appl Mech 33 (1966) 335).
+// Deflection of the end of a slender cantilever of rectangular section (Timoshenko beam; shear coefficient
+// [Cowper 1966]).
 [[nodiscard]] double timoshenko_deflection_m(double force_N, double length_m, double width_m, double height_m,
                                              double young_Pa, double poisson);
 
-// The nominal stress of a viscoelastic bar at time_s after a small strain was put on at once and held: the shear part
-// relaxes, the bulk does not, the sides are free.
+// The nominal stress of a viscoelastic bar with free sides at time_s after a small step strain. The shear part relaxes,
+// the bulk part does not.
 [[nodiscard]] double relaxing_bar_Pa(const tissue::Material &material, double strain, double time_s);
 
 } // namespace bregma::test

@@ -16,9 +16,9 @@ using geometry::Vector6d;
 std::optional<Matrix6d> cloud_pose_covariance(const geometry::Points3 &moved_source_mm,
                                               const geometry::Points3 &target_mm, double sigma_mm,
                                               double outlier_constant) {
-  constexpr double kFar = 50.0; // d^2 / sigma^2 beyond which a Gaussian is nothing beside the outliers
+  constexpr double kFar = 50.0; // d^2 / sigma^2 beyond which a Gaussian is negligible against the outliers
   const double information = 1.0 / (sigma_mm * sigma_mm);
-  // About the middle of the targets, where the six columns are of the same order.
+  // About the centre of the targets, where the six columns have the same order of magnitude.
   const Eigen::Vector3d middle = target_mm.rowwise().mean();
   std::vector<Matrix36d> jacobians;
   for (Eigen::Index m = 0; m < moved_source_mm.cols(); ++m) {

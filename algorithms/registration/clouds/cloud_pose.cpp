@@ -17,9 +17,9 @@ using geometry::Points3;
 namespace {
 
 constexpr int kMiddleCandidates = 8;
-constexpr double kCoarseSigma = 0.3; // of the target's size: below it a start keeps its rotation
+constexpr double kCoarseSigma = 0.3; // relative to the target's size: below it a start keeps its rotation
 
-// The points in an order of which every beginning is a fair sample.
+// The points in a random order, so that every prefix is a fair sample.
 Points3 shuffled(const Points3 &points, int count, unsigned seed) {
   std::vector<Eigen::Index> order(static_cast<std::size_t>(points.cols()));
   std::iota(order.begin(), order.end(), 0);
@@ -43,7 +43,7 @@ double turn(const CpdResult<3> &a, const CpdResult<3> &b) {
   return Eigen::AngleAxisd(Eigen::Matrix3d(a.rotation.transpose() * b.rotation)).angle();
 }
 
-// The likeliest first, without those that are turned by less than distinct_rad against a likelier one.
+// The most likely first, without those that are rotated by less than distinct_rad from a more likely one.
 std::vector<CpdResult<3>> distinct(std::vector<CpdResult<3>> all, double distinct_rad, std::size_t count) {
   std::erase_if(all, [](const CpdResult<3> &one) { return !one.has_estimate(); });
   std::stable_sort(all.begin(), all.end(),

@@ -42,7 +42,7 @@ template <int D> double constant_of(double volume, double sigma, double w, Eigen
          volume;
 }
 
-// The rotation nearest to A (lemma 1 of the paper). False where A does not tell one.
+// The rotation nearest to A [Myronenko 2010, lemma 1]. False where A does not determine one.
 template <int D> bool nearest_rotation(const Matrix<D> &A, Matrix<D> &out) {
   const Eigen::JacobiSVD<Matrix<D>> svd(A, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Vector<D> signs = Vector<D>::Ones();
@@ -51,8 +51,8 @@ template <int D> bool nearest_rotation(const Matrix<D> &A, Matrix<D> &out) {
   return svd.singularValues()[D - 2] > 1e-9 * svd.singularValues()[0];
 }
 
-// The M-step of figures 2 and 3: each source is drawn to y' + pull / weight with its weight. `moved` are the sources
-// under the present transform. False where the pairs do not fix the model.
+// The M-step of [Myronenko 2010, figures 2 and 3]: each source is fitted to y' + pull / weight with its weight. `moved`
+// are the sources under the present transform. False where the pairs do not determine the model.
 template <int D>
 bool maximise(const Points<D> &source, const Points<D> &moved, const GaussSums<D> &sums, CpdModel model,
               CpdTransform<D> &transform) {
@@ -137,7 +137,7 @@ CpdResult<D> register_cpd(const Points<D> &source_mm, const Points<D> &target_mm
   const auto M = static_cast<double>(source_mm.cols());
   const auto N = static_cast<double>(target_mm.cols());
   const double volume = box_volume<D>(target.points);
-  // The mean squared distance of all pairs, a coordinate; both centroids count.
+  // The mean squared distance of all pairs per coordinate, including both centroids.
   const double all_pairs = (target.points.squaredNorm() / N + moved.squaredNorm() / M -
                             2.0 * target.points.rowwise().mean().dot(moved.rowwise().mean())) /
                            D;

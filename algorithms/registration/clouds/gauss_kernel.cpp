@@ -16,7 +16,7 @@ using simd::Vector4;
 using simd::Vector8;
 
 // v becomes exp(v) for v <= 0: 2^n 2^f with |f| <= 1/2 and 2^f by its Taylor polynomial of degree 6 (relative error
-// below 2e-7 in floats). n is read off the last bits of a sum with 1.5 2^23.
+// below 2e-7 in floats). n comes from the last bits of a sum with 1.5 2^23.
 template <class Vector> BREGMA_INLINE void exponential(typename Vector::Float &v) {
   using Float = typename Vector::Float;
   using Int = typename Vector::Int;

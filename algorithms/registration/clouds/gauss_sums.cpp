@@ -14,9 +14,9 @@ using geometry::Points;
 
 namespace {
 
-constexpr int kRowsPerTile = 256; // floats are added up over no more targets than this
+constexpr int kRowsPerTile = 256; // maximum number of targets that are summed in floats
 constexpr int kMaxCells = 1 << 20;
-// A pair through the grid costs this many pairs without: sources are gathered, rows are short.
+// Cost of a pair through the grid in pairs without it: sources are gathered, rows are short.
 constexpr double kGridCost = 3.0;
 
 } // namespace
@@ -43,14 +43,14 @@ GaussSummer<D>::GaussSummer(Points<D> targets, int threads, Method method)
 template <int D> typename GaussSummer<D>::Lattice GaussSummer<D>::lattice(double reach) const {
   Lattice out;
   const Eigen::Matrix<double, D, 1> extent = high_ - low_;
-  // Never finer than kMaxCells allow.
+  // Never finer than kMaxCells allows.
   out.edge = std::max(reach, std::pow(std::max(extent.prod(), 0.0) / kMaxCells, 1.0 / D));
   const auto size_at = [&](double edge) { return ((extent / edge).array().floor() + 4.0).matrix().eval(); };
   while (size_at(out.edge).prod() > 2.0 * kMaxCells) {
     out.edge *= 1.5;
   }
   out.size = size_at(out.edge).template cast<int>();
-  out.low = low_.array() - 1.5 * out.edge; // no target near the border, whatever is rounded
+  out.low = low_.array() - 1.5 * out.edge; // no target near the margin, despite rounding
   return out;
 }
 
@@ -61,7 +61,7 @@ template <int D> void GaussSummer<D>::sort(const Lattice &lattice, const Points<
   for (std::size_t i = 0; i < count; ++i) {
     const Eigen::Array<double, D, 1> at =
         ((points.col(static_cast<Eigen::Index>(i)) - lattice.low) / lattice.edge).array().floor();
-    // Sources beyond the border are out of every target's reach.
+    // Sources beyond the margin are out of reach of all targets.
     if ((at >= 0.0).all() && (at < lattice.size.template cast<double>().array()).all()) {
       int cell = 0;
       for (int d = D - 1; d >= 0; --d) {
@@ -83,7 +83,7 @@ template <int D> void GaussSummer<D>::sort(const Lattice &lattice, const Points<
 
 namespace {
 
-// Runs over the rows of cells (along the first axis, three long) around one cell that does not lie on the border.
+// Runs over the rows of cells (along the first axis, three long) around one cell that is not in the margin.
 template <int D, class Cell, class Visit> void visit_neighbours(const Cell &size, int cell, Visit &&visit) {
   if constexpr (D == 2) {
     for (int j = -1; j <= 1; ++j) {
@@ -100,7 +100,7 @@ template <int D, class Cell, class Visit> void visit_neighbours(const Cell &size
 
 } // namespace
 
-// How many pairs the grid would sum.
+// Number of pairs that the grid would sum.
 template <int D> double GaussSummer<D>::grid_pairs(const Lattice &lattice) const {
   double pairs = 0.0;
   for (std::size_t cell = 0; cell + 1 < sorted_targets_.begin.size(); ++cell) {
@@ -117,7 +117,8 @@ template <int D> double GaussSummer<D>::grid_pairs(const Lattice &lattice) const
   return pairs;
 }
 
-// All pairs of some sources and some targets, in floats about the first target; every target's sources must be there.
+// All pairs of some sources and some targets, in floats about the first target; all sources of these targets must be
+// included.
 template <int D>
 void GaussSummer<D>::sum_tile(const Points<D> &sources, const std::vector<int> &tile_sources, const int *tile_targets,
                               int target_count, double sigma, double outlier_constant, GaussSums<D> &out,
@@ -183,7 +184,7 @@ void GaussSummer<D>::sum(const Points<D> &sources, double sigma, double outlier_
   Lattice grid;
   if (method_ != Method::kAllPairs) {
     const double all = static_cast<double>(sources.cols()) * target_count;
-    // Not worth counting while the reach is the cloud.
+    // Counting is not worth its cost while the reach covers the cloud.
     const double reach = kGaussReach * sigma;
     if (method_ == Method::kGrid || reach < 0.3 * (high_ - low_).norm()) {
       grid = lattice(reach);

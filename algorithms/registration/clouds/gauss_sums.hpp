@@ -1,15 +1,15 @@
-// The E-step of coherent point drift: which source each target may belong to, and what that pulls on the sources.
+// The E-step of coherent point drift: the posterior of each source for each target, and its sums over the targets.
 //
-// P(m|n) = exp(-|x_n - y_m|^2 / 2 sigma^2) / (sum_k exp(-|x_n - y_k|^2 / 2 sigma^2) + c); Myronenko & Song, "Point set
-// registration: coherent point drift", 2010, eq. (6), with c = outlier_constant. Nothing of the size sources x targets
-// is kept.
+// P(m|n) = exp(-|x_n - y_m|^2 / 2 sigma^2) / (sum_k exp(-|x_n - y_k|^2 / 2 sigma^2) + c)   [Myronenko 2010, eq. 6]
 //
-// Error: while sigma is large all pairs are summed, in floats (gauss_sum_error). Where
-// sigma is small against the clouds, only pairs within kGaussReach sigmas are, through a grid: each pair left out is a
-// term below exp(-kGaussReach^2 / 2) = 1.3e-7 where a coincident pair counts one.
+// with c = outlier_constant. No matrix of sources x targets is stored.
 //
-// Coordinates must be of the order of one (the caller normalises). A summer is for one thread at a time and starts the
-// threads it was told to for each call; allocates.
+// Error: while sigma is large all pairs are summed, in floats (gauss_sum_error). Where sigma is small against the
+// clouds, a grid limits the sum to pairs within kGaussReach sigmas. Each omitted term is below exp(-kGaussReach^2 / 2)
+// = 1.3e-7, where a coincident pair counts one.
+//
+// Coordinates must be of the order of one (the caller normalises). One thread at a time may use a summer; each call
+// starts the requested number of threads and allocates.
 #pragma once
 
 #include <algorithm>
@@ -20,18 +20,18 @@
 namespace bregma::registration {
 
 inline constexpr double kGaussReach = 5.634; // sigmas
-// Relative, of a sum of all pairs: that of the exponentials, and of coordinates rounded to floats.
+// Relative error of a sum over all pairs: that of the exponentials, and of coordinates rounded to floats.
 [[nodiscard]] inline double gauss_sum_error(double sigma) noexcept { return std::max(1e-5, 1e-6 / sigma); }
 
 template <int D> struct GaussSums {
-  Eigen::VectorXd source_weight; // sum_n P(m|n), one a source
-  Eigen::VectorXd target_weight; // sum_m P(m|n), one a target
-  geometry::Points<D> pull;      // sum_n P(m|n) (x_n - y_m), one a source
+  Eigen::VectorXd source_weight; // sum_n P(m|n), one per source
+  Eigen::VectorXd target_weight; // sum_m P(m|n), one per target
+  geometry::Points<D> pull;      // sum_n P(m|n) (x_n - y_m), one per source
   double squares = 0.0;          // sum_mn P(m|n) |x_n - y_m|^2
   double log_divisors = 0.0;     // sum_n log(sum_k exp(...) + c)
 };
 
-// c of the paper: the uniform part has the density 1/N, for clouds that were normalised to variance one.
+// c of [Myronenko 2010]: the uniform part has the density 1/N, for clouds that were normalised to variance one.
 template <int D>
 [[nodiscard]] double paper_outlier_constant(double sigma, double outlier_weight, Eigen::Index sources,
                                             Eigen::Index targets) noexcept;
@@ -47,7 +47,7 @@ public:
 
 private:
   using Cell = Eigen::Matrix<int, D, 1>;
-  struct Lattice { // cells of one edge length over the targets and a border of one cell
+  struct Lattice { // cells of one edge length over the targets, with a margin of one cell
     Eigen::Matrix<double, D, 1> low;
     double edge = 0.0;
     Cell size = Cell::Zero();
@@ -57,7 +57,7 @@ private:
     std::vector<int> begin; // cell_count + 1
     std::vector<int> order; // indices of points
   };
-  struct Work; // of one thread
+  struct Work; // work space of one thread
 
   [[nodiscard]] Lattice lattice(double reach) const;
   static void sort(const Lattice &lattice, const geometry::Points<D> &points, Sorted &out);

@@ -64,7 +64,7 @@ std::optional<PairedPose> fit_rigid(std::span<const Vector3d> source_mm, std::sp
   }
   source_mean /= total;
   target_mean /= total;
-  Matrix3d H = Matrix3d::Zero(); // Arun 1987, eq. (11)
+  Matrix3d H = Matrix3d::Zero(); // [Arun 1987, eq. 11]
   for (std::size_t i = 0; i < n; ++i) {
     H += weight(i) * (source_mm[i] - source_mean) * (target_mm[i] - target_mean).transpose();
   }
@@ -75,7 +75,7 @@ std::optional<PairedPose> fit_rigid(std::span<const Vector3d> source_mm, std::sp
   if (!(svd.singularValues()[1] > 1e-9 * svd.singularValues()[0])) {
     return std::nullopt;
   }
-  // Umeyama 1991, eq. (43): the last axis is flipped where the best orthogonal matrix is a reflection.
+  // [Umeyama 1991, eq. 43]: the last axis is flipped where the best orthogonal matrix is a reflection.
   const double sign = svd.matrixU().determinant() * svd.matrixV().determinant() < 0.0 ? -1.0 : 1.0;
   const Matrix3d R = svd.matrixV() * Vector3d(1.0, 1.0, sign).asDiagonal() * svd.matrixU().transpose();
   const PairedPose rotation(R, Vector3d::Zero());
@@ -112,7 +112,7 @@ FiducialFit assess_fiducial(const PointPair &pair, const PairedPose &T_target_so
   out.residual_mm = mapped - pair.target_mm;
   out.norm_mm = out.residual_mm.norm();
   out.expected_squared_mm2 = of_residual.trace();
-  // With three fiducials the residual of each lives in fewer than three dimensions.
+  // With three fiducials the residual of each has fewer than three dimensions.
   const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(of_residual);
   const Vector3d along = solver.eigenvectors().transpose() * out.residual_mm;
   int rank = 0;
@@ -125,7 +125,7 @@ FiducialFit assess_fiducial(const PointPair &pair, const PairedPose &T_target_so
   out.p_value = rank > 0 ? uncertainty::chi_square_survival(out.chi_square, rank) : 1.0;
   out.leave_one_out_mm = geometry::kUnknown;
   if (fixed_by_others) {
-    // (I - J A^-1 J' S^-1)^-1 r: what the residual becomes when the pair is taken out of the normal equations.
+    // (I - J A^-1 J' S^-1)^-1 r: the residual when the pair is removed from the normal equations.
     const Eigen::FullPivLU<Matrix3d> others(S - own_share);
     if (others.isInvertible()) {
       out.leave_one_out_mm = (S * others.solve(out.residual_mm)).norm();
@@ -207,7 +207,7 @@ Matrix6d marker_fit_covariance(std::span<const Vector3d> markers_mm, std::uint32
     }
   }
   mean /= n;
-  // About the centroid J'J and J'SJ are block diagonal: rotation and translation do not mix.
+  // About the centroid J'J and J'SJ are block diagonal: rotation and translation are uncorrelated.
   const Vector3d variance(sigma_lateral_mm * sigma_lateral_mm, sigma_lateral_mm * sigma_lateral_mm,
                           sigma_depth_mm * sigma_depth_mm);
   Matrix3d normal = Matrix3d::Zero();

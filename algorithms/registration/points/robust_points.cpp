@@ -14,9 +14,10 @@ namespace bregma::registration {
 namespace {
 
 constexpr int kMaxRounds = 10;
-constexpr double kHopeless = 1e-6; // an agreement less probable than this is none
+constexpr double kHopeless = 1e-6; // an agreement that is less probable than this does not count
 
-// Of a residual of pairs[i] under T, whose own covariance may come on top (an outlier's prediction by the others).
+// Statistics of the residual of pairs[i] under T, optionally with T's covariance (an outlier's prediction by the
+// others).
 double misfit(const PointPair &pair, const PairedPose &T, const Matrix6d *pose_covariance) {
   const Matrix3d R = T.rotation_matrix();
   const Vector3d mapped = T * pair.source_mm;
@@ -36,8 +37,8 @@ struct Proposal {
   PairedPose pose;
 };
 
-// A triple's own error leaves the pose uncertain by about as much as the points: lever arms can double it. A generous
-// limit here costs nothing, since pairs are judged exactly afterwards.
+// A triple's own error makes the pose about as uncertain as the points; lever arms can double it. A generous limit here
+// costs nothing, since pairs are tested exactly afterwards.
 constexpr double kProposalSlack = 6.0;
 
 Proposal best_proposal(std::span<const PointPair> pairs, double limit) {
@@ -73,8 +74,8 @@ Proposal best_proposal(std::span<const PointPair> pairs, double limit) {
   return best;
 }
 
-// Three of four pairs agree by three degrees of freedom, which others may do as well by chance: then nobody can say
-// which pair is wrong.
+// Three of four pairs agree with three degrees of freedom. Other triples may agree as well by chance; the wrong pair
+// cannot be identified then.
 bool only_three_agree(std::span<const PointPair> four, const RobustFit &fit, double false_alarm) {
   for (std::size_t left_out = 0; left_out < four.size(); ++left_out) {
     std::array<PointPair, 3> rest;
@@ -135,7 +136,8 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
         worst = index[c];
       }
     }
-    // The worst goes out alone, since it drags the others' residuals; what then fits comes back.
+    // Only the worst is removed at a time, since it affects the others' residuals; pairs that fit then are included
+    // again.
     bool changed = false;
     if (worst < pairs.size() && used > min_pairs) {
       out.inlier[worst] = false;

@@ -34,7 +34,7 @@ template <int D> tl::expected<Points<D>, std::string> subdivide(const Points<D> 
   const double interval = total / (closed ? count : count - 1);
   Points<D> out(D, count);
   out.col(0) = path.col(0);
-  double behind = 0.0; // arc length at the vertex that begins the segment
+  double behind = 0.0; // arc length at the first vertex of the segment
   Eigen::Index segment = 0;
   for (int i = 1; i < count; ++i) {
     const double at = interval * i;

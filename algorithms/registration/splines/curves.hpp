@@ -1,11 +1,11 @@
 // Points and curves: landmarks and operator-marked polylines on two images become pairs for a thin-plate spline.
 //
-// Wang 2014, section 3.2.3. Each curve of a pair is walked at equal arc length into the same number of points, so that
-// the n-th of one belongs to the n-th of the other; both ends are kept. The seven steps printed there compare the wrong
-// way round: step 5 takes a point where d <= dist and step 6 accumulates where "d < dist", so both would hold at once
-// and a segment shorter than the interval would never be passed. What is meant, and done here: a point where d <= dist,
-// the next vertex where dist < d. The interval is total / (count - 1), not total / count, so that the last point is
-// the end of the curve and not one interval before it.
+// [thesis, section 3.2.3]. Both curves of a pair are divided at equal arc length into the same number of points, both
+// ends included. The n-th point of one corresponds to the n-th of the other. The seven steps printed there contain an
+// inverted comparison: step 5 generates a point where d <= dist, and step 6 accumulates where "d < dist". Both would
+// hold at once, and a segment shorter than the interval would never be passed. Here a point is generated where
+// d <= dist, and the next vertex is taken where dist < d. The interval is total / (count - 1), not total / count, so
+// that the last point is the end of the curve.
 //
 // Units: mm. Pure, reentrant, allocates.
 #pragma once
@@ -19,10 +19,10 @@
 
 namespace bregma::registration {
 
-[[nodiscard]] double arc_length_mm(const Eigen::Ref<const Eigen::MatrixXd> &vertices) noexcept; // a column a vertex
+[[nodiscard]] double arc_length_mm(const Eigen::Ref<const Eigen::MatrixXd> &vertices) noexcept; // one column per vertex
 
-// `count` points at equal arc length; closed: the last vertex is joined to the first, and the points start at the
-// first without repeating it. Repeated vertices are passed over. A sentence for fewer than two vertices or points, no
+// `count` points at equal arc length. closed: the last vertex is joined to the first, and the points start at the first
+// without repeating it. Repeated vertices are skipped. Otherwise a sentence: fewer than two vertices or points, no
 // length, or numbers that are not finite.
 template <int D>
 [[nodiscard]] tl::expected<geometry::Points<D>, std::string> subdivide(const geometry::Points<D> &vertices_mm,
@@ -34,13 +34,13 @@ template <int D> struct CurvePair {
   bool closed = false;
 };
 
-template <int D> struct PointSets { // column i of one belongs to column i of the other
+template <int D> struct PointSets { // column i of one corresponds to column i of the other
   geometry::Points<D> reference_mm, floating_mm;
 };
 
 // Landmarks first, then the points of each curve. A curve often begins at a landmark: a pair that repeats an earlier
-// one within same_mm on the reference side is left out. A sentence where landmarks do not pair up or a curve cannot be
-// subdivided (named by index).
+// one within same_mm on the reference side is left out. Otherwise a sentence: the numbers of landmarks differ, or a
+// curve cannot be subdivided (named by index).
 template <int D>
 [[nodiscard]] tl::expected<PointSets<D>, std::string> join(const PointSets<D> &landmarks,
                                                            std::span<const CurvePair<D>> curves, double same_mm = 1e-3);

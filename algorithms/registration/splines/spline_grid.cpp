@@ -15,10 +15,10 @@ namespace {
 
 constexpr Eigen::Index kNodesAtOnce = 4096;
 constexpr Eigen::Index kCheckedCentres = 2000;
-constexpr Eigen::Index kCheckedPoints = 4000; // in all
+constexpr Eigen::Index kCheckedPoints = 4000; // in total
 constexpr unsigned kCheckSeed = 1;
 
-// Lagrange's weights of nodes -1, 0, 1, 2 at t.
+// Lagrange weights of nodes -1, 0, 1, 2 at t.
 std::array<double, 4> cubic_weights(double t) {
   return {-t * (t - 1.0) * (t - 2.0) / 6.0, (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0, -(t + 1.0) * t * (t - 2.0) / 2.0,
           (t + 1.0) * t * (t - 1.0) / 6.0};
@@ -33,7 +33,7 @@ SplineGrid<D>::SplineGrid(const ThinPlateSpline<D> &spline, const Vector &low_mm
   if (!low_.allFinite() || !high_.allFinite() || !((high_ - low_).minCoeff() > 0.0) || !(spacing_mm > 0.0)) {
     throw std::invalid_argument("a spline's grid needs a box with extent and a spacing above 0");
   }
-  // At least three cells, since four nodes carry a cubic.
+  // At least three cells, since a cubic needs four nodes.
   const Vector cells = ((high_ - low_) / spacing_mm).array().ceil().max(3.0);
   if ((cells.array() + 1.0).prod() > static_cast<double>(kMaxGridNodes)) {
     throw std::invalid_argument("a spline's grid of more than " + std::to_string(kMaxGridNodes) + " nodes");
@@ -100,7 +100,7 @@ template <int D> typename SplineGrid<D>::Vector SplineGrid<D>::operator()(const 
     if (!(at >= 0.0 && at <= static_cast<double>(size_[axis] - 1))) {
       return spline_(point_mm);
     }
-    // In the outermost cells the polynomial of the next ones.
+    // The outermost cells use the polynomial of their inner neighbours.
     const Eigen::Index cell = std::clamp<Eigen::Index>(static_cast<Eigen::Index>(at), 1, size_[axis] - 3);
     first[d] = cell - 1;
     weights[d] = cubic_weights(at - static_cast<double>(cell));

@@ -1,10 +1,10 @@
-// A thin-plate spline on a regular grid, for images: a million points a second and more, whatever the number of
-// centres, with an error that was measured and not assumed.
+// A thin-plate spline on a regular grid, for images: a million points per second and more, for any number of centres,
+// with a measured error.
 //
 // Nodes hold f itself; between them, cubic Lagrange polynomials through four nodes along each axis (error O(h^4) away
 // from the centres; the kernel r has a kink at each centre, where it is O(h)). The error is measured where it is
-// largest: at the centres themselves and in the middle of cells. Points outside the box are handed to the spline.
-// const members are thread-safe; none but the constructor allocates, except for points outside.
+// largest: at the centres themselves and in the middle of cells. Points outside the box are evaluated by the spline.
+// const members are thread-safe; only the constructor allocates, except for points outside.
 #pragma once
 
 #include <vector>
@@ -19,14 +19,14 @@ template <int D> class SplineGrid {
 public:
   using Vector = Eigen::Matrix<double, D, 1>;
 
-  // The box low..high (mm, in the frame of the centres) with nodes at most spacing_mm apart. `threads` share the work.
-  // Throws std::invalid_argument for a box or a spacing that is none, or more than kMaxGridNodes nodes.
+  // The box low..high (mm, in the frame of the centres) with nodes at most spacing_mm apart, on `threads` threads.
+  // Throws std::invalid_argument for an empty box, a spacing that is not positive, or more than kMaxGridNodes nodes.
   SplineGrid(const ThinPlateSpline<D> &spline, const Vector &low_mm, const Vector &high_mm, double spacing_mm,
              int threads = 1);
 
   [[nodiscard]] Vector operator()(const Vector &point_mm) const;
 
-  // Over at least 4,000 places: up to 2,000 centres that lie in the box, and pseudo-random points in it.
+  // Measured at 4,000 points or more: up to 2,000 centres in the box, and pseudo-random points in it.
   [[nodiscard]] double largest_error_mm() const { return largest_error_mm_; }
   [[nodiscard]] double rms_error_mm() const { return rms_error_mm_; }
   [[nodiscard]] Eigen::Index nodes() const { return values_.cols(); }

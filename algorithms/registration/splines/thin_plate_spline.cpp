@@ -15,7 +15,7 @@ using geometry::Points;
 
 namespace {
 
-constexpr double kTinySquare = 1e-300; // r^2 ln r^2 of it is 0
+constexpr double kTinySquare = 1e-300; // its r^2 ln r^2 is 0
 constexpr Eigen::Index kPointsAtOnce = 32;
 
 // phi as a function of r^2, with the sign that makes it conditionally positive definite.
@@ -115,7 +115,7 @@ ThinPlateSpline<D>::fit(const Points<D> &centres_mm, const Points<D> &values_mm,
   K.applyOnTheLeft(qr.householderQ().adjoint());
   K.applyOnTheRight(qr.householderQ());
   const Eigen::Index rest = N - kPoly;
-  const Eigen::MatrixXd mixed = K.topRightCorner(kPoly, rest); // of the polynomial and the other part
+  const Eigen::MatrixXd mixed = K.topRightCorner(kPoly, rest); // block between the polynomial and the other part
   Eigen::Ref<Eigen::MatrixXd> projected = K.bottomRightCorner(rest, rest);
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(projected);
   // Rounding leaves about this much on the diagonal where the system is singular.

@@ -14,11 +14,11 @@ namespace {
 
 constexpr int kSphereIterations = 10;
 constexpr int kSpheroidIterations = 25;
-constexpr std::size_t kMaxFittedPoints = 400; // points of a spheroid's fit; more are thinned evenly
+constexpr std::size_t kMaxFittedPoints = 400; // maximum number of points for a spheroid; more are thinned evenly
 constexpr double kMinRadius_mm = 5.0, kMaxRadius_mm = 500.0;
-constexpr double kDamping = 1e-3; // share of the normal matrix' diagonal
+constexpr double kDamping = 1e-3; // relative to the diagonal of the normal matrix
 
-// Of the robust loss r^2 / (reach^2 + r^2): what least squares are weighted with, and the loss itself.
+// The robust loss r^2 / (reach^2 + r^2): its weight in least squares, and the loss itself.
 double weight_of(double r, double sigma) {
   const double reach2 = 9.0 * sigma * sigma;
   return std::pow(reach2 / (reach2 + r * r), 2);
@@ -52,9 +52,9 @@ struct Spheroid {
 
   struct Distance {
     double value;
-    Eigen::Matrix<double, 7, 1> gradient; // by centre, the axis' two turns, the two radii
+    Eigen::Matrix<double, 7, 1> gradient; // by centre, two rotations of the axis, two radii
   };
-  // rho^2 / a^2 + z^2 / b^2 - 1 over the length of its gradient in space, which is held fixed.
+  // rho^2 / a^2 + z^2 / b^2 - 1 over the length of its gradient in space, which is treated as constant.
   [[nodiscard]] Distance distance(const Eigen::Vector3d &p, const Eigen::Vector3d &turn_1,
                                   const Eigen::Vector3d &turn_2) const {
     const Eigen::Vector3d q = p - centre_mm;
@@ -74,11 +74,11 @@ struct Spheroid {
   }
 };
 
-// Damped Gauss-Newton; the loss of what is returned is left in loss.
+// Damped Gauss-Newton; loss receives the loss of the returned shape.
 Spheroid robust_spheroid(std::span<const Eigen::Vector3d> points, double sigma, Spheroid now, double &loss) {
   const std::size_t stride = (points.size() + kMaxFittedPoints - 1) / kMaxFittedPoints;
   Spheroid best = now;
-  loss = static_cast<double>(points.size()) + 1.0; // more than any
+  loss = static_cast<double>(points.size()) + 1.0; // above any possible loss
   for (int iteration = 0; iteration < kSpheroidIterations; ++iteration) {
     const Eigen::Vector3d turn_1 = now.axis.unitOrthogonal();
     const Eigen::Vector3d turn_2 = now.axis.cross(turn_1);

@@ -16,10 +16,10 @@ namespace bregma::registration {
 
 namespace {
 
-constexpr double kOutlierRange_mm = 100.0; // over which an outlier may lie anywhere
+constexpr double kOutlierRange_mm = 100.0; // an outlier may lie anywhere in this range
 constexpr double kInlierLimit = 3.0;       // standard deviations
-constexpr double kScaleSlack = 1.15;       // residuals may exceed the stated error by this, and by chance
-constexpr double kChance = 4.0;            // standard deviations of the scale's own scatter
+constexpr double kScaleSlack = 1.15; // factor by which residuals may exceed the stated error, in addition to scatter
+constexpr double kChance = 4.0;      // standard deviations of the scale's scatter
 constexpr int kTouchCandidates = 400;
 
 } // namespace
@@ -34,8 +34,8 @@ struct GlobalRegistration::Workspace {
     hypotheses.reserve(64);
   }
 
-  // Independent errors in the estimate itself; what is alike among neighbours enters with the likelihood's weights and
-  // the covariance.
+  // The estimate itself assumes independent errors. The correlation of neighbours enters through the weights of the
+  // likelihood and the covariance.
   static LocalOptions local_options(const GlobalOptions &options) {
     LocalOptions out;
     out.sigma_mm = std::hypot(options.sigma_mm, options.model_sigma_mm);
@@ -59,7 +59,7 @@ struct GlobalRegistration::Workspace {
   LocalRegistration local;
   surface::Neighbours neighbours;
   std::vector<Vector3d> samples;
-  std::vector<double> weight; // of a sample's likelihood: how many independent samples it is worth
+  std::vector<double> weight; // weight of a sample's likelihood: its effective number of independent samples
   std::vector<double> residuals;
   struct Found {
     PoseHypothesis hypothesis;
@@ -155,8 +155,8 @@ void GlobalRegistration::Workspace::find_hypotheses() {
 }
 
 // If a plane, a sphere or a spheroid explains the samples about as well as the head does, the fit to the head is no
-// evidence that they come from this place of it. A spheroid has one parameter more than a pose, which a cloud without
-// features is not to be excused by: it is charged for as in the Bayesian information criterion.
+// evidence for this pose. A spheroid has one parameter more than a pose, which is penalised as in the Bayesian
+// information criterion.
 void GlobalRegistration::Workspace::test_shape() {
   const std::span<double> residual(residuals.data(), samples.size());
   fit_plane(samples, residual);
@@ -171,7 +171,7 @@ void GlobalRegistration::Workspace::test_shape() {
 void GlobalRegistration::Workspace::measure_dilution() {
   const Vector3d centre = result.T_target_source * spread.middle_mm;
   Matrix6d information = Matrix6d::Zero();
-  Matrix6d motion = Matrix6d::Zero(); // of all samples, by a twist: sum of J'J
+  Matrix6d motion = Matrix6d::Zero(); // motion of all samples by a twist: sum of J'J
   double used = 0.0;
   for (const Vector3d &p : samples) {
     const Vector3d mapped = result.T_target_source * p;
@@ -221,8 +221,8 @@ void GlobalRegistration::Workspace::judge() {
   }
 }
 
-// A touch is worth what it would tell: how far the runner-up expects the skin from there, or, where one pose stands
-// alone, how uncertain the surface is there along its normal.
+// The information of a touch: the distance of the skin there under the second-best pose, or, if there is only one pose,
+// the uncertainty of the surface there along its normal.
 void GlobalRegistration::Workspace::advise() {
   const surface::SurfaceModel &surface = field->surface();
   const auto triangles = static_cast<int>(surface.triangle_count());
@@ -234,7 +234,7 @@ void GlobalRegistration::Workspace::advise() {
     const surface::SurfaceModel::Box box = surface.box(t);
     const surface::SurfacePoint at = surface.closest_on(t, 0.5 * (box.low_mm + box.high_mm));
     if (at.normal.z() < -0.5) {
-      continue; // from below nobody reaches it
+      continue; // not accessible from below
     }
     double expected = 0.0;
     if (rival) {

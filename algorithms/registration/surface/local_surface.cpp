@@ -26,7 +26,7 @@ using geometry::Vector6d;
 namespace {
 
 constexpr std::size_t kMinSamples = 6;
-constexpr std::size_t kCoarseSamples = 256; // that the first steps look at
+constexpr std::size_t kCoarseSamples = 256; // number of samples for the first steps
 constexpr double kCoarseSettled_mm = 0.05;
 constexpr double kSettled_mm = 5e-3;
 const double kMadToNormal = 1.0 / uncertainty::normal_quantile(0.75);
@@ -40,7 +40,7 @@ constexpr double kHampelReach = 4.5;
 constexpr double kInlier = 3.0; // standard deviations
 constexpr double kScaleSettled = 0.05;
 constexpr int kScaledSteps = 6; // exact steps that may change the scale
-constexpr double kBlind = 1e-9; // relative eigenvalue below which a direction is free
+constexpr double kBlind = 1e-9; // relative eigenvalue below which a direction counts as free
 constexpr double kSurfaceTouch_mm = 1e-6;
 
 // Weight of a residual of z standard deviations.
@@ -101,15 +101,15 @@ struct LocalRegistration::Workspace {
   std::vector<Vector3d> samples;
   SampleLanes coarse;
   std::vector<Vector3d> mapped;                     // samples in the target frame
-  std::vector<surface::SurfaceField::Nearby> known; // of each sample, from step to step
-  std::size_t rows_each;                            // of a sample: one along the normal, or three
-  NormalRows rows;                                  // about the centre
+  std::vector<surface::SurfaceField::Nearby> known; // closest triangle of each sample, kept between steps
+  std::size_t rows_each;                            // rows per sample: one along the normal, or three
+  NormalRows rows;                                  // twists about the centre
   std::vector<double> residuals;                    // signed distance, or distance from the point
   std::vector<float> magnitudes;                    // of the residuals
   std::vector<double> correlation_sum;              // sum of correlations of a sample with all
   std::vector<Vector6d> sums;
   Vector3d centre_source = Vector3d::Zero();
-  Vector3d centre = Vector3d::Zero(); // in the target frame: what steps turn about
+  Vector3d centre = Vector3d::Zero(); // in the target frame: centre of the steps' rotations
   double sigma = 1.0;                 // scaled
   LocalFit result;
 };
@@ -218,7 +218,7 @@ void LocalRegistration::Workspace::settle(PairedPose &T) {
   for (int step = 0; result.iterations < options.max_iterations; ++step) {
     ++result.iterations;
     centre = T * centre_source;
-    // The scale follows the residuals until the pose rests; then it stays, so that the last steps can settle.
+    // The scale follows the residuals until the pose is stable; then it is constant, so that the last steps converge.
     const bool rescale = step < kScaledSteps || (last > kCoarseSettled_mm && step < options.max_iterations / 2);
     linearise(T, rescale);
     Matrix6d normal = Matrix6d::Zero();
@@ -227,12 +227,12 @@ void LocalRegistration::Workspace::settle(PairedPose &T) {
     Vector6d twist = solve_damped(normal, gradient, 1e-8, kStepLimit_mm);
     const double motion = motion_at_lever_mm(twist);
     if (options.metric == SurfaceMetric::kPointToPlane && motion > 0.5 * last && step > 2) {
-      twist *= 0.5; // the surface bends within the step: two closest points take turns
+      twist *= 0.5; // the surface is curved within the step: two closest points alternate
     }
     T = moved_about(centre, twist, T);
     last = motion;
     if (motion < kSettled_mm) {
-      // A pose that rested for a while on its way has kept the scale of that place.
+      // A pose that was stable for a while earlier still has the scale of that place.
       const double kept = sigma;
       linearise(T, true);
       if (std::abs(sigma - kept) < kScaleSettled * kept) {
@@ -260,7 +260,8 @@ Matrix6d LocalRegistration::Workspace::covariance_about_centre() {
   const Matrix6d inverse = lever.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
                            eigen.eigenvectors().transpose() * lever.asDiagonal();
   Matrix6d B = Matrix6d::Zero();
-  if (options.metric == SurfaceMetric::kPointToPoint) { // neighbours as if all their rows were alike: an upper bound
+  if (options.metric ==
+      SurfaceMetric::kPointToPoint) { // as if all rows of neighbours were fully correlated: an upper bound
     for (std::size_t i = 0; i < 3 * count; ++i) {
       const Vector6d J = rows.jacobian(i);
       B.noalias() += (rows.weight(i) * rows.weight(i) * correlation_sum[i / 3] * J) * J.transpose();

@@ -1,7 +1,7 @@
 // The sums of a Gauss-Newton step over many rows, in vectors of doubles: J'WJ and J'Wr of six unknowns.
 //
-// One version for each vector length; the widest that the processor has is chosen at run time. Pure, reentrant, no
-// allocation.
+// There is one version per vector length; the widest that the processor supports is selected at run time. Pure,
+// reentrant, no allocation.
 #pragma once
 
 #include <array>
@@ -27,7 +27,7 @@ public:
     residual_[i] = residual;
   }
   void set_weight(std::size_t i, double weight) noexcept { weight_[i] = weight; }
-  // Of rows beyond count, to the end of a vector: they get no weight.
+  // Sets the weight of the rows beyond count, to the end of a vector, to zero.
   void pad(std::size_t count) noexcept;
 
   [[nodiscard]] geometry::Vector6d jacobian(std::size_t i) const noexcept;
@@ -52,10 +52,10 @@ struct NormalKernel {
   // squared: weights are squared first.
   void (*sums)(const NormalRows &rows, std::size_t count, bool squared, NormalSums &out);
 };
-// Those that this processor can run, the widest first; at least one.
+// Kernels that this processor can run, the widest first; at least one.
 [[nodiscard]] std::span<const NormalKernel> normal_kernels() noexcept;
 
-// With the widest: J'WJ and J'Wr; with squared weights, J'WWJ.
+// J'WJ and J'Wr by the widest kernel; with squared weights, J'WWJ.
 void add_rows(const NormalRows &rows, std::size_t count, geometry::Matrix6d &normal,
               geometry::Vector6d &gradient) noexcept;
 [[nodiscard]] geometry::Matrix6d squared_weight_sum(const NormalRows &rows, std::size_t count) noexcept;

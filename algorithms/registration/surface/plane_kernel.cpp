@@ -20,7 +20,7 @@ template <class Lanes> constexpr std::size_t kCount = sizeof(typename Lanes::Flo
 // Mapped samples and the planes of their voxels.
 template <class Lanes> struct Located { typename Lanes::Float x, y, z, normal_x, normal_y, normal_z, offset; };
 
-// Four planes of four numbers, turned.
+// Four planes of four numbers, transposed.
 BREGMA_INLINE void load_planes(const float *planes, const int *voxel, Float4 &nx, Float4 &ny, Float4 &nz,
                                Float4 &offset) {
   std::array<Float4, 4> row;
@@ -51,7 +51,7 @@ BREGMA_INLINE void take_planes(const float *planes, const std::array<int, 8> &vo
   at.offset = __builtin_shufflevector(low[3], high[3], 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
-// Numbers of voxels along one axis; what is not a number goes to the first.
+// Voxel indices along one axis; NaN maps to the first.
 template <class Lanes>
 BREGMA_INLINE void voxels(const typename Lanes::Float &p, float low, float per_mm, int size, typename Lanes::Int &out) {
   using Float = typename Lanes::Float;
@@ -92,7 +92,7 @@ template <class Lanes> BREGMA_INLINE void residual(const Located<Lanes> &at, typ
   r = at.normal_x * at.x + at.normal_y * at.y + at.normal_z * at.z + at.offset;
 }
 
-// value where the sample exists, else `none`.
+// value where the sample exists, otherwise `none`.
 template <class Lanes> BREGMA_INLINE void keep_first(typename Lanes::Float &value, std::size_t samples, float none) {
   if (samples < kCount<Lanes>) {
     for (std::size_t lane = samples; lane < kCount<Lanes>; ++lane) {
@@ -175,11 +175,11 @@ template <class Lanes> BREGMA_INLINE float cost(const PlaneQuery &q, float reach
   return total(sum);
 }
 
-// By halving the range of bit patterns: those of non-negative floats are in the order of the floats, and counting does
-// not branch on the values.
+// Bisection over the bit patterns: for non-negative floats they have the order of the floats, and counting has no
+// branches.
 template <class Lanes> BREGMA_INLINE float ranked(const float *values, std::size_t count, std::size_t rank) {
   using Int = typename Lanes::Int;
-  const auto wanted = static_cast<int>(rank); // so many are no larger
+  const auto wanted = static_cast<int>(rank); // number of values that are not larger
   int low = 0;
   int high = 0x7F800000; // infinity
   while (low < high) {
@@ -188,7 +188,7 @@ template <class Lanes> BREGMA_INLINE float ranked(const float *values, std::size
     for (std::size_t i = 0; i < count; i += kCount<Lanes>) {
       Int bits;
       __builtin_memcpy(&bits, values + i, sizeof(Int));
-      above += bits > middle; // -1 each
+      above += bits > middle; // -1 per lane
     }
     int no_larger = static_cast<int>((count + kCount<Lanes> - 1) / kCount<Lanes> * kCount<Lanes>);
     for (std::size_t lane = 0; lane < kCount<Lanes>; ++lane) {

@@ -18,24 +18,25 @@ using Eigen::Vector3f;
 
 namespace {
 
-constexpr double kFlatRadius_mm = 160.0; // a flatter bulge does not say which side is out
-constexpr double kFlatShare = 1e-3;      // singular value below which a direction of the sphere's centre is open
+constexpr double kFlatRadius_mm = 160.0; // a flatter bulge does not determine the outer side
+constexpr double kFlatShare =
+    1e-3; // relative singular value below which a direction of the sphere's centre is undetermined
 constexpr double kRayStart_mm = 250.0;
 constexpr int kRaySteps = 24;
 constexpr double kDamping = 1e-3;
 
 struct Stage {
   std::size_t samples;
-  std::array<double, 8> reaches_mm; // of each step's loss; 0: no more
+  std::array<double, 8> reaches_mm; // reach of each step's loss; 0: no further step
   std::size_t keep;
   double distinct_mm;
 };
-// Wide first, so that a start 15 degrees off is drawn in; the last reach also ranks.
+// Wide at first, so that a start 15 degrees off converges; the last reach also ranks the poses.
 constexpr std::array<Stage, 3> kStages{{{32, {40, 25, 15, 10, 0}, 400, 4.0},
                                         {64, {20, 12, 8, 8, 6, 6, 6, 6}, 60, 6.0},
                                         {200, {8, 6, 5, 4, 4, 4, 4, 4}, 12, 0.0}}};
 
-// Where a ray from outside meets the surface, by steps of the distance itself (sphere tracing, Hart 1996).
+// Intersection of a ray from outside with the surface, by steps of the distance itself (sphere tracing [Hart 1996]).
 double ray_radius(const surface::SurfaceField &field, const Vector3d &centre, const Vector3d &direction) {
   double at = kRayStart_mm;
   for (int i = 0; i < kRaySteps; ++i) {
@@ -65,7 +66,7 @@ Spread spread_of(std::span<const Vector3d> points_mm) noexcept {
 }
 
 FittedSphere fit_sphere(std::span<const Vector3d> points_mm) noexcept {
-  // |q|^2 = 2 q.c + k about the middle.
+  // |q|^2 = 2 q.c + k about the centroid.
   const auto [middle, covariance] = spread_of(points_mm);
   const double mean_squared = covariance.trace();
   Vector3d b = Vector3d::Zero();
@@ -93,7 +94,8 @@ std::vector<Quaterniond> spread_rotations(int n) {
   return out;
 }
 
-// |Ta p - Tb p|^2 = |D q + d|^2 with q = p - middle, D = Ra - Rb, d the distance of the middles; q has mean zero.
+// |Ta p - Tb p|^2 = |D q + d|^2 with q = p - centroid, D = Ra - Rb, d the difference of the mapped centroids; q has
+// mean zero.
 double pose_distance_mm(const PairedPose &a, const PairedPose &b, const Spread &points) noexcept {
   const Matrix3d D = a.rotation_matrix() - b.rotation_matrix();
   return std::sqrt((a * points.middle_mm - b * points.middle_mm).squaredNorm() +
@@ -161,7 +163,7 @@ void PoseSearch::thin(std::size_t max_count, double distinct_mm) {
   std::stable_sort(candidates_.begin(), candidates_.end(),
                    [](const PoseCandidate &a, const PoseCandidate &b) { return a.cost < b.cost; });
   kept_.clear();
-  // A turn moves the points at least by what it moves their two smaller spreads: most pairs are told apart by that.
+  // A rotation moves the points at least as much as their two smaller spreads: this separates most pairs.
   const double least_mm2 = 4.0 * (spread_.covariance.trace() - spread_.covariance.operatorNorm());
   const double limit = distinct_mm * distinct_mm;
   for (const PoseCandidate &candidate : candidates_) {
@@ -187,7 +189,7 @@ std::span<const PoseCandidate> PoseSearch::run(std::span<const Vector3d> samples
                                                double distinct_mm) {
   const std::size_t n = samples_mm.size();
   spread_ = spread_of(samples_mm);
-  // In the order of a golden-ratio walk, whose every beginning is spread over the whole trace.
+  // In the order of a golden-ratio sequence, every prefix of which is spread over the whole trace.
   count_ = n;
   if (samples_.capacity() < n) {
     samples_.reserve(n);

@@ -57,8 +57,7 @@ void SurfaceTerms::linearise(const ImageFromReference &T_image_reference, const 
     const surface::SurfacePoint on = surface_->closest(mapped, triangle_[i]);
     triangle_[i] = on.triangle;
     Term &term = terms_[i];
-    // The gradient of the distance itself, also over an edge: a facet's normal would jump there and the estimate with
-    // it.
+    // The gradient of the distance itself, also over an edge, where a facet's normal and the estimate would jump.
     const Vector3d normal =
         on.distance_mm > kOnSurface_mm ? Vector3d((mapped - on.point_mm) / on.signed_mm) : on.normal;
     term.jacobian.head<3>() = (mapped - centre).cross(normal);
@@ -94,7 +93,7 @@ void SurfaceTerms::add_to(Matrix6d &normal, Vector6d &gradient) const noexcept {
 
 Matrix6d SurfaceTerms::gradient_covariance() const noexcept {
   Matrix6d between = Matrix6d::Zero();
-  // The pairs of one i come in a row: their sum over j is taken first, so that each i costs one outer product.
+  // The pairs of one i are consecutive: their sum over j is computed first, so that each i costs one outer product.
   std::size_t row = 0;
   Vector6d sum = Vector6d::Zero();
   neighbours_.each([&](std::size_t i, std::size_t j, double rho) {

@@ -9,7 +9,7 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr int kCutSweeps = 4; // of Gauss-Seidel in a step
+constexpr int kCutSweeps = 4; // Gauss-Seidel sweeps per step
 
 } // namespace
 
@@ -52,7 +52,7 @@ void CutContact::Section::add(const Eigen::Vector4i &tetrahedron, const Material
   }
 }
 
-// The middle and six points around it, those that are in the mesh.
+// The centre and six points around it, as far as they are in the mesh.
 CutContact::Section CutContact::section_at(const NodeMotion &nodes, const MaterialPoint &middle,
                                            const Eigen::Vector3f &at_m) const noexcept {
   constexpr int kAround = static_cast<int>(kSectionPoints) - 1;
@@ -123,7 +123,7 @@ void CutContact::update_constraints(const NodeMotion &nodes) noexcept {
   const auto height = [&](const Section &section) { return grip(nodes, section).from_tip.dot(probe_.shaft); };
   if (fresh_) {
     fresh_ = false;
-    // From where the shaft comes out down to the tip; a blunt tip may stand just before the surface that it has broken.
+    // From the entry down to the tip; a blunt tip may still be outside the surface that it has ruptured.
     int near = guess_;
     for (std::size_t i = 0; i < kMaxSections; ++i) {
       const float up = static_cast<float>(i) * spacing_m_;
@@ -163,7 +163,7 @@ void CutContact::apply(const NodeMotion &nodes) noexcept {
   }
 
   const float dt = nodes.step_s;
-  constexpr float kSweepFraction = 1.0F / static_cast<float>(kCutSweeps); // of a step's friction, for one sweep
+  constexpr float kSweepFraction = 1.0F / static_cast<float>(kCutSweeps); // fraction of a step's friction per sweep
   const float max_friction_N_s = forces_.friction_N_per_m * spacing_m_ * dt * kSweepFraction;
   const float max_cutting_N_s = forces_.cutting_N * dt * kSweepFraction;
   const float max_sideways_N_s = forces_.sideways_N_per_m * spacing_m_ * dt;
@@ -176,7 +176,7 @@ void CutContact::apply(const NodeMotion &nodes) noexcept {
       if (sweep == 0) {
         section.pushed_N_s.setZero();
       }
-      // Sideways back to where it was gripped, along the shaft what friction can.
+      // Sideways back to the constrained position; along the shaft as far as friction allows.
       const Eigen::Vector3f aside = held.from_tip - held.from_tip.dot(probe_.shaft) * probe_.shaft - section.offset;
       Eigen::Vector3f pushed = section.pushed_N_s - aside / (held.mobility * dt);
       const bool cuts = pushed.norm() > max_sideways_N_s;

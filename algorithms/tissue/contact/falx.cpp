@@ -15,16 +15,16 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
 constexpr int kMaxPlaneIterations = 30;
-constexpr double kSettled = 1e-6; // of a turn in rad and a shift in mm: less moves no node in or out
-// Layers of a body-centred lattice are half a cell apart: this close to a plane there is always one. A cell is 1.07
-// mean edges.
+constexpr double kSettled = 1e-6; // rotation in rad or shift in mm: a smaller change moves no node in or out
+// Layers of a body-centred lattice are half a cell apart, so that there is always one within this distance of a plane.
+// A cell is 1.07 mean edges.
 constexpr double kLayerEdges = 0.27;
 // The corpus callosum begins about 35 mm behind the frontal pole and ends 60 mm before the occipital pole; the falx
 // hangs to some 10 mm from it.
 constexpr double kFrontDepth_mm = 25.0;
 constexpr double kBackDepth_mm = 50.0;
-// Above the horizontal through the brain's middle, seen from there: crista galli and inner occipital protuberance lie
-// somewhat below it.
+// Angle above the horizontal through the brain's centre, seen from there: crista galli and inner occipital protuberance
+// lie somewhat below it.
 constexpr double kMinElevation_rad = -15.0 * std::numbers::pi / 180.0;
 
 Vector3d mean(const std::vector<Vector3d> &points) {
@@ -35,13 +35,13 @@ Vector3d mean(const std::vector<Vector3d> &points) {
   return sum / static_cast<double>(points.size());
 }
 
-// Of a direction in the sagittal plane: 0 to the front, pi / 2 up, pi to the back, beyond it and below 0 down.
+// Angle of a direction in the sagittal plane: 0 to the front, pi / 2 up, pi to the back, negative or above pi down.
 double elevation_rad_of(const Vector3d &direction) {
   const double angle = std::atan2(direction.z(), direction.y());
   return angle < -0.5 * std::numbers::pi ? angle + 2.0 * std::numbers::pi : angle;
 }
 
-// A sickle: narrow in front, broad behind.
+// Depth of the falx: narrow in front, wide behind.
 double depth_mm(double elevation_rad) {
   return std::lerp(kFrontDepth_mm, kBackDepth_mm, std::clamp(elevation_rad / std::numbers::pi, 0.0, 1.0));
 }
@@ -53,7 +53,7 @@ Plane symmetry_plane(const std::vector<Vector3d> &points_mm, const surface::Surf
   const Vector3d centre_mm = mean(points_mm);
   Plane plane(first_normal.normalized(), centre_mm);
   for (int iteration = 0; iteration < kMaxPlaneIterations; ++iteration) {
-    Eigen::Matrix<double, 3, 2> aside; // in which the normal turns
+    Eigen::Matrix<double, 3, 2> aside; // directions in which the normal rotates
     aside.col(0) = plane.normal().unitOrthogonal();
     aside.col(1) = plane.normal().cross(aside.col(0));
     Matrix3d curvature = Matrix3d::Zero();
@@ -62,7 +62,7 @@ Plane symmetry_plane(const std::vector<Vector3d> &points_mm, const surface::Surf
       const double before_mm = plane.signedDistance(point_mm);
       const surface::SurfacePoint closest = surface.closest(point_mm - 2.0 * before_mm * plane.normal());
       const double facing = closest.normal.dot(plane.normal());
-      Vector3d row; // change of the signed distance by a turn about the centre and by the offset
+      Vector3d row; // derivative of the signed distance by a rotation about the centre and by the offset
       row << -2.0 * aside.transpose() * (facing * (point_mm - centre_mm) + before_mm * closest.normal), -2.0 * facing;
       curvature += row * row.transpose();
       slope += row * closest.signed_mm;

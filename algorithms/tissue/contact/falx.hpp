@@ -24,8 +24,8 @@ namespace bregma::tissue {
 
 using Plane = Eigen::Hyperplane<double, 3>; // mm, its normal of length 1
 
-// Where a surface is most alike its own mirror image: closest points, point to plane, by Gauss and Newton on the
-// plane's normal and offset; from a first normal, through the points' centroid.
+// The plane of symmetry of a surface: Gauss-Newton on the plane's normal and offset, with closest points, point to
+// plane. It starts from first_normal, through the points' centroid.
 [[nodiscard]] Plane symmetry_plane(const std::vector<Eigen::Vector3d> &points_mm, const surface::SurfaceModel &surface,
                                    const Eigen::Vector3d &first_normal);
 
@@ -35,7 +35,7 @@ public:
   Falx(const TetMesh &mesh, const TetBoundary &boundary, const surface::SurfaceModel &surface);
 
   [[nodiscard]] const Plane &plane() const noexcept { return plane_; }
-  [[nodiscard]] const std::vector<int> &nodes() const noexcept { return nodes_; } // that it holds
+  [[nodiscard]] const std::vector<int> &nodes() const noexcept { return nodes_; } // nodes that it constrains
 
   void apply(const NodeMotion &nodes) noexcept override;
 

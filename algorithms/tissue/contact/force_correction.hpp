@@ -43,7 +43,7 @@ public:
   [[nodiscard]] double extra_cutting_N() const noexcept { return extra_cutting_N_; }
 
 private:
-  static constexpr double kMinForce_N = 0.01; // below, a sensor's noise is as large
+  static constexpr double kMinForce_N = 0.01; // below this, a sensor's noise is as large
   static constexpr double kMemory_s = 2.0;
   static constexpr double kSmoothing_s = 0.05; // of the measured force
   static constexpr double kCutting_s = 0.5;

@@ -12,23 +12,23 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr float kSmoothing_s = 0.01F; // of contact forces, which come in impulses
-// Without a touch of the surface, or tissue around the shaft, until the probe counts as outside: after the rupture the
-// surface takes some milliseconds to close around the tip.
+constexpr float kSmoothing_s = 0.01F; // smoothing of contact forces, which are impulses
+// Time without contact after which the probe counts as outside: after the rupture the surface takes some milliseconds
+// to close around the tip.
 constexpr float kContactLoss_s = 0.05F;
-constexpr float kSearchAgain_m = 2e-3F;   // of the tip's way, between two looks for triangles near the probe
-constexpr float kSearchAgainTurn = 0.02F; // of its turn, rad: 2 mm at the end of 100 mm
-constexpr float kTurn_m = 0.5e-3F;        // of the tip's way back, from which it is no tremor: the phase is another
-constexpr float kTipRadii = 2.0F;         // up the shaft, that is the tip
+constexpr float kSearchAgain_m = 2e-3F;   // move of the tip after which triangles near the probe are searched again
+constexpr float kSearchAgainTurn = 0.02F; // the same for its rotation, rad: 2 mm at the end of 100 mm
+constexpr float kTurn_m = 0.5e-3F;        // retreat of the tip that is more than tremor and changes the phase
+constexpr float kTipRadii = 2.0F;         // height up the shaft that counts as tip
 constexpr double kSectionRadiusEdges =
-    0.5; // of the discs' radius: a force on fewer edges would tear the mesh, not the tissue
-constexpr double kSectionSpacingEdges = 0.5; // between the discs along the shaft: no two middles in one tetrahedron
-constexpr double kSectionSpacing_mm = 1.0;   // of the discs along the shaft
+    0.5; // minimum radius of a section in edges: on fewer, the force would tear the mesh, not the tissue
+constexpr double kSectionSpacingEdges = 0.5; // minimum spacing in edges: no two centres in one tetrahedron
+constexpr double kSectionSpacing_mm = 1.0;   // spacing of the sections along the shaft
 constexpr float kCutMemory_m = 0.5e-3F;      // spacing of the remembered cut
-constexpr float kCutWidth_m = 1.5e-3F;       // tissue nearer to the cut than this is cut
+constexpr float kCutWidth_m = 1.5e-3F;       // tissue nearer to the cut than this counts as cut
 constexpr std::size_t kMaxCutPoints = 4096;  // two metres of cuts
 constexpr std::size_t kMaxEntries = 64;
-constexpr double kNoStress_Pa = 1e9; // a limit that is not looked at
+constexpr double kNoStress_Pa = 1e9; // a limit that is not tested
 
 void check(const ProbeShape &probe, const InsertionParameters &parameters) {
   const auto positive = [](const char *name, double value) {
@@ -121,7 +121,7 @@ void Insertion::begin_step(const PlacedProbe &probe, const ExplicitSolver &solve
   advance_m_ = -probe.tip_velocity_m_s.dot(probe.shaft) * static_cast<float>(solver.step_s());
   const bool cuts = phase_ == Phase::kPenetration && !cut_before();
   const double cutting_N = std::max(0.0, parameters_.cutting_force_N + correction_.extra_cutting_N());
-  // The pressure that cuts before the tip cuts beside the shaft, too.
+  // The pressure that cuts under the tip also cuts at the side of the shaft.
   const double sideways_N_per_mm = 2.0 * cutting_N / (std::numbers::pi * shape_.radius_mm);
   cut_.set_forces({.cutting_N = cuts ? static_cast<float>(cutting_N) : 0.0F,
                    .friction_N_per_m = static_cast<float>(parameters_.shaft_friction_N_per_mm * kMetre),
@@ -130,8 +130,8 @@ void Insertion::begin_step(const PlacedProbe &probe, const ExplicitSolver &solve
 
 void Insertion::end_step(const ExplicitSolver &solver) noexcept {
   const auto step_s = static_cast<float>(solver.step_s());
-  // The measured scale is that of the dent, where it also takes up what the mesh makes too stiff under so small a tip:
-  // it does not say how far the tissue gives way to a force that is known, as at the cut.
+  // The measured scale applies to the indentation only. There it also corrects a mesh that is too stiff under a small
+  // tip, so that it does not describe the tissue's response to a known force, as at the cut.
   const float scale = phase_ == Phase::kIndentation ? static_cast<float>(correction_.scale()) : 1.0F;
   const float follow = std::min(1.0F, step_s / kSmoothing_s);
   const float tip_N = -surface_.force_N().dot(probe_.shaft) + cut_.tip_force_N();
@@ -217,12 +217,12 @@ void Insertion::measure(double force_N, double elapsed_s) noexcept {
 
 // ---- what was cut ----
 
-// A shaft that lies on the surface does not break it.
+// A shaft that lies on the surface does not rupture it.
 bool Insertion::touches_with_tip() const noexcept {
   return surface_.touched_height_m() < kTipRadii * static_cast<float>(shape_.radius_mm / kMetre);
 }
 
-// The surface was broken before where the tip touches it.
+// The surface has ruptured before where the tip touches it.
 bool Insertion::at_entry() const noexcept {
   const auto radius_m = static_cast<float>(shape_.radius_mm / kMetre);
   return std::any_of(entries_m_.begin(), entries_m_.end(), [&](const Eigen::Vector3f &entry) {

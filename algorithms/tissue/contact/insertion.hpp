@@ -1,7 +1,7 @@
-// A probe's way into tissue and out again, as in seed 000, section 6.4: the tip indents the surface until it ruptures,
-// then cuts its way; coming back, it only rubs. A hole that was made is entered again without a second rupture, and a
-// way that was cut is gone again without cutting. What a force sensor measures corrects stiffness and cutting force.
-// docs/tissue_probe.md
+// Insertion of a probe into tissue, and its withdrawal, as in [thesis, section 6.3.2]: the tip indents the surface
+// until it ruptures, then cuts its path; during withdrawal there is friction only. An existing hole is entered again
+// without a second rupture, and an existing cut is passed again without cutting. The measured force corrects stiffness
+// and cutting force. docs/tissue_probe.md
 //
 // Frame: that of the mesh, mm; forces N along the probe, stresses Pa. One thread at a time; nothing but the constructor
 // allocates or throws. Mesh, boundary and locator outlive it.
@@ -21,47 +21,47 @@ enum class Phase { kOutside, kIndentation, kPenetration, kWithdrawal };
 [[nodiscard]] std::string_view name_of(Phase phase);
 
 struct InsertionParameters {
-  double rupture_force_N = 0.12;  // along the probe, at which the surface breaks
-  double rupture_stress_Pa = 1e9; // von Mises, in the tissue before the tip; from 1e9 on it is not looked at
+  double rupture_force_N = 0.12;  // force along the probe at which the surface ruptures
+  double rupture_stress_Pa = 1e9; // von Mises stress under the tip; 1e9 or more: not tested
   double cutting_force_N = 0.06;
   double shaft_friction_N_per_mm = 0.0006;
 };
 
 class Insertion {
 public:
-  // Throws std::invalid_argument for a probe without a size, or forces out of range.
+  // Throws std::invalid_argument for a probe without size, or forces out of range.
   Insertion(const TetMesh &mesh, const TetBoundary &boundary, const TetLocator &locator, const ProbeShape &probe,
             const SurfaceContact::Options &contact, const InsertionParameters &parameters);
 
   // For ExplicitSolver::set_contacts.
   [[nodiscard]] std::array<Contact *, 2> contacts() noexcept { return {&surface_, &cut_}; }
 
-  // ---- where the probe is, when its way there was not seen ----
-  void reset() noexcept;        // nowhere; what was cut is whole
-  void remove_probe() noexcept; // nowhere
+  // ---- position of the probe when its path was not seen ----
+  void reset() noexcept; // no probe, no cuts
+  void remove_probe() noexcept;
   void reappear_outside() noexcept;
-  void reappear_inside(int tetrahedron) noexcept; // that the tip is in
+  void reappear_inside(int tetrahedron) noexcept; // tetrahedron: contains the tip
 
   // ---- a step of the solver ----
   void begin_step(const PlacedProbe &probe, const ExplicitSolver &solver) noexcept;
   void end_step(const ExplicitSolver &solver) noexcept;
-  // The step was taken back: a dent that would turn the tissue inside out has torn it, whatever the force.
+  // To be called when tetrahedra were inverted: the indentation counts as a rupture, at any force.
   void force_rupture() noexcept;
 
-  // A sensor's sample, positive where the tissue pushes back.
+  // A sample of the force sensor; positive: the tissue pushes back.
   void measure(double force_N, double elapsed_s) noexcept;
 
   [[nodiscard]] Phase phase() const noexcept { return phase_; }
   [[nodiscard]] bool inside() const noexcept { return phase_ == Phase::kPenetration || phase_ == Phase::kWithdrawal; }
-  // The way inside was seen from the surface on.
+  // The probe was seen from the surface to its present position.
   [[nodiscard]] bool path_known() const noexcept { return path_known_; }
-  // The tip has come out of the mesh again while the shaft is in it.
+  // The tip has left the mesh while the shaft is in it.
   [[nodiscard]] bool left_mesh() const noexcept;
-  [[nodiscard]] double depth_mm() const noexcept { return depth_mm_; } // of the shaft inside, or of the dent
+  [[nodiscard]] double depth_mm() const noexcept { return depth_mm_; } // of the shaft inside, or of the indentation
   [[nodiscard]] double tip_force_N() const noexcept { return static_cast<double>(tip_force_N_); }
   [[nodiscard]] double shaft_force_N() const noexcept { return static_cast<double>(shaft_force_N_); } // by friction
-  [[nodiscard]] int ruptures() const noexcept { return ruptures_; }                                   // so far
-  [[nodiscard]] double rupture_force_N() const noexcept { return rupture_force_N_; }                  // of the last one
+  [[nodiscard]] int ruptures() const noexcept { return ruptures_; }                                   // number so far
+  [[nodiscard]] double rupture_force_N() const noexcept { return rupture_force_N_; } // tip force at the last rupture
   [[nodiscard]] double stiffness_scale() const noexcept { return correction_.scale(); }
 
 private:
@@ -82,16 +82,16 @@ private:
   Phase phase_ = Phase::kOutside;
   bool path_known_ = true;
   PlacedProbe probe_;
-  bool searched_ = false; // for the surface near searched_for_
+  bool searched_ = false; // surface_ was searched at searched_for_
   PlacedProbe searched_for_;
-  float advance_m_ = 0.0F;                          // of the tip along the shaft in the present step, into the tissue
-  float back_m_ = 0.0F;                             // of the tip, from its farthest in the present phase
-  float alone_s_ = 0.0F;                            // since the tip touched the surface, or had tissue around it
+  float advance_m_ = 0.0F;                          // move of the tip in this step along the shaft, into the tissue
+  float back_m_ = 0.0F;                             // distance of the tip from its farthest position in this phase
+  float alone_s_ = 0.0F;                            // time since the last contact with tissue
   float tip_force_N_ = 0.0F, shaft_force_N_ = 0.0F; // smoothed
   double depth_mm_ = 0.0;
   int ruptures_ = 0;
   double rupture_force_N_ = 0.0;
-  std::vector<Eigen::Vector3f> cut_m_; // where the tip has been, at rest
+  std::vector<Eigen::Vector3f> cut_m_; // path of the tip in the tissue at rest
   std::vector<Eigen::Vector3f> entries_m_;
 };
 

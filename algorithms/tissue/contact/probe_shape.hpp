@@ -11,7 +11,7 @@ namespace bregma::tissue {
 enum class TipShape { kHemisphere, kCone };
 
 struct ProbeShape {
-  double radius_mm = 3.0; // seed 000: 6 mm
+  double radius_mm = 3.0; // [thesis, section 6.3.1]: 6 mm in diameter
   TipShape tip = TipShape::kHemisphere;
   double cone_half_angle_rad = 0.5;
 };
@@ -26,7 +26,7 @@ struct ProbeDistance {
   Eigen::Vector3f normal = Eigen::Vector3f::UnitZ(); // outward
 };
 
-// The probe in metres, as the contacts see it in one step.
+// The probe in metres during one step, for the contacts.
 struct PlacedProbe {
   Eigen::Vector3f tip_m = Eigen::Vector3f::Zero();
   Eigen::Vector3f shaft = Eigen::Vector3f::UnitZ();
@@ -36,7 +36,7 @@ struct PlacedProbe {
   TipShape tip = TipShape::kHemisphere;
   float cone_sin = 0.0F, cone_cos = 1.0F; // of the half angle
 
-  // Of the probe's material at this height above the tip.
+  // Velocity of the probe at this height above the tip.
   [[nodiscard]] Eigen::Vector3f velocity_m_s(float height_m) const noexcept {
     return tip_velocity_m_s + height_m * turning_per_s;
   }
@@ -46,7 +46,7 @@ struct PlacedProbe {
     const float height = from_tip.dot(shaft);
     const Eigen::Vector3f aside = from_tip - height * shaft;
     const float radius = aside.norm();
-    // On the axis every direction aside is as good.
+    // On the axis any perpendicular direction will do.
     const Eigen::Vector3f out = radius > 1e-9F ? Eigen::Vector3f(aside / radius) : shaft.unitOrthogonal();
     if (tip == TipShape::kHemisphere && height < radius_m) {
       const Eigen::Vector3f from_centre = from_tip - radius_m * shaft;

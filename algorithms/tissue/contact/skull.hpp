@@ -1,8 +1,8 @@
-// What the brain rests against: the inner skull, taken for the brain's own surface at rest plus a gap of fluid, open
-// where the craniotomy is. The brain slides along it without friction, or is fixed to it.
+// The inner skull that supports the brain: the brain's own surface at rest plus a gap of fluid, open at the craniotomy.
+// The brain slides along it without friction, or is fixed to it.
 //
-// Each node of the brain's surface has a plane before it that touches the skull, found anew when the node has slid by a
-// millimetre or two: a skull of flat triangles whose edges are felt would rattle, and no static answer be found.
+// Each node of the brain's surface has a tangent plane of the skull, found again when the node has slid by a millimetre
+// or two. Contact with flat triangles and their edges would rattle, and no static solution would be found.
 //
 // One thread at a time; apply() does not allocate or throw.
 #pragma once
@@ -25,8 +25,8 @@ struct Craniotomy {
 };
 
 struct SkullOptions {
-  bool sliding = true; // else fixed: the thesis' assumption
-  double gap_mm = 0.0; // that the surface can move outwards before it touches
+  bool sliding = true; // false: fixed [thesis, section 6.3.1]
+  double gap_mm = 0.0; // outward motion of the surface before it touches
   Craniotomy craniotomy;
 };
 
@@ -36,7 +36,7 @@ public:
   Skull(const TetMesh &mesh, const TetBoundary &boundary, const SkullOptions &options);
   ~Skull() override;
 
-  // Fixes the surface where it is not to slide. Call once, and again after the solver's nodes were released.
+  // Fixes the surface outside the craniotomy unless it slides. Call once, and again after nodes were released.
   void apply_supports(ExplicitSolver &solver) const;
 
   // True where the craniotomy leaves the surface free.
@@ -46,7 +46,7 @@ public:
   [[nodiscard]] const surface::SurfaceModel &surface() const noexcept { return *surface_; }
 
   void apply(const NodeMotion &nodes) noexcept override;
-  // Of the skull on the brain, in the last step.
+  // Force of the skull on the brain in the last step.
   [[nodiscard]] Eigen::Vector3d force_N() const noexcept { return force_N_.cast<double>(); }
 
 private:
@@ -54,8 +54,8 @@ private:
     int node;
     Eigen::Vector3f normal; // outward
     Eigen::Vector3f at_m;   // where the plane touches the surface, from the node at rest
-    int triangle;           // of the surface, there
-    bool open;              // it is in the craniotomy
+    int triangle;           // of the surface at that point
+    bool open;              // in the craniotomy
   };
   void find_plane(Support &support, const Eigen::Vector3d &rest_mm, const Eigen::Vector3d &now_mm) const noexcept;
 

@@ -9,8 +9,8 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr int kSurfaceSweeps = 8;  // of Gauss-Seidel in a step
-constexpr float kNear_m = 0.5e-3F; // a point that is pushed out can push a neighbour in by no more
+constexpr int kSurfaceSweeps = 8;  // Gauss-Seidel sweeps per step
+constexpr float kNear_m = 0.5e-3F; // a point that is pushed out pushes a neighbour in by no more than this
 
 } // namespace
 
@@ -56,7 +56,7 @@ void SurfaceContact::search(const ExplicitSolver &solver) noexcept {
     if (points_.size() + static_cast<std::size_t>(n * n) > points_.capacity()) {
       return;
     }
-    // The middles of n^2 equal parts.
+    // The centres of n^2 equal parts.
     const float third = 1.0F / static_cast<float>(3 * n);
     for (int a = 0; a < n; ++a) {
       for (int b = 0; a + b < n; ++b) {
@@ -74,8 +74,8 @@ void SurfaceContact::search(const ExplicitSolver &solver) noexcept {
   }
 }
 
-// Moves the point's nodes so that it is not inside the probe, or back as far as it was pushed too far out for the sake
-// of others; how deep it was (negative: how far off).
+// Moves the point's nodes so that it is not inside the probe, or back when others have pushed it too far. Returns its
+// depth (negative: its distance).
 float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point, Push &push) noexcept {
   Eigen::Vector3f p = Eigen::Vector3f::Zero();
   for (int i = 0; i < 3; ++i) {
@@ -93,7 +93,7 @@ float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point, Push
     const NodeVector &v = nodes.velocity_m_s[node];
     velocity += point.barycentric[i] * Eigen::Vector3f(v.x, v.y, v.z);
     const Eigen::Vector3f &n = distance.normal;
-    const NodeVector &free = nodes.inverse_mass_per_kg[node]; // along the normal, as far as axes are not fixed
+    const NodeVector &free = nodes.inverse_mass_per_kg[node]; // along the normal, for the axes that are not fixed
     mobility += point.barycentric[i] * point.barycentric[i] *
                 (free.x * n.x() * n.x() + free.y * n.y() * n.y() + free.z * n.z() * n.z());
   }
@@ -102,7 +102,7 @@ float SurfaceContact::push_out(const NodeMotion &nodes, const Point &point, Push
   }
   const float out = std::max(-push.out_m, depth);
   push.out_m += out;
-  // Friction takes away what has slid in this step, up to Coulomb's share of what was pressed.
+  // Friction cancels the sliding in this step, up to Coulomb's limit.
   const float height = (p - probe_.tip_m).dot(probe_.shaft);
   Eigen::Vector3f slid = (velocity - probe_.velocity_m_s(height)) * nodes.step_s;
   slid -= slid.dot(distance.normal) * distance.normal;
@@ -129,7 +129,7 @@ void SurfaceContact::apply(const NodeMotion &nodes) noexcept {
   }
   const Point *touched = nullptr;
   float deepest = 0.0F;
-  // The first sweep finds the points that are near; the others see those alone.
+  // The first sweep finds the near points; the others use only those.
   near_points_.clear();
   for (const Point &point : points_) {
     Push push;

@@ -1,5 +1,5 @@
-// The laws of material.hpp for one point, in double precision: for stresses that people read, and to check the kernel
-// by. SI, thread-safe, no allocation.
+// The laws of material.hpp for one point, in double precision: for stresses that are shown, and as a reference for the
+// kernel. SI, thread-safe, no allocation.
 #pragma once
 
 #include <Eigen/Core>
@@ -14,7 +14,7 @@ namespace bregma::tissue {
 // kappa (J - 1); for Law::kLinear, kappa times the trace of the small strain.
 [[nodiscard]] double pressure_Pa(const Material &material, const Eigen::Matrix3d &deformation_gradient);
 
-// The Cauchy stress that belongs to a second Piola-Kirchhoff stress of the shear part and a pressure.
+// The Cauchy stress from a second Piola-Kirchhoff stress of the shear part and a pressure.
 [[nodiscard]] Eigen::Matrix3d cauchy_Pa(const Material &material, const Eigen::Matrix3d &deformation_gradient,
                                         const Eigen::Matrix3d &shear_stress_Pa, double pressure_Pa);
 

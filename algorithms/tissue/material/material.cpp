@@ -50,18 +50,18 @@ std::span<const Material> named_materials() {
     constexpr double kMillerShear_Pa = 842.0;
     std::vector<Material> out(3);
     out[0].name = "thesis";
-    out[0].source =
-        "seed 000, section 6.3.1: E, nu and density; its bulk and shear moduli contradict them and are not used";
+    out[0].source = "[thesis, section 6.3.1]: E, nu and density; its bulk and shear moduli contradict them and are not "
+                    "used. Elastic: no viscous parameters are printed";
     out[1].name = "miller-chinzei";
     out[1].law = Law::kOgden;
     out[1].young_Pa = 2.0 * (1.0 + kMillerPoisson) * kMillerShear_Pa;
     out[1].poisson = kMillerPoisson;
     out[1].ogden_alpha = -4.7;
     out[1].prony = {{0.450, 0.5}, {0.365, 50.0}};
-    out[1].source = "Miller & Chinzei, J Biomech 35 (2002): brain in tension and compression";
+    out[1].source = "[Miller 2002], J Biomech 35 (2002): brain in tension and compression";
     out[2].name = "linear";
     out[2].law = Law::kLinear;
-    out[2].source = "the thesis' E, nu and density under Hooke's law, for comparison";
+    out[2].source = "E, nu and density of [thesis, section 6.3.1] with Hooke's law, for comparison";
     return out;
   }();
   return materials;

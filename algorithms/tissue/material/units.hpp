@@ -1,4 +1,4 @@
-// The border between mm, as everywhere in Bregma, and SI, in which the tissue solver works.
+// Conversion between mm, as everywhere in Bregma, and SI, in which the tissue solver works.
 #pragma once
 
 #include <Eigen/Core>

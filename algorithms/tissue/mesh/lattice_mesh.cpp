@@ -20,12 +20,12 @@ namespace {
 using Eigen::Vector3d;
 using surface::SurfaceModel;
 
-// A cube of the lattice, a^3, holds as many.
+// Number of tetrahedra per cube of the lattice, a^3.
 constexpr double kTetrahedraPerCube = 12.0;
-// Of a search for a number of tetrahedra: how near is near enough, and after how many lattices the best is taken.
+// Search for a number of tetrahedra: tolerance, and number of lattices after which the best is taken.
 constexpr double kCountTolerance = 0.02;
 constexpr int kSearchSteps = 5;
-// A long, thin or hollow surface may need few tetrahedra in a large box.
+// A long, thin or hollow surface may contain few tetrahedra in a large box.
 constexpr double kMaxLatticePoints = 2e7;
 
 std::string text(const char *format, double value) {
@@ -56,8 +56,8 @@ void check_size(const SurfaceModel &surface, double volume_mm3, double edge_mm) 
   }
 }
 
-// Where a cleft or a bridge is as thin as the lattice, it may depend on the lattice's place whether two parts touch at
-// a single node. Then another place is tried.
+// Where a cleft or a bridge is as thin as the lattice, two parts may touch at a single node, depending on the lattice's
+// position. Then another position is tried.
 TetMesh stuff_soundly(const SurfaceModel &surface, double edge_mm) {
   std::string problem;
   for (const double shift : {0.0, 0.25, 0.5, 0.125, 0.375}) {
@@ -73,7 +73,7 @@ TetMesh stuff_soundly(const SurfaceModel &surface, double edge_mm) {
                               text("%.1f mm", size.z()) + ": " + problem);
 }
 
-// The number of tetrahedra goes with the inverse cube of the edge, but for the boundary's.
+// The number of tetrahedra is proportional to the inverse cube of the edge, except at the boundary.
 std::pair<TetMesh, double> search(const SurfaceModel &surface, double volume_mm3, int wanted) {
   std::pair<TetMesh, double> best;
   double best_error = 2.0;

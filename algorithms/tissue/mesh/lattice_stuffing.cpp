@@ -18,27 +18,27 @@ using surface::SurfaceModel;
 using surface::SurfacePoint;
 
 // Lattice points have three coordinates of one parity, in halves of the long edge: even are the cubes' corners, odd
-// their centres. The first three ways lead to the neighbours of the same parity, the others to those of the other.
+// their centres. The first three directions lead to neighbours of the same parity, the others to those of the other.
 constexpr int kWays = 7;
 constexpr int kLongWays = 3;
 constexpr int kWay[kWays][3] = {{2, 0, 0}, {0, 2, 0}, {0, 0, 2}, {1, 1, 1}, {-1, 1, 1}, {1, -1, 1}, {-1, -1, 1}};
-constexpr double kShortEdge = 0.8660254037844386; // of the long one
-// The bisection of a cut ends at this share of the long edge; a lattice point as near to the surface lies on it.
+constexpr double kShortEdge = 0.8660254037844386; // relative to the long edge
+// The search of a cut ends at this fraction of the long edge; a lattice point this near to the surface lies on it.
 constexpr double kOnSurface = 1e-4;
 
-// A cut nearer to a lattice point than this share of its edge is not made: the point moves onto the surface instead.
+// A cut nearer to a lattice point than this fraction of its edge is not made: the point moves onto the surface instead.
 struct SnapShares {
   double along_long;
   double along_short;
 };
-// The paper's, with which dihedral angles lie between 10.7 and 164.8 degrees on a smooth surface.
+// Those of [Labelle 2007], with dihedral angles between 10.7 and 164.8 degrees on a smooth surface.
 constexpr SnapShares kPaperSnap = {0.24999, 0.41189};
 constexpr SnapShares kFarSnap = {0.5, 0.5};
-// The least stable length that a far move may leave, as a share of the long edge; the lattice's own have 0.35.
+// Minimum stable length after a far move, as a fraction of the long edge; the lattice's own tetrahedra have 0.35.
 constexpr double kMinStableLength = 0.07;
 
 struct Cut {
-  double from_low = 0.5; // share of the edge, from the end from which the way leads
+  double from_low = 0.5; // fraction of the edge, from the end where its direction starts
   Vector3d point_mm;
 };
 
@@ -89,7 +89,7 @@ private:
                              static_cast<std::size_t>(count_.z());
     side_.assign(size, Side::kOutside);
     point_mm_.resize(size);
-    // Along a row the distance changes by no more than the way: far from the surface, most points need no question.
+    // Along a row the distance changes by no more than the step: far from the surface most points need no query.
     double known = 0.0;
     Vector3d asked = Vector3d::Constant(1e9);
     int triangle = 0;
@@ -126,7 +126,7 @@ private:
     return side_[p] != Side::kOn && side_[q] != Side::kOn && side_[p] != side_[q];
   }
 
-  // Regula falsi in the Illinois form (Dowell & Jarratt 1971), on the signed distance along the edge.
+  // Regula falsi in the Illinois form [Dowell 1971], on the signed distance along the edge.
   [[nodiscard]] Cut root(std::size_t p, std::size_t q) const {
     const auto at = [&](double t) -> Vector3d { return (1.0 - t) * point_mm_[p] + t * point_mm_[q]; };
     SurfacePoint closest = surface_.closest(point_mm_[p]);
@@ -155,7 +155,7 @@ private:
     return {t, at(t)};
   }
 
-  // The cut between a point and its neighbour along a way, or against it.
+  // The cut between a point and its neighbour along a direction, or against it.
   [[nodiscard]] const Cut *cut_between(std::size_t low, std::size_t high, int way) const {
     if (!crosses(low, high)) {
       return nullptr;
@@ -163,7 +163,7 @@ private:
     return &cuts_[static_cast<std::size_t>(cut_of_edge_.at(low * kWays + static_cast<std::size_t>(way)))];
   }
 
-  // The nearest cut on the point's edges that is nearer than the shares say; null where there is none.
+  // The nearest cut on the point's edges that lies within the snap fractions; null where there is none.
   [[nodiscard]] const Vector3d *near_cut(const Vector3i &p, const SnapShares &snap) const {
     const Vector3d *nearest = nullptr;
     double shortest = 2.0;
@@ -188,7 +188,7 @@ private:
     return nearest;
   }
 
-  // First as the paper does, which keeps every tetrahedron sound whatever the surface. Then farther ones, where none of
+  // First as in [Labelle 2007], which keeps every tetrahedron valid for any surface. Then farther ones, where none of
   // the tetrahedra about the point gets thin: a point on the surface leaves better tetrahedra than a cut beside it.
   void warp() {
     each_point([&](const Vector3i &p) {
@@ -209,7 +209,7 @@ private:
     });
   }
 
-  // The four tetrahedra about the long edge from p along an axis, positive. Each tetrahedron holds one long edge
+  // The four tetrahedra around the long edge from p along an axis, positive. Each tetrahedron has one long edge
   // between centres and one between corners; `along` is 2 or -2.
   [[nodiscard]] std::array<std::array<Vector3i, 4>, 4> about_edge(const Vector3i &p, int axis, int along) const {
     Vector3i to = Vector3i::Zero();
@@ -258,7 +258,7 @@ private:
     });
   }
 
-  // The part of one tetrahedron that lies inside.
+  // The part of one tetrahedron that is inside.
   void clip(std::array<Vector3i, 4> t) {
     const auto side = [&](int i) { return static_cast<int>(side_[index(t[static_cast<std::size_t>(i)])]); };
     if (side(0) < 0 && side(1) < 0 && side(2) < 0 && side(3) < 0) {
@@ -311,8 +311,8 @@ private:
     } else if (inside == 2) {
       const bool first = lower(0, 1, 2);
       const bool second = lower(0, 1, 3);
-      // Where the two faces' diagonals end at one inner node, the one on the surface is free: the shorter. Else it
-      // joins the cuts at which they end, as any other choice cannot be filled.
+      // Where the two faces' diagonals end at one inner node, the diagonal on the surface is free: the shorter is used.
+      // Otherwise it joins the cuts at which they end, since any other choice cannot be filled.
       const bool third = first == second ? (point(c(0, 2)) - point(c(1, 3))).squaredNorm() <
                                                (point(c(0, 3)) - point(c(1, 2))).squaredNorm()
                                          : second;

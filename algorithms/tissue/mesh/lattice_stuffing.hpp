@@ -1,7 +1,6 @@
-// Isosurface stuffing: tetrahedra of a body-centred cubic lattice, cut to fit inside a closed surface.
-// Labelle & Shewchuk, "Isosurface Stuffing: Fast Tetrahedral Meshes with Good Dihedral Angles", SIGGRAPH 2007, with
-// uniform tetrahedra. Private to this library: where the surface is finer than the lattice, what comes out may be in
-// pieces or touch itself, see mesh_topology.hpp.
+// Isosurface stuffing [Labelle 2007]: uniform tetrahedra of a body-centred cubic lattice, cut to fit inside a closed
+// surface. Private to this library: where the surface is finer than the lattice, the result may be in pieces or touch
+// itself, see mesh_topology.hpp.
 #pragma once
 
 #include "algorithms/surface/surface_model.hpp"

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Normals of the faces opposite the corners, twice their area long, outward; and six volumes.
+// Outward normals of the faces opposite the corners, of twice their area; and six times the volume.
 struct Faces {
   std::array<Vector3d, 4> normal;
   double six_volumes = 0.0;

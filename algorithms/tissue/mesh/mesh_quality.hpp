@@ -23,10 +23,9 @@ namespace bregma::tissue {
 //   dt = L / c,   c = sqrt((K + 4/3 mu) / rho)   L = 1 / sqrt(sum 1 / h^2), the mesh's smallest
 //
 // by the bound on the largest frequency of a constant-strain element, w^2 <= n / rho (lambda + 2 mu) sum |grad N|^2
-// with n = 4 nodes and |grad N| = 1 / h, and dt = 2 / w (Flanagan & Belytschko, Int J Numer Methods Eng 20, 1984). The
-// rule of thumb, smallest altitude / c, is up to twice that and not on the safe side: a regular tetrahedron reaches the
-// bound. Undeformed tissue, undamped, at its instantaneous moduli. Throws std::invalid_argument as check(material)
-// does.
+// with n = 4 nodes and |grad N| = 1 / h, and dt = 2 / w [Flanagan 1984]. The rule of
+// thumb, minimum altitude / c, is up to twice that and not safe: a regular tetrahedron reaches the bound. Undeformed
+// tissue, undamped, at its instantaneous moduli. Throws std::invalid_argument as check(material) does.
 [[nodiscard]] double stable_step_s(double stable_length_mm, const Material &material);
 
 // Of each tetrahedron 3 inradius / circumradius: 1 for a regular one, 0 for a flat one. The lattice's own have 0.95.

@@ -45,7 +45,7 @@ public:
   }
 
   void refine(const RefinementRegion &place) {
-    for (std::size_t t = 0; t < mesh_.tetrahedra.size(); ++t) { // grows while it is gone through
+    for (std::size_t t = 0; t < mesh_.tetrahedra.size(); ++t) { // grows during the loop
       while (reaches(mesh_.tetrahedra[t], place) && length_of(longest_edge(t)) > place.edge_mm) {
         bisect(longest_edge(t));
       }
@@ -63,7 +63,7 @@ private:
     return std::any_of(t.begin(), t.end(), [&](int i) { return (node(i) - place.centre_mm).norm() < place.radius_mm; });
   }
 
-  // In an order without ties, so that of two tetrahedra with the same edges each gives way to the same one.
+  // A strict order, so that two tetrahedra with the same edges select the same one.
   [[nodiscard]] bool longer(const Edge &a, const Edge &b) const {
     const double length_a = length_of(a);
     const double length_b = length_of(b);
@@ -80,7 +80,7 @@ private:
     return longest;
   }
 
-  // The edges that are waiting grow longer from one to the next, so there is an end to them.
+  // Each waiting edge is longer than the one before, so the loop ends.
   void bisect(const Edge &wanted) {
     std::vector<Edge> waiting{wanted};
     while (!waiting.empty()) {
@@ -117,7 +117,7 @@ private:
       for (const auto &[a, b] : kEdges) {
         const Edge of_second = edge_of(second[a], second[b]);
         const Edge of_whole = edge_of(whole[a], whole[b]);
-        // What is left of the whole's edges with the second half, and is not the first's, changes its tetrahedron.
+        // Edges that belong to the second half only now refer to that tetrahedron.
         if (of_whole != edge && (of_whole.first == edge.second || of_whole.second == edge.second)) {
           std::vector<int> &list = around_.at(of_whole);
           std::replace(list.begin(), list.end(), t, other);

@@ -16,10 +16,10 @@ using Eigen::Vector3d;
 using surface::SurfaceModel;
 using surface::SurfacePoint;
 
-// Tetrahedra with such a stable length, as a share of the lattice's long edge, are left as they are. The lattice's own
-// have 0.354; asking for more than this moves many nodes for little.
+// Tetrahedra with at least this stable length, as a fraction of the lattice's long edge, are left unchanged. The
+// lattice's own have 0.354; a higher value moves many nodes for little gain.
 constexpr double kEnough = 0.28;
-// Steps of the search, as shares of the edge, and the least gain that is worth a move.
+// Steps of the search as fractions of the edge, and the minimum gain for a move.
 constexpr std::array<double, 4> kSteps = {0.16, 0.08, 0.04, 0.02};
 constexpr double kMinGain = 1e-3;
 constexpr int kTriesAtOneStep = 4;
@@ -94,8 +94,8 @@ private:
     return stable_length_mm(node(0), node(1), node(2), node(3));
   }
 
-  // The smallest stable length of the node's tetrahedra, or something not above `floor` as soon as that is certain.
-  // The one that decided stands first the next time, as it is likely to decide again.
+  // The minimum stable length of the node's tetrahedra, or any value not above `floor` as soon as that is certain. The
+  // tetrahedron that decided is tested first the next time, since it is likely to decide again.
   [[nodiscard]] double worst(std::size_t node, double floor) {
     double least = std::numeric_limits<double>::infinity();
     std::size_t decisive = first_[node];
@@ -124,7 +124,7 @@ private:
     return moved;
   }
 
-  // The best of the places one step away, if it is better than where the node is.
+  // The best position one step away, if it is better than the present one.
   bool try_step(std::size_t node, double step_mm, double min_gain, double &best) {
     Vector3d &place = mesh_.nodes_mm[node];
     const Vector3d start = place;
@@ -151,9 +151,9 @@ private:
   const SurfaceModel &surface_;
   double edge_mm_;
   std::vector<bool> on_surface_;
-  std::vector<bool> settled_;      // found no better place, and no neighbour has moved since
-  std::vector<int> triangle_;      // of the surface, near each node of the boundary
-  std::vector<std::size_t> first_; // of a node in incident_
+  std::vector<bool> settled_;      // no better position was found, and no neighbour has moved since
+  std::vector<int> triangle_;      // triangle of the surface near each boundary node
+  std::vector<std::size_t> first_; // first entry of each node in incident_
   std::vector<const Eigen::Vector4i *> incident_;
 };
 

@@ -1,5 +1,6 @@
-// Moves the nodes of a mesh so that its worst tetrahedra allow a longer time step. One flat tetrahedron at the surface
-// costs an explicit solver all the others' time (stable_step_s in mesh_quality.hpp). Private to this library.
+// Moves the nodes of a mesh so that its worst tetrahedra allow a longer time step. A single flat tetrahedron at the
+// surface shortens the step of an explicit solver for all others (stable_step_s in mesh_quality.hpp). Private to this
+// library.
 #pragma once
 
 #include "algorithms/surface/surface_model.hpp"
@@ -7,8 +8,8 @@
 
 namespace bregma::tissue {
 
-// Every node of a bad tetrahedron looks for the place where the smallest stable length about it is largest
-// (optimisation-based smoothing after Freitag & Ollivier-Gooch 1997, by a compass search, as the objective has kinks).
+// Every node of a bad tetrahedron moves to the place where the minimum stable length around it is largest
+// (optimisation-based smoothing [Freitag 1997], by a compass search, since the objective has kinks).
 // Nodes of the mesh's boundary move on the surface. A node only moves where the smallest stable length of its
 // tetrahedra grows, so that of the mesh never falls, and none turns inside out. edge_mm: the long edge of the lattice
 // that the mesh was made of. Ends after `sweeps` over all nodes, or when none has moved. Deterministic; all tetrahedra

@@ -8,7 +8,7 @@
 namespace bregma::tissue {
 namespace {
 
-// Sets that merge, by halving paths.
+// Disjoint sets, with path halving.
 class Sets {
 public:
   explicit Sets(std::size_t size) : count_(size) {
@@ -40,7 +40,7 @@ private:
   std::size_t count_;
 };
 
-// Calls join(item, other item) for the items with equal keys, which stand side by side once they are sorted.
+// Calls join(item, other item) for items with equal keys, which are adjacent after sorting.
 template <class Key, class Join> void join_equal(std::vector<std::pair<Key, std::size_t>> &items, Join &&join) {
   std::sort(items.begin(), items.end());
   for (std::size_t i = 1; i < items.size(); ++i) {

@@ -1,4 +1,4 @@
-// Whether tetrahedra hang together as a solver and a contact search need them to. Private to this library.
+// Checks that tetrahedra are connected as solver and contact search require. Private to this library.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 namespace bregma::tissue {
 
 // Empty where the mesh is one piece, joined by faces, whose boundary is a closed 2-manifold: two triangles at every
-// edge and one fan of them at every node. Else the end of a sentence: "it falls into 3 pieces".
+// edge and one fan of them at every node. Otherwise the end of a sentence: "it falls into 3 pieces".
 [[nodiscard]] std::string topology_problem(const TetMesh &mesh);
 
 } // namespace bregma::tissue

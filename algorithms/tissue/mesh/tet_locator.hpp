@@ -1,8 +1,8 @@
-// Which tetrahedron a point lies in, at rest or deformed, and where in it: so that a point of the tissue can be
-// followed.
+// Finds the tetrahedron that contains a point, at rest or deformed, and the point's barycentric coordinates, so that a
+// point of the tissue can be followed.
 //
-// Walks from a guess through the faces that the point lies beyond; where the walk leaves the mesh (a concave surface),
-// all tetrahedra are asked. Const and thread-safe after construction; queries do not allocate or throw.
+// It walks from a guess through the faces that the point lies beyond. Where the walk leaves the mesh (a concave
+// surface), all tetrahedra are searched. Const and thread-safe after construction; queries do not allocate or throw.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@ namespace bregma::tissue {
 
 struct MaterialPoint {
   int tetrahedron = -1;                                  // -1: outside the mesh
-  Eigen::Vector4d barycentric = Eigen::Vector4d::Zero(); // of its nodes; they sum to one
+  Eigen::Vector4d barycentric = Eigen::Vector4d::Zero(); // weights of its nodes; they sum to one
 
   [[nodiscard]] bool inside() const noexcept { return tetrahedron >= 0; }
 };
@@ -42,7 +42,7 @@ public:
     return {};
   }
 
-  // The same from anywhere, in mm.
+  // The same without a guess, in mm.
   template <class Position>
   [[nodiscard]] MaterialPoint locate(const Eigen::Vector3d &p_mm, const Position &position_mm) const noexcept {
     const MaterialPoint found = walk(p_mm, 0, position_mm);
@@ -54,7 +54,7 @@ public:
     return locate(p_mm, [this](int node) { return mesh_->nodes_mm[static_cast<std::size_t>(node)]; });
   }
 
-  // Of p in the tetrahedron t; all in 0..1 inside.
+  // Barycentric coordinates of p in the tetrahedron t; all in 0..1 inside.
   template <class Position>
   [[nodiscard]] Eigen::Vector4d barycentric_of(int t, const Eigen::Vector3d &p,
                                                const Position &position) const noexcept {

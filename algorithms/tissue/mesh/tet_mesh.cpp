@@ -10,7 +10,7 @@
 namespace bregma::tissue {
 namespace {
 
-// Opposite each node, counter-clockwise seen from outside.
+// The face opposite each node, counter-clockwise seen from outside.
 constexpr int kFaces[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
 double six_volumes(const TetMesh &mesh, const Eigen::Vector4i &t) {
@@ -118,7 +118,7 @@ TetMesh block_mesh(const Eigen::Vector3i &cells, const Eigen::Vector3d &size_mm)
     }
   }
   const auto at = [&](const Eigen::Vector3i &p) { return p.x() + count.x() * (p.y() + count.y() * p.z()); };
-  // Six ways from corner 000 to corner 111; odd permutations of the axes are turned to positive volume.
+  // Six paths from corner 000 to corner 111; odd permutations of the axes are reordered for positive volume.
   constexpr int kOrders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
   for (int z = 0; z < cells.z(); ++z) {
     for (int y = 0; y < cells.y(); ++y) {

@@ -47,7 +47,7 @@ BREGMA_INLINE void relax(const ElementWork &work, RelaxedPack *relaxed, int lane
 }
 
 // First Piola-Kirchhoff stress and energy per volume without that of the pressure; 1 for each lane whose tetrahedron is
-// nearly flat or has turned over.
+// nearly flat or inverted.
 template <class V, Law kLaw>
 BREGMA_INLINE void stress(const ElementWork &work, RelaxedPack *relaxed, int lane, Element<V> &e,
                           typename V::Float (&p)[3][3], typename V::Float &energy, typename V::Float &inverted) {
@@ -113,7 +113,7 @@ BREGMA_INLINE void stress(const ElementWork &work, RelaxedPack *relaxed, int lan
 template <class V, class Float = typename V::Float>
 BREGMA_INLINE void push_nodes(const ElementWork &work, const ElementPack &pack, int lane, const Float (&b)[3][3],
                               const Float (&p)[3][3], const Float &volume) {
-  Float base[3] = {Float{}, Float{}, Float{}}; // node 0 bears what the others do not
+  Float base[3] = {Float{}, Float{}, Float{}}; // the forces of a tetrahedron sum to zero
   for (int i = 0; i < 3; ++i) {
     Float force[3];
     for (int r = 0; r < 3; ++r) {
@@ -170,7 +170,7 @@ template <class V> BREGMA_INLINE void add_volumes_of(const ElementWork &work, La
   if (law == Law::kLinear) {
     add_volumes<V, Law::kLinear>(work);
   } else {
-    add_volumes<V, Law::kNeoHookean>(work); // the same for all but Hooke's
+    add_volumes<V, Law::kNeoHookean>(work); // the same for all laws but Hooke's
   }
 }
 

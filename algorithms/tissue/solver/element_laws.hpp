@@ -1,4 +1,4 @@
-// What one tetrahedron of each lane does: its deformation, and the laws of its shear part. Of element_kernel.cpp alone.
+// One tetrahedron per lane: its deformation, and the laws of its shear part. Private to element_kernel.cpp.
 #pragma once
 
 #include "algorithms/tissue/solver/lanes.hpp"
@@ -9,7 +9,7 @@ namespace bregma::tissue {
 
 template <class V> struct Element {
   typename V::Float h[3][3];  // displacement gradient: h[r][c] = d u_r / d X_c
-  typename V::Float b[3][3];  // of nodes 1 to 3
+  typename V::Float b[3][3];  // gradients of the shape functions of nodes 1 to 3
   typename V::Float pressure; // mean of the nodes'
 };
 
@@ -52,7 +52,7 @@ template <class Float> BREGMA_INLINE void cofactors(const Float (&m)[3][3], Floa
   }
 }
 
-// J - 1, for Hooke's law the trace of the strain: no difference of numbers near one.
+// J - 1, for Hooke's law the trace of the strain, without subtracting numbers near one.
 template <class V, Law kLaw>
 BREGMA_INLINE void volume_change(const typename V::Float (&h)[3][3], typename V::Float &change) {
   change = h[0][0] + h[1][1] + h[2][2];
@@ -75,7 +75,7 @@ template <class V> struct Deformation {
   typename V::Float volume; // J, no smaller than kInvertedVolume
 };
 
-// 2 E = C - 1 = H + H^T + H^T H: no difference of numbers near one.
+// 2 E = C - 1 = H + H^T + H^T H, which subtracts no numbers near one.
 template <class Float> BREGMA_INLINE void twice_strain(const Float (&h)[3][3], Symmetric<Float> &e) {
   e.xx = 2.0F * h[0][0] + (h[0][0] * h[0][0] + h[1][0] * h[1][0] + h[2][0] * h[2][0]);
   e.yy = 2.0F * h[1][1] + (h[0][1] * h[0][1] + h[1][1] * h[1][1] + h[2][1] * h[2][1]);
@@ -108,7 +108,7 @@ BREGMA_INLINE void neo_hookean(const Element<V> &element, const Deformation<V> &
   m.xy *= a;
 }
 
-// One rotation of Jacobi's: makes the element (p, q) zero and turns the columns of v. r is the third axis.
+// One Jacobi rotation: makes the element (p, q) zero and rotates the columns of v. r is the third axis.
 template <class V, class Float = typename V::Float>
 BREGMA_INLINE void jacobi_rotation(Float &mpp, Float &mqq, Float &mpq, Float &mrp, Float &mrq, Float (&v)[3][3], int p,
                                    int q) {
@@ -136,8 +136,8 @@ BREGMA_INLINE void jacobi_rotation(Float &mpp, Float &mqq, Float &mpq, Float &mr
   }
 }
 
-// M = sum_i beta_i N_i N_i with beta_i = 2 mu / alpha (lbar_i^alpha - mean of lbar^alpha), all of it by 2 E and
-// logarithms, so that small strains keep their digits.
+// M = sum_i beta_i N_i N_i with beta_i = 2 mu / alpha (lbar_i^alpha - mean of lbar^alpha), computed from 2 E and
+// logarithms, so that small strains keep their precision.
 template <class V>
 BREGMA_INLINE void ogden(const Element<V> &element, float shear, float alpha, Symmetric<typename V::Float> &m,
                          typename V::Float &energy) {
@@ -177,7 +177,7 @@ BREGMA_INLINE void ogden(const Element<V> &element, float shear, float alpha, Sy
   }
 }
 
-// Hooke's: 2 mu dev(small strain).
+// Hooke's law: 2 mu dev(small strain).
 template <class V>
 BREGMA_INLINE void linear(const Element<V> &element, float shear, Symmetric<typename V::Float> &s,
                           typename V::Float &energy) {
@@ -228,9 +228,9 @@ template <class V> BREGMA_INLINE void pull_back(const Deformation<V> &d, Symmetr
        xy * m.xz + yy * m.yz + yz * m.zz, xx * m.xz + xy * m.yz + xz * m.zz, xx * m.xy + xy * m.yy + xz * m.yz};
 }
 
-// Tetrahedra that are nearly flat or have turned over, whatever their law: the neo-Hookean energy
-// mu / 2 (g(J) tr C - 3) + pressure, where g goes on along the tangent of J^(-2/3) below J0 = kInvertedVolume. It falls
-// all the way from any inverted shape to an upright one; a law of C alone takes a mirrored tetrahedron for one at rest.
+// Tetrahedra that are nearly flat or inverted, for every law: the neo-Hookean energy mu / 2 (g(J) tr C - 3) + pressure,
+// where g continues along the tangent of J^(-2/3) below J0 = kInvertedVolume. This energy decreases from any inverted
+// shape to an upright one. A law of C alone would take a mirrored tetrahedron for one at rest.
 template <class V>
 BREGMA_INLINE void straighten(const Element<V> &e, const Deformation<V> &d, const typename V::Float &j,
                               const typename V::Int &inverted, float shear, typename V::Float (&p)[3][3],

@@ -11,20 +11,20 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr std::uint64_t kLookInterval = 50; // steps between two looks at the critical step
-// Of a node in one step, in edge lengths: what is pushed by a contact may want to spring back far, for the contact to
-// stop it.
+constexpr std::uint64_t kLookInterval = 50; // steps between two checks of the critical step
+// Maximum move of a node in one step, in edge lengths. It is large because tissue pushed by a contact may spring back
+// far before the contact stops it.
 constexpr float kMaxMove = 0.5F;
 
-// To a length, or to nothing where the forces were not finite.
+// Clamps to a length, or to zero where the forces were not finite.
 void clamp_length(NodeVector &v, float length) {
   const float scale = length / std::sqrt(dot(v, v));
   v = std::isfinite(scale) && scale > 0.0F ? NodeVector{v.x * scale, v.y * scale, v.z * scale} : NodeVector{};
 }
 
-// sum += by; what that rounds off is kept in the remainder and comes with the next summand (Kahan; Knuth's exact
-// error). The last steps to an equilibrium are smaller than the last digit of a displacement, and there are thousands
-// of them.
+// sum += by; the rounding error is kept in the remainder and added to the next summand (Kahan's summation with Knuth's
+// exact error). The last steps to an equilibrium are smaller than the last digit of a displacement, and there are
+// thousands of them.
 void add(float &sum, float &remainder, float by) {
   by += remainder;
   const float before = sum;
@@ -85,7 +85,7 @@ void ExplicitSolver::set_contacts(std::vector<Contact *> contacts) { contacts_ =
 
 // ---- one step ----
 
-// Leaves every thread's part of the elastic forces in its share, and the pressure in the nodes. On all threads.
+// Computes every thread's part of the elastic forces, and the nodal pressure. Runs on all threads.
 void ExplicitSolver::evaluate(int thread, std::vector<NodeVector> &nodes, bool viscous, float shear_Pa) noexcept {
   ThreadPart &own = parts_[static_cast<std::size_t>(thread)];
   ElementWork work;
@@ -133,7 +133,7 @@ NodeVector ExplicitSolver::total_force(std::size_t node) const noexcept {
   return sum;
 }
 
-// Central differences for the share's nodes: v <- keep v + pull f / m, u <- u + dt v.
+// Central differences for this thread's nodes: v <- keep v + pull f / m, u <- u + dt v.
 void ExplicitSolver::predict(int thread, const std::vector<NodeVector> &inverse_mass, const Integration &how) noexcept {
   ThreadPart &own = parts_[static_cast<std::size_t>(thread)];
   own.clamped = 0;
@@ -272,7 +272,7 @@ int ExplicitSolver::inverted_elements() const noexcept {
 }
 
 bool ExplicitSolver::finite() const noexcept {
-  // A sum is not finite if one of its terms is not.
+  // A sum is not finite if any of its terms is not.
   float sum = 0.0F;
   for (std::size_t i = 0; i < displacement_.size(); ++i) {
     const NodeVector &u = displacement_[i];

@@ -1,9 +1,8 @@
 // Tissue in motion: total-Lagrangian explicit dynamics on tetrahedra, and dynamic relaxation to the static answer.
 //
-// Miller, Joldes, Lance & Wittek, Commun Numer Methods Eng 23 (2007) 121 (the formulation); element_kernel.hpp (the
-// elements). Central differences, lumped masses. The step is a fraction of 2 / omega_max, with omega_max by
-// iteration on the present stiffness, looked at again while the tissue deforms: a step that has become too long is
-// shortened before it can do harm.
+// Formulation: [Miller 2007]; elements: element_kernel.hpp. Central differences, lumped masses. The step is a fraction
+// of 2 / omega_max. omega_max comes from an iteration on the present stiffness and is checked again while the tissue
+// deforms: a step that has become too long is shortened before it becomes unstable.
 //
 // Lengths mm, forces N, stresses Pa, time s; inside, SI in floats. One thread at a time calls; the solver has its own
 // team. advance() and relax() neither allocate nor throw.
@@ -26,17 +25,17 @@ class Team;
 
 struct SolverOptions {
   int threads = 1;
-  double step_fraction = 0.85; // of the critical step; the rest is for what a contact stiffens between two looks
-  double minimum_step_s = 0.0; // elements that need a shorter step are made heavier (mass scaling); 0: none
+  double step_fraction = 0.85; // of the critical step; the margin allows for contacts that stiffen between two checks
+  double minimum_step_s = 0.0; // elements that need a shorter step get additional mass (mass scaling); 0: none
   double damping_per_s = 0.0;  // of the velocity, everywhere (mass-proportional)
-  // Of the pressure, what each tetrahedron's own volume makes instead of its nodes'. 1: the plain constant-strain
-  // tetrahedron of other programs, which locks; for comparison with them.
+  // Fraction of the pressure that comes from each tetrahedron's own volume. 0: nodal averaging. 1: the plain
+  // constant-strain tetrahedron of other programs, which locks; for comparison with them.
   double element_pressure_fraction = 0.0;
   const ElementKernel *kernel = nullptr; // null: the fastest that this processor has
 };
 
-// What the contacts see of the nodes between the prediction of a step and its end: they move nodes out of where these
-// must not be. A move changes the velocity with it and is what the contact's force did: m move / dt^2.
+// The nodes between the prediction of a step and its end, for the contacts, which move nodes out of forbidden regions.
+// A move also changes the velocity. It corresponds to the contact force m move / dt^2.
 struct NodeMotion {
   std::span<NodeVector> displacement_m;
   std::span<NodeVector> velocity_m_s;
@@ -74,21 +73,20 @@ public:
 
 struct Energies {
   double kinetic_J = 0.0;
-  double elastic_J = 0.0; // as if nothing had relaxed
+  double elastic_J = 0.0; // without relaxation
 };
 
 struct RelaxationOptions {
-  double tolerance = 1e-4; // of the forces not balanced, against those that act; of the way left, against that gone
+  double tolerance = 1e-4; // unbalanced over total forces, and remaining over total displacement
   int max_steps = 20000;
-  // With the shear modulus after all relaxation; if not, as if nothing had relaxed. The answer is where advance() goes
-  // on.
+  // true: the shear modulus after all relaxation; false: without relaxation. advance() continues from the result.
   bool relaxed = false;
 };
 
 struct RelaxationResult {
-  bool converged = false; // never with tetrahedra that are turned over
+  bool converged = false; // never with inverted tetrahedra
   int steps = 0;
-  double residual = 0.0; // in the terms of the tolerance
+  double residual = 0.0; // compared with the tolerance
 };
 
 enum Axes : unsigned { kAxisX = 1, kAxisY = 2, kAxisZ = 4, kAllAxes = 7 };
@@ -110,8 +108,8 @@ public:
   [[nodiscard]] double added_mass_fraction() const noexcept { return added_mass_fraction_; } // by mass scaling
   [[nodiscard]] double mass_kg(int node) const noexcept;
 
-  // ---- what acts, until it is changed ----
-  // A fixed axis keeps its displacement, which set_displacement changes.
+  // ---- loads and supports, valid until changed ----
+  // A fixed axis keeps its displacement, which set_displacement_mm changes.
   void fix(int node, unsigned axes = kAllAxes) noexcept;
   void release(int node) noexcept;
   void set_displacement_mm(int node, const Eigen::Vector3d &displacement_mm) noexcept;
@@ -126,18 +124,19 @@ public:
   void stop_motion() noexcept; // velocities to zero
   void reset() noexcept;       // to rest: displacement, velocity, relaxation
 
-  // Keeps the present state, and goes back to it, without motion. At first: rest.
+  // Saves the present state; restores it without motion. Initially: rest.
   void save() noexcept;
   void restore() noexcept;
 
-  // ---- what came of it ----
+  // ---- results ----
   [[nodiscard]] Eigen::Vector3d displacement_mm(int node) const noexcept;
   [[nodiscard]] Eigen::Vector3d velocity_mm_s(int node) const noexcept;
-  [[nodiscard]] Eigen::Vector3d elastic_force_N(int node) const noexcept; // of the tissue on the node, last step
-  [[nodiscard]] Energies energies() const noexcept;                       // of the last step
-  [[nodiscard]] int inverted_elements() const noexcept;                   // in the last step
-  // Nodes that would have moved by a large part of an edge in the last step and were held: a sign of something
-  // impossible that was asked for. The solver comes back from it, but what it says meanwhile is not an answer.
+  [[nodiscard]] Eigen::Vector3d
+  elastic_force_N(int node) const noexcept;             // force of the tissue on the node in the last step
+  [[nodiscard]] Energies energies() const noexcept;     // in the last step
+  [[nodiscard]] int inverted_elements() const noexcept; // in the last step
+  // Nodes whose move in the last step was clamped because it exceeded a large part of an edge: a sign of an impossible
+  // load. The solver recovers from it, but its results are not valid meanwhile.
   [[nodiscard]] int clamped_nodes() const noexcept;
   [[nodiscard]] bool finite() const noexcept; // all displacements and velocities
   // Cauchy stress of a tetrahedron, relaxation and nodal pressure included.
@@ -149,7 +148,7 @@ private:
   struct Range {
     std::size_t begin = 0, end = 0;
   };
-  struct ThreadPart { // of one thread
+  struct ThreadPart { // work and results of one thread
     Range packs, nodes;
     std::vector<float> volume_change;
     std::vector<NodeVector> force;
@@ -159,12 +158,12 @@ private:
   };
   struct Integration {
     float step = 0.0F;
-    float keep = 1.0F; // of the velocity
-    float pull = 0.0F; // by what f / m changes it
+    float keep = 1.0F; // factor on the velocity
+    float pull = 0.0F; // factor on f / m
     float max_move = 0.0F;
   };
 
-  struct Slot { // of a tetrahedron
+  struct Slot { // position of a tetrahedron
     std::size_t pack, lane;
   };
   [[nodiscard]] Slot slot_of(std::size_t element) const noexcept;
@@ -208,10 +207,10 @@ private:
   std::vector<NodeVector> inverse_mass_, inverse_fictitious_; // by axis; 0 where fixed
   std::vector<unsigned> fixed_;
   std::vector<NodeVector> displacement_, velocity_, external_, elastic_, saved_displacement_;
-  std::vector<NodeVector> remainder_; // of displacement_: what a float could not take
-  std::vector<NodeVector> mode_pull_, ascent_, ascent_pull_, turn_, turn_pull_; // of the search for the next two
-  std::vector<NodeVector> mode_, relax_mode_; // the fastest, as far as it is known, in motion and in relax()
-  std::vector<NodeVector> probe_, force_before_, velocity_before_, displacement_before_; // of looks at them
+  std::vector<NodeVector> remainder_; // of displacement_: rounding remainder of the floats
+  std::vector<NodeVector> mode_pull_, ascent_, ascent_pull_, turn_, turn_pull_; // work space for finding the next two
+  std::vector<NodeVector> mode_, relax_mode_; // estimates of the stiffest mode, in motion and in relax()
+  std::vector<NodeVector> probe_, force_before_, velocity_before_, displacement_before_; // state at the last check
 };
 
 } // namespace bregma::tissue

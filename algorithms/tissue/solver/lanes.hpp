@@ -1,4 +1,4 @@
-// What the element kernel needs of vectors of floats. Of element_kernel.cpp alone.
+// Operations on vectors of floats for the element kernel. Private to element_kernel.cpp.
 #pragma once
 
 #include "algorithms/simd/lanes.hpp"
@@ -13,7 +13,7 @@ using simd::Vector8;
 
 // ---- nodes to lanes and back ----
 
-// x, y, z, w of the nodes that the lanes name: rows are loaded whole and transposed.
+// x, y, z, w of the lanes' nodes: whole rows are loaded and transposed.
 BREGMA_INLINE void gather(const NodeVector *nodes, const int *index, Vector4::Float &x, Vector4::Float &y,
                           Vector4::Float &z, Vector4::Float &w) {
   Vector4::Float row[4];
@@ -32,7 +32,7 @@ BREGMA_INLINE void gather(const NodeVector *nodes, const int *index, Vector4::Fl
 
 BREGMA_INLINE void gather(const NodeVector *nodes, const int *index, Vector8::Float &x, Vector8::Float &y,
                           Vector8::Float &z, Vector8::Float &w) {
-  Vector8::Float row[4]; // lane l beside lane l + 4
+  Vector8::Float row[4]; // lane l next to lane l + 4
   for (int l = 0; l < 4; ++l) {
     Vector4::Float low;
     Vector4::Float high;

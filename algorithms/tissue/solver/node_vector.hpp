@@ -1,4 +1,4 @@
-// Arithmetic on the first three components of the solver's nodal vectors. What comes out has a fourth of 0.
+// Arithmetic on the first three components of the solver's nodal vectors. Results have 0 as the fourth component.
 #pragma once
 
 #include <Eigen/Core>
@@ -7,7 +7,7 @@
 
 namespace bregma::tissue {
 
-inline constexpr float kClamped = 1.0F; // fourth component of a velocity that was cut to the longest way of a step
+inline constexpr float kClamped = 1.0F; // fourth component of a velocity that was clamped to the maximum move per step
 
 inline float *axes(NodeVector &v) { return &v.x; }
 inline const float *axes(const NodeVector &v) { return &v.x; }

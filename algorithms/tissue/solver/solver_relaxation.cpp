@@ -36,10 +36,9 @@ int interval_between_looks(float slowest_takes, int steps_so_far) {
 } // namespace
 
 // Heavy-ball iteration: with eigenvalues of M^-1 K between a and L, v <- keep v + dt f / m, u <- u + dt v with
-// dt = 2 / (sqrt L + sqrt a), keep = ((sqrt L - sqrt a) / (sqrt L + sqrt a))^2 converges fastest (Polyak 1964; as
-// dynamic relaxation Underwood 1983). The masses make L about the same for all nodes (build_masses); L is looked at
-// while the tissue deforms, a is Rayleigh's quotient of the latest motion (Joldes, Wittek & Miller, Comput Methods Appl
-// Mech Eng 198 (2009) 2645).
+// dt = 2 / (sqrt L + sqrt a), keep = ((sqrt L - sqrt a) / (sqrt L + sqrt a))^2 converges fastest [Polyak 1964];
+// as dynamic relaxation: [Underwood 1983]. The masses make L about the same for all nodes (build_masses). L is updated
+// while the tissue deforms; a is Rayleigh's quotient of the latest motion [Joldes 2009].
 RelaxationResult ExplicitSolver::relax(const RelaxationOptions &options) noexcept {
   const auto shear = static_cast<float>(material_.shear_Pa() * (options.relaxed ? material_.relaxed_fraction() : 1.0));
   stop_motion();

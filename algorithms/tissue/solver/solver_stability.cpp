@@ -12,11 +12,11 @@ namespace bregma::tissue {
 namespace {
 
 constexpr float kProbeStrain = 1e-3F; // amplitude of the iterations, in edge lengths
-constexpr float kLonger = 1.002F;     // by what a look may lengthen the step
-constexpr int kLook = 1;              // iterations of a look
+constexpr float kLonger = 1.002F;     // maximum factor by which a check lengthens the step
+constexpr int kLook = 1;              // iterations per check
 
-// The mix of three directions for which Rayleigh's quotient is largest, of length 1, and that quotient. Directions that
-// floats cannot tell from the others are left out.
+// The combination of three directions with the largest Rayleigh quotient, of length 1, and that quotient. Directions
+// that floats cannot separate from the others are left out.
 Eigen::Vector3d stiffest_mix(const Eigen::Matrix3d &gram, const Eigen::Matrix3d &stiffness, double &quotient) {
   constexpr double kSame = 1e-6;
   Eigen::Vector3d size = gram.diagonal().cwiseSqrt();
@@ -33,7 +33,7 @@ Eigen::Vector3d stiffest_mix(const Eigen::Matrix3d &gram, const Eigen::Matrix3d 
 
 } // namespace
 
-// out = M^-1 K direction, by the difference of the forces at the present displacements and beside them.
+// out = M^-1 K direction, by the difference of the forces at the present and at perturbed displacements.
 void ExplicitSolver::apply_stiffness(const std::vector<NodeVector> &direction,
                                      const std::vector<NodeVector> &inverse_mass, float shear_Pa,
                                      std::vector<NodeVector> &out) noexcept {
@@ -53,9 +53,9 @@ void ExplicitSolver::apply_stiffness(const std::vector<NodeVector> &direction,
   }
 }
 
-// The largest eigenvalue of M^-1 K of the tissue as it is deformed now, from the mode that was found last time: the
-// locally optimal conjugate gradients of Knyazev (SIAM J Sci Comput 23 (2001) 517), upwards. In fewer evaluations than
-// power iteration, whose mode lags behind where the tissue stiffens in one place.
+// The largest eigenvalue of M^-1 K of the tissue as it is deformed now, started from the previous mode, by locally
+// optimal conjugate gradients [Knyazev 2001]. This takes fewer evaluations than power iteration, whose mode lags behind
+// where the tissue stiffens in one place.
 float ExplicitSolver::largest_eigenvalue(int iterations, const std::vector<NodeVector> &inverse_mass,
                                          std::vector<NodeVector> &mode, float shear_Pa) noexcept {
   team_->run([&](int thread) { evaluate(thread, displacement_, false, shear_Pa); });
@@ -111,7 +111,7 @@ void ExplicitSolver::check_step() noexcept {
   const float stiffest = largest_eigenvalue(kLook, inverse_mass_, mode_, static_cast<float>(material_.shear_Pa()));
   const float now = static_cast<float>(options_.step_fraction) * 2.0F / std::sqrt(stiffest);
   if (std::isfinite(now) && now > 0.0F) {
-    // Shorter at once, longer by and by: over a swing of the tissue it stays at its shortest.
+    // The step shortens at once and lengthens slowly, so that it stays at its minimum during a vibration of the tissue.
     step_s_ = std::min(now, kLonger * step_s_);
   }
 }

@@ -5,7 +5,7 @@
 namespace bregma::tissue {
 namespace {
 
-// About 50 us: longer than a step's phases differ, shorter than a wake-up that nobody waits for would cost.
+// About 50 us: longer than threads differ within a step, and shorter than a wake-up.
 constexpr int kSpins = 2000;
 
 // Waits until value is no longer `old`.

@@ -1,8 +1,8 @@
-// A few threads that do one short job together, again and again: a step of the solver takes a fraction of a
-// millisecond, so they meet in a barrier that spins before it sleeps.
+// A team of threads that runs short jobs together, again and again. A step of the solver takes a fraction of a
+// millisecond, so the threads meet in a barrier that spins before it sleeps.
 //
-// run() may be called from one thread at a time, does not allocate and does not throw; the job must not either. With
-// one thread no other is started and run() is a plain call.
+// One thread at a time may call run(). run() does not allocate or throw; nor may the job. With one thread no other is
+// started, and run() is a plain call.
 #pragma once
 
 #include <atomic>
@@ -14,7 +14,7 @@ namespace bregma::tissue {
 
 class Team {
 public:
-  // threads: with the caller's; at least one.
+  // threads: number including the caller's; at least one.
   explicit Team(int threads);
   ~Team();
   Team(const Team &) = delete;
@@ -31,7 +31,7 @@ public:
     barrier();
   }
 
-  // In a job: returns when all threads have called it.
+  // To be called within a job: returns when all threads have called it.
   void barrier() noexcept;
 
 private:
@@ -41,9 +41,9 @@ private:
   int size_;
   void (*call_)(void *, int) = nullptr;
   void *context_ = nullptr;
-  std::atomic<unsigned> job_{0};    // up by one a job
-  std::atomic<int> arrived_{0};     // at the barrier
-  std::atomic<unsigned> passed_{0}; // barriers so far
+  std::atomic<unsigned> job_{0};    // incremented per job
+  std::atomic<int> arrived_{0};     // threads at the barrier
+  std::atomic<unsigned> passed_{0}; // number of barriers so far
   std::atomic<bool> stopping_{false};
   std::vector<std::thread> threads_;
 };

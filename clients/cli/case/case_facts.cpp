@@ -16,7 +16,7 @@ namespace {
 using casefile::Case;
 using nlohmann::json;
 
-// A fiducial that is meant to be touched lies on the skin.
+// A fiducial that the operator touches must lie on the skin.
 constexpr double kMaxOffScalp_mm = 3.0;
 constexpr double kMinClearance_mm = 3.0;
 
@@ -46,7 +46,7 @@ std::string clearance_text(double distance_mm) {
   return distance_mm > 0.0 ? fixed(distance_mm, 1) : "0 (passes through)";
 }
 
-// A voxel of freedom: surfaces are smoothed.
+// Allows one voxel beyond the image, because surfaces are smoothed.
 bool image_holds(const casefile::Volume &image, const surface::TriangleMesh &mesh) {
   const Eigen::Matrix4d T_index_image = image.T_image_index.inverse();
   const Eigen::Array3d last(image.size[0] - 1, image.size[1] - 1, image.size[2] - 1);

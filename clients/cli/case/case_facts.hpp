@@ -1,4 +1,4 @@
-// What a person wants to know of a case before it is used: how big, how far off, how close.
+// Facts about a case before it is used: sizes, deviations, distances.
 #pragma once
 
 #include <string>
@@ -46,7 +46,7 @@ struct CaseFacts {
 [[nodiscard]] std::string facts_text(const casefile::Case &c, const CaseFacts &facts);
 [[nodiscard]] nlohmann::json facts_json(const casefile::Case &c, const CaseFacts &facts);
 
-// Beyond what load_case refuses: sentences on what a person would have to look at before using the case.
+// Warnings beyond the errors of load_case: sentences on what to check before using the case.
 [[nodiscard]] std::vector<std::string> find_warnings(const casefile::Case &c, const CaseFacts &facts);
 
 } // namespace bregma::cli

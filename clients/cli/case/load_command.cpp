@@ -15,14 +15,14 @@ namespace bregma::cli {
 
 namespace {
 
-constexpr std::chrono::seconds kLoading{60}; // surfaces are read and their trees built before the daemon answers
+constexpr std::chrono::seconds kLoading{60}; // the daemon answers after it has read the surfaces and built their trees
 
 } // namespace
 
 void add_load_commands(CLI::App &group, Context &context) {
   auto folder = std::make_shared<std::string>();
   auto *load = group.add_subcommand("load", "Asks the daemon to load a case");
-  load->add_option("folder", *folder, "Case folder, as the daemon's machine sees it")->required();
+  load->add_option("folder", *folder, "Case folder, as seen by the daemon's machine")->required();
   add_json_flag(*load, context);
   add_domain_option(*load, context);
   load->footer("Example:\n  bregma case load colin27");

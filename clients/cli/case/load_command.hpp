@@ -1,4 +1,4 @@
-// `bregma case load | close`: which case the daemon works on.
+// `bregma case load | close`: selects the daemon's case.
 #pragma once
 
 #include <CLI/App.hpp>

@@ -18,7 +18,7 @@ namespace {
 struct MeshOptions {
   std::string folder;
   MeshRequest request;
-  std::string out; // empty: beside case.toml
+  std::string out; // empty: next to case.toml
 };
 
 std::vector<casefile::TetField> quality_fields(const tissue::TetMesh &mesh) {
@@ -80,7 +80,7 @@ int run_mesh(const MeshOptions &options, const Context &context) {
 
 void add_mesh_command(CLI::App &group, Context &context) {
   auto options = std::make_shared<MeshOptions>();
-  auto *command = group.add_subcommand("mesh", "Fills a case's brain with tetrahedra and reports their quality");
+  auto *command = group.add_subcommand("mesh", "Meshes a case's brain with tetrahedra and reports their quality");
   command->add_option("folder", options->folder, "Case folder")->required();
   add_mesh_options(*command, options->request);
   add_entry_option(*command, options->request);

@@ -1,4 +1,4 @@
-// `bregma case mesh`: fills a case's brain with tetrahedra and says how good they are.
+// `bregma case mesh`: meshes a case's brain with tetrahedra and reports their quality.
 #pragma once
 
 #include <CLI/App.hpp>

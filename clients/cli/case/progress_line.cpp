@@ -32,7 +32,7 @@ ProgressLine::~ProgressLine() {
 
 bool ProgressLine::show(double done, std::string_view stage) {
   const int percent = static_cast<int>(std::lround(100.0 * done));
-  // "scalp: decimation" is one of many steps towards the scalp: a log wants the scalp only.
+  // "scalp: decimation" is one of many steps for the scalp. A log shows one line per surface.
   const std::string text(terminal_ ? stage : stage.substr(0, stage.find(':')));
   if (terminal_) {
     std::fprintf(stderr, "\r\033[K%3d %%  %s", percent, text.c_str());

@@ -1,5 +1,4 @@
-// How far long work has come, on standard error: one line that is rewritten on a terminal, elsewhere a line for
-// each thing that is made.
+// Progress of long work on standard error: one line that is rewritten on a terminal, elsewhere one line per stage.
 #pragma once
 
 #include <string>
@@ -9,12 +8,12 @@ namespace bregma::cli {
 
 class ProgressLine {
 public:
-  ProgressLine(); // from now on SIGINT and SIGTERM ask the work to stop instead of ending the process
+  ProgressLine(); // from now on SIGINT and SIGTERM request the work to stop instead of ending the process
   ~ProgressLine();
   ProgressLine(const ProgressLine &) = delete;
   ProgressLine &operator=(const ProgressLine &) = delete;
 
-  // False once the person has pressed Ctrl-C.
+  // False after Ctrl-C.
   [[nodiscard]] bool show(double done, std::string_view stage);
 
 private:

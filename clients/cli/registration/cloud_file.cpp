@@ -33,7 +33,7 @@ std::string remark_of(const InputFile &file, const casefile::SurfaceFile &surfac
   return out;
 }
 
-// Of a closed mesh from a program that turns its triangles inwards.
+// Detects a closed mesh from a program that orients its triangles inwards.
 void turn_outward(surface::TriangleMesh &mesh) {
   const casefile::MeshCheck check = casefile::check_mesh(mesh);
   if (check.closed && check.volume_ml < 0.0) {

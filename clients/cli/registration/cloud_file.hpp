@@ -1,5 +1,5 @@
-// What a registration of clouds or surfaces takes: points from a list or from a surface's vertices; a surface from a
-// mesh file or from an image of a head.
+// Input of a registration of clouds or surfaces: points from a list or from a surface's vertices; a surface from a mesh
+// file or from an image of a head.
 #pragma once
 
 #include <string>
@@ -15,16 +15,16 @@ namespace bregma::cli {
 
 struct Cloud {
   std::vector<Eigen::Vector3d> points_mm;
-  std::string remark; // what was assumed, for the person; may be empty
+  std::string remark; // assumptions to be shown to the user; may be empty
 };
 [[nodiscard]] base::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits &size);
 
 struct Surface {
-  surface::TriangleMesh mesh; // RAS, mm; outward where it is closed
+  surface::TriangleMesh mesh; // RAS, mm; oriented outwards if closed
   std::string remark;
 };
-// An image (NIfTI, NRRD, MetaImage, a folder of DICOM) has its scalp extracted, with progress on standard error:
-// seconds.
+// The scalp of an image (NIfTI, NRRD, MetaImage, a folder of DICOM) is extracted in seconds, with progress on standard
+// error.
 [[nodiscard]] base::Result<Surface> read_surface_or_image(const InputFile &file);
 
 } // namespace bregma::cli

@@ -17,7 +17,7 @@ namespace {
 using casefile::Volume;
 using Eigen::Vector3d;
 
-// Of the nodes that stand for the spline.
+// Spacing of the grid nodes that approximate the spline.
 constexpr double kGridSpacing_mm = 4.0;
 
 Eigen::AlignedBox3d box_of(const Volume &volume) {
@@ -50,21 +50,16 @@ base::Result<WarpedImage> warp_image(const std::string &source_file, const std::
   const auto unmoved = [](const Vector3d &p) { return p; };
   std::vector<float> before = intensity::warp<3>(*target, *source, source->voxels, unmoved, threads);
   std::vector<float> after = intensity::warp<3>(*target, *source, source->voxels, map, threads);
-  // Only voxels that both have: else an image that was pushed out of view would look alike.
-  for (std::size_t i = 0; i < before.size(); ++i) {
-    if (std::isnan(after[i])) {
-      before[i] = after[i];
-    }
-  }
   WarpedImage out;
   out.grid_error_mm = map.largest_error_mm();
-  out.after = {intensity::rmse(target->voxels, after), intensity::mutual_information(target->voxels, after)};
-  out.before = {intensity::rmse(target->voxels, before), intensity::mutual_information(target->voxels, before)};
-  std::replace_if(
-      after.begin(), after.end(), [](float v) { return !std::isfinite(v); }, 0.0F);
   out.image.size = target->size;
   out.image.T_image_index = target->T_image_index;
-  out.image.voxels = std::move(after);
+  out.image.voxels = after;
+  std::replace_if(
+      out.image.voxels.begin(), out.image.voxels.end(), [](float v) { return !std::isfinite(v); }, 0.0F);
+  intensity::restrict_to_overlap({&before, &after});
+  out.after = {intensity::rmse(target->voxels, after), intensity::mutual_information(target->voxels, after)};
+  out.before = {intensity::rmse(target->voxels, before), intensity::mutual_information(target->voxels, before)};
   return out;
 }
 

@@ -1,4 +1,4 @@
-// An image taken through a spline onto the grid of another, and how alike the two are before and after.
+// An image that is warped by a spline onto the grid of another, and the similarity of the two before and after.
 #pragma once
 
 #include <string>
@@ -15,12 +15,12 @@ struct ImageSimilarity {
 };
 
 struct WarpedImage {
-  casefile::Volume image;        // on the target's grid; 0 where the source image has nothing
-  ImageSimilarity before, after; // over the voxels where both images have something
-  double grid_error_mm = 0.0;    // largest difference between the spline and the grid that stands for it
+  casefile::Volume image;        // on the target's grid; 0 outside the source image
+  ImageSimilarity before, after; // over the voxels that the source covers before and after
+  double grid_error_mm = 0.0;    // largest difference between the spline and the grid that approximates it
 };
 
-// to_source: from the target's frame into the source's (the way an image is resampled). Blocks for seconds.
+// to_source: from the target's frame into the source's (resampling direction). Blocks for seconds.
 [[nodiscard]] base::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
                                                    const registration::ThinPlateSpline<3> &to_source);
 

@@ -28,7 +28,7 @@ std::vector<std::string> cells_of(const std::string &line) {
   return out;
 }
 
-// Only words: nothing that could be a point.
+// A header row contains no numbers.
 bool is_header(const std::vector<std::string> &cells) {
   for (const std::string &cell : cells) {
     if (base::parsed_number<double>(cell)) {
@@ -41,7 +41,7 @@ bool is_header(const std::vector<std::string> &cells) {
 constexpr const char *kColumns = "must be \"x,y,z\" or \"name,x,y,z\", and may go on with \"sx,sy,sz\" or "
                                  "\"cxx,cxy,cxz,cyy,cyz,czz\"";
 
-// What a row of so many cells holds: the name's cell (0 or 1), then three, six or nine numbers.
+// Layout of a row: whether the first cell is a name (0 or 1), then three, six or nine numbers.
 struct Row {
   std::size_t name = 0;
   std::size_t numbers = 0;
@@ -62,7 +62,7 @@ std::string column_name(const Row &row, std::size_t index) {
   return row.numbers == 9 ? kCovariance[index] : kSigmas[index];
 }
 
-// Of the numbers behind the position; nothing where they are no error that a point can have.
+// Covariance from the numbers after the position. Empty where they are not positive definite.
 std::optional<Eigen::Matrix3d> covariance_of(const std::vector<double> &numbers) {
   if (numbers.size() == 6) {
     const Eigen::Vector3d sigma(numbers.data() + 3);
@@ -80,7 +80,7 @@ Result<PointFile> read_csv(const std::filesystem::path &file) {
     return failure(file.string() + ": no such file, or it cannot be read");
   }
   PointFile out;
-  std::size_t width = 0; // cells of the rows so far
+  std::size_t width = 0; // number of cells of the rows read so far
   bool header_allowed = true;
   std::string line;
   for (int number = 1; std::getline(in, line); ++number) {

@@ -31,9 +31,10 @@ using nlohmann::json;
 using registration::CpdModel;
 using registration::CpdResult;
 
-// Of scale and affine fits; the pose before them is found on as many.
+// Maximal number of points of similarity and affine fits, and of the pose search before them.
 constexpr std::size_t kMaxPoints = 4000;
-// Natural logarithm of the odds against the runner-up below which it is nearly as likely: 1,000 to 1.
+// Natural logarithm of the odds against the second-best pose, 1,000 to 1. Below it that pose is reported as nearly as
+// likely.
 constexpr double kMinLogOdds = 7.0;
 
 struct CloudArguments {
@@ -54,7 +55,7 @@ Points3 columns(const std::vector<Eigen::Vector3d> &points) {
   return out;
 }
 
-// Evenly by index: the order of a scan says nothing about its shape.
+// Takes points at even steps of the index, because the order of a scan carries no information about its shape.
 Points3 thinned(const Points3 &points) {
   const auto max_count = static_cast<Eigen::Index>(kMaxPoints);
   if (points.cols() <= max_count) {
@@ -69,7 +70,7 @@ Points3 thinned(const Points3 &points) {
 
 struct Drift {
   CpdResult<3> result;
-  double log_odds = 0.0; // of the rigid pose against the next distinct one; infinite where there was none
+  double log_odds = 0.0; // of the rigid pose against the second-best distinct one; infinite if there is only one
   double runner_up_turn_rad = 0.0;
   double time_ms = 0.0;
 };
@@ -122,7 +123,7 @@ int write_correspondences(const CloudArguments &arguments, const Points3 &source
   return out ? static_cast<int>(kOk) : fail(arguments.correspondences + ": cannot be written");
 }
 
-// Of the rigid pose, where the points fix it.
+// Covariance of the rigid pose, if the points determine it.
 std::optional<geometry::Matrix6d> covariance_of(const Points3 &source, const Points3 &target, double outliers,
                                                 const CpdResult<3> &found) {
   const Points3 sources = thinned(source);
@@ -130,7 +131,7 @@ std::optional<geometry::Matrix6d> covariance_of(const Points3 &source, const Poi
   const double constant = registration::outlier_constant<3>(targets, found.sigma_mm, outliers, sources.cols());
   auto covariance = registration::cloud_pose_covariance(found.transform * sources, targets, found.sigma_mm, constant);
   if (covariance) {
-    // The pose was made from more of the targets, which told as much each.
+    // The pose was estimated from more target points, each of which carries the same information.
     const auto used = std::min<Eigen::Index>(registration::CloudPoseOptions{}.fine_points, target.cols());
     *covariance *= static_cast<double>(targets.cols()) / static_cast<double>(used);
   }
@@ -188,7 +189,7 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
   const bool rigid = !arguments.affine && !arguments.scale;
   const auto covariance = rigid ? covariance_of(sources, targets, arguments.outliers, r) : std::nullopt;
   if (rigid && !covariance) {
-    return refuse("ambiguous", "the points do not fix the pose: they slide on each other", context,
+    return refuse("ambiguous", "the points do not determine the pose: they can slide on each other", context,
                   details_json(drift));
   }
   const auto errors = covariance ? errors_at(*points, *covariance) : std::vector<PointError>();
@@ -204,7 +205,7 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
   } else {
     print(remarks + transforms_text(T) + "\n" + std::to_string(sources.cols()) + " points onto " +
           std::to_string(targets.cols()) + ", " + fixed(100.0 * r.outlier_share, 1) +
-          " % of these taken for outliers; what remains is " + fixed(r.sigma_mm, 3, "mm") + " a coordinate, scale " +
+          " % of these treated as outliers; the rest is " + fixed(r.sigma_mm, 3, "mm") + " per coordinate, scale " +
           fixed(r.scale, 6) + "\n" + errors_text(errors) + "Registered in " + fixed(drift.time_ms, 0, "ms") + "\n");
   }
   if (!arguments.correspondences.empty()) {
@@ -222,10 +223,10 @@ void add_register_cloud(CLI::App &parent, Context &context) {
   auto arguments = std::make_shared<CloudArguments>();
   add_registration_files(*command, arguments->files, "source",
                          "Points to map: .csv (x,y,z), .mrk.json, .fcsv, or a mesh, whose vertices are taken", "target",
-                         "Points of the same thing, whole or nearly");
-  auto *affine = command->add_flag("--affine", arguments->affine, "Shear and scale are free as well");
-  command->add_flag("--scale", arguments->scale, "One scale is free as well")->excludes(affine);
-  command->add_option("--outliers", arguments->outliers, "Share of the target's points that belong to no source point")
+                         "Points of the same object, complete or nearly");
+  auto *affine = command->add_flag("--affine", arguments->affine, "Estimate shear and scale as well");
+  command->add_flag("--scale", arguments->scale, "Estimate one scale as well")->excludes(affine);
+  command->add_option("--outliers", arguments->outliers, "Fraction of the target's points without a source point")
       ->check(CLI::Range(0.0, 0.95))
       ->capture_default_str();
   command
@@ -233,13 +234,13 @@ void add_register_cloud(CLI::App &parent, Context &context) {
                    "Points in the target's coordinates to predict the TRE at, of a rigid pose")
       ->excludes(affine)
       ->excludes("--scale");
-  command->add_flag("--any-size", arguments->any_size, "The clouds need not be as large as parts of a head");
+  command->add_flag("--any-size", arguments->any_size, "Skip the check of the clouds' size");
   command->add_option("--correspondences", arguments->correspondences,
-                      "Writes the most probable partner of each source point (.csv; counted from 1, 0: none)");
+                      "Writes the most probable correspondence of each source point (.csv; counted from 1, 0: none)");
   add_json_flag(*command, context);
   command->footer(
-      "By coherent point drift, from every pose; a second pose that explains the points as well makes the answer\n"
-      "ambiguous (exit code 1). Traced skin onto a head: use surface, which knows parts from wholes.\n\n"
+      "Coherent point drift, started from many rotations. If a second pose explains the points as well, the answer is\n"
+      "ambiguous (exit code 1). For traced skin on a head use surface, which allows for a partial trace.\n\n"
       "Examples:\n"
       "  bregma register cloud markers_ct.csv markers_mr.csv --correspondences pairs.csv\n"
       "  bregma register cloud scan.ply bone.stl --scale --json");

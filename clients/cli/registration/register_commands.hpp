@@ -1,4 +1,4 @@
-// `bregma register points | surface | cloud | curves`: what works on files, a source file a command.
+// `bregma register points | surface | cloud | curves` on files; one source file per command.
 #pragma once
 
 #include "clients/cli/commands.hpp"

@@ -1,5 +1,5 @@
-// `bregma register curves`: landmarks and curves on two images, or on two people, by a thin-plate spline; in space, or
-// in the plane where every z of a side is the same.
+// `bregma register curves`: registers landmarks and curves of two images, or of two people, by a thin-plate spline. The
+// spline is three-dimensional, or two-dimensional if all points of a side have the same z.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -34,13 +34,13 @@ struct CurvesArguments {
   std::string source, target;               // curves
   std::string source_points, target_points; // landmarks
   std::string source_image, target_image;
-  std::string warped; // an image to write
-  std::string kernel; // empty: that of the dimension
+  std::string warped; // path of the warped image to write
+  std::string kernel; // empty: the default of the dimension
   double regularisation = 0.0;
   int count = 20;
 };
 
-// The target is the reference and the source floats, so that the spline leads the way an image is resampled.
+// The target is the reference and the source is the floating image: the spline maps in the direction of resampling.
 struct Pairs {
   registration::PointSets<3> landmarks{Points3(3, 0), Points3(3, 0)};
   std::vector<std::string> landmark_names;
@@ -112,7 +112,7 @@ Result<void> pair_landmarks(const CurvesArguments &arguments, Pairs &out) {
   return {};
 }
 
-// Marks on slices: every z of a side is the same.
+// Landmarks on slices: all points of a side have the same z.
 bool lies_in_plane(const Pairs &pairs) {
   using Pair = registration::CurvePair<3>;
   const auto flat = [&pairs](Points3 Pair::*side, const Points3 &landmarks) {
@@ -153,7 +153,7 @@ double rms(const Eigen::VectorXd &distances) {
                                : std::sqrt(distances.squaredNorm() / static_cast<double>(distances.size()));
 }
 
-// What a curve's points err by when it takes no part; not a number where the others fix no spline.
+// Error of a curve's points when the curve is left out; NaN if the other points determine no spline.
 template <int D> double held_out_rms(const Pairs &pairs, std::size_t left_out, const CurvesArguments &arguments) {
   const auto curves = curves_of<D>(pairs);
   auto others = curves;
@@ -238,7 +238,7 @@ std::string to_text(const Pairs &pairs, const Fitted &fitted, const std::optiona
 
 template <int D> HeldOut hold_out(const CurvesArguments &arguments, const Pairs &pairs, const Spline<D> &spline) {
   HeldOut out;
-  const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // they come first
+  const auto landmarks = static_cast<Eigen::Index>(pairs.landmark_names.size()); // landmarks are the first rows
   const Eigen::VectorXd of_landmarks = spline.leave_one_out_mm().head(std::min(landmarks, spline.size()));
   out.landmarks_rms_mm = rms(of_landmarks);
   out.landmarks_worst_mm = of_landmarks.size() == 0 ? geometry::kUnknown : of_landmarks.maxCoeff();
@@ -301,7 +301,7 @@ int register_curves(const CurvesArguments &arguments, const Context &context) {
   }
   return arguments.source_image.empty()
              ? register_in<2>(arguments, pairs, context)
-             : fail("all marks of a side have the same z: from them a slice can be warped, but no image in space");
+             : fail("all points of a side have the same z: they define a warp in the plane, but not of a 3-D image");
 }
 
 } // namespace
@@ -311,11 +311,14 @@ void add_register_curves(CLI::App &parent, Context &context) {
   auto a = std::make_shared<CurvesArguments>();
   command->add_option("source", a->source, "Curves to map: .mrk.json (Curve, ClosedCurve, Line) or .csv (curve,x,y,z)")
       ->required();
-  command->add_option("target", a->target, "Where they lie; paired by name, marked in the same direction")->required();
-  command->add_option("--source-points", a->source_points, "Landmarks beside the curves: .csv, .mrk.json or .fcsv");
-  command->add_option("--target-points", a->target_points, "Where they lie; paired by name");
+  command
+      ->add_option("target", a->target, "The same curves in the target; paired by name, marked in the same direction")
+      ->required();
+  command->add_option("--source-points", a->source_points,
+                      "Landmarks in addition to the curves: .csv, .mrk.json or .fcsv");
+  command->add_option("--target-points", a->target_points, "The same landmarks in the target; paired by name");
   command->add_option("--source-image", a->source_image, "The image of the source, to be warped");
-  command->add_option("--target-image", a->target_image, "The image that it is to become alike");
+  command->add_option("--target-image", a->target_image, "The image of the target, to compare it with");
   command->add_option("--warped", a->warped, "Writes the warped image (.nii.gz, .nii, .nrrd, .mha)");
   command->add_option("--count", a->count, "Points on each curve, at equal arc length")
       ->check(CLI::Range(2, 500))
@@ -326,12 +329,13 @@ void add_register_curves(CLI::App &parent, Context &context) {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   add_json_flag(*command, context);
-  command->footer("The held-out error is what a landmark, or a whole curve, errs by when it takes no part. Where every "
-                  "z of a side\n"
-                  "is the same, the spline is one of the plane.\n\nExamples:\n"
-                  "  bregma register curves sulci_mr.mrk.json sulci_ct.mrk.json\n"
-                  "  bregma register curves a.csv b.csv --source-points pa.csv --target-points pb.csv \\\n"
-                  "      --source-image mr.nii.gz --target-image ct.nii.gz --warped mr_on_ct.nii.gz");
+  command->footer(
+      "The held-out error is that of a landmark, or of a whole curve, when the fit does not use it. Where every "
+      "z of a side\n"
+      "is the same, the spline is fitted in the plane.\n\nExamples:\n"
+      "  bregma register curves sulci_mr.mrk.json sulci_ct.mrk.json\n"
+      "  bregma register curves a.csv b.csv --source-points pa.csv --target-points pb.csv \\\n"
+      "      --source-image mr.nii.gz --target-image ct.nii.gz --warped mr_on_ct.nii.gz");
   command->callback([a, &context] { context.run = [a, &context] { return register_curves(*a, context); }; });
 }
 

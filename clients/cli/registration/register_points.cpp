@@ -31,15 +31,15 @@ using nlohmann::json;
 using registration::PairedFit;
 using registration::RobustFit;
 
-// Below it the turn about the line of the points is as good as free.
+// Below this spread the rotation about the line through the points is nearly undetermined.
 constexpr double kMinSpread_mm = 3.0;
-// The chance that good points look as bad as these; below it the stated error or a point is wrong.
+// Significance level: below this p-value the stated error or a point is wrong.
 constexpr double kContradiction = 0.001;
 
 struct PointsArguments {
   RegistrationFiles files;
-  // 1-sigma error of a coordinate, both lists together. Where neither it nor a file states one, it is estimated from
-  // the residuals.
+  // Standard deviation of a coordinate, both lists combined. If neither this option nor a file states it, it is
+  // estimated from the residuals.
   std::optional<double> sigma_mm;
   std::vector<double> at_mm; // a point in source coordinates to predict the TRE at; empty or three numbers
   std::string targets;       // a file of points in target coordinates
@@ -68,8 +68,8 @@ Result<void> check_names(const std::string &file, const std::vector<NamedPoint> 
   return {};
 }
 
-// Numbers count as names where both lists have the same ones: Slicer's lists of anatomical points are numbered, and
-// each person saves them in an order of his own.
+// Numbers count as names if both lists contain the same numbers: Slicer numbers anatomical points, and users save them
+// in different orders.
 bool same_names(const std::vector<NamedPoint> &a, const std::vector<NamedPoint> &b) {
   std::multiset<std::string> names_a;
   std::multiset<std::string> names_b;
@@ -82,7 +82,7 @@ bool same_names(const std::vector<NamedPoint> &a, const std::vector<NamedPoint> 
   return names_a == names_b && std::set<std::string>(names_a.begin(), names_a.end()).size() == a.size();
 }
 
-// By name where both lists have names, else by order.
+// Pairs points by name if both lists have names, otherwise by order.
 Result<std::vector<Pair>> make_pairs(const PointFile &source, const PointFile &target, const RegistrationFiles &files) {
   if (source.points.size() != target.points.size()) {
     return base::failure(files.source.path + " has " + std::to_string(source.points.size()) + " points, " +
@@ -120,13 +120,13 @@ Result<std::vector<Pair>> make_pairs(const PointFile &source, const PointFile &t
 
 struct Registration {
   PairedFit fit;
-  // Which points are wrong, by what those that agree predict for them; suspects only where enough do, and where the
-  // error is stated: residuals that it was estimated from cannot be too large for it.
+  // Marks the points that disagree with the prediction of the consistent ones. Suspects are reported only if enough
+  // points are consistent and the error is stated: an error estimated from the residuals cannot contradict them.
   RobustFit robust;
-  double sigma_mm = 0.0;     // of a coordinate; root mean square where the points differ
-  bool sigma_stated = false; // by the person or by the files
-  bool left_out = false;     // the suspects take no part in fit
-  double time_ms = 0.0;      // of the estimate
+  double sigma_mm = 0.0;     // standard deviation per coordinate; root mean square if the points differ
+  bool sigma_stated = false; // by the option or by the files
+  bool left_out = false;     // the fit excludes the suspects
+  double time_ms = 0.0;      // computing time of the estimate
 
   [[nodiscard]] bool contradicts() const { return sigma_stated && fit.p_value < kContradiction; }
   [[nodiscard]] bool suspect(std::size_t i) const { return sigma_stated && robust.found && !robust.inlier[i]; }
@@ -135,7 +135,7 @@ struct Registration {
   }
 };
 
-// The error of each pair into its covariances; returns what a coordinate errs by.
+// Sets the covariances of each pair; returns the standard deviation per coordinate.
 Registration weigh(std::vector<Pair> &pairs, const registration::PairedPose &start,
                    std::optional<double> stated_sigma) {
   Registration out;
@@ -152,7 +152,7 @@ Registration weigh(std::vector<Pair> &pairs, const registration::PairedPose &sta
     return out;
   }
   out.sigma_stated = stated_sigma.has_value();
-  // Unbiased: six of the 3n coordinates are spent on the pose. Not zero, so that exact copies have an answer.
+  // Unbiased: the pose uses six of the 3n degrees of freedom. The lower bound gives exact copies a result.
   out.sigma_mm = stated_sigma.value_or(std::max(std::sqrt(squares / (coordinates - 6.0)), 1e-6));
   for (Pair &pair : pairs) {
     pair.target_covariance = out.sigma_mm * out.sigma_mm * Matrix3d::Identity();
@@ -197,7 +197,7 @@ tl::expected<Registration, std::string> solve(std::vector<Pair> pairs, const Poi
   return out;
 }
 
-// Of a chance, which may be very small.
+// Formats a probability, which may be very small.
 std::string scientific(double p) {
   std::array<char, 32> out{};
   std::snprintf(out.data(), out.size(), "%.1e", p);
@@ -209,8 +209,8 @@ std::string suspects_text(const Registration &r, const std::vector<Pair> &pairs)
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     if (r.suspect(i)) {
       out += (out.empty() ? "\"" : ", \"") + printable(pairs[i].name) + "\" (" +
-             fixed(r.robust.fit.fiducials[i].leave_one_out_mm, 2, "mm") + " from where the others put it, chance " +
-             scientific(r.robust.p_value[i]) + ")";
+             fixed(r.robust.fit.fiducials[i].leave_one_out_mm, 2, "mm") +
+             " from where the others predict it, probability " + scientific(r.robust.p_value[i]) + ")";
     }
   }
   return out;
@@ -218,10 +218,10 @@ std::string suspects_text(const Registration &r, const std::vector<Pair> &pairs)
 
 std::string contradiction(const Registration &r, const std::vector<Pair> &pairs) {
   const std::string chance =
-      "the residuals are too large for the stated error (chance " + scientific(r.fit.p_value) + ")";
+      "the residuals are too large for the stated error (probability " + scientific(r.fit.p_value) + ")";
   return r.suspects() > 0
-             ? chance + ", and these points do not agree with the others: " + suspects_text(r, pairs)
-             : chance + ": several points are wrong, or the error is larger; which ones, the residuals do not tell";
+             ? chance + ", and these points contradict the others: " + suspects_text(r, pairs)
+             : chance + ": several points are wrong, or the error is larger; the residuals do not show which";
 }
 
 double tre_at(const Registration &r, const Vector3d &source_point) {
@@ -256,7 +256,7 @@ std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const
   }
   out += "\nFRE " + fixed(r.fit.fre_mm, 3, "mm") + " over " + std::to_string(r.fit.count) +
          " points: a figure of consistency, not of accuracy\n";
-  out += "Error of a point " + fixed(r.sigma_mm, 3, "mm") + " (1 sigma a coordinate, " +
+  out += "Error of a point " + fixed(r.sigma_mm, 3, "mm") + " (1 sigma per coordinate, " +
          (r.sigma_stated ? "as stated)\n" : "estimated from the residuals)\n");
   out += "Predicted TRE (RMS) at the centroid " + fixed(tre_at(r, centroid(pairs)), 3, "mm") + "\n";
   if (!arguments.at_mm.empty()) {
@@ -351,22 +351,23 @@ void add_register_points(CLI::App &parent, Context &context) {
   auto arguments = std::make_shared<PointsArguments>();
   add_registration_files(*command, arguments->files, "source",
                          "Points to map: .csv (name,x,y,z and perhaps their errors), .mrk.json or .fcsv", "target",
-                         "Where they lie; paired by name, or else by order");
-  command->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma a coordinate, both lists together")
+                         "The same points in the target; paired by name, otherwise by order");
+  command
+      ->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma per coordinate, both lists combined")
       ->check(CLI::Range(1e-4, 100.0));
   command->add_flag("--leave-out-suspects", arguments->leave_out_suspects,
-                    "Registers by the points that agree within their stated error; the others are named");
+                    "Register with the points that agree within their stated error; the others are named");
   command->add_option("--at", arguments->at_mm, "A point in source coordinates to predict the TRE at")
       ->expected(3)
       ->type_name("X Y Z");
   command->add_option("--targets", arguments->targets, "Points in target coordinates to predict the TRE at");
   add_json_flag(*command, context);
-  command->footer(
-      "Slicer's files are taken in RAS, .csv as it is. Errors in a .csv file: name,x,y,z,sx,sy,sz (1 sigma) or\n"
-      "name,x,y,z,cxx,cxy,cxz,cyy,cyz,czz (covariance), mm.\n\nExamples:\n"
-      "  bregma register points touched.csv fiducials.mrk.json --targets lesion.mrk.json\n"
-      "  bregma register points touched.csv fiducials.mrk.json --sigma-mm 0.3 --tfm patient_to_image.tfm\n"
-      "  bregma register points a.csv b.csv --sigma-mm 0.3 --at 10 -20 35 --json");
+  command->footer("Slicer's files are converted to RAS, .csv is taken as RAS. Errors in a .csv file: "
+                  "name,x,y,z,sx,sy,sz (1 sigma) or\n"
+                  "name,x,y,z,cxx,cxy,cxz,cyy,cyz,czz (covariance), mm.\n\nExamples:\n"
+                  "  bregma register points touched.csv fiducials.mrk.json --targets lesion.mrk.json\n"
+                  "  bregma register points touched.csv fiducials.mrk.json --sigma-mm 0.3 --tfm patient_to_image.tfm\n"
+                  "  bregma register points a.csv b.csv --sigma-mm 0.3 --at 10 -20 35 --json");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return register_points(*arguments, context); }; });
 }

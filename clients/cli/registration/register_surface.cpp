@@ -1,4 +1,4 @@
-// `bregma register surface`: samples of the skin onto the surface of a head, from any pose or from a given start.
+// `bregma register surface`: registers samples of the skin to the surface of a head, from any pose or a given start.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -30,7 +30,7 @@ using registration::LocalFit;
 using registration::PairedPose;
 using registration::Verdict;
 
-// A fit from a start is believed only while most samples lie on the surface, as near as stated.
+// A fit from a given start is accepted only if most samples lie on the surface within the stated error.
 constexpr double kMinInlierFraction = 0.7;
 constexpr double kMaxScale = 2.5;
 
@@ -47,17 +47,17 @@ double since_ms(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-// What both ways give.
+// Result of both methods.
 struct Answer {
   Verdict verdict = Verdict::kRefused;
-  std::string reason; // with advice; empty when found
+  std::string reason; // with advice; empty if a pose was found
   PairedPose T_target_source;
   geometry::Matrix6d covariance = geometry::Matrix6d::Zero();
-  double rms_mm = 0.0; // of the inliers from the surface
+  double rms_mm = 0.0; // distance of the inliers from the surface
   int inliers = 0, count = 0;
-  double scale = 0.0; // of the residuals over the stated error
+  double scale = 0.0; // ratio of the residuals to the stated error
   double prepare_ms = 0.0, time_ms = 0.0;
-  json details; // of the method
+  json details; // specific to the method
   std::string details_text;
 };
 
@@ -65,7 +65,7 @@ const char *name_of(Verdict verdict) {
   return verdict == Verdict::kFound ? "found" : verdict == Verdict::kAmbiguous ? "ambiguous" : "refused";
 }
 
-// How far one pose takes the samples from where another does: RMS, mm.
+// RMS distance between the samples under two poses, mm.
 double apart_mm(const PairedPose &a, const PairedPose &b, const std::vector<Vector3d> &samples) {
   double squares = 0.0;
   for (const Vector3d &p : samples) {
@@ -87,7 +87,7 @@ Answer globally(const surface::SurfaceField &field, const std::vector<Vector3d> 
   out.time_ms = since_ms(start);
   out.verdict = found.verdict;
   if (found.verdict != Verdict::kFound) {
-    // It begins with the verdict, which refuse() says as well.
+    // The description begins with the verdict, which refuse() adds as well.
     const std::string words = registration::describe(found);
     const std::string verdict = std::string(name_of(found.verdict)) + ": ";
     out.reason = words.starts_with(verdict) ? words.substr(verdict.size()) : words;
@@ -116,7 +116,7 @@ Answer globally(const surface::SurfaceField &field, const std::vector<Vector3d> 
   if (found.hypothesis_count > 0) {
     out.rms_mm = found.hypotheses[0].rms_mm;
     out.inliers = found.hypotheses[0].inliers;
-    out.details_text = "\nPoses that were weighed\n" + table.text();
+    out.details_text = "\nPoses that were compared\n" + table.text();
   }
   out.details = {{"method", "global"},
                  {"hypotheses", std::move(hypotheses)},
@@ -170,7 +170,7 @@ Answer locally(const surface::SurfaceField &field, const std::vector<Vector3d> &
   }
   out.details = {
       {"method", "local"}, {"iterations", fit.iterations}, {"effective_samples", json_number(fit.effective)}};
-  out.details_text = "\nFrom the given start; other poses were not looked for\n";
+  out.details_text = "\nFrom the given start; other poses were not searched\n";
   return out;
 }
 
@@ -178,7 +178,7 @@ json to_json(const Answer &answer, const surface::SurfaceField &field, const std
              const SurfaceArguments &arguments, const std::vector<PointError> &errors) {
   json out = transforms_json(answer.T_target_source.matrix(), arguments.files);
   add_covariance(out, answer.covariance);
-  out["residuals_mm"] = json::array(); // of all samples in their order, negative inside
+  out["residuals_mm"] = json::array(); // of all samples in input order, negative inside
   for (const Vector3d &p : samples) {
     out["residuals_mm"].push_back(json_number(field.closest(answer.T_target_source * p).signed_mm));
   }
@@ -186,7 +186,7 @@ json to_json(const Answer &answer, const surface::SurfaceField &field, const std
   return out;
 }
 
-// What holds with any verdict.
+// Fields that are valid for every verdict.
 json common_json(const Answer &answer, const SurfaceArguments &arguments) {
   json out = answer.details;
   out.update({{"accepted", answer.verdict == Verdict::kFound},
@@ -266,21 +266,21 @@ void add_register_surface(CLI::App &parent, Context &context) {
                          "Traced or touched skin: .csv (x,y,z), .mrk.json, .fcsv, or a mesh, whose vertices are taken",
                          "surface",
                          "PLY, STL, VTK, GIFTI or FreeSurfer; or an image of the head, whose scalp is extracted");
-  command->add_option("--start", arguments->start, "A .tfm near the pose: it alone is refined, no other is looked for");
+  command->add_option("--start", arguments->start,
+                      "A .tfm near the pose: only this pose is refined, no other is searched");
   command->add_option("--sigma-mm", arguments->sigma_mm, "Error of a sample along the surface's normal, 1 sigma")
       ->check(CLI::Range(0.01, 20.0))
       ->capture_default_str();
-  command->add_option("--outliers", arguments->outliers, "Share of the samples that may be off the surface")
+  command->add_option("--outliers", arguments->outliers, "Fraction of the samples that may be off the surface")
       ->check(CLI::Range(0.0, 0.5))
       ->capture_default_str();
   command->add_option("--targets", arguments->targets, "Points in the surface's coordinates to predict the TRE at");
   add_json_flag(*command, context);
-  command->footer(
-      "From any pose, without a start: the verdict is found, ambiguous or refused (exit code 1), with advice where to\n"
-      "touch next. Only what was found is printed as a transform and written by --tfm.\n\nExamples:\n"
-      "  bregma register surface trace.csv scalp.ply --targets lesion.mrk.json --tfm patient_to_image.tfm\n"
-      "  bregma register surface trace.csv head.nii.gz --sigma-mm 0.7 --json\n"
-      "  bregma register surface trace.csv skin.stl --target-space ras --start last.tfm");
+  command->footer("Searches all poses. The verdict is found, ambiguous or refused (exit code 1), with advice where to\n"
+                  "touch next. Only a pose that is found is printed as a transform and written by --tfm.\n\nExamples:\n"
+                  "  bregma register surface trace.csv scalp.ply --targets lesion.mrk.json --tfm patient_to_image.tfm\n"
+                  "  bregma register surface trace.csv head.nii.gz --sigma-mm 0.7 --json\n"
+                  "  bregma register surface trace.csv skin.stl --target-space ras --start last.tfm");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return register_surface(*arguments, context); }; });
 }

@@ -14,16 +14,16 @@ std::optional<casefile::Space> space_of(const std::string &option) {
                            : std::nullopt;
 }
 
-// CLI11 has refused other names.
+// CLI11 has rejected other names.
 casefile::LengthUnit unit_of(const std::string &option) {
   return casefile::unit_named(option).value_or(casefile::LengthUnit::kMillimetre);
 }
 
 void add_input(CLI::App &command, InputFile &input, const std::string &name, const std::string &help) {
   command.add_option(name, input.path, help)->required();
-  command.add_option("--" + input.side + "-space", input.space, "Of a file that does not say: ras or lps")
+  command.add_option("--" + input.side + "-space", input.space, "Space of a file that does not state it: ras or lps")
       ->check(CLI::IsMember({"ras", "lps"}));
-  command.add_option("--" + input.side + "-units", input.units, "Of its numbers")
+  command.add_option("--" + input.side + "-units", input.units, "Unit of the file's numbers")
       ->check(CLI::IsMember({"mm", "cm", "m", "um"}))
       ->capture_default_str();
 }

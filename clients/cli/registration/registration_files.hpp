@@ -1,5 +1,4 @@
-// What the registrations of files have in common on the command line: two files with their spaces and units, and where
-// the result goes.
+// Common command-line options of registrations of files: two files with their spaces and units, and the output.
 #pragma once
 
 #include <string>
@@ -13,10 +12,10 @@ class App;
 
 namespace bregma::cli {
 
-// One of the two sides; its options are --source-space and --source-units, or the same of the target.
+// One of the two sides, with the options --source-space and --source-units, or those of the target.
 struct InputFile {
   std::string path;
-  std::string space; // "", "ras" or "lps": for a file that does not say
+  std::string space; // "", "ras" or "lps": for a file that does not state its space
   std::string units = "mm";
   std::string side; // "source" or "target"
 
@@ -27,7 +26,7 @@ struct InputFile {
 
 struct RegistrationFiles {
   InputFile source, target;
-  std::string tfm; // empty: none is written
+  std::string tfm; // empty: no file is written
 
   RegistrationFiles() {
     source.side = "source";
@@ -35,7 +34,7 @@ struct RegistrationFiles {
   }
 };
 
-// The two positional arguments and the options above. source_name, target_name: as the help shows them.
+// The two positional arguments and the options above. source_name, target_name: names in the help text.
 void add_registration_files(CLI::App &command, RegistrationFiles &files, const std::string &source_name,
                             const std::string &source_help, const std::string &target_name,
                             const std::string &target_help);

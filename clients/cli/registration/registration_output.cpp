@@ -18,7 +18,7 @@ std::string matrix_text(const char *name, const Eigen::Matrix4d &m) {
   for (Eigen::Index i = 0; i < 4; ++i) {
     table.row({fixed(m(i, 0), 6), fixed(m(i, 1), 6), fixed(m(i, 2), 6), fixed(m(i, 3), 4)});
   }
-  return std::string(name) + "\n" + table.text().substr(1); // without the empty header
+  return std::string(name) + "\n" + table.text().substr(1); // removes the empty header
 }
 
 } // namespace
@@ -74,7 +74,7 @@ base::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &
   if (file.empty()) {
     return std::vector<casefile::NamedPoint>();
   }
-  // Lesions may lie close together.
+  // Lesions may be close to each other.
   auto read = read_point_file(file, target.point_options({0.0, casefile::kPointsSize.largest_mm}));
   if (!read) {
     return tl::unexpected(read.error());

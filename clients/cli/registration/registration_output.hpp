@@ -1,5 +1,5 @@
-// How the registrations of files are shown: the transform in both directions, residuals, predicted errors, verdicts.
-// The same for all of them, as text and as JSON.
+// Common output of registrations of files, as text and as JSON: the transform in both directions, residuals, predicted
+// errors, verdicts.
 #pragma once
 
 #include <string>
@@ -15,19 +15,19 @@
 
 namespace bregma::cli {
 
-// "T_target_source" and four rows; then the other direction.
+// "T_target_source" and four rows; then its inverse.
 [[nodiscard]] std::string transforms_text(const Eigen::Matrix4d &T_target_source);
-// Both directions, and what the frames are: the files, in RAS and mm.
+// Both directions, and their frames: the files, in RAS and mm.
 [[nodiscard]] nlohmann::json transforms_json(const Eigen::Matrix4d &T_target_source, const RegistrationFiles &files);
 
-// Of a rigid transform: the 6x6 matrix and what its rows are.
+// Covariance of a rigid transform: the 6x6 matrix and the names of its rows.
 void add_covariance(nlohmann::json &out, const geometry::Matrix6d &covariance);
 
 struct PointError {
   std::string name;
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero(); // in the target's frame
   double tre_rms_mm = 0.0;
-  double within_95_mm = 0.0; // longest semi-axis of the region that holds 95 %
+  double within_95_mm = 0.0; // longest semi-axis of the 95 % region
 };
 // Predicted errors at points of the target's frame.
 [[nodiscard]] std::vector<PointError> errors_at(const std::vector<casefile::NamedPoint> &targets,
@@ -35,15 +35,15 @@ struct PointError {
 [[nodiscard]] std::string errors_text(const std::vector<PointError> &errors);
 [[nodiscard]] nlohmann::json errors_json(const std::vector<PointError> &errors);
 
-// The points of a --targets file, in the frame, space and unit of the target; empty where there is none.
+// The points of a --targets file, in the frame, space and unit of the target; empty without a file.
 [[nodiscard]] base::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file,
                                                                            const InputFile &target);
 
-// Writes files.tfm where it is asked for; kOk, or what fail() returns.
+// Writes files.tfm if requested; returns kOk, or the result of fail().
 int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_source);
 
-// The sentence to standard error (in JSON: verdict and reason, with what is in `extra`), and kRefused. No transform is
-// printed by this and none is written.
+// Prints the sentence to standard error (in JSON: verdict and reason, plus `extra`) and returns kRefused. Neither
+// prints nor writes a transform.
 int refuse(const std::string &verdict, const std::string &reason, const Context &context,
            nlohmann::json extra = nlohmann::json::object());
 

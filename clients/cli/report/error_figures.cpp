@@ -13,9 +13,9 @@ namespace {
 
 constexpr std::array kToolColours{base::colour::kBlue, base::colour::kOrange, base::colour::kPurple,
                                   base::colour::kGreen, base::colour::kYellow};
-constexpr double kGap_s = 0.3;         // a longer silence breaks a line
-constexpr double kWindow_s = 0.5;      // over which the median is taken
-constexpr std::size_t kMaxDots = 1500; // of one colour
+constexpr double kGap_s = 0.3;         // a longer gap interrupts a line
+constexpr double kWindow_s = 0.5;      // window of the median
+constexpr std::size_t kMaxDots = 1500; // per colour
 
 struct ShownTool {
   std::string name;
@@ -60,7 +60,7 @@ template <class Value> base::Series line_of(const SessionAnalysis &session, cons
   return out;
 }
 
-// What is left of a line when the tracker's noise is taken out: its median in each window.
+// Median in each window, which removes the tracker's noise from a line.
 base::Series median_of(const base::Series &line) {
   base::Series out = line;
   out.points.clear();
@@ -88,7 +88,7 @@ base::Series median_of(const base::Series &line) {
   return out;
 }
 
-// The axis ends where all but the outermost 0.2 % of the data end: one glitch must not flatten the rest.
+// The axis covers 99.8 % of the data, so that one outlier does not compress the rest.
 double axis_end(std::vector<double> values, double margin) {
   const double end = distribution_of(std::move(values)).percentile(0.998);
   return std::isfinite(end) && end > 0.0 ? end * margin : 1.0;
@@ -106,7 +106,7 @@ std::string error_figure(const SessionAnalysis &session) {
   plot.y.label = "error of the shown tip, mm";
   plot.bands = navigating_bands(session);
   std::vector<double> heights;
-  std::vector<base::Series> medians; // over the noise of all tools
+  std::vector<base::Series> medians; // drawn on top of the samples of all tools
   for (const auto &tool : shown_tools(session)) {
     if (session.has_truth) {
       auto noisy = line_of(session, tool, [](const TipSample &tip) { return tip.true_error_mm; });
@@ -133,7 +133,7 @@ std::string error_figure(const SessionAnalysis &session) {
   plot.y.from = 0.0;
   plot.y.to = axis_end(std::move(heights), 1.15);
   return full_width(plot, session.has_truth
-                              ? "How far the shown tip was from the true one (pale: each state; line: median of half a "
+                              ? "Error of the shown tip (pale: each state; line: median of half a "
                                 "second), and what the daemon predicted at that moment (dashed: TRE, RMS). Lines "
                                 "break where no pose was shown."
                               : "The error that the daemon predicted. The session holds no truth, so the true error "
@@ -154,7 +154,7 @@ std::string calibration_figure(const SessionAnalysis &session) {
   held.name = "held at the target";
   held.colour = "#111827";
   const auto add = [&](base::Series dots, double radius) {
-    // Every so manieth of its own: the states of two tools take turns.
+    // Thins the samples of each tool separately, because the states of two tools alternate.
     const std::size_t stride = dots.points.size() / kMaxDots + 1;
     std::vector<base::PlotPoint> kept;
     for (std::size_t i = 0; i < dots.points.size(); i += stride) {
@@ -185,8 +185,9 @@ std::string calibration_figure(const SessionAnalysis &session) {
   const double end = axis_end(std::move(both), 1.1);
   plot.x.from = plot.y.from = 0.0;
   plot.x.to = plot.y.to = end;
-  return half_width(plot, "One dot a published pose. An honest prediction has most dots below about one and a half "
-                          "times the diagonal, and not all of them far below it.");
+  return half_width(plot,
+                    "One dot per published pose. With a realistic prediction most dots lie below about one and a half "
+                    "times the diagonal, and not all of them far below.");
 }
 
 } // namespace bregma::cli::report

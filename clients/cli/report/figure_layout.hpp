@@ -1,4 +1,4 @@
-// How plots become figures of the page. Internal to figures.hpp's sources.
+// Layout of plots as figures of the page. Internal to figures.hpp's sources.
 #pragma once
 
 #include <string>
@@ -8,7 +8,7 @@
 
 namespace bregma::cli::report {
 
-// Two pictures of the same: one for a desk, one for a phone; the style sheet shows the one that fits.
+// Two versions of a picture, wide and narrow; the style sheet shows the one that fits the screen.
 template <class Draw> std::string responsive(Draw &&draw, int wide, int narrow) {
   return "<div class='wide'>" + draw(wide) + "</div><div class='narrow'>" + draw(narrow) + "</div>";
 }

@@ -40,7 +40,7 @@ std::string timeline_figure(const SessionAnalysis &session) {
           {session.seconds(span.from_ns), session.seconds(span.to_ns), state_colour(span.state), span.state});
     }
   }
-  std::vector<std::pair<std::string, std::size_t>> row_of; // of each alarm that was ever raised
+  std::vector<std::pair<std::string, std::size_t>> row_of; // row of each alarm that was raised
   const double end = session.seconds(session.end_ns);
   for (const auto &alarm : session.alarms) {
     const std::string name = alarm.kind + (alarm.subject.empty() ? "" : " " + alarm.subject);
@@ -53,7 +53,7 @@ std::string timeline_figure(const SessionAnalysis &session) {
     auto &spans = rows[found->second].spans;
     const double now = session.seconds(alarm.time_ns);
     if (!spans.empty() && spans.back().to == end) {
-      spans.back().to = now; // whatever it was, it is something else from here on
+      spans.back().to = now; // the previous state ends here
     }
     if (alarm.state != "cleared") {
       spans.push_back({now, end, alarm.state == "raised" ? severity_colour(alarm.severity) : "#8a93a0", alarm.state});
@@ -141,8 +141,8 @@ std::string residual_figure(const SessionAnalysis &session) {
   plot.y.from = 0.0;
   plot.series.push_back(std::move(bars));
   plot.rules.push_back({base::RuleKind::kVertical, 0.0, "", base::colour::kGrey});
-  return full_width(plot, "Distances of the traced points to the scalp after registration. They tell how well skin "
-                          "and model agree, not how well the target is hit.");
+  return full_width(plot, "Distances of the traced points from the scalp after registration. They show how well skin "
+                          "and model agree, not the error at the target.");
 }
 
 } // namespace bregma::cli::report

@@ -1,4 +1,4 @@
-// The pictures of a session's page: each a piece of HTML, empty when the session holds nothing to draw.
+// The figures of a session's page as HTML fragments; empty when the session has no data for them.
 #pragma once
 
 #include <string>

@@ -13,7 +13,7 @@ namespace {
 
 using casefile::Colour;
 
-// Blue inside, pale at zero, red outside; light and dark of both ends are alike to all eyes.
+// Blue inside, pale at zero, red outside. Both ends have the same lightness, also for colour-blind readers.
 constexpr std::array<Colour, 5> kStops{{{33, 80, 168}, {96, 165, 220}, {250, 245, 215}, {240, 140, 90}, {178, 24, 43}}};
 constexpr Colour kSkin{206, 201, 196};
 
@@ -68,7 +68,7 @@ base::Result<std::string> head_figure(const SessionAnalysis &session) {
   for (const auto &point : session.trace) {
     sizes.push_back(std::abs(point.residual_mm));
   }
-  // A round figure that holds nearly all, so that pages can be compared.
+  // A rounded limit that covers 98 % of the samples, so that reports can be compared.
   const double reach_mm = std::max(1.0, std::ceil(distribution_of(std::move(sizes)).percentile(0.98) * 2.0) / 2.0);
 
   casefile::Scene scene;

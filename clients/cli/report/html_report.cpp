@@ -13,7 +13,7 @@
 namespace bregma::cli::report {
 namespace {
 
-// Cells are escaped here, once. A column whose heading begins with '#' holds figures and stands right.
+// Cells are escaped only here. A column whose heading begins with '#' contains figures and is right-aligned.
 class HtmlTable {
 public:
   explicit HtmlTable(const std::vector<std::string> &headings) {
@@ -25,7 +25,7 @@ public:
     }
     out_ += "</tr></thead><tbody>";
   }
-  // verdict: colours the last cell.
+  // verdict: sets the colour of the last cell.
   void row(const std::vector<std::string> &cells, const char *verdict = "") {
     any_ = true;
     out_ += "<tr>";
@@ -80,9 +80,9 @@ std::string page_header(const SessionAnalysis &session, const std::vector<Judgem
   }
   const std::string badge =
       judgements.empty() ? "<span class='badge'>no limits given</span>"
-      : broken == 0      ? "<span class='badge good'>all " + std::to_string(judgements.size()) + " limits held</span>"
+      : broken == 0      ? "<span class='badge good'>all " + std::to_string(judgements.size()) + " limits kept</span>"
                     : "<span class='badge bad'>" + std::to_string(broken) + " of " + std::to_string(judgements.size()) +
-                          " limits did not hold</span>";
+                          " limits exceeded</span>";
   std::string sub = date_text(session.start_ns) + " \u00b7 " + duration_text(session.seconds(session.end_ns)) +
                     " \u00b7 " + std::to_string(session.tracker_frames) + " tracker frames";
   sub += session.has_truth ? " \u00b7 simulated, so the truth is known" : " \u00b7 true errors are not known";
@@ -118,10 +118,10 @@ std::string key_figures(const SessionAnalysis &session) {
   }
   out += card("Lost samples", session.devices.empty() ? "not known" : std::to_string(lost),
               std::to_string(late) + " late, " + std::to_string(session.rejected_in_all()) + " rejected, all devices");
-  out += card("Navigation rate", known(session.navigation_rate_hz, 0, "Hz"), "states a second while navigating");
+  out += card("Navigation rate", known(session.navigation_rate_hz, 0, "Hz"), "states per second while navigating");
   out +=
       card("Consistency of the fiducials", session.registration ? known(session.registration->fre_mm, 2, "mm") : "none",
-           "FRE: how well the fiducials agree. It is not an accuracy.");
+           "FRE: consistency of the fiducials. It is not an accuracy.");
   return out + "</div>";
 }
 
@@ -154,7 +154,7 @@ std::string registration_tables(const SessionAnalysis &session) {
   }
   if (fiducials.any()) {
     out += "<h3>Residuals of the fiducials</h3>" + fiducials.text() +
-           "<p class='note'>\u201cLeft out\u201d is the distance when the fiducial takes no part in the fit. Residuals "
+           "<p class='note'>\u201cLeft out\u201d is the distance when the fit does not use the fiducial. Residuals "
            "tell "
            "whether the fiducials agree; they do not tell the error at the target.</p>";
   }
@@ -173,12 +173,12 @@ std::string checks_table(const SessionAnalysis &session) {
 }
 
 std::string insertion_table(const InsertionAnalysis &insertion) {
-  HtmlTable table({"Target", "#Tetrahedra", "#Ruptures", "#At a modelled force of N", "#At a dent of mm",
+  HtmlTable table({"Target", "#Tetrahedra", "#Ruptures", "#At a modelled force of N", "#At an indentation of mm",
                    "#Largest motion mm", "#Measured : modelled stiffness"});
   table.row({insertion.target, std::to_string(insertion.elements), std::to_string(insertion.ruptures),
              fixed(insertion.rupture_force_N, 3), fixed(insertion.rupture_depth_mm, 1),
              fixed(insertion.largest_motion_mm, 2), fixed(insertion.stiffness_scale, 2)});
-  HtmlTable answers({"Answers of the model, and why not all are valid", "#Number"});
+  HtmlTable answers({"Answers of the model, and why some are not valid", "#Number"});
   for (const auto *list : {&insertion.states, &insertion.reasons}) {
     for (const auto &[name, count] : *list) {
       answers.row({name, std::to_string(count)});
@@ -221,7 +221,7 @@ std::string devices_tables(const SessionAnalysis &session) {
   std::string out = devices.any() ? devices.text() : std::string();
   if (session.unknown_device_samples > 0) {
     out += "<p class='note'>" + std::to_string(session.unknown_device_samples) +
-           " samples came from devices that nobody configured.</p>";
+           " samples came from devices that are not configured.</p>";
   }
   return out + (loops.any() ? "<h3>Loops of the daemon</h3>" + loops.text() : std::string());
 }
@@ -259,8 +259,8 @@ base::Result<std::string> html_report(const SessionAnalysis &session, const std:
                     base::escape(case_of(session)) + "</title><style>" + kPageStyle + "</style></head><body><main>";
   out += page_header(session, judgements) + key_figures(session);
   if (session.record_dropped > 0) {
-    out += section("The recording is not whole", "<p>" + std::to_string(session.record_dropped) +
-                                                     " records were dropped; the figures count what is there.</p>");
+    out += section("The recording is incomplete", "<p>" + std::to_string(session.record_dropped) +
+                                                      " records were dropped; the figures are incomplete.</p>");
   }
   out += section("Limits of the scenario", limits_table(judgements));
   out += section("The session", timeline_figure(session));

@@ -1,4 +1,4 @@
-// A session as one page: text, tables and pictures in one file that needs no other, no network and no script.
+// A session as one page: text, tables and pictures in one self-contained file, without network or scripts.
 #pragma once
 
 #include <string>

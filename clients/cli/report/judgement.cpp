@@ -28,7 +28,7 @@ double worst_check_mm(const std::vector<CheckRecord> &checks) {
   return worst;
 }
 
-// Known only when it is known for every structure that was approached.
+// Known only if the clearance of every approached structure is known.
 double smallest_clearance_mm(const std::vector<Approach> &approaches) {
   double least = geometry::kUnknown;
   for (const auto &approach : approaches) {
@@ -88,7 +88,7 @@ std::vector<Judgement> judge(const SessionAnalysis &session, const casefile::Run
   judge.at_most("max_predicted_tre_mm", "predicted target error (TRE), RMS, worst target",
                 of_registration(worst_target_tre_mm), limits.max_predicted_tre_mm, "mm");
   judge.at_most("max_check_mm", "largest check touch", worst_check_mm(session.checks), limits.max_check_mm, "mm");
-  judge.at_least("min_navigation_rate_hz", "navigation states a second while navigating", session.navigation_rate_hz,
+  judge.at_least("min_navigation_rate_hz", "navigation states per second while navigating", session.navigation_rate_hz,
                  limits.min_navigation_rate_hz, "Hz");
   judge.at_most("max_latency_p99_ms", "tracker's write to published state, 99 %",
                 session.sent_to_published_ms.percentile(0.99), limits.max_latency_p99_ms, "ms");
@@ -105,13 +105,13 @@ std::vector<Judgement> judge(const SessionAnalysis &session, const casefile::Run
   judge.at_least("min_surface_samples", "surface points of the accepted registration",
                  of_registration([](const auto &r) { return static_cast<double>(r.surface_points); }),
                  real(limits.min_surface_samples), "");
-  judge.at_most("max_unacknowledged_critical_alarms", "critical alarms that nobody acknowledged",
+  judge.at_most("max_unacknowledged_critical_alarms", "critical alarms not acknowledged",
                 static_cast<double>(session.unacknowledged_critical), real(limits.max_unacknowledged_critical_alarms),
                 "");
   judge.at_least("require_inside_95", "true error at the target inside the predicted 95 % region",
                  yes_or_no(target ? target->inside : std::nullopt),
                  limits.require_inside_95 ? std::optional(1.0) : std::nullopt, "");
-  judge.at_least("require_verified", "registration verified before it was navigated by",
+  judge.at_least("require_verified", "registration verified before navigation",
                  yes_or_no(session.verified_before_navigation),
                  limits.require_verified ? std::optional(1.0) : std::nullopt, "");
   return std::move(judge.out);

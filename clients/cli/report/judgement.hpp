@@ -1,4 +1,4 @@
-// A run against the limits of its scenario, one by one.
+// Comparison of a run with the limits of its scenario, one by one.
 #pragma once
 
 #include <string>
@@ -16,11 +16,11 @@ struct Judgement {
   double value = geometry::kUnknown; // NaN: the file does not say, and then the limit does not hold
   double limit = geometry::kUnknown;
   std::string unit;    // empty for counts and yes (1) or no (0)
-  bool at_most = true; // else at least
+  bool at_most = true; // false: at least
   bool holds = false;
 };
 
-// Only the limits that are given.
+// Only the limits in the scenario.
 [[nodiscard]] std::vector<Judgement> judge(const SessionAnalysis &session, const casefile::RunLimits &limits);
 
 [[nodiscard]] bool all_hold(const std::vector<Judgement> &judgements);

@@ -1,4 +1,4 @@
-// The look of the report's page. One column on a phone and on paper, two where there is room.
+// Style sheet of the report's page. One column on a phone and on paper, two on wide screens.
 #pragma once
 
 namespace bregma::cli::report {

@@ -17,7 +17,7 @@ namespace {
 
 using base::Result;
 
-// Mesh readers take files, so the attachment becomes one for a moment.
+// Mesh readers take files, so the attachment is written to a temporary file.
 class TemporaryFile {
 public:
   explicit TemporaryFile(const std::string &body) {

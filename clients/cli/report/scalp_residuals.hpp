@@ -1,4 +1,4 @@
-// How far the traced points lie from the scalp once they are registered. Part of analyse().
+// Distances of the registered traced points from the scalp. Part of analyse().
 #pragma once
 
 #include "clients/cli/report/session_analysis.hpp"
@@ -6,10 +6,10 @@
 
 namespace bregma::cli::report {
 
-inline constexpr const char *kScalpAttachment = "scalp.ply"; // in whatever folder of the case
+inline constexpr const char *kScalpAttachment = "scalp.ply"; // in any folder of the case
 
-// Fills scalp and trace with the surface samples captured since since_ns and up to the acceptance. Nothing is filled,
-// and nothing is wrong, when the file carries no scalp.
+// Fills scalp and trace with the surface samples captured between since_ns and the acceptance. Without a scalp in the
+// file nothing is filled, which is not an error.
 [[nodiscard]] base::Result<void> measure_trace(const casefile::SessionReader &reader,
                                                const wire::RegistrationState &accepted, std::int64_t since_ns,
                                                SessionAnalysis &out);

@@ -20,7 +20,7 @@ using casefile::SessionReader;
 
 constexpr std::int64_t kFreshDaemon_ns = 5'000'000'000;
 
-// Of a text that a damaged file may hold without an end.
+// Limits the length of a text, which may lack its terminator in a damaged file.
 template <std::size_t N> std::string bounded(const char (&text)[N]) { return {text, strnlen(text, N)}; }
 
 template <class T, class Visit> Result<void> visit_each(const SessionReader &reader, Visit &&visit) {
@@ -98,7 +98,7 @@ Result<void> read_registration(const SessionReader &reader, SessionAnalysis &out
                                          {}};
   auto &residuals = out.registration->residuals;
   return visit_each<wire::FiducialReport>(reader, [&](const wire::FiducialReport &report, std::int64_t) {
-    // The last that was made from no later samples than the accepted estimate.
+    // The last report that used no samples later than the accepted estimate.
     if (report.revision > accepted->accepted_revision) {
       return;
     }
@@ -113,7 +113,7 @@ Result<void> read_registration(const SessionReader &reader, SessionAnalysis &out
 
 Result<void> read_accuracy(const SessionReader &reader, SessionAnalysis &out) {
   return visit_each<wire::AccuracyState>(reader, [&](const wire::AccuracyState &state, std::int64_t time_ns) {
-    // The bound of a check is stated right after it, with the count that it raised.
+    // The state published right after a check contains the limit of the check.
     for (auto &check : out.checks) {
       if (!std::isfinite(check.limit_mm) && check.time_ns <= time_ns &&
           std::abs(check.distance_mm - state.last_check_mm) < 1e-9) {
@@ -134,7 +134,7 @@ Result<void> read_accuracy(const SessionReader &reader, SessionAnalysis &out) {
 // ---- alarms ----
 
 Result<void> read_alarms(const SessionReader &reader, SessionAnalysis &out) {
-  std::map<std::pair<std::string, std::string>, bool> open_critical; // seen by a person
+  std::map<std::pair<std::string, std::string>, bool> open_critical; // acknowledged by the operator
   auto read = visit_each<wire::Alarm>(reader, [&](const wire::Alarm &alarm, std::int64_t time_ns) {
     const std::pair key{wire::text(alarm.kind), wire::text(alarm.subject)};
     out.alarms.push_back({time_ns, key.first, key.second, std::string(alarm_label(alarm.state)),
@@ -222,7 +222,7 @@ Result<void> read_health(const SessionReader &reader, SessionAnalysis &out, Conv
   return {};
 }
 
-// ---- the whole ----
+// ---- whole session ----
 
 void make_state_spans(SessionAnalysis &out, Conversation &talk) {
   std::stable_sort(talk.states.begin(), talk.states.end(),
@@ -246,7 +246,7 @@ void make_state_spans(SessionAnalysis &out, Conversation &talk) {
                                                                *talk.first_confirmed_ns <= first_navigating->first);
 }
 
-// Every topic's records bound the session in time.
+// The session's duration follows from the records of all topics.
 Result<void> read_extent(const SessionReader &reader, SessionAnalysis &out) {
   const auto extend = [&](std::int64_t time_ns) {
     out.start_ns = out.start_ns == 0 ? time_ns : std::min(out.start_ns, time_ns);

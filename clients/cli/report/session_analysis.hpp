@@ -1,7 +1,7 @@
-// What a session file says about the run that it holds: figures for `bregma report`, its JSON and its pages.
+// Evaluation of a session file: figures for `bregma report`, its JSON and its pages.
 //
-// Times are ns UTC as recorded, lengths mm. NaN and empty optionals stand for what the file does not say: without the
-// simulator's truth no true error is known, and none is ever 0 for that reason. Pure functions of the file; one thread.
+// Times are ns UTC as recorded, lengths mm. NaN and empty optionals mean that the file does not contain the value.
+// Without the simulator's truth, true errors are unknown, never 0. Pure functions of the file; one thread.
 #pragma once
 
 #include <cstdint>
@@ -23,7 +23,7 @@ namespace bregma::cli::report {
 inline constexpr double kAtTargetDepth_mm = 1.0;    // along the trajectory
 inline constexpr double kAtTargetDistance_mm = 3.0; // in all
 
-// Nearest rank: the smallest value that at least this share of the samples does not exceed.
+// Nearest rank: the smallest value that at least this fraction of the samples does not exceed.
 struct Distribution {
   std::vector<double> sorted;
   [[nodiscard]] std::size_t count() const { return sorted.size(); }
@@ -31,7 +31,7 @@ struct Distribution {
   [[nodiscard]] double max() const { return percentile(1.0); }
 };
 
-// One published tip that was live or unverified, once a tool and tracker frame.
+// One published tip that was live or unverified, once per tool and tracker frame.
 struct TipSample {
   std::int64_t time_ns = 0;
   std::uint32_t tool = 0; // index into SessionAnalysis::tools
@@ -41,7 +41,7 @@ struct TipSample {
   double ellipsoid = geometry::kUnknown; // of the true error, squared, in semi-axes: inside the 95 % region up to 1
 };
 
-// While held at the target of the plan that was navigated.
+// Figures while the tip was held at the target of the navigated plan.
 struct AtTarget {
   std::string tool;
   std::string trajectory;
@@ -68,7 +68,7 @@ struct FiducialFigure {
   bool suspect = false;
 };
 
-struct RegistrationSummary { // the registration that was accepted last
+struct RegistrationSummary { // the last accepted registration
   std::int64_t accepted_time_ns = 0;
   std::uint64_t revision = 0;
   std::uint32_t fiducials = 0;
@@ -87,7 +87,7 @@ struct CheckRecord {
   double limit_mm = geometry::kUnknown; // 95 % bound if nothing has moved
 };
 
-// To one critical structure, of the tip that was navigated.
+// Closest approach of the navigated tip to one critical structure.
 struct Approach {
   std::string structure;
   std::string tool;
@@ -154,7 +154,7 @@ struct DeviceSummary {
   std::uint64_t lost = 0;
   std::uint64_t late = 0;
   std::uint64_t connections = 0;
-  std::map<std::string, std::uint64_t> rejected; // by reason, those that occurred
+  std::map<std::string, std::uint64_t> rejected; // number by reason, if not 0
 };
 
 struct LoopSummary {
@@ -168,14 +168,14 @@ struct LoopSummary {
 };
 
 struct TracePoint {
-  Eigen::Vector3d on_scalp_mm; // in Image: the closest point of the scalp to the registered sample
-  double residual_mm = 0.0;    // of the sample to it, negative inside
+  Eigen::Vector3d on_scalp_mm; // in Image: the scalp's point closest to the registered sample
+  double residual_mm = 0.0;    // distance of the sample from it, negative inside
 };
 
 struct SessionAnalysis {
   std::vector<casefile::MetaEntry> meta;
-  std::int64_t start_ns = 0; // of the first record
-  std::int64_t end_ns = 0;   // of the last
+  std::int64_t start_ns = 0; // time of the first record
+  std::int64_t end_ns = 0;   // time of the last record
   std::uint64_t records = 0;
   std::uint64_t tracker_frames = 0;
   bool has_truth = false;
@@ -195,22 +195,22 @@ struct SessionAnalysis {
   std::vector<CheckRecord> checks;
   std::vector<AlarmChange> alarms;
   std::size_t critical_alarms = 0;         // raised
-  std::size_t unacknowledged_critical = 0; // of these, those that nobody acknowledged before they went or the end
+  std::size_t unacknowledged_critical = 0; // of these, not acknowledged before they were cleared or the session ended
   std::vector<StateSpan> states;
-  // Counted since the first record, or since the daemon's start when that was within the five seconds before.
+  // Counted since the first record, or since the daemon's start when that was at most five seconds earlier.
   std::vector<DeviceSummary> devices;
   std::vector<LoopSummary> loops;
   std::uint64_t unknown_device_samples = 0;
   std::uint64_t record_dropped = 0;
 
-  surface::TriangleMesh scalp; // empty when the file carries none
+  surface::TriangleMesh scalp; // empty if the file has none
   std::vector<TracePoint> trace;
 
   [[nodiscard]] double seconds(std::int64_t time_ns) const { return static_cast<double>(time_ns - start_ns) * 1e-9; }
   [[nodiscard]] std::uint64_t rejected_in_all() const;
 };
 
-// An error when the file cannot be read through, or holds nothing at all.
+// An error when the file cannot be read completely, or is empty.
 [[nodiscard]] base::Result<SessionAnalysis> analyse(const casefile::SessionReader &reader);
 
 } // namespace bregma::cli::report

@@ -108,7 +108,7 @@ std::string insertion_text(const InsertionAnalysis &insertion) {
   out += ")\n";
   if (insertion.ruptures > 0) {
     out += "        " + std::to_string(insertion.ruptures) + " rupture" + (insertion.ruptures > 1 ? "s" : "") +
-           ", the first at a modelled " + known(insertion.rupture_force_N, 3, "N") + " after a dent of " +
+           ", the first at a modelled " + known(insertion.rupture_force_N, 3, "N") + " after an indentation of " +
            known(insertion.rupture_depth_mm, 1, "mm") + "\n";
   }
   for (const FollowedLandmark &landmark : insertion.landmarks) {
@@ -186,7 +186,7 @@ std::string summary_text(const SessionAnalysis &session, const std::vector<Judge
   out += "Latency  exposure to published   " + spread_text(session.exposure_to_published_ms, 3, "ms") + "\n";
   out += "         frame sent to published " + spread_text(session.sent_to_published_ms, 3, "ms") + "\n\n";
   out += devices_text(session) + "\n" + registration_text(session);
-  out += session.at_target ? at_target_text(*session.at_target) : "At the target  never held there\n";
+  out += session.at_target ? at_target_text(*session.at_target) : "At the target  the tip was never held there\n";
   if (session.approaches.empty()) {
     out += "Critical structures  none approached\n";
   }
@@ -209,14 +209,15 @@ std::string summary_text(const SessionAnalysis &session, const std::vector<Judge
   }
   out += session.states.empty() ? " not recorded\n" : "\n";
   if (session.record_dropped > 0) {
-    out += "Recorder  " + std::to_string(session.record_dropped) + " records were dropped: the figures are not whole\n";
+    out +=
+        "Recorder  " + std::to_string(session.record_dropped) + " records were dropped: the figures are incomplete\n";
   }
   if (!judgements.empty()) {
     Table table({"Limit", "What", "Value", "Wanted", "Holds"});
     for (const auto &one : judgements) {
       table.row({one.name, one.text, value_text(one), limit_text(one), one.holds ? "yes" : "NO"});
     }
-    out += "\n" + table.text() + (all_hold(judgements) ? "\nAll limits held.\n" : "\nNOT all limits held.\n");
+    out += "\n" + table.text() + (all_hold(judgements) ? "\nAll limits were kept.\n" : "\nLimits were exceeded.\n");
   }
   return out;
 }

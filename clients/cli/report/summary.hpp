@@ -1,4 +1,4 @@
-// The figures of a session as a person reads them on a terminal and a program in JSON.
+// The figures of a session as text for a terminal and as JSON.
 #pragma once
 
 #include <string>
@@ -12,10 +12,10 @@
 namespace bregma::cli::report {
 
 [[nodiscard]] std::string summary_text(const SessionAnalysis &session, const std::vector<Judgement> &judgements);
-// What is not known is null.
+// Unknown values are null.
 [[nodiscard]] nlohmann::json summary_json(const SessionAnalysis &session, const std::vector<Judgement> &judgements);
 
-// "2.31 mm"; for yes or no "yes"; "not known" where the file does not say.
+// "2.31 mm"; for yes or no "yes"; "not known" if the file does not contain it.
 [[nodiscard]] std::string value_text(const Judgement &judgement);
 [[nodiscard]] std::string limit_text(const Judgement &judgement); // "at most 3 mm", "required"
 

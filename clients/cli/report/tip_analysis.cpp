@@ -15,10 +15,10 @@ using Eigen::Vector3d;
 namespace frame = geometry::frame;
 using ImagePose = geometry::Rigid3<frame::Image, frame::Reference>;
 
-// A restarted tracker counts its frames anew, so a frame's number alone does not name it.
+// A restarted tracker restarts its frame numbers, so a number alone does not identify a frame.
 constexpr std::int64_t kSameFrame_ns = 1'000'000'000;
 
-// The nearest structure is always told; others when the tip came as near as this.
+// The nearest structure is always reported, others only if the tip came within this distance.
 constexpr double kApproach_mm = 50.0;
 
 struct TrueTip {
@@ -62,7 +62,7 @@ public:
   }
   [[nodiscard]] bool empty() const { return tips_.empty(); }
 
-  // The nearest in time of those with this number.
+  // The frame with this number that is nearest in time.
   [[nodiscard]] const TrueTip *find(std::uint64_t frame_number, std::uint32_t tool, std::int64_t time_ns) const {
     const TrueTip *best = nullptr;
     const auto [first, last] = tips_.equal_range(frame_number);
@@ -80,7 +80,7 @@ private:
   std::unordered_multimap<std::uint64_t, TrueTip> tips_;
 };
 
-// The registration that was in force at a time.
+// The registration that was valid at a time.
 class AcceptedRegistrations {
 public:
   base::Result<void> read(const casefile::SessionReader &reader) {
@@ -103,7 +103,7 @@ private:
   std::map<std::int64_t, std::optional<ImagePose>> accepted_;
 };
 
-// Of an error vector, squared, in units of the semi-axes.
+// Squared length of an error vector in units of the semi-axes.
 double in_semi_axes(const wire::Ellipsoid &region, const Vector3d &error_mm) {
   double sum = 0.0;
   for (std::size_t i = 0; i < 3; ++i) {
@@ -132,7 +132,7 @@ public:
   void take(const wire::NavigationState &state) {
     const std::uint32_t tool = tools_.index(state.tool);
     auto &last = last_[tool];
-    // Every state counts for the rate, only the first of a frame for latency and errors.
+    // Every state counts for the rate, but only the first state per frame counts for latency and errors.
     if (!wire::view(state.trajectory).empty()) {
       count_rate(state, last);
     }
@@ -231,7 +231,7 @@ private:
       approach.time_ns = state.published_time_ns;
       approach.shown_mm = state.nearest_structure_mm;
     }
-    // A distance changes by no more than the tip moves.
+    // A distance changes by at most the displacement of the tip.
     const double at_least = std::max(0.0, state.nearest_structure_mm - true_error_mm);
     if (std::isfinite(true_error_mm) &&
         (!std::isfinite(approach.true_at_least_mm) || at_least < approach.true_at_least_mm)) {

@@ -1,4 +1,4 @@
-// The tips that were published, against the truth where there is one. Part of analyse().
+// The published tips compared with the truth, if recorded. Part of analyse().
 #pragma once
 
 #include "clients/cli/report/session_analysis.hpp"

@@ -67,7 +67,7 @@ base::Result<void> analyse_tissue(const casefile::SessionReader &reader, Session
     insertion.ruptures = state.ruptures - std::min(state.ruptures, before);
     insertion.samples.push_back(sample_of(state));
     insertion.largest_motion_mm =
-        std::fmax(insertion.largest_motion_mm, insertion.samples.back().motion_mm); // NaN is passed over
+        std::fmax(insertion.largest_motion_mm, insertion.samples.back().motion_mm); // fmax ignores NaN
     ++insertion.states[insertion.samples.back().status];
     if (state.reason != bregma_wire_DEFORMATION_REASON_NONE) {
       ++insertion.reasons[std::string(deformation_reason_label(state.reason))];

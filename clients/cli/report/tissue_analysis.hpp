@@ -1,4 +1,4 @@
-// What the tissue model said while the probe was in the brain. Part of session_analysis.hpp.
+// The tissue model's answers while the probe was in the brain. Part of session_analysis.hpp.
 #pragma once
 
 #include "base/result.hpp"

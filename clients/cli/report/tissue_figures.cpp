@@ -64,15 +64,15 @@ std::string tissue_force_figure(const SessionAnalysis &session) {
   plot.series.push_back(course(
       insertion, "model: tip", base::colour::kOrange, [](const TissueSample &s) { return s.tip_force_N; }, false));
   plot.series.push_back(course(insertion, "model: drawn back", base::colour::kBlue, all_force_N, true));
-  return half_width(plot, "What the probe pushes the tissue with, as the model has it and as the sensor in its grip "
-                          "measures it. Before the rupture the depth is that of the dent.");
+  return half_width(plot, "Force of the probe on the tissue, by the model and by the sensor in its grip. "
+                          "Before the rupture the depth is that of the indentation.");
 }
 
 std::string tissue_stress_figure(const SessionAnalysis &session) {
   return session.insertion
              ? half_width(in_and_out(*session.insertion, "Stress at the target against depth", "von Mises stress, Pa",
                                      [](const TissueSample &s) { return s.von_mises_Pa; }),
-                          "Von Mises stress in the tissue at the target, which the probe comes nearer to.")
+                          "Von Mises stress in the tissue at the target as the probe approaches it.")
              : std::string();
 }
 
@@ -85,8 +85,9 @@ std::string tissue_motion_figure(const SessionAnalysis &session) {
   plot.series.push_back(course(
       *session.insertion, "its error bound", base::colour::kGrey,
       [](const TissueSample &s) { return s.error_bound_mm; }, false));
-  return full_width(plot, "How far the model predicts the target from where it was imaged, and what that is worth. "
-                          "Answers that extrapolate are drawn too, and counted above; invalid ones are not.");
+  return full_width(plot,
+                    "Predicted displacement of the target from its imaged position, and validity of the prediction. "
+                    "Answers that extrapolate are drawn too, and counted above; invalid ones are not.");
 }
 
 } // namespace bregma::cli::report

@@ -18,7 +18,7 @@ std::string count_text(int count) {
   return digits.size() <= 3 ? digits : digits.substr(0, digits.size() - 3) + "," + digits.substr(digits.size() - 3);
 }
 
-// The number of tetrahedra goes with the inverse cube of the edge.
+// The number of tetrahedra is proportional to the inverse cube of the edge length.
 std::string edge_problem(const casefile::Case &c, double edge_mm, int count, double surface_mm3) {
   const auto edge_for = [&](int wanted) { return std::cbrt(12.0 * surface_mm3 / wanted); };
   return "--edge " + fixed(edge_mm, 2) + ": gives " + count_text(count) + " tetrahedra in the brain of " +
@@ -30,10 +30,10 @@ std::string edge_problem(const casefile::Case &c, double edge_mm, int count, dou
 } // namespace
 
 void add_mesh_options(CLI::App &command, MeshRequest &request) {
-  auto *elements = command.add_option("--elements", request.elements, "About as many tetrahedra")
+  auto *elements = command.add_option("--elements", request.elements, "Approximate number of tetrahedra")
                        ->check(CLI::Range(kMinElements, kMaxElements))
                        ->capture_default_str();
-  command.add_option("--edge", request.edge_mm, "Edge of the lattice that fills the brain, mm, instead")
+  command.add_option("--edge", request.edge_mm, "Edge of the mesh's lattice, mm, instead of --elements")
       ->check(CLI::Range(0.5, 50.0))
       ->excludes(elements);
 }
@@ -41,7 +41,7 @@ void add_mesh_options(CLI::App &command, MeshRequest &request) {
 void add_entry_option(CLI::App &command, MeshRequest &request) {
   request.entry_edge_mm = case_model::BrainMeshOptions{}.entry_edge_mm;
   command
-      .add_option("--entry-edge", request.entry_edge_mm, "Longest edge where trajectories enter, mm; 0: as elsewhere")
+      .add_option("--entry-edge", request.entry_edge_mm, "Maximum edge where trajectories enter, mm; 0: no refinement")
       ->check(CLI::Range(0.0, 20.0))
       ->capture_default_str();
 }

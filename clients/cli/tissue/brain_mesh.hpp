@@ -1,4 +1,4 @@
-// The mesh of a case's brain as a person asks for it, and what there is to say about it.
+// The mesh of a case's brain by command-line options, with a report of its quality.
 #pragma once
 
 #include <optional>
@@ -17,17 +17,17 @@ class App;
 
 namespace bregma::cli {
 
-// Fewer do not follow a brain's surface, more are not stepped in real time.
+// Fewer elements do not resolve a brain's surface, more cannot be stepped in real time.
 inline constexpr int kMinElements = 10'000;
 inline constexpr int kMaxElements = 100'000;
 
 struct MeshRequest {
-  int elements = 20'000;         // about as many
-  std::optional<double> edge_mm; // of the lattice; stands instead of elements
-  double entry_edge_mm = 0.0;    // where trajectories enter; 0: as elsewhere
+  int elements = 20'000;         // approximate number
+  std::optional<double> edge_mm; // edge of the lattice, instead of elements
+  double entry_edge_mm = 0.0;    // maximum edge where trajectories enter; 0: no refinement
 };
 
-// --elements and --edge, of which a person gives one at the most. The request must outlive the command.
+// --elements and --edge, which exclude each other. The request must outlive the command.
 void add_mesh_options(CLI::App &command, MeshRequest &request);
 // --entry-edge, with the daemon's default.
 void add_entry_option(CLI::App &command, MeshRequest &request);
@@ -38,10 +38,10 @@ void add_entry_option(CLI::App &command, MeshRequest &request);
 
 struct MeshReport {
   tissue::MeshQuality quality;
-  double edge_mm = 0.0;     // of the lattice
-  double surface_mm3 = 0.0; // that the brain's surface encloses
+  double edge_mm = 0.0;     // edge of the lattice
+  double surface_mm3 = 0.0; // volume inside the brain's surface
   tissue::Material material;
-  double step_s = 0.0; // the longest that is stable in this material
+  double step_s = 0.0; // maximum stable step in this material
 };
 
 [[nodiscard]] MeshReport report_of(const case_model::Brain &brain);

@@ -24,9 +24,9 @@ using base::Result;
 
 struct InsertOptions {
   std::string folder;
-  std::string trajectory; // empty: the first
+  std::string trajectory; // empty: the first one
   double speed_mm_s = 5.0;
-  std::optional<double> depth_mm; // nothing: to the target
+  std::optional<double> depth_mm; // default: to the target
   MeshRequest mesh;
   std::string csv, vtu; // empty: not written
 };
@@ -37,7 +37,7 @@ struct InsertionRun {
   int elements = 0;
   std::string material;
   std::vector<InsertionUpdate> updates;
-  std::unique_ptr<tissue::BrainModel> model; // in its final state
+  std::unique_ptr<tissue::BrainModel> model; // in the final state
 };
 
 Result<const casefile::Trajectory *> trajectory_of(const casefile::Case &c, const std::string &name) {
@@ -143,8 +143,8 @@ void show(const InsertionRun &insertion, const InsertOptions &options, const Con
   std::string text = "Trajectory " + insertion.trajectory + ", " + fixed(insertion.entry_to_target_mm, 1, "mm") +
                      " in the brain; " + std::to_string(insertion.elements) + " tetrahedra of " + insertion.material +
                      "\n\n" + insertion_table(insertion.updates) + "\n";
-  text += last.ruptures > 0 ? "The surface broke at " + fixed(last.rupture_force_N, 3, "N") + ".\n"
-                            : "The surface did not break.\n";
+  text += last.ruptures > 0 ? "The surface ruptured at " + fixed(last.rupture_force_N, 3, "N") + ".\n"
+                            : "The surface did not rupture.\n";
   text += std::to_string(insertion.updates.size()) + " updates, " + std::to_string(invalid) + " of them invalid.\n";
   for (const std::string &file : {options.csv, options.vtu}) {
     text += file.empty() ? "" : "Written: " + file + "\n";
@@ -178,10 +178,12 @@ void add_insert_command(CLI::App &group, Context &context) {
   auto *command = group.add_subcommand("insert", "Drives a probe along a trajectory into a model of the case's brain");
   command->add_option("folder", options->folder, "Case folder")->required();
   command->add_option("--trajectory", options->trajectory, "Name of the trajectory (default: the first)");
-  command->add_option("--speed", options->speed_mm_s, "Of the probe, mm/s")
+  command->add_option("--speed", options->speed_mm_s, "Speed of the probe, mm/s")
       ->check(CLI::Range(0.1, 100.0))
       ->capture_default_str();
-  command->add_option("--depth", options->depth_mm, "Of the tip beyond the brain's surface, mm (default: the target's)")
+  command
+      ->add_option("--depth", options->depth_mm,
+                   "Depth of the tip beyond the brain's surface, mm (default: the target's)")
       ->check(CLI::Range(0.1, 200.0));
   add_mesh_options(*command, options->mesh);
   add_entry_option(*command, options->mesh);
@@ -189,7 +191,7 @@ void add_insert_command(CLI::App &group, Context &context) {
   command->add_option("--vtu", options->vtu, "Write displacement and stress at the end to this file");
   add_json_flag(*command, context);
   command->footer(
-      "The exit code is 1 when the model lost the probe's way, or its last answer is invalid; at a rupture a few "
+      "The exit code is 1 when the model lost the probe's path, or its last answer is invalid; at a rupture a few "
       "are.\n\n"
       "Examples:\n  bregma tissue insert colin27\n"
       "  bregma tissue insert colin27 --trajectory Biopsy --speed 2 --depth 30 --csv run.csv --vtu end.vtu");

@@ -14,7 +14,7 @@
 namespace bregma::cli {
 namespace {
 
-constexpr double kStandoff_mm = 2.0; // between tip and surface at the start
+constexpr double kStandoff_mm = 2.0; // distance between tip and surface at the start
 constexpr double kRowEvery_mm = 1.0;
 
 double largest_von_mises_Pa(const tissue::ExplicitSolver &solver) {
@@ -53,13 +53,13 @@ base::Result<InsertionPath> InsertionPath::along(const casefile::Case &c, const 
     return base::failure(name + "does not enter the brain");
   }
   if ((*entry - trajectory.entry_mm).norm() == 0.0) {
-    return base::failure(name + "begins inside the brain: where it enters is not known");
+    return base::failure(name + "begins inside the brain: its entry is not known");
   }
   InsertionPath path;
   path.entry_mm_ = *entry;
   path.along_ = (trajectory.target_mm - trajectory.entry_mm).normalized();
   path.target_depth_mm_ = (trajectory.target_mm - *entry).norm();
-  // Where the way is slanted the side of the tip comes to the surface before its end does.
+  // If the path is oblique, the side of the tip reaches the surface before its end does.
   path.start_depth_mm_ = -kStandoff_mm - 2.0 * probe_radius_mm;
   return path;
 }
@@ -74,7 +74,7 @@ std::vector<InsertionUpdate> insert(tissue::BrainModel &model, const InsertionPa
   for (int i = 0; i <= count; ++i) {
     const double time_s = i * elapsed_s;
     const double depth_mm = std::min(plan.depth_mm, path.start_depth_mm() + plan.speed_mm_s * time_s);
-    // All steps that the time asks for: simulated time waits.
+    // Computes all steps of the elapsed time: simulated time waits for them.
     (void)model.update({.seen = true, .pose = path.pose(depth_mm), .force_N = std::nullopt}, elapsed_s,
                        std::numeric_limits<int>::max());
     updates.push_back(seen_now(model, time_s, depth_mm));

@@ -26,7 +26,7 @@ using base::failure;
 using base::Result;
 using Eigen::Vector3d;
 
-// How the head lies, and where things then fall (RAS).
+// Direction of gravity per posture of the head (RAS).
 const std::map<std::string, Vector3d> &postures() {
   static const std::map<std::string, Vector3d> kAll{{"supine", -Vector3d::UnitY()},
                                                     {"prone", Vector3d::UnitY()},
@@ -39,7 +39,7 @@ const std::map<std::string, Vector3d> &postures() {
 struct ShiftOptions {
   std::string folder;
   std::string posture = "supine", imaged = "supine";
-  std::optional<double> fluid_drop_mm; // nothing: to the craniotomy's lowest edge
+  std::optional<double> fluid_drop_mm; // default: to the lowest edge of the craniotomy
   double gap_mm = 0.0;
   bool without_falx = false;
   MeshRequest mesh;
@@ -48,7 +48,7 @@ struct ShiftOptions {
 
 struct MovedPoint {
   std::string name, kind;
-  bool inside = false; // the mesh; else nothing is known of it
+  bool inside = false; // inside the mesh; otherwise its displacement is unknown
   Vector3d displacement_mm = Vector3d::Zero();
 };
 
@@ -188,7 +188,7 @@ std::string shift_text(const ShiftOfCase &moved, const ShiftOptions &options) {
   out += table.text();
   out += options.vtu.empty() ? "" : "\nWritten: " + options.vtu + "\n";
   return out + "\nA model without " + (options.without_falx ? "falx, " : "") +
-         "tentorium and vessels; docs/tissue.md says what it is worth.\n";
+         "tentorium and vessels; docs/tissue.md states its limits.\n";
 }
 
 int run_shift(const ShiftOptions &options, const Context &context) {
@@ -215,31 +215,31 @@ int run_shift(const ShiftOptions &options, const Context &context) {
 void add_shift_command(CLI::App &group, Context &context) {
   auto options = std::make_shared<ShiftOptions>();
   auto *command =
-      group.add_subcommand("shift", "How the case's brain sinks when fluid has run out of the opened skull");
+      group.add_subcommand("shift", "Predicts how the case's brain sinks when fluid has drained from the opened skull");
   std::vector<std::string> names;
   for (const auto &[name, down] : postures()) {
     names.push_back(name);
   }
   command->add_option("folder", options->folder, "Case folder")->required();
-  command->add_option("--posture", options->posture, "How the head lies now")
+  command->add_option("--posture", options->posture, "Posture of the head")
       ->check(CLI::IsMember(names))
       ->capture_default_str();
-  command->add_option("--imaged", options->imaged, "How it lay when the image was taken")
+  command->add_option("--imaged", options->imaged, "Posture of the head when the image was taken")
       ->check(CLI::IsMember(names))
       ->capture_default_str();
   command
       ->add_option("--fluid-drop", options->fluid_drop_mm,
-                   "How far the fluid stands below the brain's highest point, mm\n"
+                   "Fluid level below the brain's highest point, mm\n"
                    "(default: to the lowest edge of the case's craniotomy)")
       ->check(CLI::Range(0.0, 200.0));
-  command->add_option("--gap", options->gap_mm, "Of fluid between brain and skull, mm")
+  command->add_option("--gap", options->gap_mm, "Gap of fluid between brain and skull, mm")
       ->check(CLI::Range(0.0, 20.0))
       ->capture_default_str();
   command->add_flag("--no-falx", options->without_falx, "Leave out the fold of dura between the hemispheres");
   add_mesh_options(*command, options->mesh);
   command->add_option("--vtu", options->vtu, "Write the displacements to this file");
   add_json_flag(*command, context);
-  command->footer("The exit code is 1 when the tissue did not come to rest: there is no answer then.\n\n"
+  command->footer("The exit code is 1 when the tissue did not come to rest: there is no result then.\n\n"
                   "Examples:\n  bregma tissue shift colin27\n"
                   "  bregma tissue shift colin27 --posture left-down --fluid-drop 40 --vtu shift.vtu");
   command->callback(

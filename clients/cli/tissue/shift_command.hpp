@@ -1,4 +1,4 @@
-// `bregma tissue shift`: how a case's brain sinks when fluid has run out of the opened skull.
+// `bregma tissue shift`: predicts how a case's brain sinks when fluid has drained from the opened skull.
 #pragma once
 
 #include <CLI/App.hpp>

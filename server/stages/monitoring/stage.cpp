@@ -21,11 +21,11 @@ void declare(base::ParameterSet &set, MonitoringParameters &p) {
   set.number("monitoring.false_alarm_rate", &p.false_alarm_rate, "", 1e-9, 0.1,
              "False-alarm probability of the drift test, per check touch.");
   set.number("monitoring.raise_after_ms", &p.raise_after_ms, "ms", 0, 60000,
-             "A condition that has held for this time becomes an alarm.");
+             "A condition that holds for this long becomes an alarm.");
   set.number("monitoring.clear_after_ms", &p.clear_after_ms, "ms", 0, 60000,
-             "An alarm is cleared when its condition has been absent for this time.");
+             "An alarm is cleared when its condition has been absent for this long.");
   set.number("monitoring.max_age_ms", &p.max_age_ms, "ms", 1, 10000,
-             "A pose that is older than this when it is published is an alarm.");
+             "A pose that is older than this at its publication raises an alarm.");
   declare_priority(set, MonitoringStage::kName, p.priority);
 }
 

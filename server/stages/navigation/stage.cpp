@@ -31,9 +31,10 @@ inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
 
 void declare(base::ParameterSet &set, NavigationParameters &p) {
   set.string("devices.trackers", &p.trackers,
-             "Trackers that are listened to, by name, separated by commas. A sample of any other is rejected.");
-  set.number("tracker.marker_sigma_lateral_mm", &p.marker_sigma_lateral_mm, "mm", 0.001, 5,
-             "Error of a marker across the line of sight, 1 sigma of a coordinate. Every predicted error begins here.");
+             "Names of the trackers, separated by commas. Samples of any other are rejected.");
+  set.number(
+      "tracker.marker_sigma_lateral_mm", &p.marker_sigma_lateral_mm, "mm", 0.001, 5,
+      "Error of a marker across the line of sight, 1 sigma of a coordinate. All predicted errors derive from it.");
   set.number("tracker.marker_sigma_depth_mm", &p.marker_sigma_depth_mm, "mm", 0.001, 10,
              "Error of a marker along the line of sight, 1 sigma.");
   set.number("tracker.latency_ms", &p.latency_ms, "ms", 0, 500,
@@ -41,7 +42,7 @@ void declare(base::ParameterSet &set, NavigationParameters &p) {
   set.number("navigation.floor_rate_hz", &p.floor_rate_hz, "Hz", 1, 1000,
              "The navigation state is published at least this often, also when no frame comes.");
   set.number("navigation.filter_hz", &p.filter_hz, "Hz", 0, 50,
-             "Motions of a tip up to this are followed, what is faster is averaged as marker noise; 0: no filter.");
+             "Bandwidth of the tip filter: faster motion is averaged as marker noise. 0: no filter.");
   declare_priority(set, NavigationStage::kName, p.priority);
 }
 

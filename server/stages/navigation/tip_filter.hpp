@@ -5,7 +5,7 @@
 // not move like that. The filter follows motions up to its bandwidth and averages what is faster. What it cannot follow
 // shows as innovations that keep to one side: their running mean is the bias that the filter may have at that moment,
 // so its square is added to the covariance, and a filter that has lost the hand starts again at the frame's own
-// position. Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 5.4 and 6.2.
+// position. [Bar-Shalom 2001, sections 5.4 and 6.2].
 //
 // One thread. No allocation, no exceptions.
 #pragma once

@@ -12,9 +12,9 @@ constexpr double kShareRate_hz = 10.0; // of device health towards monitoring an
 } // namespace
 
 void declare(base::ParameterSet &set, SensorParameters &p) {
-  set.string("devices.robots", &p.robots, "Robots, by name, separated by commas.");
-  set.string("devices.forces", &p.forces, "Force sensors, by name, separated by commas.");
-  set.string("devices.ranges", &p.ranges, "Range sensors, by name, separated by commas.");
+  set.string("devices.robots", &p.robots, "Names of the robots, separated by commas.");
+  set.string("devices.forces", &p.forces, "Names of the force sensors, separated by commas.");
+  set.string("devices.ranges", &p.ranges, "Names of the range sensors, separated by commas.");
 }
 
 SensorStage::SensorStage(const SensorParameters &parameters, const StageContext &context)

@@ -50,22 +50,23 @@ void declare(base::ParameterSet &set, SessionParameters &p) {
   set.number("capture.window_ms", &p.capture_window_ms, "ms", 20, 5000,
              "A touch is the mean of the tip over this time.");
   set.number("capture.max_motion_mm", &p.capture_max_motion_mm, "mm", 0.05, 20,
-             "A touch whose tip strays further than this from its mean was not held still and is refused.");
+             "A touch is refused as not held still when its tip strays further than this from its mean.");
   set.number("trace.spacing_mm", &p.trace_spacing_mm, "mm", 0.1, 50,
-             "A surface sample is taken wherever the tip is so far from the last one.");
+             "A surface sample is taken when the tip is this far from the last one.");
   set.integer("trace.max_samples", &p.trace_max_samples, "", 10, kMaxSurfaceSamples,
-              "Surface samples that are kept; then the trace ends.");
+              "Maximum number of surface samples; the trace then ends.");
   set.number("pivot.min_rotation_deg", &p.pivot_min_rotation_deg, "deg", 5, 180,
-             "A tool that turned by less about either of two axes is not calibrated.");
+             "A tool is not calibrated when it turned by less than this about either of two axes.");
   set.integer("pivot.max_samples", &p.pivot_max_samples, "", 50, 20000,
-              "Poses that are kept of one pivot; later ones are ignored.");
+              "Maximum number of poses of one pivot calibration; later ones are ignored.");
   set.integer("verification.min_checks", &p.min_checks, "", 1, 64,
-              "Landmarks that must be touched after a registration was accepted before it can be confirmed.");
+              "Number of landmarks to check after a registration was accepted, before it can be confirmed.");
   set.string("state.directory", &p.state_directory,
              "Where the session is kept for a restart. Empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/bregma, else "
              "~/.local/state/bregma.");
-  set.number("registration.correlation_length_mm", &p.correlation_length_mm, "mm", 0.1, 100,
-             "Surface samples nearer than this share their error (skin, segmentation) and count for less.");
+  set.number(
+      "registration.correlation_length_mm", &p.correlation_length_mm, "mm", 0.1, 100,
+      "Distance over which errors of the surface (skin, segmentation) are correlated; closer samples count for less.");
 }
 
 SessionStage::SessionStage(const SessionParameters &parameters, const StageContext &context)

@@ -30,27 +30,28 @@ TissueSettings settings_of(const TissueModelParameters &from) {
 
 void declare(base::ParameterSet &set, TissueModelParameters &p) {
   set.integer("deformation.elements", &p.elements, "", 0, 200000,
-              "About so many tetrahedra fill the brain; 0: no tissue model.");
-  set.number("deformation.entry_edge_mm", &p.entry_edge_mm, "mm", 0, 20,
-             "Longest edge of the tetrahedra where a trajectory enters the brain; those are on top. 0: as elsewhere.");
+              "Approximate number of tetrahedra in the brain; 0: no tissue model.");
+  set.number(
+      "deformation.entry_edge_mm", &p.entry_edge_mm, "mm", 0, 20,
+      "Maximum edge of the tetrahedra where a trajectory enters the brain; these are additional. 0: no refinement.");
   set.integer("deformation.threads", &p.threads, "", 1, 16, "Threads that step the tissue model together.");
   std::vector<std::string> materials;
   for (const tissue::Material &material : tissue::named_materials()) {
     materials.push_back(material.name);
   }
-  set.choice("deformation.material", &p.material, materials, "What the brain is made of, where the case does not say.");
+  set.choice("deformation.material", &p.material, materials, "Material of the brain, where the case states none.");
   set.flag("deformation.sliding", &p.sliding,
-           "The brain slides along the skull; else it is fixed to it except under the craniotomy.");
-  set.number("deformation.gap_mm", &p.gap_mm, "mm", 0, 20, "Fluid between brain and skull.");
+           "true: the brain slides along the skull; false: it is fixed to the skull except under the craniotomy.");
+  set.number("deformation.gap_mm", &p.gap_mm, "mm", 0, 20, "Gap of fluid between brain and skull.");
   set.number("deformation.craniotomy_radius_mm", &p.craniotomy_radius_mm, "mm", 0, 100,
-             "Of the opening around the first trajectory's way into the brain, where the case does not say.");
-  set.number("deformation.probe_radius_mm", &p.probe_radius_mm, "mm", 0.2, 20, "Of the probe's shaft.");
+             "Radius of the opening around the first trajectory's entry into the brain, where the case states none.");
+  set.number("deformation.probe_radius_mm", &p.probe_radius_mm, "mm", 0.2, 20, "Radius of the probe's shaft.");
   set.number("deformation.rupture_force_N", &p.rupture_force_N, "N", 0.001, 100,
-             "Along the probe, at which the brain's surface breaks.");
+             "Force along the probe at which the brain's surface ruptures.");
   set.number("deformation.cutting_force_N", &p.cutting_force_N, "N", 0, 100,
-             "At the tip, as it goes on after the rupture.");
+             "Force at the tip that cuts the tissue after the rupture.");
   set.number("deformation.shaft_friction_N_per_mm", &p.shaft_friction_N_per_mm, "N/mm", 0, 10,
-             "Of the shaft in the tissue.");
+             "Friction of the shaft in the tissue, per length.");
 }
 
 TissueModelStage::TissueModelStage(const TissueModelParameters &parameters, const StageContext &context)

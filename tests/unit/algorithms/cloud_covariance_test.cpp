@@ -17,7 +17,7 @@ constexpr unsigned kCloudSeed = 20261128;
 constexpr double kNoise_mm = 0.5;
 constexpr double kOutliers = 0.1;
 
-// Points scattered in a ball as markers are; the pose is the identity.
+// Random points in a ball, like markers. The pose is the identity.
 geometry::Points3 scattered(int count, double radius_mm, std::mt19937 &rng) {
   geometry::Points3 out(3, count);
   std::uniform_real_distribution<double> cube(-radius_mm, radius_mm);
@@ -35,8 +35,8 @@ geometry::Points3 noisy(const geometry::Points3 &points, std::mt19937 &rng) {
   return out;
 }
 
-// Where neighbours are far apart, everybody knows his partner: the covariance is that of paired points.
-TEST(CloudCovariance, FarApartItIsThatOfPairedPoints) {
+// With distant neighbours the correspondences are unique: the covariance is that of paired points.
+TEST(CloudCovariance, MatchesPairedPointsForDistinctPoints) {
   std::mt19937 rng(kCloudSeed);
   const geometry::Points3 source = scattered(40, 80.0, rng);
   const auto covariance = cloud_pose_covariance(source, source, kNoise_mm, 1e-9);
@@ -49,8 +49,8 @@ TEST(CloudCovariance, FarApartItIsThatOfPairedPoints) {
   EXPECT_LT((*covariance * information - geometry::Matrix6d::Identity()).cwiseAbs().maxCoeff(), 1e-3);
 }
 
-// Neighbours 4 sigma apart: partners are mixed up, and the true error at a target still lies in the predicted 95 %.
-TEST(CloudCovariance, TheTruePoseLiesInItAsOftenAsItSays) {
+// Neighbours 4 sigma apart: correspondences are ambiguous, but the true target error still lies in the predicted 95 %.
+TEST(CloudCovariance, CoversTheTruePoseAtTheStatedRate) {
   std::mt19937 rng(kCloudSeed);
   const Vector3d target(0, 0, -60);
   constexpr int kRuns = 300;
@@ -84,7 +84,7 @@ TEST(CloudCovariance, TheTruePoseLiesInItAsOftenAsItSays) {
   EXPECT_LT(inside, 0.99 * kRuns);
 }
 
-TEST(CloudCovariance, ABallThatTurnsInItselfIsNotFixed) {
+TEST(CloudCovariance, ASymmetricBallHasNoDeterminedRotation) {
   std::mt19937 rng(kCloudSeed);
   geometry::Points3 source(3, 2000);
   geometry::Points3 targets(3, 2000);
@@ -93,7 +93,8 @@ TEST(CloudCovariance, ABallThatTurnsInItselfIsNotFixed) {
     targets.col(i) = 40.0 * test::normal_vector(rng, 1.0).normalized();
   }
   const auto covariance = cloud_pose_covariance(source, targets, 3.0, 1e-9);
-  // With known partners 2,000 points of 3 mm would fix a rotation to 3 / 40 / sqrt(2000 * 2 / 3) = 0.002 rad.
+  // With known correspondences 2,000 points of 3 mm would give a rotation error of 3 / 40 / sqrt(2000 * 2 / 3) = 0.002
+  // rad.
   EXPECT_TRUE(!covariance || covariance->diagonal().head<3>().minCoeff() > std::pow(0.008, 2));
 }
 

@@ -1,5 +1,5 @@
-// Is the uncertainty honest? Over many simulated registrations the true error at a deep target must lie in the
-// predicted 95 % ellipsoid as often as that says: no more, no less.
+// Coverage of the predicted uncertainty. Over many simulated registrations the true error at a deep target must lie
+// inside the predicted 95 % ellipsoid in 95 % of the cases.
 #include <cmath>
 #include <cstdio>
 #include <tuple>
@@ -24,7 +24,7 @@ using registration::SurfaceSample;
 using registration::Vector3d;
 constexpr unsigned kSeed = 20260201;
 
-// Around the head, above the ears, with the face: 80 to 100 mm from the target.
+// Around the head above the ears, with the face, 80 to 100 mm from the target.
 std::vector<Vector3d> fiducials_on_head() {
   std::vector<Vector3d> out;
   for (const Vector3d &direction :
@@ -88,7 +88,7 @@ TEST(Coverage, FiducialsWithIsotropicErrors) {
   EXPECT_LE(coverage.percent(), 97.0);
 }
 
-TEST(Coverage, FiducialsWithAnisotropicErrorsOfOwnOrientationAndSize) {
+TEST(Coverage, FiducialsWithIndividualAnisotropicErrors) {
   const auto coverage = simulate_paired([](std::mt19937 &rng) {
     const Matrix3d touch = test::random_anisotropic(rng, 0.15, 0.6);
     const Matrix3d image = test::random_anisotropic(rng, 0.3, 0.8);
@@ -123,7 +123,7 @@ template <class SkinError> Coverage simulate_joint(double correlation_length_mm,
     for (const Vector3d &p : image) {
       fiducials.push_back({T_back * p + test::draw(rng, touch), touch, p + test::draw(rng, placed), placed});
     }
-    // The scalp and forehead that a pointer reaches.
+    // The part of the scalp and forehead that a pointer can reach.
     const auto traced =
         test::spots(mesh, 200, rng, [](const Vector3d &p) { return p.z() > 20.0 || (p.y() > 40.0 && p.z() > -30.0); });
     const auto error_at = skin_error(rng);
@@ -148,7 +148,7 @@ TEST(Coverage, JointEstimateWithIndependentSkinErrors) {
   EXPECT_LE(coverage.percent(), 98.0);
 }
 
-TEST(Coverage, JointEstimateWithSkinErrorsAlikeOver12mm) {
+TEST(Coverage, JointEstimateWithSkinErrorsCorrelatedOver12mm) {
   const auto coverage = simulate_joint(kSkinLength, 1000, [](std::mt19937 &rng) {
     return [field = test::SmoothField(rng, kSkinLength)](const Vector3d &p) { return kSkinSigma * field(p); };
   });
@@ -157,8 +157,8 @@ TEST(Coverage, JointEstimateWithSkinErrorsAlikeOver12mm) {
   EXPECT_LE(coverage.percent(), 98.0);
 }
 
-// What the correlation is for: without it the same data promise far too much.
-TEST(Coverage, CorrelatedSkinTakenAsIndependentWouldPromiseTooMuch) {
+// Without the correlation the predicted errors of the same data are far too small.
+TEST(Coverage, IgnoringCorrelationUnderestimatesTheError) {
   const auto coverage = simulate_joint(1e-3, 150, [](std::mt19937 &rng) {
     return [field = test::SmoothField(rng, kSkinLength)](const Vector3d &p) { return kSkinSigma * field(p); };
   });

@@ -1,4 +1,4 @@
-// Coherent point drift: its sums, its fixtures, its frames.
+// Coherent point drift: E-step sums, published fixtures, invariance.
 #include <cmath>
 #include <random>
 
@@ -58,7 +58,7 @@ template <int D> GaussSums<D> plain_sums(const Points<D> &x, const Points<D> &y,
   return out;
 }
 
-TEST(GaussSums, AreThoseOfTheFormulaAtEverySigma) {
+TEST(GaussSums, MatchTheFormulaAtEverySigma) {
   std::mt19937 rng(kCpdSeed);
   const Points3 x = head_cloud(rng, 301) / 100.0;
   const Points3 y = (turn_of(rng, 0.1) * head_cloud(rng, 250)) / 100.0;
@@ -93,7 +93,7 @@ TEST(GaussSums, TheGridIsChosenWhereSigmaIsSmall) {
   EXPECT_TRUE(summer.used_grid());
 }
 
-TEST(GaussKernel, EveryVersionOfThisProcessorGivesTheSame) {
+TEST(GaussKernel, EveryVersionOfThisProcessorGivesTheSameResult) {
   constexpr std::size_t kSize = 48;
   std::mt19937 rng(kCpdSeed);
   std::normal_distribution<float> normal(0.0F, 0.5F);
@@ -131,7 +131,7 @@ TEST(GaussKernel, EveryVersionOfThisProcessorGivesTheSame) {
   }
 }
 
-// What gadomski/cpd, and the authors' own program behind it, give for one E-step at sigma 1 and w 0.1.
+// Results of gadomski/cpd, and of the authors' program that it follows, for one E-step with sigma 1 and w 0.1.
 TEST(CpdFixtures, FishAndFaceAreMatched) {
   BREGMA_SHARED_DATA(folder, "clouds/cpd");
   const Points<2> fish = test::read_points<2>(folder / "fish.csv");
@@ -206,7 +206,7 @@ TEST(Cpd, RigidWithNoiseAndOutliers) {
     EXPECT_NEAR(found.sigma_mm, 0.5, 0.1);
     EXPECT_NEAR(found.outlier_share, 0.2, 0.05);
     EXPECT_NEAR(found.scale, 1.0, 1e-12);
-    // Correspondences out: sources whose counterpart was not replaced find it.
+    // Sources whose counterpart was not replaced must find it.
     const auto pairs = correspondences<3>(found.transform * source, target, found.sigma_mm,
                                           outlier_constant<3>(target, found.sigma_mm, 0.2, source.cols()));
     int right = 0;
@@ -217,7 +217,7 @@ TEST(Cpd, RigidWithNoiseAndOutliers) {
   }
 }
 
-TEST(Cpd, ScaleIsFoundWhereItIsFree) {
+TEST(Cpd, EstimatesAFreeScale) {
   std::mt19937 rng(kCpdSeed);
   const Points3 source = head_cloud(rng, 300);
   const Eigen::Matrix3d R = turn_of(rng, 0.4);
@@ -230,7 +230,7 @@ TEST(Cpd, ScaleIsFoundWhereItIsFree) {
   EXPECT_LT((found.transform * source - target).colwise().norm().maxCoeff(), 1e-2);
 }
 
-TEST(Cpd, MovesWithBothSidesAndTurnsRound) {
+TEST(Cpd, IsEquivariantOnBothSidesAndInvertible) {
   std::mt19937 rng(kCpdSeed);
   const Points3 source = head_cloud(rng, 250);
   Points3 target = (turn_of(rng, 0.3) * source).colwise() + Eigen::Vector3d(5.0, 6.0, 7.0);
@@ -241,8 +241,8 @@ TEST(Cpd, MovesWithBothSidesAndTurnsRound) {
   options.outlier_weight = 0.05;
   const auto found = register_cpd<3>(source, target, options);
   ASSERT_TRUE(found.has_estimate());
-  // A shift of either side; a turn of both by the same rotation: the start turns with them. (A box of outliers that is
-  // turned is another box: small differences.)
+  // A translation of either side, and a rotation of both with the start. (The bounding box of the outliers changes with
+  // the rotation, which causes small differences.)
   const Eigen::Matrix3d Q = turn_of(rng, 2.0);
   const Eigen::Vector3d a(1000.0, -300.0, 20.0);
   const Eigen::Vector3d b(-50.0, 70.0, 900.0);
@@ -251,16 +251,16 @@ TEST(Cpd, MovesWithBothSidesAndTurnsRound) {
   const Points3 expected = (Q * (found.transform * source)).colwise() + b;
   EXPECT_LT((moved.transform * Points3((Q * source).colwise() + a) - expected).colwise().norm().maxCoeff(), 0.05)
       << "seed " << kCpdSeed;
-  // Composition: sources moved beforehand need that much less.
+  // Composition: a motion of the sources before the fit reduces the result by that motion.
   const Eigen::Matrix3d S = turn_of(rng, 0.1);
   const auto rest = register_cpd<3>(S * source, target, options);
   EXPECT_LT((rest.transform.linear * S - found.transform.linear).norm(), 1e-4);
-  // The other way round is the inverse, up to the noise: each side explains the other.
+  // Exchanged sides give the inverse, up to the noise.
   const auto back = register_cpd<3>(target, source, options);
   EXPECT_LT(angle(back.rotation.transpose(), found.rotation), 0.005);
 }
 
-TEST(Cpd, SaysWhatItCannotRegister) {
+TEST(Cpd, ReportsWhyItCannotRegister) {
   std::mt19937 rng(kCpdSeed);
   const Points3 good = head_cloud(rng, 50);
   EXPECT_EQ(register_cpd<3>(good.leftCols(3), good, {}).outcome, CpdOutcome::kTooFewPoints);
@@ -282,7 +282,7 @@ TEST(Cpd, SaysWhatItCannotRegister) {
   EXPECT_STREQ(name(CpdOutcome::kTooFewPoints), "too few points");
 }
 
-// A body without symmetry: an ellipsoid looks nearly the same upside down.
+// A body without symmetry. An ellipsoid would be nearly symmetric.
 Eigen::Vector3d on_stone(std::mt19937 &rng) {
   const Eigen::Vector3d d = test::normal_vector(rng, 1.0).normalized();
   return test::on_head(d) * (1.0 + 0.25 * std::sin(3.0 * d.x() + 1.0) * std::cos(2.0 * d.z()) + 0.2 * d.y() * d.z());

@@ -16,7 +16,7 @@ using planning::CriticalStructures;
 using planning::NamedMesh;
 constexpr unsigned kStructuresSeed = 20260203;
 
-// A lumpy body: no two distances alike, concave in places.
+// An irregular body with unique distances and concave regions.
 surface::TriangleMesh blob(const Vector3d &centre, double radius, std::mt19937 &rng) {
   auto mesh = test::make_sphere(4, radius, centre);
   const test::SmoothField lumps(rng, 0.6 * radius);
@@ -42,7 +42,7 @@ TEST(CriticalStructures, AgreeWithTheClosestPointOfEachSurfaceAlongAPath) {
   }
   CriticalStructures::Warm warm;
   for (int i = 0; i <= 2000; ++i) {
-    // Down from above, through several of them, with a jump now and then.
+    // A path from above through several of them, with occasional jumps.
     const double s = i / 2000.0;
     Vector3d tip(60.0 * std::cos(9.0 * s), 60.0 * std::sin(5.0 * s) - 30.0, 80.0 - 90.0 * s);
     if (i % 97 == 0) {
@@ -76,7 +76,7 @@ TEST(CriticalStructures, InsideIsZero) {
   EXPECT_EQ(nearest.distance_mm, 0.0);
 }
 
-TEST(CriticalStructures, NoneMeansUnknown) {
+TEST(CriticalStructures, WithoutStructuresTheDistanceIsUnknown) {
   const CriticalStructures critical({});
   CriticalStructures::Warm warm;
   EXPECT_EQ(critical.nearest({0, 0, 0}, warm).index, -1);
@@ -98,7 +98,7 @@ TEST(CriticalStructures, QueriesDoNotAllocate) {
   EXPECT_EQ(scope.count(), 0U);
 }
 
-TEST(CriticalStructures, PathClearanceIsTheLeastDistanceAlongTheLine) {
+TEST(CriticalStructures, PathClearanceIsTheMinimumDistanceAlongTheLine) {
   std::mt19937 rng(kStructuresSeed);
   const auto given = structures(rng);
   const CriticalStructures critical(given);

@@ -19,7 +19,7 @@ double rms(const std::vector<double> &values) {
                    static_cast<double>(values.size()));
 }
 
-// Points of a shape stretched from the unit sphere, above a height of it, moved somewhere, with noise.
+// Points of a scaled unit sphere above a height, at a random pose, with noise.
 std::vector<Vector3d> cloud(std::size_t count, const Vector3d &radii_mm, double above, double sigma_mm,
                             std::mt19937 &rng) {
   const Eigen::Quaterniond turn = Eigen::Quaterniond(0.9, -0.2, 0.35, 0.1).normalized();
@@ -49,9 +49,9 @@ TEST(FeaturelessShape, AnExactShapeHasNoDistances) {
   }
 }
 
-TEST(FeaturelessShape, NoiseIsLeftAsItIsAndOutliersAreNotFollowed) {
+TEST(FeaturelessShape, NoiseIsKeptAndOutliersAreIgnored) {
   std::mt19937 rng(kShapeSeed);
-  const std::size_t count = 1000; // more than are fitted
+  const std::size_t count = 1000; // more points than the fit uses
   std::vector<Vector3d> points = cloud(count, {78, 78, 95}, -1.0, 1.0, rng);
   std::vector<double> distances(count);
   fit_spheroid(points, 1.0, distances);

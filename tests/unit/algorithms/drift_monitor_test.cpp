@@ -19,7 +19,7 @@ using monitoring::CheckTouch;
 using monitoring::DriftMonitor;
 constexpr unsigned kSeed = 20260204;
 
-// A session: registration error drawn once, landmarks placed once, touches each time.
+// A session: the registration and landmark errors are drawn once, the touch errors per touch.
 class Session {
 public:
   Session(std::mt19937 &rng, double touch_sigma_mm, double landmark_sigma_mm)
@@ -59,8 +59,7 @@ private:
   std::vector<Vector3d> placements_;
 };
 
-// The reference moves by 2 mm and turns a little about itself, 150 mm from the head: a shift of 2 mm, give or take,
-// wherever it is looked at.
+// The reference, 150 mm from the head, moves by 2 mm and rotates slightly. The displacement is about 2 mm everywhere.
 Vector6d bump(std::mt19937 &rng, double shift_mm) {
   Vector6d out;
   const Vector3d turn = test::normal_vector(rng, 0.3 * M_PI / 180.0);
@@ -107,19 +106,19 @@ void print(const char *what, const Detection &d) {
 }
 
 TEST(DriftMonitor, ABumpOf2mmIsFoundBeforeTheThirdTouch) {
-  const Detection d = detect(0.25, 0.3, 4); // touches err by 0.43 mm RMS
+  const Detection d = detect(0.25, 0.3, 4); // touch error of 0.43 mm RMS
   print("touches of 0.43 mm", d);
   EXPECT_GE(d.by_touch[0] + d.by_touch[1], 0.99 * d.runs);
 }
 
 TEST(DriftMonitor, ABumpOf2mmIsFoundByUnsteadyHandsWithTheThirdTouch) {
-  const Detection d = detect(0.35, 0.3, 4); // touches err by 0.61 mm RMS
+  const Detection d = detect(0.35, 0.3, 4); // touch error of 0.61 mm RMS
   print("touches of 0.61 mm", d);
   EXPECT_GE(d.by_touch[0] + d.by_touch[1], 0.9 * d.runs);
   EXPECT_LE(d.by_touch[3], 0.01 * d.runs);
 }
 
-TEST(DriftMonitor, EarlierTouchesOfTheSameLandmarksAreWhatFindsIt) {
+TEST(DriftMonitor, EarlierTouchesOfTheSameLandmarksImproveDetection) {
   const Detection without = detect(0.25, 0.3, 0);
   print("never touched before", without);
   const Detection with = detect(0.25, 0.3, 4);
@@ -148,7 +147,7 @@ TEST(DriftMonitor, CleanTouchesRaiseNoAlarm) {
   }
 }
 
-TEST(DriftMonitor, NamesTheShift) {
+TEST(DriftMonitor, EstimatesTheShift) {
   std::mt19937 rng(kSeed);
   Session session(rng, 0.1, 0.0);
   DriftMonitor monitor;
@@ -172,7 +171,7 @@ TEST(DriftMonitor, NamesTheShift) {
   EXPECT_EQ(monitor.checks(), 0);
 }
 
-// Skin traced anew after the registration was accepted.
+// Skin traced again after the registration was accepted.
 struct SurfaceRun {
   int detected = 0;
   int runs = 0;
@@ -210,7 +209,7 @@ TEST(DriftMonitor, SurfaceTracedAgainFindsAShiftToo) {
   EXPECT_LE(clean.detected, 1);
 }
 
-TEST(DriftMonitor, ManyLandmarksManyTouchesAndBadNumbersAreTaken) {
+TEST(DriftMonitor, AcceptsManyLandmarksTouchesAndInvalidNumbers) {
   std::mt19937 rng(kSeed);
   Session session(rng, 0.3, 0.3);
   DriftMonitor monitor;

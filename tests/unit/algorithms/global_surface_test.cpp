@@ -1,4 +1,4 @@
-// Global registration: the pose from anywhere, and never a confident answer where the samples do not tell.
+// Global registration: the pose from any start, and no confident answer if the samples do not determine it.
 #include <cmath>
 #include <cstdio>
 
@@ -70,7 +70,7 @@ TEST(GlobalSurface, RotationsAreSpreadEvenly) {
   EXPECT_LT(farthest, 0.42) << "24 degrees, seed " << kGlobalSeed;
 }
 
-TEST(GlobalSurface, ASphereIsFoundAgain) {
+TEST(GlobalSurface, ASphereIsFitted) {
   std::mt19937 rng(kGlobalSeed);
   std::vector<Vector3d> points;
   for (int i = 0; i < 100; ++i) {
@@ -81,7 +81,7 @@ TEST(GlobalSurface, ASphereIsFoundAgain) {
   EXPECT_NEAR((sphere.centre_mm - Vector3d(10, 20, 30)).norm(), 0.0, 1e-6);
 }
 
-TEST(GlobalSurface, AFaceIsNeverFoundInTheWrongPlace) {
+TEST(GlobalSurface, AFaceIsNeverFoundWithAWrongPose) {
   std::mt19937 rng(kGlobalSeed);
   GlobalRegistration global(searched_head().field, GlobalOptions{});
   int found = 0;
@@ -130,7 +130,7 @@ TEST(GlobalSurface, TheAnswerDoesNotDependOnThreadsNorOnTheSamplesFrame) {
   EXPECT_LT(worst_mm(elsewhere.T_target_source * M, first.T_target_source, source), 0.5);
 }
 
-class NeverFound : public testing::Test {
+class NotFoundSurface : public testing::Test {
 protected:
   void expect_not_found(const surface::SurfaceField &field, const std::vector<Vector3d> &places, std::mt19937 &rng) {
     GlobalRegistration global(field, GlobalOptions{});
@@ -144,7 +144,7 @@ protected:
   std::mt19937 rng_{kGlobalSeed};
 };
 
-TEST_F(NeverFound, TheVaultAlone) {
+TEST_F(NotFoundSurface, TheVaultAlone) {
   for (const std::size_t count : {40U, 150U, 500U}) {
     std::vector<Vector3d> places;
     for (const auto &spot :
@@ -155,7 +155,7 @@ TEST_F(NeverFound, TheVaultAlone) {
   }
 }
 
-TEST_F(NeverFound, APlane) {
+TEST_F(NotFoundSurface, APlane) {
   std::uniform_real_distribution<double> across(-40.0, 40.0);
   std::vector<Vector3d> places;
   for (int i = 0; i < 150; ++i) {
@@ -164,7 +164,7 @@ TEST_F(NeverFound, APlane) {
   expect_not_found(searched_head().field, places, rng_);
 }
 
-TEST_F(NeverFound, ASphereOnASphere) {
+TEST_F(NotFoundSurface, ASphereOnASphere) {
   const surface::SurfaceModel surface(test::make_sphere(4, 85.0, Vector3d::Zero()));
   const surface::SurfaceField field(surface);
   std::vector<Vector3d> places;
@@ -174,8 +174,8 @@ TEST_F(NeverFound, ASphereOnASphere) {
   expect_not_found(field, places, rng_);
 }
 
-// Three axes of their own, but four poses that look the same.
-TEST_F(NeverFound, AnEllipsoidOnItself) {
+// Three distinct axes, but four equivalent poses.
+TEST_F(NotFoundSurface, AnEllipsoidOnItself) {
   const Vector3d axes(70.0, 90.0, 105.0);
   auto mesh = test::make_sphere(4, 1.0, Vector3d::Zero());
   for (Vector3d &v : mesh.vertices_mm) {
@@ -190,11 +190,11 @@ TEST_F(NeverFound, AnEllipsoidOnItself) {
   expect_not_found(field, places, rng_);
 }
 
-TEST_F(NeverFound, TooFewSamples) {
+TEST_F(NotFoundSurface, TooFewSamples) {
   expect_not_found(searched_head().field, face_places(kMinGlobalSamples - 1, rng_), rng_);
 }
 
-TEST_F(NeverFound, AnotherHead) {
+TEST_F(NotFoundSurface, AnotherHead) {
   auto places = face_places(200, rng_);
   for (Vector3d &p : places) {
     p *= 1.25;

@@ -16,11 +16,11 @@ using geometry::Vector3d;
 [[nodiscard]] surface::TriangleMesh make_sphere(int subdivisions, double radius_mm, const Vector3d &centre_mm);
 
 inline const Vector3d kHeadCentre(0.0, -18.0, 8.0);
-// Where the head's skin is in this direction from its centre, before it is cut into triangles.
+// The point on the head's smooth skin in this direction from its centre, before triangulation.
 [[nodiscard]] Vector3d on_head(const Vector3d &direction);
 [[nodiscard]] surface::TriangleMesh make_head(int subdivisions);
 
-// A point of the mesh, uniform by area over the triangles whose middle satisfies the condition.
+// A point of the mesh, uniform by area over the triangles whose centroid satisfies the condition.
 struct SurfaceSpot {
   Vector3d point_mm;
   Vector3d normal;
@@ -52,9 +52,9 @@ template <class Condition>
 }
 
 [[nodiscard]] Vector3d normal_vector(std::mt19937 &rng, double sigma);
-// An error with this covariance (its Cholesky factor is taken each time: small tests only).
+// A random error with this covariance. Computes the Cholesky factor each time, so for small tests only.
 [[nodiscard]] Vector3d draw(std::mt19937 &rng, const Matrix3d &covariance);
-// Lateral (x, y) and depth (z) deviations of a random orientation.
+// Covariance with lateral (x, y) and depth (z) standard deviations in a random orientation.
 [[nodiscard]] Matrix3d random_anisotropic(std::mt19937 &rng, double lateral_mm, double depth_mm);
 [[nodiscard]] Eigen::Quaterniond random_rotation(std::mt19937 &rng);
 

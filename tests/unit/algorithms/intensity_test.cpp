@@ -1,6 +1,7 @@
-// Similarity of images and their warp.
+// Similarity of images, and warps.
 #include <cmath>
 #include <random>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -22,7 +23,7 @@ TEST(Similarity, RootMeanSquareOfDifferences) {
 }
 
 TEST(Similarity, MutualInformationOfKnownTables) {
-  // Two fair coins that are the same, or strangers: ln 2 and 0.
+  // Two equal fair coins, and two independent ones: ln 2 and 0.
   const std::vector<float> a = {0, 0, 1, 1};
   const std::vector<float> strange = {0, 1, 0, 1};
   const std::vector<float> inverted = {9, 9, 2, 2};
@@ -34,6 +35,22 @@ TEST(Similarity, MutualInformationOfKnownTables) {
   EXPECT_NEAR(mutual_information(with_gap, other, 2), std::log(2.0), 1e-12);
   EXPECT_TRUE(std::isnan(mutual_information(a, other)));
   EXPECT_EQ(mutual_information(std::vector<float>(5, 1.0F), std::vector<float>(5, 2.0F)), 0.0);
+}
+
+TEST(Similarity, FiguresOfSeveralWarpsAreOverTheirCommonOverlap) {
+  const std::vector<float> reference = {0, 10, 20, 30};
+  std::vector<float> first = {3, 10, 16, kNaN};
+  std::vector<float> second = {kNaN, 10, 20, 31};
+  EXPECT_NEAR(rmse(reference, second), std::sqrt(1.0 / 3.0), 1e-6) << "over its own pixels";
+  restrict_to_overlap({&first, &second});
+  for (const auto *image : {&first, &second}) {
+    EXPECT_TRUE(std::isnan(image->front()));
+    EXPECT_TRUE(std::isnan(image->back()));
+  }
+  EXPECT_NEAR(rmse(reference, first), std::sqrt(8.0), 1e-6);
+  EXPECT_EQ(rmse(reference, second), 0.0);
+  std::vector<float> shorter = {1};
+  EXPECT_THROW(restrict_to_overlap({&first, &shorter}), std::invalid_argument);
 }
 
 TEST(Warp, LinearImagesAreMovedExactly) {
@@ -61,7 +78,7 @@ TEST(Warp, LinearImagesAreMovedExactly) {
         EXPECT_NEAR(moved[i], intensity(grid.pixel_mm(i) + shift), 1e-3);
       }
     }
-    EXPECT_EQ(inside, 11 * 8 * 6); // a layer of each side comes from outside
+    EXPECT_EQ(inside, 11 * 8 * 6); // one layer per side comes from outside
   }
 }
 
@@ -73,7 +90,7 @@ TEST(Warp, OfAPictureInThePlane) {
   for (float &v : image) {
     v = static_cast<float>(rng() % 256);
   }
-  // A quarter turn about the centre of the first 30 x 30 pixels, there and back.
+  // A quarter turn about the centre of the first 30 x 30 pixels, and its inverse.
   const auto turn = [](const Eigen::Vector2d &p) { return Eigen::Vector2d(29.0 - p.y(), p.x()); };
   const auto back = [](const Eigen::Vector2d &p) { return Eigen::Vector2d(p.y(), 29.0 - p.x()); };
   const auto there = warp<2>(grid, grid, image, turn);

@@ -1,5 +1,5 @@
-// Local registration onto meshes and clouds: right on analytic shapes, the same under a rigid move, honest where a
-// direction is free.
+// Local registration to meshes and clouds: correct on analytic shapes, invariant under rigid motion, and with large
+// covariance for undetermined directions.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -83,8 +83,8 @@ TEST(SurfaceField, ClosestPointsAreThoseOfTheTree) {
   }
 }
 
-// A point that wanders: what the last query knew is used as long as it is exact, and no longer.
-TEST(SurfaceField, WhatIsKnownFromNearbyStaysExact) {
+// A moving point: the cache of the last query is used only while it is exact.
+TEST(SurfaceField, WarmQueriesStayExact) {
   std::mt19937 rng(kLocalSeed);
   int same = 0;
   constexpr int kSteps = 400;
@@ -110,7 +110,7 @@ TEST(SurfaceField, PlanesAreNearTheSurfacesDistance) {
     const Vector3d p = test::on_head(test::normal_vector(rng, 1.0)) + test::normal_vector(rng, 10.0);
     const surface::SurfaceField::Plane &plane = prepared_head().field.plane(p.cast<float>());
     const double distance = static_cast<double>(plane.normal.dot(p.cast<float>()) + plane.offset);
-    // A plane over a voxel of 4 mm is off by its curvature, and at most by the way to the voxel's centre and back.
+    // The error of a plane in a voxel of 4 mm follows from the curvature and the distance to the voxel's centre.
     ASSERT_NEAR(distance, prepared_head().surface.closest(p).signed_mm, 7.0) << "point " << i;
   }
 }
@@ -120,7 +120,7 @@ TEST(SurfaceField, AMeshInTheWrongUnitIsRefused) {
   EXPECT_THROW(surface::SurfaceField{huge}, std::invalid_argument);
 }
 
-// Against the formulas, one sample after another, in double precision.
+// Compared with the formulas, sample by sample in double precision.
 TEST(PlaneKernel, EveryVersionOfThisProcessorGivesTheFormulas) {
   std::mt19937 rng(kLocalSeed);
   const surface::SurfaceField &field = prepared_head().field;
@@ -156,7 +156,7 @@ TEST(PlaneKernel, EveryVersionOfThisProcessorGivesTheFormulas) {
       SCOPED_TRACE(std::string(kernel.name) + ", " + std::to_string(count) + " samples");
       std::vector<float> each(whole_lanes(count), -1.0F);
       kernel.residuals(query, each.data());
-      for (std::size_t i = 0; i < count; ++i) { // one on the border of two voxels might fall to either
+      for (std::size_t i = 0; i < count; ++i) { // a sample on the border of two voxels may belong to either
         ASSERT_NEAR(static_cast<double>(each[i]), residuals[i], 1e-3);
       }
       for (std::size_t i = count; i < each.size(); ++i) {
@@ -267,7 +267,7 @@ TEST(LocalSurface, CloudsByPlanesAndByPoints) {
   LocalRegistration by_planes(with_normals, without_correlation());
   EXPECT_LT(samples.rmse_mm(by_planes.fit(samples.source_mm, start).T_target_source), 0.5);
 
-  // The very points: point to point on other points of the surface stays where neighbours hold it.
+  // Uses identical points, because point-to-point fits to other points of the surface stop at local minima.
   const surface::CloudModel bare(samples.true_mm);
   LocalOptions options = without_correlation();
   options.metric = SurfaceMetric::kPointToPoint;
@@ -277,7 +277,7 @@ TEST(LocalSurface, CloudsByPlanesAndByPoints) {
   EXPECT_THROW(LocalRegistration(bare, without_correlation()), std::invalid_argument);
 }
 
-TEST(LocalSurface, TheNearestPointOfACloudIsTheNearest) {
+TEST(LocalSurface, TheKdTreeFindsTheNearestPoint) {
   std::mt19937 rng(kLocalSeed);
   std::vector<Vector3d> points;
   for (int i = 0; i < 500; ++i) {
@@ -296,8 +296,8 @@ TEST(LocalSurface, TheNearestPointOfACloudIsTheNearest) {
   }
 }
 
-// Moving the samples by M moves the answer by M^-1; moving the surface moves it as well, but for the field's voxels.
-TEST(LocalSurface, TheAnswerMovesWithItsInputs) {
+// A motion M of the samples changes the result by M^-1. A motion of the surface changes it by M, up to the voxel grid.
+TEST(LocalSurface, IsEquivariant) {
   std::mt19937 rng(kLocalSeed);
   const Sampled samples = sample_front(200, 0.5, rng);
   const PairedPose start = off(samples.T_true, 5.0, 5.0, rng);
@@ -329,7 +329,7 @@ TEST(LocalSurface, TheAnswerMovesWithItsInputs) {
   }
 }
 
-TEST(LocalSurface, ASphereLeavesRotationsFreeAndTheCovarianceSaysSo) {
+TEST(LocalSurface, TheCovarianceShowsFreeRotationsOfASphere) {
   std::mt19937 rng(kLocalSeed);
   const auto mesh = test::make_sphere(4, 80.0, Vector3d::Zero());
   const surface::SurfaceModel surface(mesh);
@@ -344,7 +344,7 @@ TEST(LocalSurface, ASphereLeavesRotationsFreeAndTheCovarianceSaysSo) {
   EXPECT_TRUE(!std::isfinite(turn) || 80.0 * std::sqrt(turn) > 5.0) << "rotation variance " << turn;
 }
 
-TEST(LocalSurface, CorrelatedErrorsAreWorthFewerSamples) {
+TEST(LocalSurface, CorrelatedSamplesHaveASmallerEffectiveNumber) {
   std::mt19937 rng(kLocalSeed);
   const Sampled samples = sample_front(300, 0.5, rng);
   LocalRegistration independent(prepared_head().field, without_correlation());

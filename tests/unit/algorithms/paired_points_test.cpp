@@ -35,7 +35,7 @@ std::vector<Vector3d> mapped(const PairedPose &T, const std::vector<Vector3d> &p
   return out;
 }
 
-// Anisotropic errors, drawn and stated.
+// Random anisotropic errors with stated covariances.
 std::vector<PointPair> noisy_pairs(std::mt19937 &rng, const PairedPose &T, int count) {
   std::vector<PointPair> out;
   for (const Vector3d &p : cloud(rng, count)) {
@@ -67,7 +67,7 @@ TEST(FitRigid, FindsTheMotionOfCleanPoints) {
 TEST(FitRigid, NeverReflects) {
   std::mt19937 rng(kPairedSeed);
   for (int run = 0; run < 200; ++run) {
-    // Flat and mirrored sets are where the best orthogonal matrix is a reflection.
+    // For flat and mirrored sets the best orthogonal matrix is a reflection.
     auto source = cloud(rng, 5);
     auto target = mapped(random_pose(rng), source);
     for (std::size_t i = 0; i < source.size(); ++i) {
@@ -81,7 +81,7 @@ TEST(FitRigid, NeverReflects) {
     const auto fit = fit_rigid(source, target);
     ASSERT_TRUE(fit.has_value());
     EXPECT_NEAR(fit->rotation_matrix().determinant(), 1.0, 1e-12);
-    // No small turn is better.
+    // No small rotation reduces the error.
     const auto error = [&](const PairedPose &T) {
       double sum = 0.0;
       for (std::size_t i = 0; i < source.size(); ++i) {
@@ -95,7 +95,7 @@ TEST(FitRigid, NeverReflects) {
   }
 }
 
-TEST(FitRigid, WeightsTakePointsOutAndIn) {
+TEST(FitRigid, WeightsSelectPoints) {
   std::mt19937 rng(kPairedSeed);
   const PairedPose T = random_pose(rng);
   const auto source = cloud(rng, 6);
@@ -108,7 +108,7 @@ TEST(FitRigid, WeightsTakePointsOutAndIn) {
   EXPECT_GT(difference(*fit_rigid(source, target), T), 1e-3);
 }
 
-TEST(FitRigid, RefusesWhatDoesNotFixAPose) {
+TEST(FitRigid, RefusesPointsThatDoNotDetermineAPose) {
   const std::vector<Vector3d> line = {{0, 0, 0}, {10, 0, 0}, {25, 0, 0}, {40, 0, 0}};
   EXPECT_FALSE(fit_rigid(line, line).has_value());
   const std::vector<Vector3d> two = {{0, 0, 0}, {10, 0, 0}};
@@ -123,13 +123,13 @@ TEST(FitRigid, RefusesWhatDoesNotFixAPose) {
   EXPECT_NEAR(spread_mm(std::vector<Vector3d>{{3, 0, 0}, {-3, 0, 0}, {0, 1, 0}, {0, -1, 0}})[1], std::sqrt(0.5), 1e-12);
 }
 
-TEST(FitPaired, MovesWithBothSides) {
+TEST(FitPaired, IsEquivariantOnBothSides) {
   std::mt19937 rng(kPairedSeed);
   for (int run = 0; run < 50; ++run) {
     const auto pairs = noisy_pairs(rng, random_pose(rng), 8);
     const auto fit = fit_paired(pairs);
     ASSERT_TRUE(fit.converged);
-    // The same fiducials seen from other coordinates on both sides: the estimate follows exactly.
+    // The same fiducials in other coordinates on both sides: the estimate is equivariant.
     const PairedPose on_source = random_pose(rng);
     const PairedPose on_target = random_pose(rng);
     const Matrix3d Rs = on_source.rotation_matrix();
@@ -148,14 +148,14 @@ TEST(FitPaired, MovesWithBothSides) {
     EXPECT_NEAR(moved_fit.fre_mm, fit.fre_mm, 1e-9);
     const auto ad = geometry::adjoint(on_target);
     EXPECT_TRUE(moved_fit.covariance.isApprox(ad * fit.covariance * ad.transpose(), 1e-6));
-    // And the other way round.
+    // Exchanged sides.
     std::vector<PointPair> swapped;
     for (const PointPair &pair : pairs) {
       swapped.push_back({pair.target_mm, pair.source_mm, pair.target_covariance, pair.source_covariance});
     }
     const auto back = fit_paired(swapped);
     const PairedPose inverse = fit.T_target_source.inverse().as<geometry::frame::Target, geometry::frame::Source>();
-    // The weights are those of the present rotation on both sides, so the two agree to second order of the noise.
+    // The weights use the current rotation on both sides, so the two agree to second order in the noise.
     EXPECT_LT((back.T_target_source.translation() - inverse.translation()).norm(), 0.02);
   }
 }
@@ -197,7 +197,7 @@ TEST(FitPaired, PValuesAreUniform) {
   }
 }
 
-TEST(FitPaired, LeaveOneOutIsTheDistanceAFitWithoutItGives) {
+TEST(FitPaired, LeaveOneOutMatchesAFitWithoutThePoint) {
   std::mt19937 rng(kPairedSeed);
   for (int run = 0; run < 50; ++run) {
     auto pairs = noisy_pairs(rng, random_pose(rng), 6);
@@ -220,7 +220,7 @@ TEST(FitPaired, LeaveOneOutIsUnknownWithThree) {
   EXPECT_GE(fit.fiducials[0].p_value, 0.0);
 }
 
-TEST(FitPaired, DoesNotPretendToConverge) {
+TEST(FitPaired, ReportsWhenItDoesNotConverge) {
   std::mt19937 rng(kPairedSeed);
   auto pairs = noisy_pairs(rng, random_pose(rng), 8);
   EXPECT_FALSE(fit_paired(std::span(pairs).first(2)).converged);
@@ -261,7 +261,7 @@ TEST(FitPaired, TheCounterCounts) {
 
 const std::vector<Vector3d> kMarkers = {{0, 0, 0}, {50, 0, 0}, {0, 35, 0}, {-20, -30, 8}};
 
-// Against what a tracker does: least squares on noisy markers, many times.
+// Compared with a tracker's least-squares fits to noisy markers, over many samples.
 TEST(MarkerFitCovariance, AgreesWithSampling) {
   std::mt19937 rng(kPairedSeed);
   using TrackerFromTool = geometry::Rigid3<geometry::frame::Tracker, geometry::frame::Tool>;
@@ -274,7 +274,7 @@ TEST(MarkerFitCovariance, AgreesWithSampling) {
       }
     }
     const auto predicted = marker_fit_covariance(kMarkers, used, T, 0.1, 0.25);
-    const Vector3d tip(-150.0, 5.0, 10.0); // errors of the rotation tell at the tip
+    const Vector3d tip(-150.0, 5.0, 10.0); // rotation errors are large at the tip
     const Matrix3d at_tip = uncertainty::tre_covariance(predicted, T * tip);
     Matrix3d sampled = Matrix3d::Zero();
     constexpr int kRuns = 20'000;
@@ -297,7 +297,7 @@ TEST(MarkerFitCovariance, FewerOrCollinearMarkersAreUnknown) {
   EXPECT_FALSE(marker_fit_covariance(kMarkers, 0b0111U, T, 0.1, 0.25).hasNaN());
   const std::vector<Vector3d> line = {{0, 0, 0}, {20, 0, 0}, {50, 0, 0}};
   EXPECT_TRUE(marker_fit_covariance(line, 0b111U, T, 0.1, 0.25).hasNaN());
-  // Bits beyond the geometry name no marker.
+  // Bits beyond the geometry are ignored.
   EXPECT_TRUE(marker_fit_covariance(kMarkers, 0xFFFFFFF3U, T, 0.1, 0.25)
                   .isApprox(marker_fit_covariance(kMarkers, 0b0011U, T, 0.1, 0.25)) ||
               marker_fit_covariance(kMarkers, 0xFFFFFFF3U, T, 0.1, 0.25).hasNaN());

@@ -1,5 +1,5 @@
-// What every registration owes, whatever its method: it moves with both sides, the other way round it is the inverse,
-// and one after another they are one.
+// Properties of every registration method: equivariance under motions of both sides, inverse for exchanged sides, and
+// composition.
 #include <functional>
 #include <limits>
 #include <map>
@@ -28,7 +28,7 @@ constexpr std::size_t kFiducials = 8;
 
 using Map = std::function<Vector3d(const Vector3d &)>;
 
-// The head's skin in front, and where it points; the first ones stand for fiducials and landmarks.
+// The skin at the front of the head with its normals. The first points serve as fiducials and landmarks.
 struct Places {
   surface::TriangleMesh mesh = test::make_head(4);
   std::vector<Vector3d> points, normals;
@@ -45,7 +45,7 @@ const Places &places() {
   return all;
 }
 
-// One side of a registration: the head, with the errors of its points, somewhere.
+// One side of a registration: the head with errors of its points, at a pose.
 struct Side {
   std::vector<Vector3d> head_mm = places().points;
   PairedPose placed;
@@ -65,7 +65,7 @@ struct Side {
     }
     return out;
   }
-  // Of a fiducial: an ellipsoid that moves with the head.
+  // Covariance of a fiducial: an ellipsoid that moves with the head.
   [[nodiscard]] Matrix3d covariance(std::size_t i) const {
     const Vector3d n = places().normals[i];
     const Matrix3d R = placed.rotation_matrix();
@@ -73,7 +73,7 @@ struct Side {
   }
 };
 
-// Fields take a second: one for each place that the head is put at.
+// Distance fields, one per pose of the head, because building one takes a second.
 struct PlacedHead {
   explicit PlacedHead(const PairedPose &placed) : mesh(places().mesh) {
     for (Vector3d &v : mesh.vertices_mm) {
@@ -134,7 +134,7 @@ struct RobustPoints {
   }
 };
 
-// As the daemon estimates: fiducials and skin together.
+// Joint estimate from fiducials and skin, as in the daemon.
 struct Joint {
   static constexpr double kTolerance_mm = 0.01;
   static Map run(const Side &source, const Side &target, const PairedPose & /*start*/) {
@@ -154,7 +154,7 @@ struct Joint {
   }
 };
 
-// Near the surface lists of triangles give exact closest points; the first steps see its voxels, which do not turn.
+// Near the surface the closest points are exact. The first steps use voxels, which do not rotate with the surface.
 template <SurfaceMetric metric> struct LocalOnMesh {
   static constexpr double kTolerance_mm = 0.05;
   static Map run(const Side &source, const Side &target, const PairedPose &start) {
@@ -191,7 +191,7 @@ struct Global {
   }
 };
 
-// The outliers' box does not turn with the targets: small differences where there is noise.
+// The outliers' bounding box does not rotate with the targets, which causes small differences with noise.
 template <CpdModel model> struct Drift {
   static constexpr double kTolerance_mm = 0.05;
   static Map run(const Side &source, const Side &target, const PairedPose &start) {
@@ -233,7 +233,7 @@ using SplineR2LogR = SplineThrough<SplineKernel::kR2LogR>;
 struct PointsAndCurves {
   static constexpr double kTolerance_mm = 1e-6;
   static Map run(const Side &source, const Side &target, const PairedPose & /*start*/) {
-    // The source is the reference here: the spline leads from it.
+    // Here the source is the reference, from which the spline maps.
     const Points3 from = source.columns();
     const Points3 to = target.columns();
     const PointSets<3> landmarks{from.leftCols<kFiducials>(), to.leftCols<kFiducials>()};
@@ -255,7 +255,7 @@ protected:
     }
   }
 
-  // The truth, off by a few degrees about the head and a few mm.
+  // The true pose with an error of a few degrees about the head and a few mm.
   static PairedPose start(const Side &source, const Side &target) {
     const Eigen::Quaterniond turn = geometry::rotation_exp(Vector3d(0.02, -0.03, 0.025));
     const PairedPose off(turn, turn * -test::kHeadCentre + test::kHeadCentre + Vector3d(1.5, -1.0, 2.0));
@@ -282,7 +282,7 @@ using Methods = testing::Types<LeastSquares, MaximumLikelihood, RobustPoints, Jo
                                SplineR2LogR, PointsAndCurves>;
 class MethodNames {
 public:
-  // GoogleTest names the function.
+  // GoogleTest reports the function.
   template <class Method> static std::string GetName(int i) { // NOLINT(readability-identifier-naming)
     static const std::array<const char *, 15> kNames = {
         "LeastSquares",  "MaximumLikelihood", "RobustPoints", "Joint",        "LocalByPlanes",
@@ -293,7 +293,7 @@ public:
 };
 TYPED_TEST_SUITE(RegistrationProperty, Methods, MethodNames);
 
-TYPED_TEST(RegistrationProperty, MovesWithBothSides) {
+TYPED_TEST(RegistrationProperty, IsEquivariantOnBothSides) {
   std::mt19937 rng(kPropertySeed + 1);
   for (std::size_t i = 0; i < kPlaces; ++i) {
     this->here_.head_mm[i] += test::normal_vector(rng, 0.2);
@@ -313,7 +313,7 @@ TYPED_TEST(RegistrationProperty, MovesWithBothSides) {
       << "seed " << kPropertySeed;
 }
 
-TYPED_TEST(RegistrationProperty, TheOtherWayRoundIsTheInverse) {
+TYPED_TEST(RegistrationProperty, SwappedSidesGiveTheInverse) {
   const Map forth = this->run(this->here_, this->there_);
   const Map back = this->run(this->there_, this->here_);
   EXPECT_LT(this->farthest_mm([&](const Vector3d &p) { return back(forth(p)); }, [](const Vector3d &p) { return p; },
@@ -322,7 +322,7 @@ TYPED_TEST(RegistrationProperty, TheOtherWayRoundIsTheInverse) {
       << "seed " << kPropertySeed;
 }
 
-TYPED_TEST(RegistrationProperty, OneAfterAnotherIsOne) {
+TYPED_TEST(RegistrationProperty, CompositionOfRegistrationsIsARegistration) {
   const Map first = this->run(this->here_, this->there_);
   const Map second = this->run(this->there_, this->beyond_);
   const Map whole = this->run(this->here_, this->beyond_);

@@ -1,4 +1,4 @@
-// The joint estimate: what it finds, what it refuses, and in which words.
+// The joint estimate: results, refusals and their texts.
 #include <algorithm>
 #include <cmath>
 #include <string>
@@ -67,7 +67,7 @@ std::string words(const RegistrationResult &result, const RegistrationOptions &o
   return text.data();
 }
 
-TEST(Registration, SkinAloneIsEnoughFromALocatedPoseAndAFiducialIsHeldAgainstIt) {
+TEST(Registration, SkinAloneRegistersFromALocatedPoseAndContradictsAWrongFiducial) {
   Patient patient(kRegistrationSeed);
   patient.trace(600, [](const Vector3d &p) { return p.z() > -40.0; }); // all around, with the nose
   RegistrationEstimator estimator(&patient.surface, {});
@@ -105,7 +105,7 @@ TEST(Registration, FindsThePatientAndTheSurfaceHelps) {
     EXPECT_EQ(joint.surface_count, 300);
     EXPECT_LT(joint.worst_target_tre_mm, alone.worst_target_tre_mm);
     EXPECT_EQ(joint.worst_target, 0);
-    EXPECT_LT(joint.surface_effective, 100.0); // 300 samples of skin that is alike over 12 mm
+    EXPECT_LT(joint.surface_effective, 100.0); // 300 samples of skin with a correlation length of 12 mm
     EXPECT_GT(joint.surface_effective, 10.0);
     EXPECT_NEAR(joint.fre_mm, joint.fre_expected_mm, 0.6 * joint.fre_expected_mm);
     with += std::pow(patient.true_tre(joint.T_image_reference), 2);
@@ -114,7 +114,7 @@ TEST(Registration, FindsThePatientAndTheSurfaceHelps) {
   EXPECT_LT(with, 0.7 * without);
 }
 
-TEST(Registration, WithoutSurfaceItIsThePairedFit) {
+TEST(Registration, WithoutSurfaceItEqualsThePairedFit) {
   Patient patient(kRegistrationSeed);
   patient.touch_eight();
   std::vector<PointPair> pairs;
@@ -130,7 +130,7 @@ TEST(Registration, WithoutSurfaceItIsThePairedFit) {
   EXPECT_EQ(result.surface_count, 0);
 }
 
-TEST(Registration, StartsWarmFromALastEstimateAndIgnoresAWildOne) {
+TEST(Registration, StartsFromThePreviousEstimateAndIgnoresAFarOne) {
   Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace_scalp(300);
@@ -144,8 +144,8 @@ TEST(Registration, StartsWarmFromALastEstimateAndIgnoresAWildOne) {
   EXPECT_LT((saved.T_image_reference.matrix() - cold.T_image_reference.matrix()).norm(), 1e-9);
 }
 
-// A trace that leaves the skin, a pointer laid on the drape: a fifth of the samples far off.
-TEST(Registration, SurfaceOutliersHaveNoSay) {
+// A trace that leaves the skin, or a pointer on the drape: a fifth of the samples are outliers.
+TEST(Registration, SurfaceOutliersHaveNoWeight) {
   Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace_scalp(300);
@@ -177,7 +177,7 @@ TEST(Registration, SamplesThatAreNotFiniteAreIgnored) {
   EXPECT_EQ(result.T_image_reference.matrix(), clean.T_image_reference.matrix());
 }
 
-TEST(Registration, SkinThatErrsMoreThanStatedIsBelievedLess) {
+TEST(Registration, SurfaceErrorsAboveTheStatedSigmaReduceItsWeight) {
   Patient patient(kRegistrationSeed);
   patient.touch_eight();
   patient.trace(
@@ -246,7 +246,7 @@ TEST(RegistrationRefusal, AFiducialThatContradictsTheOthersIsNamed) {
         EXPECT_EQ(text.rfind("fiducial Nasion contradicts the others: ", 0), 0U) << text;
         EXPECT_NE(text.find(" mm from where they place it; touch it again or remove it"), std::string::npos) << text;
         EXPECT_NEAR(result.fiducials[5].leave_one_out_mm, off_mm, 0.2 * off_mm + 1.5);
-        EXPECT_TRUE(result.has_estimate); // for the residuals to be shown
+        EXPECT_TRUE(result.has_estimate); // so that residuals can be shown
       }
     }
     EXPECT_GE(named, off_mm > 5.0 ? kRuns : kRuns - 8) << off_mm << " mm";
@@ -266,14 +266,14 @@ TEST(RegistrationRefusal, TwoSwappedFiducialsAreBothNamed) {
     EXPECT_EQ(result.suspects[i], i == 1 || i == 4) << i;
   }
   EXPECT_LT(result.fiducials[1].p_value, 1e-9);
-  EXPECT_GT(result.fiducials[0].p_value, 1e-3); // judged by those that agree, not by the spoiled estimate
+  EXPECT_GT(result.fiducials[0].p_value, 1e-3); // from the consistent fiducials, not from the corrupted estimate
   EXPECT_NEAR(result.fiducials[4].leave_one_out_mm, apart_mm, 4.0);
   const std::string text = words(result);
   EXPECT_EQ(text.rfind("fiducials Nasion contradict the others: up to ", 0), 0U) << text;
   EXPECT_NE(text.find("touch them again or remove them"), std::string::npos) << text;
 }
 
-TEST(RegistrationRefusal, FourWrongOfEightAreTooManyToName) {
+TEST(RegistrationRefusal, FourWrongOfEightCannotBeIdentified) {
   Patient patient(kRegistrationSeed);
   patient.touch_eight();
   for (const std::size_t i : {0U, 2U, 5U, 7U}) {
@@ -289,7 +289,7 @@ TEST(RegistrationRefusal, FourWrongOfEightAreTooManyToName) {
   EXPECT_NE(text.find("it cannot be told which fiducials are wrong: touch them again"), std::string::npos) << text;
 }
 
-TEST(RegistrationRefusal, ThreeFiducialsCannotSayWhichIsWrong) {
+TEST(RegistrationRefusal, AWrongOneOfThreeFiducialsCannotBeIdentified) {
   Patient patient(kRegistrationSeed);
   for (const Vector3d &direction : {Vector3d(0, 1, 0.2), Vector3d(1, 0, 0.2), Vector3d(-1, -0.3, 0.4)}) {
     patient.touch(direction);
@@ -300,8 +300,8 @@ TEST(RegistrationRefusal, ThreeFiducialsCannotSayWhichIsWrong) {
   EXPECT_EQ(estimator.estimate(patient.fiducials, {}, kTargets).refusal, Refusal::kFreTooLarge);
 }
 
-// Three fiducials close together on the forehead: what they leave open is the rotation, until enough skin is traced.
-TEST(RegistrationRefusal, ADirectionThatIsNotFixedIsNamedUntilTheSurfaceFixesIt) {
+// Three fiducials close together on the forehead do not determine the rotation until enough skin is traced.
+TEST(RegistrationRefusal, AnUndeterminedDirectionIsNamedUntilTheSurfaceDeterminesIt) {
   Patient patient(kRegistrationSeed);
   for (const Vector3d &direction : {Vector3d(0, 1, 0.3), Vector3d(0.25, 1, 0.32), Vector3d(0.1, 1, 0.5)}) {
     patient.touch(direction, 0.1);
@@ -313,7 +313,7 @@ TEST(RegistrationRefusal, ADirectionThatIsNotFixedIsNamedUntilTheSurfaceFixesIt)
   EXPECT_EQ(text.rfind("too little surface to fix rotation about ", 0), 0U) << text;
   EXPECT_NE(text.find(": predicted error at Thalamus_L "), std::string::npos) << text;
   EXPECT_NE(text.find(" mm, limit 2.0 mm; trace more of the head"), std::string::npos) << text;
-  // A small patch near the fiducials does not help enough.
+  // A small patch near the fiducials is not sufficient.
   patient.trace(40, [](const Vector3d &p) { return (p - test::on_head({0, 1, 0.35})).norm() < 18.0; });
   EXPECT_EQ(estimator.estimate(patient.fiducials, patient.samples, kTargets).refusal, Refusal::kDirectionNotFixed);
   patient.trace(300, [](const Vector3d &p) { return p.z() > -40.0 && (p.z() > 10.0 || p.y() > 20.0); });
@@ -322,7 +322,7 @@ TEST(RegistrationRefusal, ADirectionThatIsNotFixedIsNamedUntilTheSurfaceFixesIt)
   EXPECT_LT(patient.true_tre(fixed.T_image_reference), 3.0);
 }
 
-TEST(RegistrationRefusal, WithoutTargetsTheWholeHeadStandsIn) {
+TEST(RegistrationRefusal, WithoutTargetsTheHeadsCentreIsUsed) {
   Patient patient(kRegistrationSeed);
   for (const Vector3d &direction : {Vector3d(0, 1, 0.3), Vector3d(0.25, 1, 0.32), Vector3d(0.1, 1, 0.5)}) {
     patient.touch(direction, 0.1);

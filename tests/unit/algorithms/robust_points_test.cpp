@@ -1,4 +1,4 @@
-// Paired points with wrong ones among them; the error metrics of the seeds.
+// Paired points with outliers, and the error metrics of the seeds.
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ std::vector<PointPair> stated_pairs(std::mt19937 &rng, const PairedPose &T, int 
   return out;
 }
 
-TEST(RobustPoints, FindsWhichOnesAreWrong) {
+TEST(RobustPoints, IdentifiesTheWrongPairs) {
   std::mt19937 rng(kRobustSeed);
   int exact = 0;
   constexpr int kRuns = 200;
@@ -51,10 +51,10 @@ TEST(RobustPoints, FindsWhichOnesAreWrong) {
     EXPECT_GT(fit.fit.fiducials[2].leave_one_out_mm, 8.0);
     EXPECT_LT((fit.fit.T_target_source * Vector3d::Zero() - T * Vector3d::Zero()).norm(), 3.0);
   }
-  EXPECT_GT(exact, 190); // of 200; a good one is lost now and then, by design
+  EXPECT_GT(exact, 190); // of 200; a correct pair is rejected occasionally, by design
 }
 
-TEST(RobustPoints, FalseAlarmsAreAsRareAsAsked) {
+TEST(RobustPoints, FalseAlarmsOccurAtTheStatedRate) {
   std::mt19937 rng(kRobustSeed);
   int alarms = 0;
   constexpr int kRuns = 1500;
@@ -67,7 +67,7 @@ TEST(RobustPoints, FalseAlarmsAreAsRareAsAsked) {
   EXPECT_NEAR(100.0 * alarms / kRuns, 5.0, 1.8) << "seed " << kRobustSeed;
 }
 
-TEST(RobustPoints, WithoutOutliersItIsThePlainFit) {
+TEST(RobustPoints, WithoutOutliersItEqualsThePlainFit) {
   std::mt19937 rng(kRobustSeed);
   const auto pairs = stated_pairs(rng, robust_pose(rng), 8);
   const RobustFit robust = fit_paired_robust(pairs);
@@ -77,7 +77,7 @@ TEST(RobustPoints, WithoutOutliersItIsThePlainFit) {
   EXPECT_NEAR(robust.fit.chi_square, plain.chi_square, 1e-6);
 }
 
-TEST(RobustPoints, MovesWithBothSides) {
+TEST(RobustPoints, IsEquivariantOnBothSides) {
   std::mt19937 rng(kRobustSeed);
   auto pairs = stated_pairs(rng, robust_pose(rng), 7);
   pairs[3].target_mm.x() += 12.0;
@@ -94,7 +94,7 @@ TEST(RobustPoints, MovesWithBothSides) {
   EXPECT_LT((moved.fit.T_target_source.matrix() - expected.matrix()).norm(), 1e-6);
 }
 
-TEST(RobustPoints, PromisesNothingWhereMostAreWrong) {
+TEST(RobustPoints, ClaimsNothingWhenMostPairsAreWrong) {
   std::mt19937 rng(kRobustSeed);
   int found = 0;
   for (int run = 0; run < 100; ++run) {
@@ -111,8 +111,8 @@ TEST(RobustPoints, PromisesNothingWhereMostAreWrong) {
   EXPECT_FALSE(fit_paired_robust(std::vector<PointPair>(8, three[0])).found);
 }
 
-// Three of four say which one is wrong only where no other three agree as well; then they are right.
-TEST(RobustPoints, OfFourThreeMayNameTheOther) {
+// Three of four points identify the wrong one only if no other three are consistent. The result is then correct.
+TEST(RobustPoints, OfFourPairsThreeMayIdentifyTheWrongOne) {
   std::mt19937 rng(kRobustSeed);
   int named = 0;
   int misnamed = 0;
@@ -142,7 +142,7 @@ TEST(RobustPoints, DoesNotAllocate) {
   EXPECT_EQ(scope.count(), 0U);
 }
 
-// FRE's own distribution: its p-value is uniform where the FLE is what it is said to be.
+// Distribution of the FRE: its p-value is uniform if the FLE is as stated.
 TEST(FreTest, IsUniform) {
   std::mt19937 rng(kRobustSeed);
   int below = 0;
@@ -163,7 +163,7 @@ TEST(FreTest, IsUniform) {
   EXPECT_LT(fre_p_value(6, 3.0, 1.0), 1e-6);
 }
 
-TEST(ErrorMetrics, AreTheFormulasOfTheSeeds) {
+TEST(ErrorMetrics, MatchesTheSeedsFormulas) {
   const uncertainty::AnyPose identity;
   const std::vector<Vector3d> source = {{0, 0, 0}, {10, 0, 0}};
   const std::vector<Vector3d> target = {{3, 0, 4}, {10, 0, -2}};
@@ -172,7 +172,7 @@ TEST(ErrorMetrics, AreTheFormulasOfTheSeeds) {
   EXPECT_TRUE(std::isnan(uncertainty::rms_distance_mm(identity, source, {})));
 }
 
-TEST(ErrorMetrics, TheWorstDirectionIsTheWorst) {
+TEST(ErrorMetrics, NoDirectionIsWorseThanTheWorstDirection) {
   std::mt19937 rng(kRobustSeed);
   for (int run = 0; run < 20; ++run) {
     const auto actual = robust_pose(rng);
@@ -191,9 +191,9 @@ TEST(ErrorMetrics, TheWorstDirectionIsTheWorst) {
       squares += here * here;
     }
     EXPECT_NEAR(std::sqrt(squares / kDirections), e.mean_mm, 0.03 * e.mean_mm);
-    // Without an error of translation the published figure is that of one direction, over the square root of three.
+    // Without a translation error the published figure is that of one direction, divided by the square root of three.
     EXPECT_NEAR(e.as_published_mm, off(Vector3d::UnitX()) / std::sqrt(3.0), 1e-9);
-    // Invariant under a rigid move of both sides, which the published one is not.
+    // Invariant under a rigid motion of both sides, unlike the published one.
     const PairedPose move = robust_pose(rng);
     const auto on_target = move.as<geometry::frame::Target, geometry::frame::Target>();
     const auto moved = uncertainty::ten_centimetre_error(on_target * actual, on_target * estimated);

@@ -1,4 +1,4 @@
-// Thin-plate splines, their grid, and points and curves.
+// Thin-plate splines, their grid, and registration of points and curves.
 #include <cmath>
 #include <random>
 
@@ -58,7 +58,7 @@ template <int D> void check_affine_and_interpolation() {
     ASSERT_TRUE(spline) << spline.error();
     EXPECT_LT((spline->map(centres) - bent<D>(centres)).cwiseAbs().maxCoeff(), 1e-9);
     EXPECT_LT(((*spline)(elsewhere.col(7)) - spline->map(elsewhere).col(7)).norm(), 1e-9);
-    // The Jacobian against differences.
+    // The Jacobian compared with finite differences.
     const Eigen::Matrix<double, D, 1> p = elsewhere.col(3);
     for (int d = 0; d < D; ++d) {
       const Eigen::Matrix<double, D, 1> h = 1e-4 * Eigen::Matrix<double, D, 1>::Unit(d);
@@ -72,7 +72,7 @@ TEST(ThinPlateSpline, ReproducesAffineMapsAndInterpolates) {
   check_affine_and_interpolation<3>();
 }
 
-TEST(ThinPlateSpline, InverseComesBack) {
+TEST(ThinPlateSpline, TheInverseIsConsistent) {
   std::mt19937 rng(kSplineSeed);
   for (const SplineKernel kernel : kKernels) {
     const Points3 centres = box_cloud<3>(rng, 80);
@@ -85,7 +85,7 @@ TEST(ThinPlateSpline, InverseComesBack) {
       EXPECT_LT((*back - probes.col(i)).norm(), 1e-5);
     }
   }
-  // Where the map folds there is no inverse.
+  // A folded map has no inverse.
   const Points2 centres = (Points2(2, 6) << 0, 100, 0, 100, 40, 60, 0, 0, 100, 100, 50, 50).finished();
   Points2 folded = centres;
   folded.col(4).swap(folded.col(5));
@@ -94,7 +94,7 @@ TEST(ThinPlateSpline, InverseComesBack) {
   EXPECT_FALSE(spline->inverse(Eigen::Vector2d(50.0, 50.0)).has_value());
 }
 
-TEST(ThinPlateSpline, MovesWithBothSides) {
+TEST(ThinPlateSpline, IsEquivariantOnBothSides) {
   std::mt19937 rng(kSplineSeed);
   const Points3 centres = box_cloud<3>(rng, 70);
   const Points3 probes = box_cloud<3>(rng, 20);
@@ -110,7 +110,7 @@ TEST(ThinPlateSpline, MovesWithBothSides) {
     ASSERT_TRUE(spline && moved);
     const Points3 expected = (S * spline->map(probes)).colwise() - a;
     EXPECT_LT((moved->map((R * probes).colwise() + a) - expected).cwiseAbs().maxCoeff(), 1e-8);
-    // The seeds' kernel |.|^2 log |.|^2 and any unit of length give the same spline: metres instead of millimetres.
+    // The seeds' kernel |.|^2 log |.|^2 and another unit of length (metres) give the same spline.
     options.regularisation *= kernel == SplineKernel::kR2LogR ? 1e-6 : 1e-3;
     const auto metres = ThinPlateSpline<3>::fit(1e-3 * centres, 1e-3 * bent<3>(centres), options);
     ASSERT_TRUE(metres);
@@ -118,7 +118,7 @@ TEST(ThinPlateSpline, MovesWithBothSides) {
   }
 }
 
-TEST(ThinPlateSpline, LeaveOneOutIsWhatAFitWithoutItGives) {
+TEST(ThinPlateSpline, LeaveOneOutMatchesAFitWithoutTheCentre) {
   std::mt19937 rng(kSplineSeed);
   const Points3 centres = box_cloud<3>(rng, 30);
   for (const SplineKernel kernel : kKernels) {
@@ -149,14 +149,15 @@ TEST(ThinPlateSpline, RegularisationTradesFitForSmoothness) {
   const double exact_error = (ThinPlateSpline<2>::fit(centres, noisy)->map(probes) - bent<2>(probes)).norm();
   const double smooth_error = (ThinPlateSpline<2>::fit(centres, noisy, smooth)->map(probes) - bent<2>(probes)).norm();
   EXPECT_LT(smooth_error, 0.8 * exact_error);
-  // Without end it is the affine fit.
+  // In the limit it is the affine fit.
   smooth.regularisation = 1e15;
   const auto flat = ThinPlateSpline<2>::fit(centres, noisy, smooth);
   EXPECT_LT((flat->jacobian(probes.col(0)) - flat->jacobian(probes.col(1))).norm(), 1e-8);
 }
 
-// In the plane r^2 ln r converges in the mean square with the square of the centres' distance for smooth maps (Duchon
-// 1978; faster inside, slower at the border), r in space likewise: four (eight) times as many centres, about a quarter.
+// In the plane r^2 ln r converges in the mean square with the square of the centres' distance for smooth maps [Duchon
+// 1978] (faster inside, slower at the boundary), r in space likewise: four (eight) times as many centres, about a
+// quarter.
 TEST(ThinPlateSpline, HoldOutErrorFallsWithTheNumberOfCentres) {
   std::mt19937 rng(kSplineSeed);
   const auto error = [&]<int D>(SplineKernel kernel, Eigen::Index side) {
@@ -177,12 +178,12 @@ TEST(ThinPlateSpline, HoldOutErrorFallsWithTheNumberOfCentres) {
   };
   const double plane = error.operator()<2>(SplineKernel::kR2LogR, 9) / error.operator()<2>(SplineKernel::kR2LogR, 17);
   const double space = error.operator()<3>(SplineKernel::kR, 5) / error.operator()<3>(SplineKernel::kR, 9);
-  EXPECT_GT(plane, 2.8) << "seed " << kSplineSeed; // 2^1.5, the proven rate up to the border
+  EXPECT_GT(plane, 2.8) << "seed " << kSplineSeed; // 2^1.5, the proven rate including the boundary
   EXPECT_GT(space, 2.8);
 }
 
 // Published for this recording: a plain TPS leaves 0.383 mm (r^2 ln r) and 0.494 mm (r) where a marker is left out.
-TEST(ThinPlateSpline, RealDistortionLeavesThePublishedError) {
+TEST(ThinPlateSpline, RealDistortionGivesTheKnownLeaveOneOutError) {
   BREGMA_SHARED_DATA(folder, "distortion/repeat");
   const Points3 distorted = test::read_points<3>(folder / "Matched_Markers.csv", 1, 1);
   const Points3 truth = test::read_points<3>(folder / "Matched_Markers.csv", 1, 5);
@@ -195,7 +196,7 @@ TEST(ThinPlateSpline, RealDistortionLeavesThePublishedError) {
   EXPECT_NEAR(ThinPlateSpline<3>::fit(distorted, truth, options)->leave_one_out_mm().mean(), 0.494, 0.0005);
 }
 
-TEST(ThinPlateSpline, SaysWhyItCannotBe) {
+TEST(ThinPlateSpline, ReportsWhyItCannotBeFitted) {
   std::mt19937 rng(kSplineSeed);
   const Points3 good = box_cloud<3>(rng, 10);
   const auto why = [](const Points3 &centres, const Points3 &values) {
@@ -244,7 +245,7 @@ TEST(Curves, AreDividedAtEqualArcLength) {
   ASSERT_TRUE(five);
   const Points2 expected = (Points2(2, 5) << 0, 10, 20, 30, 30, 0, 0, 0, 0, 10).finished();
   EXPECT_LT((*five - expected).norm(), 1e-12);
-  // Segments far shorter than the interval, which the printed comparison would never pass.
+  // Segments far shorter than the interval, which the comparison printed in the thesis would never pass.
   Points2 circle(2, 1000);
   for (int i = 0; i < 1000; ++i) {
     circle.col(i) << 50.0 * std::cos(2.0 * M_PI * i / 1000.0), 50.0 * std::sin(2.0 * M_PI * i / 1000.0);
@@ -258,7 +259,7 @@ TEST(Curves, AreDividedAtEqualArcLength) {
   EXPECT_EQ(subdivide<2>(path.middleCols(1, 2), 5).error(), "the curve has no length");
 }
 
-TEST(Curves, JoinLandmarksToASplineThatNeitherMakes) {
+TEST(Curves, WithLandmarksGiveABetterSplineThanEitherAlone) {
   // A circle that becomes an ellipse, with landmarks inside.
   CurvePair<2> rim;
   rim.closed = true;

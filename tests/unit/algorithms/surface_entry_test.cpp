@@ -27,7 +27,7 @@ const surface::SurfaceModel &ball() {
   return model;
 }
 
-// Of the ball that all facets lie outside of.
+// Radius of the ball inside all facets.
 double inner_radius_mm() {
   double least = kRadius_mm;
   for (const Eigen::Vector3i &t : facets().triangles) {
@@ -38,13 +38,13 @@ double inner_radius_mm() {
   return least;
 }
 
-// How far from `from` a line comes to a ball about the centre: the smaller t of |from + t along - centre| = radius.
+// Distance along a line from `from` to a ball: the smaller t of |from + t along - centre| = radius.
 double way_to_ball_mm(const Vector3d &from, const Vector3d &along, double radius_mm) {
   const double b = along.dot(from - kCentre_mm);
   return -b - std::sqrt(b * b - (from - kCentre_mm).squaredNorm() + radius_mm * radius_mm);
 }
 
-TEST(SurfaceEntry, IsWhereALineMeetsABall) {
+TEST(SurfaceEntry, IsTheIntersectionWithABall) {
   const double inner_mm = inner_radius_mm();
   ASSERT_GT(inner_mm, kRadius_mm - 0.1);
   std::mt19937 rng(11);
@@ -57,7 +57,7 @@ TEST(SurfaceEntry, IsWhereALineMeetsABall) {
     const Vector3d along = (to - from).normalized();
     const auto entry = surface_entry(ball(), from, to);
     ASSERT_TRUE(entry);
-    // The facets lie between the ball and the inner one, and so does the entry.
+    // The facets lie between the two balls, and so does the entry.
     const double gone_mm = along.dot(*entry - from);
     EXPECT_LT((*entry - from - gone_mm * along).norm(), 1e-9) << "on the way";
     const double first_mm = way_to_ball_mm(from, along, kRadius_mm);
@@ -71,12 +71,12 @@ TEST(SurfaceEntry, IsWhereALineMeetsABall) {
   EXPECT_GT(grazing, 10) << "the ways are all steep";
 }
 
-TEST(SurfaceEntry, OfAWayThatStartsInsideIsItsStart) {
+TEST(SurfaceEntry, IsTheStartOfALineThatStartsInside) {
   EXPECT_EQ(surface_entry(ball(), kCentre_mm, kCentre_mm + Vector3d(200.0, 0.0, 0.0)), kCentre_mm);
   EXPECT_EQ(surface_entry(ball(), kCentre_mm, kCentre_mm), kCentre_mm);
 }
 
-TEST(SurfaceEntry, NothingWhereTheWayStaysOutside) {
+TEST(SurfaceEntry, AbsentForALineThatStaysOutside) {
   const Vector3d above = kCentre_mm + Vector3d(0.0, 0.0, kRadius_mm + 0.5);
   EXPECT_EQ(surface_entry(ball(), above - Vector3d(90.0, 0.0, 0.0), above + Vector3d(90.0, 0.0, 0.0)), std::nullopt)
       << "passes by";
@@ -84,7 +84,7 @@ TEST(SurfaceEntry, NothingWhereTheWayStaysOutside) {
   EXPECT_EQ(surface_entry(ball(), above, above), std::nullopt) << "has no length";
 }
 
-TEST(SurfaceEntry, ATargetOnTheFarSideDoesNotMatter) {
+TEST(SurfaceEntry, TheEntryDoesNotDependOnTheTarget) {
   const Vector3d away(0.0, 0.0, kRadius_mm + 30.0);
   const auto entry = surface_entry(ball(), kCentre_mm + away, kCentre_mm - away);
   ASSERT_TRUE(entry);

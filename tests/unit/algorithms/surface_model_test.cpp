@@ -14,7 +14,7 @@ using geometry::Vector3d;
 using surface::SurfaceModel;
 constexpr unsigned kSurfaceSeed = 20260206;
 
-// The distance to a triangle by brute force: the plane where its foot is inside, else the nearest edge.
+// Brute-force distance to a triangle: to its plane if the projection is inside, otherwise to the nearest edge.
 double triangle_distance(const Vector3d &a, const Vector3d &b, const Vector3d &c, const Vector3d &p) {
   const Vector3d n = (b - a).cross(c - a);
   const bool inside =
@@ -27,7 +27,7 @@ double triangle_distance(const Vector3d &a, const Vector3d &b, const Vector3d &c
   return least;
 }
 
-TEST(SurfaceModel, ClosestPointIsThatOfEveryTriangleTried) {
+TEST(SurfaceModel, ClosestPointMatchesASearchOverAllTriangles) {
   std::mt19937 rng(kSurfaceSeed);
   const auto mesh = test::make_head(3);
   const SurfaceModel surface(mesh);
@@ -45,7 +45,7 @@ TEST(SurfaceModel, ClosestPointIsThatOfEveryTriangleTried) {
     ASSERT_NEAR(cold.distance_mm, least, 1e-9) << "run " << run << " seed " << kSurfaceSeed;
     ASSERT_NEAR((cold.point_mm - p).norm(), least, 1e-9);
     ASSERT_NEAR(cold.normal.norm(), 1.0, 1e-12);
-    // A warm start, however wrong, changes nothing.
+    // Any warm start gives the same result.
     const auto warm = surface.closest(p, last);
     ASSERT_EQ(warm.distance_mm, cold.distance_mm);
     last = warm.triangle;
@@ -55,12 +55,12 @@ TEST(SurfaceModel, ClosestPointIsThatOfEveryTriangleTried) {
   }
 }
 
-TEST(SurfaceModel, TellsInsideFromOutsideAtVerticesEdgesAndFaces) {
+TEST(SurfaceModel, SeparatesInsideFromOutsideAtVerticesEdgesAndFaces) {
   std::mt19937 rng(kSurfaceSeed);
   const auto mesh = test::make_head(3);
   const SurfaceModel surface(mesh);
-  // The head is star-shaped about its centre: nearer to it than the skin is inside. Straight out of a vertex or the
-  // middle of an edge the closest feature is that vertex or edge.
+  // The head is star-shaped about its centre, so points nearer to it than the skin are inside. Along the normal of a
+  // vertex or of an edge's midpoint the closest feature is that vertex or edge.
   for (std::size_t i = 0; i < mesh.vertices_mm.size(); i += 3) {
     const Vector3d v = mesh.vertices_mm[i];
     EXPECT_GT(surface.closest(test::kHeadCentre + 1.01 * (v - test::kHeadCentre)).signed_mm, 0.0);
@@ -75,7 +75,7 @@ TEST(SurfaceModel, TellsInsideFromOutsideAtVerticesEdgesAndFaces) {
   }
 }
 
-TEST(SurfaceModel, SegmentsHitWhatStandsBetween) {
+TEST(SurfaceModel, SegmentsHitTrianglesBetweenTheirEnds) {
   std::mt19937 rng(kSurfaceSeed);
   const SurfaceModel sphere(test::make_sphere(4, 50.0, {10.0, 20.0, 30.0}));
   int hits = 0;
@@ -87,7 +87,7 @@ TEST(SurfaceModel, SegmentsHitWhatStandsBetween) {
     const double s = std::clamp(-from.dot(along) / along.squaredNorm(), 0.0, 1.0);
     const double nearest = (from + s * along).norm();
     const double farthest = std::max(from.norm(), (from + along).norm());
-    // The mesh lies within 0.3 mm of the sphere: leave that out.
+    // The mesh lies within 0.3 mm of the sphere, so that shell is excluded.
     if (std::abs(nearest - 50.0) < 0.3 || std::abs(farthest - 50.0) < 0.3) {
       continue;
     }
@@ -100,7 +100,7 @@ TEST(SurfaceModel, SegmentsHitWhatStandsBetween) {
 }
 
 TEST(SurfaceModel, SegmentsAlongTheAxesAreNotLost) {
-  surface::TriangleMesh square; // flat: its boxes have no thickness
+  surface::TriangleMesh square; // flat: its bounding boxes have zero thickness
   square.vertices_mm = {{0, 0, 5}, {10, 0, 5}, {10, 10, 5}, {0, 10, 5}};
   square.triangles = {{0, 1, 2}, {0, 2, 3}};
   const SurfaceModel surface(square);
@@ -137,7 +137,7 @@ void expect_refused(const surface::TriangleMesh &mesh, const char *message) {
   }
 }
 
-TEST(SurfaceModel, SaysWhatIsWrongWithAMesh) {
+TEST(SurfaceModel, ErrorsOfAMeshAreReported) {
   surface::TriangleMesh mesh;
   expect_refused(mesh, "the surface has no triangles");
   mesh.vertices_mm = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};

@@ -1,4 +1,4 @@
-// Numbers of the shared data, as its CSV files hold them.
+// Numbers from the CSV files of the shared data.
 #pragma once
 
 #include <charconv>
@@ -12,7 +12,7 @@
 
 namespace bregma::test {
 
-// All rows of a table; a cell that is no number is NaN. skip: rows of a heading.
+// All rows of a table; cells without a number are NaN. skip: number of heading rows.
 inline std::vector<std::vector<double>> read_table(const std::filesystem::path &file, int skip = 0) {
   std::vector<std::vector<double>> rows;
   std::ifstream in(file);

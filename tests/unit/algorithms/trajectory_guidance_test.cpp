@@ -14,7 +14,7 @@ using planning::PlannedLine;
 
 const PlannedLine kLine{{10, 0, 80}, {10, 0, 20}}; // straight down, 60 mm
 
-TEST(Guidance, OnTheLineAboveAtAndBeyondTheTarget) {
+TEST(Guidance, FiguresBeforeAtAndBeyondTheTarget) {
   const Vector3d down = -Vector3d::UnitZ();
   auto g = guide(kLine, {10, 0, 50}, down);
   EXPECT_DOUBLE_EQ(g.distance_to_target_mm, 30.0);
@@ -28,7 +28,7 @@ TEST(Guidance, OnTheLineAboveAtAndBeyondTheTarget) {
   EXPECT_DOUBLE_EQ(g.distance_to_target_mm, 3.0);
 }
 
-TEST(Guidance, BesideTheLineAndTilted) {
+TEST(Guidance, FiguresOffTheLineAndTilted) {
   const double tilt = 5.0 * M_PI / 180.0;
   const auto g = guide(kLine, {13, 4, 32}, {std::sin(tilt), 0.0, -std::cos(tilt)});
   EXPECT_DOUBLE_EQ(g.lateral_deviation_mm, 5.0);
@@ -38,7 +38,7 @@ TEST(Guidance, BesideTheLineAndTilted) {
   EXPECT_NEAR(guide(kLine, {13, 4, 32}, Vector3d::UnitZ()).angle_rad, M_PI, 1e-12);
 }
 
-// Neither a rigid motion of everything changes a figure, nor do tiny angles lose their digits.
+// A rigid motion of everything changes no figure, and small angles keep their precision.
 TEST(Guidance, DoesNotDependOnTheCoordinates) {
   constexpr unsigned kSeed = 20260207;
   std::mt19937 rng(kSeed);

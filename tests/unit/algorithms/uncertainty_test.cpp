@@ -88,13 +88,13 @@ TEST(Ellipsoid95, AxesAreLongestFirstAndRebuildTheCovariance) {
     const Vector3d variances = e.semi_axes_mm.cwiseAbs2() / uncertainty::chi_square_upper_quantile(0.05, 3);
     EXPECT_TRUE((e.axes.transpose() * variances.asDiagonal() * e.axes).isApprox(C, 1e-10))
         << "seed " << kUncertaintySeed;
-    // A point at the end of an axis is on the border.
+    // A point at the end of an axis is on the boundary.
     const Vector3d end = e.semi_axes_mm[0] * e.axes.row(0).transpose();
     EXPECT_NEAR(uncertainty::mahalanobis_squared(C, end), uncertainty::chi_square_upper_quantile(0.05, 3), 1e-9);
   }
 }
 
-TEST(Ellipsoid95, HoldsNineteenOfTwenty) {
+TEST(Ellipsoid95, ContainsNinetyFivePercent) {
   std::mt19937 rng(kUncertaintySeed);
   const Matrix3d C = test::random_anisotropic(rng, 0.3, 0.9);
   int inside = 0;
@@ -107,7 +107,7 @@ TEST(Ellipsoid95, HoldsNineteenOfTwenty) {
   EXPECT_NEAR(100.0 * inside / kDraws, 95.0, 0.6);
 }
 
-TEST(Ellipsoid95, UnknownStaysUnknownAndSingularIsInfinite) {
+TEST(Ellipsoid95, NaNIsKeptAndSingularIsInfinite) {
   EXPECT_TRUE(uncertainty::ellipsoid_95(Matrix3d::Constant(std::nan(""))).semi_axes_mm.hasNaN());
   const Matrix3d flat = Vector3d(1.0, 1.0, 0.0).asDiagonal();
   EXPECT_TRUE(std::isinf(uncertainty::mahalanobis_squared(flat, Vector3d::UnitZ())));
@@ -115,8 +115,8 @@ TEST(Ellipsoid95, UnknownStaysUnknownAndSingularIsInfinite) {
   EXPECT_EQ(uncertainty::ellipsoid_95(flat).semi_axes_mm[2], 0.0);
 }
 
-// The covariance of the maximum likelihood estimate must agree with Fitzpatrick's closed form, which was derived
-// another way, wherever that applies.
+// The covariance of the maximum likelihood estimate must agree with Fitzpatrick's independently derived closed form
+// where that is valid.
 TEST(Tre, AgreesWithFitzpatrickForIsotropicErrors) {
   std::mt19937 rng(kUncertaintySeed);
   for (const int count : {3, 4, 8, 30}) {

@@ -1,4 +1,4 @@
-// The device's clock against a truth that the estimator does not see: offset, drift, jitter, held-up samples, jumps.
+// The device clock compared with a simulated truth: offset, drift, jitter, delayed samples, jumps.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -16,14 +16,14 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kStart_ns = 1'700'000'000'000 * kMs;
 
-// A device with a clock of its own and a path with a minimum latency, exponential jitter, and now and then a hold-up.
+// A device with its own clock, and a path with a minimum latency, exponential jitter and occasional delays.
 struct Device {
   double drift_ppm = 0.0;
   std::int64_t offset_ns = -987'654 * kMs; // device minus host
   std::int64_t period_ns = 4 * kMs;
   std::int64_t latency_ns = 4 * kMs;
   double jitter_ms = 0.5;
-  double held_up = 0.02; // share of samples that are 5 to 60 ms late
+  double held_up = 0.02; // fraction of samples that are 5 to 60 ms late
 
   [[nodiscard]] std::int64_t device_time(std::int64_t host_ns) const {
     return host_ns + offset_ns + std::llround(drift_ppm * 1e-6 * static_cast<double>(host_ns - kStart_ns));
@@ -31,7 +31,7 @@ struct Device {
 };
 
 struct Outcome {
-  std::int64_t worst_error_ns = 0; // of the mapped time against the true exposure, after three seconds
+  std::int64_t worst_error_ns = 0; // error of the mapped time of exposure, after 3 s
   int refused = 0;
   double drift_ppm = 0.0;
 };
@@ -46,7 +46,7 @@ Outcome run(const Device &device, DeviceClock &clock, int samples, unsigned seed
     const std::int64_t exposed = kStart_ns + i * device.period_ns;
     const double held_up_ms = uniform(random) < device.held_up ? 5.0 + 55.0 * uniform(random) : 0.0;
     std::int64_t arrival = exposed + device.latency_ns + std::llround((jitter_ms(random) + held_up_ms) * 1e6);
-    arrival = std::max(arrival, last_arrival); // a queue keeps the order
+    arrival = std::max(arrival, last_arrival); // a queue preserves the order
     last_arrival = arrival;
     const auto verdict = clock.observe(device.device_time(exposed), arrival, device.period_ns);
     out.refused += verdict == TimeVerdict::kInStep ? 0 : 1;
@@ -81,14 +81,14 @@ TEST(DeviceClock, HoldsFrom20To1000Hz) {
       const Device device{.drift_ppm = 50.0, .period_ns = period_ns};
       const auto outcome = run(device, clock, static_cast<int>(30'000 * kMs / period_ns), seed);
       EXPECT_EQ(outcome.refused, 0);
-      // Ten samples a block at 20 Hz leave more of the jitter in the lowest.
+      // Ten samples per block at 20 Hz leave more jitter in the lowest point.
       EXPECT_LT(outcome.worst_error_ns, period_ns > 20 * kMs ? 600'000 : 300'000);
     }
   }
 }
 
 TEST(DeviceClock, WhatIsNotStatedOfTheLatencyIsTheErrorAndNothingMore) {
-  DeviceClock clock; // nothing stated, four milliseconds true: exposures seem so much later than they were
+  DeviceClock clock; // minimum latency not stated, but 4 ms: exposures appear 4 ms later
   const auto outcome = run({.drift_ppm = 50.0}, clock, 5'000, 3);
   EXPECT_NEAR(static_cast<double>(outcome.worst_error_ns), 4e6, 0.3e6);
 }
@@ -103,7 +103,7 @@ TEST(DeviceClock, AFirstSampleThatWasHeldUpIsForgotten) {
   EXPECT_EQ(clock.to_host_ns(at(9)), at(9) + kMs);
 }
 
-// Runs a settled device to sample 500 and then lets its clock jump.
+// Runs a settled device to sample 500, then its clock jumps.
 struct Jump {
   int refused = 0;
   bool resynced = false;
@@ -156,13 +156,13 @@ TEST(DeviceClock, AFloodAheadOfTimeIsNeverTakenForAClock) {
   for (int i = 0; i < 500; ++i, device += 4 * kMs) {
     EXPECT_EQ(clock.observe(device, device + kMs, 4 * kMs), TimeVerdict::kInStep);
   }
-  // Ten samples a period, each claiming the next period's time: time runs ten times too fast.
+  // Ten samples per period, each with the next period's time: the time runs ten times too fast.
   std::int64_t arrival = device + kMs;
   int in_step = 0;
   for (int i = 0; i < 5'000; ++i, device += 4 * kMs, arrival += 400'000) {
     in_step += clock.observe(device, arrival, 4 * kMs) == TimeVerdict::kInStep ? 1 : 0;
   }
-  EXPECT_LE(in_step, 40); // what the tolerance lets in until the line has been pressed down
+  EXPECT_LE(in_step, 40); // samples that the tolerance accepts until the line reaches its limit
   EXPECT_EQ(clock.resyncs(), 0U);
 }
 

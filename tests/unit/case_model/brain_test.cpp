@@ -16,7 +16,7 @@ using bregma::tests::sample_case;
 using bregma::tissue::named_material;
 using Eigen::Vector3d;
 
-TEST(CaseTissue, WithoutATableTheFirstTrajectorysWayIntoTheBrainIsOpen) {
+TEST(CaseTissue, WithoutATableTheFirstTrajectorysEntryIsOpen) {
   const Case c = sample_case("somewhere");
   const auto craniotomy = craniotomy_of(c, SurfaceModel(c.brain.mesh), kCraniotomyRadius_mm);
   EXPECT_EQ(craniotomy.radius_mm, 15.0);
@@ -26,7 +26,7 @@ TEST(CaseTissue, WithoutATableTheFirstTrajectorysWayIntoTheBrainIsOpen) {
   EXPECT_LT(along.cross(centre - c.trajectories[0].entry_mm).norm(), 0.01) << "on the planned line";
 }
 
-TEST(CaseTissue, ATrajectoryByNameOrAPlaceIsTheCentre) {
+TEST(CaseTissue, TheCentreIsATrajectorysEntryOrAPoint) {
   Case c = sample_case("somewhere");
   const SurfaceModel brain(c.brain.mesh);
   c.trajectories.push_back({"Other", {90, 0, 5}, {10, 0, 5}});
@@ -41,7 +41,7 @@ TEST(CaseTissue, ATrajectoryByNameOrAPlaceIsTheCentre) {
   EXPECT_LT((craniotomy.centre_mm - Vector3d(0, 0, 75)).norm(), 0.01) << "from the bone to the brain";
 }
 
-TEST(CaseTissue, AWayThatMissesTheBrainIsOpenWhereItStarts) {
+TEST(CaseTissue, ATrajectoryThatMissesTheBrainOpensTheSkullAtItsEntry) {
   Case c = sample_case("somewhere");
   c.trajectories[0] = {"Beside", {0, 0, 88}, {60, 0, 88}};
   const auto craniotomy = craniotomy_of(c, SurfaceModel(c.brain.mesh), 15.0);
@@ -59,7 +59,7 @@ TEST(CaseTissue, RadiusZeroOrNoTrajectoryIsNoCraniotomy) {
   EXPECT_EQ(craniotomy_of(c, brain, 15.0).radius_mm, 0.0);
 }
 
-TEST(CaseTissue, AMaterialIsTheNamedOneWithWhatTheCaseKnowsBetter) {
+TEST(CaseTissue, TheCaseReplacesValuesOfTheNamedMaterial) {
   Case c = sample_case("somewhere");
   EXPECT_EQ(material_of(c, named_material("linear")).name, "linear");
   c.tissue = {.material = "miller-chinzei",

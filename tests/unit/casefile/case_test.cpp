@@ -23,7 +23,7 @@ protected:
     toml_ = bregma::tests::read_file(folder_.path() / "case.toml");
   }
 
-  // The message after "<folder>/", of the case with one piece of case.toml replaced.
+  // The message after "<folder>/" for the case with one part of case.toml replaced.
   std::string error_with(const std::string &old_text, const std::string &new_text) {
     std::string changed = toml_;
     const auto at = changed.find(old_text);
@@ -32,7 +32,7 @@ protected:
     folder_.write("case.toml", changed);
     return load_error();
   }
-  // Of the sample with one thing changed in memory, saved and loaded.
+  // The message for the sample with one change in memory, after saving and loading.
   template <class Change> std::string error_after(Change change) {
     Case changed = sample_case(folder_.path());
     change(changed);
@@ -85,7 +85,7 @@ TEST_F(CaseOnDisk, RoundTrips) {
   EXPECT_EQ(loaded->tool("Nobody"), nullptr);
 }
 
-TEST_F(CaseOnDisk, WhatIsWrongInCaseTomlIsNamedWithLineKeyAndValue) {
+TEST_F(CaseOnDisk, ErrorsInCaseTomlAreReportedWithLineKeyAndValue) {
   EXPECT_EQ(error_with("max_check_mm = 2.5", "max_check_mm = -3"),
             at("max_check_mm") + "limits.max_check_mm = -3: must be between 0.01 and 20 mm");
   EXPECT_EQ(error_with("max_check_mm = 2.5", "max_chek_mm = 2.5"),
@@ -109,7 +109,7 @@ TEST_F(CaseOnDisk, WhatIsWrongInCaseTomlIsNamedWithLineKeyAndValue) {
   EXPECT_EQ(syntax.rfind(at("[limits]"), 0), 0U) << syntax;
 }
 
-TEST_F(CaseOnDisk, FilesThatAreWrongAreNamedAfterTheLineThatNamesThem) {
+TEST_F(CaseOnDisk, WrongFilesAreReportedWithTheLineThatRefersToThem) {
   EXPECT_EQ(error_with("surfaces/brain.ply", "surfaces/none.ply"),
             at("brain = ") + "surfaces.brain = \"surfaces/none.ply\": " +
                 (folder_.path() / "surfaces/none.ply").string() + ": no such file, or it cannot be read");
@@ -120,7 +120,7 @@ TEST_F(CaseOnDisk, FilesThatAreWrongAreNamedAfterTheLineThatNamesThem) {
                               ": is not a Slicer markups file: it has no list \"markups\"");
 }
 
-TEST_F(CaseOnDisk, APlanThatCannotBeMeantIsRefused) {
+TEST_F(CaseOnDisk, AnImpossiblePlanIsRefused) {
   const std::string fiducials = at("fiducials = ") + "fiducials = \"fiducials.mrk.json\": ";
   EXPECT_EQ(error_after([](Case &c) { c.fiducials[1].name = "F1"; }),
             fiducials + "control point 2 has the name \"F1\", which is already taken");
@@ -158,7 +158,7 @@ TEST_F(CaseOnDisk, APlanThatCannotBeMeantIsRefused) {
             trajectories + "\"Biopsy\" is 0.00 mm long");
 }
 
-TEST_F(CaseOnDisk, ToolsThatGiveNoPoseAreRefused) {
+TEST_F(CaseOnDisk, ToolsWithoutADefinedPoseAreRefused) {
   const std::string markers = "case.toml:" + std::to_string(line_of("name = \"Stylus\"") + 2) + ": tools[1].markers_mm";
   const auto error = [&](auto change) { return error_after([&](Case &c) { change(c.tools[1]); }); };
   const auto two = error([](ToolModel &t) { t.markers_mm.resize(2); });
@@ -236,9 +236,9 @@ TEST_F(CaseOnDisk, TablesOfTheTissueModelRoundTrip) {
   EXPECT_FALSE(loaded->tissue);
 }
 
-TEST_F(CaseOnDisk, WhatIsWrongInTheTablesOfTheTissueModelIsNamed) {
+TEST_F(CaseOnDisk, ErrorsInTheTissueTablesAreReported) {
   const int end = static_cast<int>(std::count(toml_.begin(), toml_.end(), '\n'));
-  // The message after "case.toml:", with the line counted from the table's own.
+  // The message after "case.toml:", with the line relative to the table's first line.
   const auto error_of = [&](const std::string &table) {
     folder_.write("case.toml", toml_ + table);
     const std::string message = load_error();
@@ -247,10 +247,9 @@ TEST_F(CaseOnDisk, WhatIsWrongInTheTablesOfTheTissueModelIsNamed) {
     const std::string rest = message.substr(std::min(message.size(), file.size()));
     return std::to_string(std::atoi(rest.c_str()) - end) + rest.substr(std::min(rest.size(), rest.find(':')));
   };
-  EXPECT_EQ(error_of("[craniotomy]\nradius_mm = 15\n"),
-            "1: craniotomy.centre_mm: either this or trajectory says where the craniotomy is");
+  EXPECT_EQ(error_of("[craniotomy]\nradius_mm = 15\n"), "1: craniotomy.centre_mm: give either centre_mm or trajectory");
   EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Biopsy\"\ncentre_mm = [0, 0, 75]\n"),
-            "3: craniotomy.centre_mm = [ 0, 0, 75 ]: either this or trajectory says where the craniotomy is");
+            "3: craniotomy.centre_mm = [ 0, 0, 75 ]: give either centre_mm or trajectory");
   EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"Bipsy\"\n"),
             "2: craniotomy.trajectory = \"Bipsy\": no such trajectory; there are \"Biopsy\"");
   EXPECT_EQ(error_of("[craniotomy]\ntrajectory = \"\"\n"),
@@ -284,7 +283,7 @@ TEST(Case, AFolderWithoutCaseTomlIsNamed) {
   EXPECT_EQ(load_case("/no/such").error().message, "/no/such: is not a folder; a case is a folder with case.toml");
 }
 
-// What a case may hold is what the wire can carry.
+// The limits of a case are those of the DDS messages.
 TEST(Case, LimitsAreThoseOfTheWire) {
   using namespace bregma;
   EXPECT_EQ(wire::kNameLength, 31U);

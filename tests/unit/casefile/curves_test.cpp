@@ -54,7 +54,7 @@ TEST(Curves, ATableHoldsSeveralInAnyOrderOfRows) {
   EXPECT_EQ((*read)[1].points_mm, (std::vector<Vector3d>{{1, 1, 1}, {2, 2, 2}}));
 }
 
-TEST(Curves, WrongOnesAreNamedWithTheirPlace) {
+TEST(Curves, ErrorsAreReportedWithTheirPlace) {
   EXPECT_EQ(curves_error("c.csv", "A,0,0,0\nA,1,nan,0\n"), "c.csv:2: curve A: y = \"nan\": must be a finite number");
   EXPECT_EQ(curves_error("c.csv", "A,0,0,0\nA,1,0\n"), "c.csv:2: must be \"curve,x,y,z\", this line has 3 cells");
   EXPECT_EQ(curves_error("c.csv", "A,0,0,0\n"), "c.csv: curve \"A\": has 1 points, a curve has at least 2");

@@ -1,4 +1,4 @@
-// Files of a test: their text, and the shared data where it is.
+// Files of a test: a temporary folder, and the shared data if it is available.
 #pragma once
 
 #include <filesystem>
@@ -16,7 +16,7 @@ inline std::string read_file(const std::filesystem::path &file) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-// Real recordings beside the project; nothing on a machine that has none.
+// Real recordings next to the project; empty if they are not available.
 inline std::optional<std::filesystem::path> shared_data(const std::string &relative) {
   const std::filesystem::path path = std::filesystem::path(BREGMA_SOURCE_DIR) / "../shared/data" / relative;
   return std::filesystem::exists(path) ? std::optional(path) : std::nullopt;

@@ -1,4 +1,4 @@
-// Our transform files against ITK's own reader and writer.
+// Transform files compared with ITK's reader and writer.
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -41,7 +41,7 @@ TEST(ItkTransformFiles, ItkReadsOursAndResamplesByIt) {
   ASSERT_EQ(reader->GetTransformList()->size(), 1U);
   const auto *read = dynamic_cast<const LinearTransform *>(reader->GetTransformList()->front().GetPointer());
   ASSERT_NE(read, nullptr);
-  // A resampler asks, for a point of the fixed image (target), where to look in the moving one (source).
+  // A resampler maps a point of the fixed image (target) to the moving one (source).
   for (const Vector3d &source : kPoints_ras) {
     EXPECT_LT((through(*read, lps_of(T * source)) - lps_of(source)).norm(), 1e-9);
   }
@@ -71,7 +71,7 @@ template <class Transform> void expect_read(const Transform &transform) {
   }
 }
 
-TEST(ItkTransformFiles, OursReadsItksAffineAndRigidOnes) {
+TEST(ItkTransformFiles, OurReaderReadsItksAffineAndRigidFiles) {
   const double centre[] = {5.0, -6.0, 7.0};
   const double offset[] = {11.0, 22.0, -33.0};
   auto affine = itk::AffineTransform<double, 3>::New();

@@ -31,8 +31,8 @@ std::string transform_error(const std::string &content, bool rigid = false) {
 
 const std::string kHead = "#Insight Transform File V1.0\n#Transform 0\n";
 
-// The source lies 10 mm to the left, 20 mm behind and 30 mm below its place in the target: in LPS an image is resampled
-// by the way back.
+// The source lies 10 mm to the left, 20 mm behind and 30 mm below its position in the target. The file contains the
+// inverse in LPS, which is what a resampler needs.
 TEST(ItkTransform, TheFileIsLpsAndLeadsFromFixedToMoving) {
   const TemporaryFolder folder;
   const auto file = folder.path() / "a.tfm";
@@ -65,7 +65,7 @@ TEST(ItkTransform, RoundTripsToTheLastDigits) {
   EXPECT_LT((*read - affine).norm(), 1e-12);
 }
 
-TEST(ItkTransform, WhatCannotBeReadIsRefusedWithLineAndValue) {
+TEST(ItkTransform, UnreadableContentIsRefusedWithLineAndValue) {
   const std::string affine = "Transform: AffineTransform_double_3_3\n";
   const std::string parameters = "Parameters: 1 0 0 0 1 0 0 0 1 0 0 0\n";
   EXPECT_EQ(transform_error("hello\n"),

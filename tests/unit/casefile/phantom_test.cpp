@@ -1,4 +1,4 @@
-// The registration of a phantom as PLUS made it, from its recording of a stylus that pivots on eight landmarks.
+// Reproduces PLUS' registration of a phantom from its recording of a stylus that pivots on eight landmarks.
 #include <algorithm>
 #include <cmath>
 #include <regex>
@@ -15,8 +15,8 @@ namespace {
 using bregma::casefile::NamedRigid;
 using Eigen::Vector3d;
 
-// PLUS finds a landmark where the tip rests while the shaft moves: the tip, averaged over windows of 0.2 s, stays in a
-// box with a diagonal of 1.5 mm for a second, and a point 100 mm up the shaft leaves one of 30 mm. The landmark is the
+// PLUS detects a landmark if the tip rests while the shaft moves. The tip, averaged over windows of 0.2 s, stays in a
+// box with a diagonal of 1.5 mm for 1 s, while a point 100 mm up the shaft leaves a box of 30 mm. The landmark is the
 // mean of the second to the fifth frame of the touch.
 constexpr double kFrameRate_hz = 15.0;
 constexpr std::size_t kWindow = 3; // 0.2 s
@@ -117,7 +117,7 @@ TEST(Phantom, RegistrationOfPlusIsReproducedFromTheRecording) {
   const double seconds = 1e-9 * static_cast<double>(stylus->poses.back().time_ns - stylus->poses.front().time_ns);
   EXPECT_NEAR(999.0 / seconds, kFrameRate_hz, 0.1);
 
-  // The device set holds the calibration of the stylus that was recorded; the results file holds that of another day.
+  // The device set contains the calibration of the recorded stylus; the results file contains that of another day.
   const NamedRigid T_stylus_tip = transform_in(devices, "StylusTip", "Stylus").pose;
   std::vector<NamedRigid> T_reference_tip;
   for (const auto &pose : stylus->poses) {
@@ -153,8 +153,8 @@ TEST(Phantom, RegistrationOfPlusIsReproducedFromTheRecording) {
               published.pose.translation().z(), turned * 57.29578, farthest, mean, std::sqrt(squares), published.error,
               stylus_error);
   EXPECT_NEAR(mean, published.error, 0.015);
-  // PLUS replayed the recording by the clock, so which frame opened its first window is not on record; shifting it by
-  // one moves the result by about so much.
+  // PLUS replayed the recording in real time, so the first frame of its first window is unknown. The tolerance is about
+  // the effect of a shift by one frame.
   EXPECT_LT(farthest, 0.15);
   EXPECT_LT(turned, 0.003);
 }

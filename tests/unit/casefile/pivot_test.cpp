@@ -1,4 +1,4 @@
-// Pivot calibration on simulated tools whose tip is known, and on the real recordings with their published figures.
+// Pivot calibration on simulated tools with known tips, and on real recordings with published results.
 #include <cmath>
 #include <random>
 
@@ -25,8 +25,8 @@ struct Motion {
   std::size_t poses = 600;
   double swing_rad = 0.5; // about two axes
   double second_swing_rad = 0.5;
-  double noise_mm = 0.25;   // 1 sigma of a coordinate of the tip
-  double correlation = 0.0; // of neighbouring poses' errors
+  double noise_mm = 0.25;   // standard deviation per coordinate of the tip
+  double correlation = 0.0; // correlation between the errors of neighbouring poses
   double outlier_share = 0.0;
   double outlier_mm = 30.0;
 };
@@ -36,7 +36,7 @@ Vector3d normal_vector(std::mt19937 &rng) {
   return {normal(rng), normal(rng), normal(rng)};
 }
 
-// A hand that swings the tool about two axes and turns it slowly about the third, at 20 poses a second.
+// A hand rotates the tool back and forth about two axes and slowly about the third, at 20 poses per second.
 std::vector<PivotPose> simulate(const Motion &motion, std::mt19937 &rng) {
   std::vector<PivotPose> poses;
   std::uniform_real_distribution<double> uniform(0.0, 1.0);
@@ -81,8 +81,8 @@ TEST(Pivot, AGoodRecordingIsAccepted) {
   EXPECT_NEAR(result.rms_mm, 0.25 * std::sqrt(3.0), 0.03);
 }
 
-// The region that is reported as 95 % holds the truth in about so many of the recordings, also when the errors of
-// neighbouring poses are correlated, where the covariance of independent residuals would be far too small.
+// The reported 95 % region contains the true tip in about 95 % of the recordings. This also holds for correlated errors
+// of neighbouring poses, for which the covariance of independent residuals would be far too small.
 TEST(Pivot, TheCovarianceIsHonest) {
   for (const double correlation : {0.0, 0.9}) {
     std::mt19937 rng(kSeed);
@@ -190,7 +190,7 @@ TEST(PivotRealRecordings, TheHalvesOfThe1151PosesAgreeWithinTheReportedCovarianc
   report("second half", second);
   const Vector3d apart = first.tip_mm - second.tip_mm;
   const double separately = mahalanobis_squared(apart, first.covariance_mm2 + second.covariance_mm2);
-  // Of the whole: each half knows half as much, and the difference of two is twice as uncertain.
+  // Covariance of the whole recording: each half has twice its variance, and the difference of two halves four times.
   const double of_whole =
       mahalanobis_squared(whole.half_tips_mm[0] - whole.half_tips_mm[1], 4.0 * whole.covariance_mm2);
   std::printf("halves %.2f mm apart (least squares %.2f): squared Mahalanobis distance %.2f by their own covariances, "
@@ -200,7 +200,7 @@ TEST(PivotRealRecordings, TheHalvesOfThe1151PosesAgreeWithinTheReportedCovarianc
   EXPECT_GT(apart.norm(), 3.0);
   EXPECT_LT(separately, kChiSquare95);
   EXPECT_LT(of_whole, kChiSquare95);
-  // A covariance that is large enough to agree with everything would be no answer either.
+  // A covariance must not be so large that it agrees with everything.
   EXPECT_LT(std::sqrt(whole.covariance_mm2.trace()), 2.5);
 }
 

@@ -1,4 +1,4 @@
-// Our surfaces against VTK's: what one writes, the other reads.
+// PLY surfaces compared with VTK's reader and writer.
 #include <gtest/gtest.h>
 
 #include <vtkCellArray.h>

@@ -11,7 +11,7 @@ using Eigen::Vector3d;
 
 const std::string kQuarterTurn = "0 -1 0 10\r\n1 0 0 20\r\n0 0 1 30\r\n0 0 0 1\r\n";
 
-// What follows the path of the file or folder.
+// The message after the path of the file or folder.
 template <class T> std::string message_after(const bregma::base::Result<T> &result, const std::filesystem::path &path) {
   const std::string message = result ? "no error" : result.error().message;
   EXPECT_EQ(message.rfind(path.string(), 0), 0U) << "not named: " << message;
@@ -53,7 +53,7 @@ TEST(PoseMatrices, ErrorsNameFileLineAndValue) {
   EXPECT_NE(message_after(read_pose_matrices(text), text).find("cannot be read as an archive"), std::string::npos);
 }
 
-TEST(PoseMatrices, ARealArchiveAndWhatIsLeftOfItWhenItIsCut) {
+TEST(PoseMatrices, ARealArchiveIsReadAndATruncatedOneRefused) {
   BREGMA_SHARED_DATA(archive, "tracker/pivot_optical/poses_1151.tgz");
   const auto series = read_pose_matrices(archive);
   ASSERT_TRUE(series) << series.error().message;

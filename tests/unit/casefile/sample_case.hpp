@@ -1,4 +1,4 @@
-// A small whole case: a head of 90 mm radius with a plan and three tools. For tests that change one thing of it.
+// A small complete case: a head of 90 mm radius with a plan and three tools. For tests that change one part of it.
 #pragma once
 
 #include <cmath>
@@ -10,7 +10,7 @@
 
 namespace bregma::tests {
 
-// A sphere by dividing an octahedron; closed and outward.
+// A sphere by subdivision of an octahedron; closed, with outward normals.
 inline surface::TriangleMesh sphere(const Eigen::Vector3d &centre, double radius, int divisions = 3) {
   surface::TriangleMesh mesh;
   mesh.vertices_mm = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
@@ -40,7 +40,7 @@ inline surface::TriangleMesh sphere(const Eigen::Vector3d &centre, double radius
   return mesh;
 }
 
-// The image must be there when the case is loaded again; its content is not read.
+// The image must exist when the case is loaded again; its content is not read.
 inline casefile::Case sample_case(const std::filesystem::path &folder) {
   using casefile::ToolRole;
   casefile::Case c;

@@ -1,4 +1,4 @@
-// Surfaces as other programs write them: VTK's writers, FreeSurfer's bytes, real files; and files that are wrong.
+// Surfaces of other programs: VTK's writers, FreeSurfer's format, real files; and faulty files.
 #include "casefile/surface_files/surface_file.hpp"
 
 #include <algorithm>
@@ -19,7 +19,7 @@ using bregma::surface::TriangleMesh;
 using bregma::test::TemporaryFolder;
 using Eigen::Vector3d;
 
-// A tetrahedron that no two axes can be exchanged in, 100 mm wide, as text.
+// A tetrahedron of 100 mm width that changes if two axes are exchanged, as text.
 const char *const kFreeSurferText = "#!ascii version of lh.skin\n4 4\n0 0 0 0\n100 0 0 0\n0 70 0 0\n0 0 50 0\n"
                                     "0 2 1 0\n0 1 3 0\n0 3 2 0\n1 2 3 0\n";
 const char *const kStlText = R"(solid skin
@@ -49,7 +49,7 @@ std::string replaced(std::string text, const std::string &from, const std::strin
   return at == std::string::npos ? text : text.replace(at, from.size(), to);
 }
 
-// The message without the folder; "no error" where there is none.
+// The message without the folder; "no error" on success.
 std::string error_of(const std::string &name, const std::string &content, const SurfaceReadOptions &options = {}) {
   const TemporaryFolder folder;
   const auto read = read_surface(folder.write(name, content), options);
@@ -162,7 +162,7 @@ TEST(SurfaceFile, CornersOfStlBecomeSharedVertices) {
     EXPECT_EQ(read->mesh.vertices_mm.size(), 4U) << file;
     EXPECT_EQ(read->mesh.triangles.size(), 2U) << file;
   }
-  // A triangle that is a line has no side and is left out.
+  // A degenerate triangle is dropped.
   std::vector<float> with_line = kTwoTriangles;
   with_line.insert(with_line.end(), {0, 0, 0, 0, 0, 0, 100, 0, 0});
   const auto read = read_surface(folder.write("d.stl", binary_stl("x", with_line, 3)));
@@ -185,14 +185,14 @@ TEST(SurfaceFile, FreeSurferBinaryIsMovedToScannerRasByItsFooter) {
   EXPECT_LT((first_vertex("") - Vector3d(90, 20, 30)).norm(), 1e-4);
   const std::string coordinates = big_endian(2U) + big_endian(0U);
   EXPECT_LT((first_vertex(coordinates + big_endian(20U) + geometry) - Vector3d(95.5, 3, 38)).norm(), 1e-4);
-  // Of a volume that was scanned with the head turned to the side: i runs down, j to the right.
+  // Geometry of a volume scanned with the head turned to the side: i runs down, j to the right.
   const std::string turned =
       replaced(replaced(geometry, "xras = -1 0 0", "xras = 0 0 -1"), "yras = 0 0 -1", "yras = 1 0 0");
   EXPECT_LT((first_vertex(big_endian(20U) + turned) - Vector3d(-30 + 5.5, 20 - 17, 90 + 8)).norm(), 1e-4);
   EXPECT_LT(
       (first_vertex(big_endian(20U) + replaced(geometry, "valid = 1", "valid = 0")) - Vector3d(90, 20, 30)).norm(),
       1e-4);
-  // Coordinates that are scanner RAS already stay.
+  // Coordinates that are already scanner RAS do not change.
   EXPECT_LT((first_vertex(big_endian(2U) + big_endian(1U) + big_endian(20U) + geometry) - Vector3d(90, 20, 30)).norm(),
             1e-4);
   const auto bad = error_of("lh.skin", freesurfer_binary(mesh, big_endian(20U) + replaced(geometry, "5.5", "nan")));
@@ -239,7 +239,7 @@ TEST(SurfaceFile, WrongTextsAreRefusedWithLineAndValue) {
             "a.asc:10: triangle 3: corner = \"4\": must be a vertex, 0 to 3");
   EXPECT_EQ(error_of("a.asc", fs.substr(0, fs.size() - 6)), "a.asc:10: the file ends before triangle 3");
   EXPECT_EQ(error_of("a.asc", replaced(fs, "4 4", "4000 4")),
-            "a.asc:2: number of vertices = 4000: the file is too short for so many");
+            "a.asc:2: number of vertices = 4000: the file is too short for this number");
   EXPECT_EQ(error_of("a.asc", replaced(fs, "4 4", "-4 4")),
             "a.asc:2: number of vertices = \"-4\": must be a whole number");
 
@@ -248,7 +248,7 @@ TEST(SurfaceFile, WrongTextsAreRefusedWithLineAndValue) {
             "a.stl:5: triangle 0: corner 1: y = \"inf\": must be a finite number");
   EXPECT_EQ(error_of("a.stl", stl.substr(0, stl.find("endloop\nendfacet\nendsolid"))),
             "a.stl:14: the file ends where \"endloop\" must stand");
-  EXPECT_EQ(error_of("a.stl", replaced(stl, "outer loop", "outer lop")), "a.stl:3: \"lop\" stands where \"loop\" must");
+  EXPECT_EQ(error_of("a.stl", replaced(stl, "outer loop", "outer lop")), "a.stl:3: \"lop\" where \"loop\" is expected");
   EXPECT_EQ(error_of("a.stl", "solid nothing\nendsolid\n"),
             "a.stl: the mesh is empty: it has 0 vertices and no triangle");
 
@@ -291,7 +291,7 @@ TEST(SurfaceFile, WrongBytesAreRefusedWithTheirPlace) {
 }
 
 // Two public heads.
-TEST(SurfaceFile, ColinsSkinIsReadAsItIs) {
+TEST(SurfaceFile, ColinsSkinIsReadWithoutConversion) {
   BREGMA_SHARED_DATA(file, "meshes/colin27/colin27_outer_skin_surface.asc");
   const auto read = read_surface(file);
   ASSERT_TRUE(read) << read.error().message;
@@ -309,7 +309,7 @@ TEST(SurfaceFile, TheMniScalpIsReadFromGifti) {
   EXPECT_EQ(read->mesh.vertices_mm.size(), 2562U);
   EXPECT_EQ(read->mesh.triangles.size(), 5120U);
   EXPECT_TRUE(check_closed(read->mesh)) << check_closed(read->mesh).error().message;
-  // In MNI space the head stands about the anterior commissure, the crown above it and the nose in front.
+  // In MNI space the origin is the anterior commissure, with the crown above it and the nose in front.
   Eigen::AlignedBox3d box;
   for (const Vector3d &v : read->mesh.vertices_mm) {
     box.extend(v);

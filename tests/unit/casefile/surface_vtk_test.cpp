@@ -1,4 +1,4 @@
-// Our readers against VTK's writers, in every encoding that VTK has.
+// The readers compared with VTK's writers, in every encoding of VTK.
 #include <algorithm>
 
 #include <gtest/gtest.h>
@@ -77,7 +77,7 @@ TEST(SurfaceOfVtk, XmlFilesOfEveryEncoding) {
   const TemporaryFolder folder;
   const auto data = to_vtk(kHead, VTK_FLOAT);
   for (const bool stated : {false, true}) {
-    if (stated) { // as Slicer does it
+    if (stated) { // as in Slicer
       vtkNew<vtkStringArray> space;
       space->SetName("SPACE");
       space->InsertNextValue("LPS");
@@ -95,7 +95,7 @@ TEST(SurfaceOfVtk, XmlFilesOfEveryEncoding) {
             writer->SetCompressorType(compressor);
             writer->SetEncodeAppendedData(base64);
             writer->SetHeaderType(header);
-            writer->SetBlockSize(4096); // several blocks an array
+            writer->SetBlockSize(4096); // several blocks per array
             ASSERT_EQ(writer->Write(), 1);
             SCOPED_TRACE("mode " + std::to_string(mode) + ", compressor " + std::to_string(compressor) + ", base64 " +
                          std::to_string(base64) + ", header " + std::to_string(header));

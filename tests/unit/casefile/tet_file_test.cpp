@@ -1,4 +1,4 @@
-// What is written is read back by VTK, as ParaView and Slicer would.
+// Written files are read by VTK, as in ParaView and Slicer.
 #include <gtest/gtest.h>
 
 #include <vtkCellData.h>

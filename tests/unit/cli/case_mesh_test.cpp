@@ -35,7 +35,7 @@ TEST_F(CaseMesh, ReportsTheQualityAndWritesTheMesh) {
   EXPECT_NE(vtu.find("Name=\"stable_length_mm\""), std::string::npos);
 }
 
-TEST_F(CaseMesh, FiguresInJsonAreThoseOfABall) {
+TEST_F(CaseMesh, JsonFiguresMatchABall) {
   const auto json = run_bregma(folder_, "case mesh ball --edge 10 --out other.vtu --json").json();
   ASSERT_TRUE(json.is_object());
   EXPECT_EQ(json["file"], "other.vtu");
@@ -52,7 +52,7 @@ TEST_F(CaseMesh, FiguresInJsonAreThoseOfABall) {
   EXPECT_LT(json["stable_step_s"].get<double>(), 5e-3);
 }
 
-TEST_F(CaseMesh, TheStepIsOfTheCasesMaterial) {
+TEST_F(CaseMesh, TheStepUsesTheCasesMaterial) {
   bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "ball");
   const auto step_s = [this] {
     return run_bregma(folder_, "case mesh ball --edge 10 --json").json()["stable_step_s"].get<double>();

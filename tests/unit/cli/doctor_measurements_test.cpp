@@ -1,4 +1,4 @@
-// What `bregma doctor` measures. No figure is judged here: that is what the command does, on the machine in question.
+// The measurements of `bregma doctor`. The tests check no limits, which depend on the machine.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -22,7 +22,7 @@ TEST(Doctor, SecondProcessAnswersEveryFrame) {
   EXPECT_LE(measured->round_trip_us.p999, measured->round_trip_us.max);
 }
 
-TEST(Doctor, DiskIsMeasuredAndLeftAsItWas) {
+TEST(Doctor, TheDiskMeasurementLeavesNoFile) {
   const test::TemporaryFolder folder;
   const auto directory = folder / ".";
   const auto measured = cli::measure_disk(directory, 5);
@@ -37,7 +37,7 @@ TEST(Doctor, DirectoryThatCannotBeWrittenIsNamed) {
   EXPECT_EQ(measured.error().message.rfind("/proc: cannot be written: ", 0), 0U) << measured.error().message;
 }
 
-TEST(Doctor, DirectoryThatDoesNotExistYetIsJudgedByTheOneAboveIt) {
+TEST(Doctor, AMissingDirectoryIsMeasuredInItsParent) {
   EXPECT_EQ(cli::existing_part("/usr/no/such/place"), "/usr");
   EXPECT_EQ(cli::existing_part("/usr"), "/usr");
   EXPECT_EQ(cli::existing_part("no-such-place"), ".");

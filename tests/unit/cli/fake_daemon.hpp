@@ -1,4 +1,4 @@
-// A small daemon in this process, on a DDS domain of its own.
+// A small daemon in this process, on a separate DDS domain.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +16,7 @@ namespace bregma::test {
 
 inline std::uint32_t own_domain() { return 100 + static_cast<std::uint32_t>(getpid()) % 100; }
 
-// Speaks of its health and answers commands, as bregmad does.
+// Publishes its health and answers commands, like bregmad.
 class FakeDaemon {
 public:
   using Answer = std::function<wire::CommandReply(const wire::Command &)>;
@@ -40,6 +40,7 @@ private:
     const dds::Writer<wire::CommandReply> replies(participant);
     wire::Alarm alarm{};
     (void)wire::set_name(alarm.kind, "drift");
+    alarm.state = bregma_wire_ALARM_RAISED;
     (void)alarms.write(alarm);
     for (const char *tool : {"Probe", "Stylus"}) {
       wire::NavigationState state{};

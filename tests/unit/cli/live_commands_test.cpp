@@ -1,4 +1,4 @@
-// `bregma status | watch | alarms | target` as a person runs them, against a small daemon.
+// `bregma status | watch | alarms | target` as programs, with a small daemon.
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
@@ -34,7 +34,7 @@ Outcome run(const std::string &words) {
   return outcome;
 }
 
-TEST(LiveCommands, StatusWithoutADaemonFailsInWords) {
+TEST(LiveCommands, StatusWithoutADaemonIsAnErrorSentence) {
   const auto status = run("status");
   EXPECT_EQ(status.code, cli::kBadInput);
   EXPECT_EQ(status.error,
@@ -42,7 +42,7 @@ TEST(LiveCommands, StatusWithoutADaemonFailsInWords) {
   EXPECT_EQ(status.out, "");
 }
 
-TEST(LiveCommands, StatusTellsWhatTheDaemonSays) {
+TEST(LiveCommands, StatusShowsTheDaemonsState) {
   const test::FakeDaemon daemon;
   const auto text = run("status");
   EXPECT_EQ(text.code, cli::kOk) << text.error;
@@ -67,7 +67,7 @@ TEST(LiveCommands, AlarmsAreListedAndAcknowledged) {
   EXPECT_EQ(refused.error, "bregma: refused: there is no such alarm\n");
 }
 
-TEST(LiveCommands, NavigationIsAskedForAndTargetsNeedACase) {
+TEST(LiveCommands, NavigationIsRequestedAndTargetsNeedACase) {
   const test::FakeDaemon daemon(
       [](const wire::Command &command) { return test::reply_to(command, bregma_wire_COMMAND_DONE, "navigating"); });
   const auto reply = nlohmann::json::parse(run("target navigate Probe Biopsy --json").out);
@@ -108,7 +108,8 @@ TEST(LiveCommands, WatchEndsWithAProcess) {
     execlp("sleep", "sleep", "0.5", nullptr);
     _exit(1);
   }
-  const auto watched = run("watch --json --rate 20 --while-pid " + std::to_string(child)); // nobody waits for it yet
+  const auto watched =
+      run("watch --json --rate 20 --while-pid " + std::to_string(child)); // the parent has not waited for it yet
   EXPECT_EQ(watched.code, cli::kOk);
   EXPECT_EQ(waitpid(child, nullptr, WNOHANG), child) << "it had ended";
 }

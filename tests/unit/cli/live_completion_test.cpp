@@ -1,4 +1,4 @@
-// Completion scripts, run by the shells that they are for.
+// Completion scripts, run by their shells.
 #include <array>
 #include <cstdio>
 #include <cstdlib>

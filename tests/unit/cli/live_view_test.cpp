@@ -1,4 +1,4 @@
-// What of a daemon's state is shown as the present.
+// The parts of a daemon's state that are shown as current.
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -45,7 +45,7 @@ Snapshot navigating() {
 
 bool has(const std::string &text, std::string_view what) { return text.find(what) != std::string::npos; }
 
-TEST(LiveView, LivePoseIsShownWithItsAgeOfNow) {
+TEST(LiveView, ALivePoseIsShownWithItsPresentAge) {
   const auto snapshot = navigating();
   const auto view = view_tool(snapshot.tools.at("Probe"), view_daemon(snapshot, kNow_ns), kNow_ns);
   EXPECT_TRUE(view.fresh);
@@ -58,7 +58,7 @@ TEST(LiveView, LivePoseIsShownWithItsAgeOfNow) {
   }
 }
 
-TEST(LiveView, NothingOfASilentDaemonIsShownAsThePresent) {
+TEST(LiveView, NothingOfASilentDaemonIsShownAsCurrent) {
   const auto snapshot = navigating();
   const std::int64_t later_ns = kNow_ns + 4'000 * kMs;
   for (const auto &text : {watch_table(snapshot, {}, later_ns), watch_line(snapshot, {}, later_ns),
@@ -69,14 +69,14 @@ TEST(LiveView, NothingOfASilentDaemonIsShownAsThePresent) {
     EXPECT_FALSE(has(text, "live,")) << text;
   }
   EXPECT_TRUE(has(watch_line(snapshot, {}, later_ns), "SILENT for 4.3 s"));
-  EXPECT_TRUE(has(status_text(snapshot, 0, later_ns), "THIS IS NOT THE PRESENT"));
+  EXPECT_TRUE(has(status_text(snapshot, 0, later_ns), "NOT CURRENT"));
   const auto json = watch_json(snapshot, {}, later_ns);
   EXPECT_FALSE(json["daemon_alive"]);
   EXPECT_TRUE(json["session"].is_null());
   EXPECT_TRUE(json["tools"][0]["tip_mm"][0].is_null());
 }
 
-TEST(LiveView, ToolWithoutNewsIsOldEvenWhenTheDaemonSpeaks) {
+TEST(LiveView, AToolWithoutSamplesIsOldEvenWhenTheDaemonIsAlive) {
   auto snapshot = navigating();
   snapshot.tools["Probe"].published_time_ns = kNow_ns - kToolSilent_ns;
   const auto view = view_tool(snapshot.tools["Probe"], view_daemon(snapshot, kNow_ns), kNow_ns);
@@ -100,6 +100,7 @@ wire::DeformationState dented() {
   wire::DeformationState state{};
   EXPECT_TRUE(wire::set_name(state.point, "Deep"));
   state.time_ns = kNow_ns - 20 * kMs;
+  state.kind = bregma_wire_FOLLOWED_TARGET;
   state.status = bregma_wire_DEFORMATION_VALID;
   state.phase = bregma_wire_PROBE_INDENTATION;
   state.imaged_mm[0] = 10.0;
@@ -111,7 +112,7 @@ wire::DeformationState dented() {
   return state;
 }
 
-TEST(LiveView, ThePredictedTargetStandsBesideTheImagedOne) {
+TEST(LiveView, ThePredictedAndTheImagedTargetAreBothShown) {
   auto snapshot = navigating();
   snapshot.tools["Probe"].distance_to_predicted_target_mm = 27.9;
   snapshot.deformation["Deep"] = dented();
@@ -128,7 +129,7 @@ TEST(LiveView, ThePredictedTargetStandsBesideTheImagedOne) {
   EXPECT_EQ(json["tools"][0]["distance_to_predicted_target_mm"], 27.9);
 }
 
-TEST(LiveView, AnInvalidOrAnOldPredictionHasNoFigures) {
+TEST(LiveView, AnInvalidOrOldPredictionHasNoFigures) {
   const auto daemon = view_daemon(navigating(), kNow_ns);
   wire::DeformationState state = dented();
   state.status = bregma_wire_DEFORMATION_INVALID;
@@ -201,7 +202,7 @@ TEST(LiveView, CountsBeyondTheWiresArraysAreNotFollowed) {
   EXPECT_EQ(status_json(snapshot, 0, kNow_ns)["devices"].size(), std::size_t{bregma_wire_MAX_DEVICES});
 }
 
-TEST(LiveView, AlarmsThatStandAreListedGravestFirst) {
+TEST(LiveView, ActiveAlarmsAreListedMostSevereFirst) {
   auto snapshot = navigating();
   const auto add = [&](const char *kind, wire::AlarmState state, wire::AlarmSeverity severity) {
     wire::Alarm alarm{};

@@ -1,4 +1,4 @@
-// `bregma register surface | cloud | curves`, as a person runs them.
+// `bregma register surface | cloud | curves` as programs.
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -44,7 +44,7 @@ std::string freesurfer_of(const bregma::surface::TriangleMesh &mesh) {
   return out.str();
 }
 
-// How far a printed matrix takes points of a head from where the truth does.
+// Largest distance between points of a head under a printed matrix and under the true one.
 double worst_mm(const nlohmann::json &matrix, const Eigen::Isometry3d &truth) {
   Eigen::Matrix4d T;
   for (Eigen::Index i = 0; i < 4; ++i) {
@@ -116,7 +116,7 @@ TEST(RegisterSurface, ColinIsFoundFromAnywhereAndRefinedFromAStart) {
     Vector3d p;
     double flag = 0.0;
     in >> p.x() >> p.y() >> p.z() >> flag;
-    // Face, both sides and back: what fixes every direction (the face of this smoothed skin alone does not).
+    // Face, both sides and back determine all directions; the face of this smoothed skin alone does not.
     if (p.z() > -90.0 && i % 16 == 0) {
       samples.push_back(kMoved.inverse() * p + Vector3d(noise(random), noise(random), noise(random)));
     }
@@ -134,7 +134,7 @@ TEST(RegisterSurface, ColinIsFoundFromAnywhereAndRefinedFromAStart) {
   EXPECT_LT(json["targets"][0]["tre_rms_mm"].get<double>(), 2.0);
   ASSERT_EQ(json["residuals_mm"].size(), samples.size());
   for (const auto &residual : json["residuals_mm"]) {
-    EXPECT_LT(std::abs(residual.get<double>()), 4.0); // of a noise of 0.5 mm
+    EXPECT_LT(std::abs(residual.get<double>()), 4.0); // noise: 0.5 mm
   }
   EXPECT_NE(json["remarks"].get<std::string>().find("does not say its space: taken as RAS"), std::string::npos);
 
@@ -159,7 +159,7 @@ TEST(RegisterCloud, APhantomIsFoundAndItsMarkersArePaired) {
   const TemporaryFolder folder;
   const std::vector<Vector3d> source = cloud_of(60);
   std::vector<Vector3d> target;
-  for (auto point = source.rbegin(); point != source.rend(); ++point) { // in another order
+  for (auto point = source.rbegin(); point != source.rend(); ++point) { // in reverse order
     target.push_back(kMoved * *point);
   }
   folder.write("ct.csv", table_of(source));
@@ -196,7 +196,7 @@ TEST(RegisterCloud, ACubeIsAmbiguousAndThreePointsAreTooFew) {
   EXPECT_EQ(run.exit_code, 2);
 }
 
-// A soft ball at the centre, as a MetaImage whose axes are LPS.
+// A blurred ball at the centre, as a MetaImage with LPS axes.
 std::string ball_image(const Vector3d &centre_lps) {
   constexpr int kSize = 24;
   std::ostringstream out;
@@ -267,8 +267,8 @@ TEST(RegisterCurves, MarksOnASliceAreRegisteredInThePlane) {
   folder.write("image.mha", ball_image({46, 46, 46}));
   EXPECT_EQ(
       run_bregma(folder, "register curves source.csv target.csv --source-image image.mha --target-image image.mha").err,
-      "bregma: all marks of a side have the same z: from them a slice can be warped, but no image in space\n");
-  // A landmark off the slice makes it a registration in space.
+      "bregma: all points of a side have the same z: they define a warp in the plane, but not of a 3-D image\n");
+  // A landmark off the slice makes the registration three-dimensional.
   folder.write("off.csv", "P,20,30,7.5\nQ,35,60,7\n");
   const auto space =
       run_bregma(folder, "register curves source.csv target.csv --source-points ps.csv --target-points off.csv --json");

@@ -9,7 +9,7 @@ using bregma::tests::Outcome;
 using bregma::tests::run_bregma;
 
 const std::string kSource = "name,x,y,z\nA,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\n";
-// A quarter turn about z and (10, 20, 30), in another order.
+// A quarter turn about z and a translation of (10, 20, 30), in another order of points.
 const std::string kTarget = "C,-70,20,30\nA,10,20,30\n# a remark\n\nD,10,20,90\nB,10,120,30\n";
 
 Outcome register_points(const std::string &source, const std::string &target, const std::string &options = "") {
@@ -33,19 +33,19 @@ TEST(RegisterPoints, PairsByNameAndGivesBothDirections) {
   EXPECT_EQ(json["covariance"].size(), 6U);
 }
 
-TEST(RegisterPoints, WithoutNamesTheOrderCounts) {
+TEST(RegisterPoints, WithoutNamesPointsArePairedByOrder) {
   const Outcome run = register_points("0,0,0\n100,0,0\n0,80,0\n", "10,20,30\n10,120,30\n-70,20,30\n", "--json");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   EXPECT_NEAR(run.json()["fre_mm"].get<double>(), 0.0, 1e-6);
 }
 
-TEST(RegisterPoints, NumbersThatBothListsHaveAreNames) {
+TEST(RegisterPoints, NumbersInBothListsAreNames) {
   const Outcome run = register_points("1,0,0,0\n2,100,0,0\n3,0,80,0\n", "3,0,80,0\n1,0,0,0\n2,100,0,0\n", "--json");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   EXPECT_NEAR(run.json()["fre_mm"].get<double>(), 0.0, 1e-6);
 }
 
-TEST(RegisterPoints, TheTableShowsResidualsAndSaysWhatFreIsNot) {
+TEST(RegisterPoints, TheTableShowsResidualsAndThatFreIsNotAccuracy) {
   const Outcome run =
       register_points(kSource, "A,10,20.3,30\nB,10,120,30\nC,-70,20,30.4\nD,10,20,90\n", "--at 0 0 100");
   ASSERT_EQ(run.exit_code, 0) << run.err;
@@ -56,14 +56,14 @@ TEST(RegisterPoints, TheTableShowsResidualsAndSaysWhatFreIsNot) {
   }
 }
 
-TEST(RegisterPoints, AStatedErrorThatTheResidualsContradictIsRefused) {
+TEST(RegisterPoints, ResidualsThatContradictTheStatedErrorAreRefused) {
   const Outcome run = register_points(kSource, "A,10,23,30\nB,10,120,30\nC,-70,20,30\nD,10,20,90\n", "--sigma-mm 0.2");
   EXPECT_EQ(run.exit_code, 1);
   EXPECT_EQ(run.err.rfind("bregma: refused: the residuals are too large for the stated error", 0), 0U) << run.err;
   EXPECT_EQ(register_points(kSource, kTarget, "--sigma-mm 0.2").exit_code, 0);
 }
 
-TEST(RegisterPoints, PointsThatFixNoPoseAreRefused) {
+TEST(RegisterPoints, PointsThatDoNotDetermineAPoseAreRefused) {
   Outcome run = register_points("0,0,0\n50,0,0\n", "0,0,0\n50,0,0\n");
   EXPECT_EQ(run.exit_code, 1);
   EXPECT_EQ(run.err, "bregma: refused: source.csv has 2 points; 3 are needed, and at most 64 are taken\n");
@@ -104,7 +104,7 @@ TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
             "bregma: a.csv: no such file, or it cannot be read\n");
 }
 
-// CT and MR positions of the markers of a phantom: many more than a patient's fiducials are not taken.
+// CT and MR positions of a phantom's markers: far more points than a patient's fiducials are rejected.
 TEST(RegisterPoints, SlicersFilesAreRead) {
   const TemporaryFolder folder;
   const auto markups = [](const std::string &system, const std::string &points) {
@@ -147,8 +147,8 @@ TEST(RegisterPoints, ATableInLpsIsTurnedIntoRas) {
   EXPECT_EQ(run.json()["frames"]["axes"], "RAS");
 }
 
-TEST(RegisterPoints, ErrorsInTheFileWeighThePoints) {
-  // D is known to err by 5 mm along z, and does.
+TEST(RegisterPoints, ErrorsInTheFileAreUsedAsWeights) {
+  // D has a stated error of 5 mm along z, and that error.
   const std::string source = "A,0,0,0,0.1,0.1,0.1\nB,100,0,0,0.1,0.1,0.1\nC,0,80,0,0.1,0.1,0.1\nD,0,0,65,0.1,0.1,5\n";
   const std::string target = "A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\n";
   const Outcome run = register_points(source, target, "--json");
@@ -167,11 +167,12 @@ const std::string kOneWrong = "A,0,0,0\nB,100,0,0\nC,0,80,0\nD,0,0,60\nE,90,70,9
 // A and C are swapped.
 const std::string kTwoWrong = "A,0,80,0\nB,100,0,0\nC,0,0,0\nD,0,0,60\nE,90,70,0\nF,90,0,50\nG,20,75,45\nH,70,60,55\n";
 
-TEST(RegisterPoints, TheWrongPointsAreNamedWithTheirChance) {
+TEST(RegisterPoints, TheWrongPointsAreNamedWithTheirProbability) {
   const Outcome one = register_points(kEight, kOneWrong, "--sigma-mm 0.5");
   EXPECT_EQ(one.exit_code, 1);
   EXPECT_NE(
-      one.err.find("these points do not agree with the others: \"E\" (9.00 mm from where the others put it, chance "),
+      one.err.find(
+          "these points do not agree with the others: \"E\" (9.00 mm from where the others predict it, probability "),
       std::string::npos)
       << one.err;
   const Outcome two = register_points(kEight, kTwoWrong, "--sigma-mm 0.5 --json");
@@ -197,14 +198,14 @@ TEST(RegisterPoints, SuspectsAreLeftOutOnlyWhenAsked) {
   const Outcome text = register_points(kEight, kTwoWrong, "--sigma-mm 0.5 --leave-out-suspects");
   EXPECT_NE(text.out.find("over 6 points"), std::string::npos) << text.out;
   EXPECT_NE(text.out.find("; left out"), std::string::npos) << text.out;
-  // Where nobody can tell which points are wrong, nothing is left out.
+  // If the wrong points cannot be identified, no point is left out.
   const Outcome three = register_points("A,0,0,0\nB,100,0,0\nC,0,80,0\n", "A,0,0,0\nB,100,0,0\nC,0,95,0\n",
                                         "--sigma-mm 0.5 --leave-out-suspects");
   EXPECT_EQ(three.exit_code, 1);
-  EXPECT_NE(three.err.find("which ones, the residuals do not tell"), std::string::npos) << three.err;
+  EXPECT_NE(three.err.find("the residuals do not show which"), std::string::npos) << three.err;
 }
 
-TEST(RegisterPoints, WithoutAStatedErrorNobodyIsSuspect) {
+TEST(RegisterPoints, WithoutAStatedErrorNoPointIsSuspect) {
   const Outcome run = register_points(kEight, kOneWrong, "--json");
   ASSERT_EQ(run.exit_code, 0) << run.err;
   EXPECT_TRUE(run.json()["suspects"].empty());
@@ -222,7 +223,7 @@ TEST(RegisterPoints, TargetsHaveTheirPredictedErrorInTheTargetsFrame) {
   const auto &targets = json["targets"];
   ASSERT_EQ(targets.size(), 2U);
   EXPECT_EQ(targets[0]["target"], "Near");
-  EXPECT_GT(targets[0]["tre_rms_mm"].get<double>(), 0.15); // sigma over the root of four points, in three dimensions
+  EXPECT_GT(targets[0]["tre_rms_mm"].get<double>(), 0.15); // sigma / sqrt(4) per coordinate, in three dimensions
   EXPECT_LT(targets[0]["tre_rms_mm"].get<double>(), 0.5);
   EXPECT_GT(targets[1]["tre_rms_mm"].get<double>(), 3.0 * targets[0]["tre_rms_mm"].get<double>());
   EXPECT_GT(targets[1]["within_95_mm"].get<double>(), targets[1]["tre_rms_mm"].get<double>());
@@ -245,7 +246,7 @@ TEST(RegisterPoints, TheTransformIsWrittenForItkUnlessItIsRefused) {
   EXPECT_FALSE(std::filesystem::exists(folder.path() / "no.tfm"));
 }
 
-// One person's 32 landmarks as two raters placed them: the same image, so that the true pose is the identity.
+// 32 landmarks placed by two raters on the same image, so that the true pose is the identity.
 TEST(RegisterPoints, TwoRatersOfTheSameHeadAgree) {
   BREGMA_SHARED_DATA(anat, "fiducials/afids_hcp/derivatives/afids_rater/sub-239944/anat");
   const TemporaryFolder folder;

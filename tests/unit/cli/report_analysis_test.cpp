@@ -1,4 +1,4 @@
-// The figures of `bregma report` against session files whose answers are known.
+// The figures of `bregma report` for session files with known results.
 #include <cmath>
 #include <fstream>
 
@@ -52,9 +52,9 @@ TEST(Distribution, PercentilesAreOfTheNearestRank) {
   EXPECT_TRUE(std::isnan(cli::report::Distribution{}.percentile(0.5)));
 }
 
-TEST_F(Report, LatencyRateAndErrorsAreTheOnesThatWereWritten) {
+TEST_F(Report, LatencyRateAndErrorsMatchTheRecordedSamples) {
   test::RunPlan plan;
-  // Of the 100 frames at the target 60 err by 0.5 mm, inside the region of 1 mm, and 40 by 1.5 mm, outside.
+  // 60 of the 100 frames at the target have an error of 0.5 mm, inside the region of 1 mm; 40 have 1.5 mm, outside.
   plan.error_mm = [](int k) { return k >= 160 ? 1.5 : 0.5; };
   const auto session = analysed([&](auto &writer) { test::write_run(writer, plan); });
   ASSERT_TRUE(session.has_value()) << session.error().message;
@@ -87,8 +87,8 @@ TEST_F(Report, LatencyRateAndErrorsAreTheOnesThatWereWritten) {
   EXPECT_NEAR(session->approaches[0].true_at_least_mm, 12.0 - 0.04 * 199 - 1.5, 1e-9);
 }
 
-TEST_F(Report, ErrorIsJudgedAlongTheAxesOfTheEllipsoid) {
-  // 0.5 mm along x is inside while the long axis lies there, and outside once the short one does.
+TEST_F(Report, TheErrorIsComparedAlongTheAxesOfTheEllipsoid) {
+  // 0.5 mm along x is inside if the long axis is along x, and outside if the short one is.
   const auto inside_share = [&](const wire::Ellipsoid &region, const char *name) {
     file_ = folder_ / name;
     const auto session = analysed([&](auto &writer) {
@@ -150,8 +150,8 @@ TEST_F(Report, WithoutTruthTrueErrorsAreNotKnownAndNeverZero) {
   }
 }
 
-TEST_F(Report, TruthOfAnEarlierTrackerIsNotTakenForThatOfItsSuccessor) {
-  // After a restart the frames count from 1 again: the number is the same, the moment is not.
+TEST_F(Report, TruthOfAnEarlierTrackerIsNotUsedForItsSuccessor) {
+  // After a restart the frame numbers start at 1 again: equal numbers at different times.
   const auto session = analysed([&](auto &writer) {
     test::RunPlan plan;
     test::write_run(writer, plan);
@@ -168,7 +168,7 @@ TEST_F(Report, TruthOfAnEarlierTrackerIsNotTakenForThatOfItsSuccessor) {
   EXPECT_NEAR(session->at_target->true_error_mm.max(), 0.5, 1e-9);
 }
 
-TEST_F(Report, ChecksVerificationStatesAndAlarmsAreTold) {
+TEST_F(Report, ChecksVerificationStatesAndAlarmsAreReported) {
   const auto session = analysed([&](auto &writer) {
     const auto at = [](std::int64_t s) { return kStart_ns + s * 1000 * kMs; };
     test::put_command(writer, at(1), 1, bregma_wire_COMMAND_START_REGISTRATION, bregma_wire_SESSION_REGISTERING);
@@ -260,7 +260,7 @@ TEST_F(Report, DevicesAreCountedFromTheFirstRecordOfALongRunningDaemon) {
 }
 
 TEST_F(Report, TracedPointsAreMeasuredAgainstTheScalpByTheAcceptedRegistration) {
-  surface::TriangleMesh cube; // of 100 mm about the origin
+  surface::TriangleMesh cube; // edge of 100 mm, centred at the origin
   for (int i = 0; i < 8; ++i) {
     cube.vertices_mm.emplace_back((i & 1) != 0 ? 50 : -50, (i & 2) != 0 ? 50 : -50, (i & 4) != 0 ? 50 : -50);
   }
@@ -292,14 +292,14 @@ TEST_F(Report, TracedPointsAreMeasuredAgainstTheScalpByTheAcceptedRegistration) 
       out.position_mm[2] = z;
       test::put(writer, time_ns, out);
     };
-    point(kStart_ns, bregma_wire_CAPTURE_SURFACE, 70.0); // of a registration that was begun anew
+    point(kStart_ns, bregma_wire_CAPTURE_SURFACE, 70.0); // from a registration that was restarted
     test::put_command(writer, kStart_ns + kMs, 1, bregma_wire_COMMAND_START_REGISTRATION,
                       bregma_wire_SESSION_REGISTERING);
     point(kStart_ns + 2 * kMs, bregma_wire_CAPTURE_SURFACE, 50.5);
     point(kStart_ns + 3 * kMs, bregma_wire_CAPTURE_SURFACE, 49.7);
     point(kStart_ns + 3 * kMs, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, 60.0);
     test::put(writer, kStart_ns + 4 * kMs, test::accepted_registration(0.0));
-    point(kStart_ns + 5 * kMs, bregma_wire_CAPTURE_SURFACE, 80.0); // after it
+    point(kStart_ns + 5 * kMs, bregma_wire_CAPTURE_SURFACE, 80.0); // after acceptance
   });
   ASSERT_TRUE(session.has_value()) << session.error().message;
   ASSERT_EQ(session->trace.size(), 2U);
@@ -308,8 +308,9 @@ TEST_F(Report, TracedPointsAreMeasuredAgainstTheScalpByTheAcceptedRegistration) 
   EXPECT_NEAR((session->trace[1].on_scalp_mm - Eigen::Vector3d(0, 0, 50)).norm(), 0.0, 1e-5);
 }
 
-// The tip dents by 4 mm, breaks through at 0.11 N, and goes on to 20 mm; near the target the answers are not valid.
-TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
+// The tip indents by 4 mm, ruptures the surface at 0.11 N and continues to 20 mm. Near the target the answers are
+// invalid.
+TEST_F(Report, TheInsertionIsReportedForTheTargetThatMovesMost) {
   const auto put_states = [](auto &writer) {
     for (int k = 0; k <= 100; ++k) {
       for (const char *target : {"Near", "Far", "Landmark"}) {
@@ -317,7 +318,7 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
         (void)wire::set_name(state.point, target);
         state.time_ns = kStart_ns + std::int64_t{16} * k * kMs;
         state.elements = 20'000;
-        state.ruptures = k > 20 ? 3 : 2; // two were before this recording
+        state.ruptures = k > 20 ? 3 : 2; // two ruptures occurred before this recording
         state.rupture_force_N = k > 20 ? 0.11 : 0.07;
         state.phase = k == 0    ? bregma_wire_PROBE_OUTSIDE
                       : k <= 20 ? bregma_wire_PROBE_INDENTATION
@@ -353,9 +354,9 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
   const auto json = cli::report::summary_json(*session, {});
   EXPECT_EQ(json["insertion"]["rupture_force_N"], 0.11);
   EXPECT_EQ(json["insertion"]["landmarks"][0]["landmark"], "Landmark");
-  EXPECT_NE(
-      cli::report::summary_text(*session, {}).find("1 rupture, the first at a modelled 0.110 N after a dent of 4.0 mm"),
-      std::string::npos);
+  EXPECT_NE(cli::report::summary_text(*session, {})
+                .find("1 rupture, the first at a modelled 0.110 N after an indentation of 4.0 mm"),
+            std::string::npos);
 
   std::filesystem::remove(file_);
   const auto without = analysed([](auto &writer) { test::write_run(writer, {}); });
@@ -364,7 +365,7 @@ TEST_F(Report, TheInsertionIsThatOfTheTargetThatMovesMost) {
   EXPECT_TRUE(cli::report::summary_json(*without, {})["insertion"].is_null());
 }
 
-TEST_F(Report, EmptySessionIsAnErrorInWords) {
+TEST_F(Report, AnEmptySessionIsAnErrorSentence) {
   const auto session = analysed([](auto &) {});
   ASSERT_FALSE(session.has_value());
   EXPECT_NE(session.error().message.find("holds no records"), std::string::npos) << session.error().message;

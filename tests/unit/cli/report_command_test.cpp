@@ -1,4 +1,4 @@
-// `bregma report` as a person runs it: messages, exit codes, what is written.
+// `bregma report` as a program: messages, exit codes, written files.
 #include <fstream>
 #include <sstream>
 

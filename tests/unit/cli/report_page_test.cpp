@@ -1,4 +1,4 @@
-// Plots and the page of `bregma report`.
+// Plots and the HTML page of `bregma report`.
 #include <cmath>
 
 #include "base/plots.hpp"
@@ -60,14 +60,14 @@ TEST(Plots, PeakSurvivesWhenThereAreMorePointsThanPixels) {
   EXPECT_NE(svg.find(" 8.0L"), std::string::npos) << "the value 10 stands at the top of the frame, 8 units below 0";
 }
 
-TEST(Plots, EmptyPlotIsAFrameAndNotANumberNowhere) {
+TEST(Plots, AnEmptyPlotIsAFrameWithoutNaN) {
   const std::string svg = plot_svg({}, {400, 200});
   EXPECT_NE(svg.find("<svg"), std::string::npos);
   EXPECT_EQ(svg.find("inf"), std::string::npos) << svg;
   EXPECT_EQ(svg.find("nan"), std::string::npos) << svg;
 }
 
-TEST(Page, Base64IsThatOfTheStandard) { // RFC 4648, section 10
+TEST(Page, Base64IsThatOfTheStandard) { // [RFC 4648, section 10]
   const auto of = [](std::string_view text) { return base64({text.begin(), text.end()}); };
   EXPECT_EQ(of(""), "");
   EXPECT_EQ(of("f"), "Zg==");

@@ -1,4 +1,4 @@
-// Writes session files whose figures are known beforehand.
+// Writes session files with known figures.
 #pragma once
 
 #include <functional>
@@ -15,14 +15,14 @@ namespace bregma::test {
 inline constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
 inline constexpr std::int64_t kMs = 1'000'000;
 
-// What the navigated run of 200 frames at 250 Hz, all held at its place, is made to say.
+// Content of a navigated run of 200 frames at 250 Hz with a resting tool.
 struct RunPlan {
   bool truth = true;
   int frames = 200;
   int first_at_target = 100; // frames from here on are at the target
-  // Error of the shown tip of a frame, along x, mm.
+  // Error of a frame's displayed tip along x, mm.
   std::function<double(int)> error_mm = [](int) { return 0.5; };
-  double registration_shift_mm = 0.4; // of the accepted registration from the true one
+  double registration_shift_mm = 0.4; // shift between the accepted registration and the true one
 };
 
 wire::RegistrationState accepted_registration(double shift_mm);
@@ -33,7 +33,7 @@ template <class T> void put(casefile::SessionWriter &writer, std::int64_t time_n
   ASSERT_TRUE(written.has_value()) << written.error().message;
 }
 
-// A command of kind and its reply at a time.
+// A command of this kind and its reply at a time.
 void put_command(casefile::SessionWriter &writer, std::int64_t time_ns, std::uint64_t id, wire::CommandKind kind,
                  wire::SessionState after, double value_mm = wire::kUnknown, const char *point = "");
 

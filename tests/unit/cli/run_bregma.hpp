@@ -1,4 +1,4 @@
-// Runs the program itself, as a person does.
+// Runs the program `bregma`.
 #pragma once
 
 #include <sys/wait.h>

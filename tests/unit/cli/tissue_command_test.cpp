@@ -11,7 +11,7 @@ using bregma::test::TemporaryFolder;
 using bregma::tests::read_file;
 using bregma::tests::run_bregma;
 
-// A probe in a ball, coarse and fast.
+// A probe in a ball with a coarse mesh.
 constexpr const char *kInsert = "tissue insert ball --elements 10000 --speed 20 ";
 
 class TissueInsert : public testing::Test {
@@ -24,7 +24,7 @@ protected:
     ASSERT_TRUE(saved) << saved.error().message;
   }
 
-  // The last line that begins with the program's name: progress stands before it.
+  // The last line that begins with the program's name; progress lines precede it.
   std::string error_of(const std::string &arguments) const {
     const auto run = run_bregma(folder_, arguments);
     EXPECT_EQ(run.exit_code, 2) << arguments;
@@ -55,7 +55,7 @@ TEST(TissueMaterials, TheTableHasModuliAndSources) {
   EXPECT_NEAR(json[1]["relaxed_shear_Pa"].get<double>(), 842.0 * (1.0 - 0.450 - 0.365), 1e-6);
 }
 
-TEST_F(TissueInsert, TheProbeIndentsBreaksThroughAndPulls) {
+TEST_F(TissueInsert, TheProbeIndentsRupturesAndHasFriction) {
   const auto run = run_bregma(folder_, std::string(kInsert) + "--depth 25 --csv run.csv --vtu end.vtu --json");
   ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
   const auto json = run.json();
@@ -69,7 +69,7 @@ TEST_F(TissueInsert, TheProbeIndentsBreaksThroughAndPulls) {
   EXPECT_LT(updates.front()["depth_mm"].get<double>(), -5.0);
   EXPECT_EQ(updates.back()["phase"], "penetration");
   EXPECT_NEAR(updates.back()["depth_mm"].get<double>(), 25.0, 1e-9);
-  // Phases come in their order, and the target is pulled along.
+  // The phases are in order, and the target moves with the probe.
   int phase = 0;
   for (const auto &update : updates) {
     const std::string name = update["phase"];
@@ -99,7 +99,7 @@ TEST_F(TissueInsert, TheProbeIndentsBreaksThroughAndPulls) {
   }
 }
 
-TEST_F(TissueInsert, TheTableHasARowAMillimetre) {
+TEST_F(TissueInsert, TheTableHasOneRowPerMillimetre) {
   const auto run = run_bregma(folder_, std::string(kInsert) + "--depth 5");
   EXPECT_EQ(run.exit_code, 0) << run.out << run.err;
   EXPECT_EQ(run.out.rfind("Trajectory Biopsy, ", 0), 0U) << run.out;
@@ -111,7 +111,7 @@ TEST_F(TissueInsert, TheTableHasARowAMillimetre) {
   EXPECT_EQ(run.err, "  0 %  case\n  2 %  tetrahedra\n 10 %  insertion\n");
 }
 
-TEST_F(TissueInsert, ItIsTheCasesMaterial) {
+TEST_F(TissueInsert, UsesTheCasesMaterial) {
   bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "ball");
   c.tissue = {.material = "linear",
               .young_Pa = 1000.0,
@@ -129,7 +129,7 @@ TEST_F(TissueInsert, ItIsTheCasesMaterial) {
             1.5 * soft["updates"].back()["tip_force_N"].get<double>());
 }
 
-TEST_F(TissueInsert, WhatCannotBeInsertedIsOneSentence) {
+TEST_F(TissueInsert, AnImpossibleInsertionIsOneSentence) {
   EXPECT_EQ(error_of("tissue insert ball --trajectory Bipsy"),
             "bregma: --trajectory \"Bipsy\": ball has no such trajectory; there are \"Biopsy\"\n");
   EXPECT_EQ(error_of("tissue insert ball --speed 0"),
@@ -143,7 +143,7 @@ TEST_F(TissueInsert, WhatCannotBeInsertedIsOneSentence) {
   c.trajectories[0].entry_mm = {0.0, 0.0, 60.0};
   save(c);
   EXPECT_EQ(error_of("tissue insert ball"),
-            "bregma: ball: trajectory \"Biopsy\" begins inside the brain: where it enters is not known\n");
+            "bregma: ball: trajectory \"Biopsy\" begins inside the brain: its entry is not known\n");
   c.trajectories.clear();
   save(c);
   EXPECT_EQ(error_of("tissue insert ball"), "bregma: ball: the case has no trajectory to insert along\n");
@@ -151,7 +151,7 @@ TEST_F(TissueInsert, WhatCannotBeInsertedIsOneSentence) {
 
 class TissueShift : public TissueInsert {
 protected:
-  // A ball would turn in its skull: what has lost its buoyancy is heavy, and on top.
+  // A ball would rotate in its skull: the part without buoyancy is heavy and on top.
   void SetUp() override {
     bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "egg");
     for (Eigen::Vector3d &vertex : c.brain.mesh.vertices_mm) {
@@ -180,7 +180,7 @@ TEST_F(TissueShift, TheBrainSinksWithItsTargetsAndLandmarks) {
   EXPECT_NE(vtu.find("Name=\"displacement_mm\""), std::string::npos);
 }
 
-TEST_F(TissueShift, WhereNothingIsNewNothingMoves) {
+TEST_F(TissueShift, WithoutAChangeOfLoadNothingMoves) {
   const auto run = run_bregma(folder_, "tissue shift egg --elements 10000 --fluid-drop 0");
   ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
   EXPECT_EQ(run.out.rfind("Head supine, imaged supine; fluid 0.0 mm below", 0), 0U) << run.out;
@@ -194,7 +194,7 @@ TEST_F(TissueShift, WhereNothingIsNewNothingMoves) {
   }
 }
 
-TEST_F(TissueShift, WhatCannotBeIsOneSentence) {
+TEST_F(TissueShift, AnImpossibleShiftIsOneSentence) {
   EXPECT_EQ(error_of("tissue shift nowhere"), "bregma: nowhere: is not a folder; a case is a folder with case.toml\n");
   EXPECT_NE(error_of("tissue shift egg --posture upside-down").find("--posture: upside-down not in {"),
             std::string::npos);

@@ -1,4 +1,4 @@
-// The Cyclone configurations that are handed out are ones that Cyclone takes, and samples pass under them.
+// Cyclone accepts the supplied configurations, and samples are transferred with them.
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
@@ -17,13 +17,13 @@ namespace {
 
 using namespace std::chrono_literals;
 
-// A setting that Cyclone does not know makes the participant throw.
+// The participant throws if Cyclone does not know a setting.
 bool sample_passes(const char *file, std::uint32_t domain) {
   const std::filesystem::path path = std::filesystem::path(BREGMA_SOURCE_DIR) / "deploy" / file;
   std::ifstream stream(path);
   std::string configuration{std::istreambuf_iterator<char>(stream), {}};
   EXPECT_FALSE(configuration.empty()) << path;
-  const std::string any = "autodetermine=\"true\""; // a test stays on its machine
+  const std::string any = "autodetermine=\"true\""; // restricts the test to this machine
   if (const auto at = configuration.find(any); at != std::string::npos) {
     configuration.replace(at, any.size(), "name=\"lo\"");
   }
@@ -35,7 +35,7 @@ bool sample_passes(const char *file, std::uint32_t domain) {
   wire::Alarm alarm{};
   EXPECT_TRUE(wire::set_name(alarm.kind, "drift"));
   EXPECT_TRUE(writer.write(alarm));
-  for (int i = 0; i < 500; ++i) { // transient local: it may come late
+  for (int i = 0; i < 500; ++i) { // transient local: the sample may arrive late
     bool arrived = false;
     reader.take_each([&](const wire::Alarm &taken, const auto &) { arrived |= wire::view(taken.kind) == "drift"; });
     if (arrived) {

@@ -1,4 +1,4 @@
-// A small case on disk and loops that answer at once, for tests of the session.
+// A small case on disk, and fake loops that answer at once, for tests of the session.
 #pragma once
 
 #include <filesystem>
@@ -30,8 +30,8 @@ using bregma::test::TemporaryFolder;
 // Reference, Stylus and Probe. Returns the folder.
 std::filesystem::path write_case(const std::filesystem::path &parent, const std::string &id = "ball");
 
-// The loops as the session sees them. Everything that is sent or published is kept. A capture finds the tip where the
-// truth says that the point is, plus `miss_mm` in Image; the registration is the truth with a stated covariance.
+// The loops as seen by the session. All sent or published messages are kept. A capture returns the true position of the
+// point plus `miss_mm` in Image. The registration is the true one with a stated covariance.
 class FakeLoops : public SessionPorts {
 public:
   FakeLoops();
@@ -44,7 +44,7 @@ public:
   void publish(const wire::CapturedPoint &point) override { captured.push_back(point); }
   void log(const std::string &line) override { lines.push_back(line); }
 
-  // The last message of a kind; fails the test and throws when there is none.
+  // The last message of a kind; fails the test and throws if there is none.
   template <class Message, class List> [[nodiscard]] static Message last(const List &list) {
     for (auto it = list.rbegin(); it != list.rend(); ++it) {
       if (const auto *found = std::get_if<Message>(&*it)) {
@@ -63,9 +63,9 @@ public:
 
   [[nodiscard]] CaptureResult answer(const CaptureRequest &request) const;
   [[nodiscard]] wire::RegistrationState estimate() const;
-  // A point of Image as the tip in Reference.
+  // The position of a tip in Reference from a point in Image.
   [[nodiscard]] Array3 in_reference(const Eigen::Vector3d &image_mm) const;
-  // Poses of a tool whose tip rests at a fixed point while it turns; sigma of the poses' position.
+  // Poses of a tool that rotates about its resting tip; sigma: standard deviation of the position.
   [[nodiscard]] std::vector<PivotPose> pivot(std::uint64_t id, double sigma_mm, double angle_rad, unsigned seed) const;
 
   std::shared_ptr<const casefile::Case> the_case;
@@ -87,25 +87,25 @@ public:
   std::uint64_t revision = 0; // of the last sample message
 };
 
-// A session with its loops, a client, and time that the test moves.
+// A session with its loops, a client, and time controlled by the test.
 class SessionHarness {
 public:
   explicit SessionHarness(const std::filesystem::path &folder, FakeLoops &fakes, Session::Executor executor = {});
 
-  // Sends a command, lets the loops answer, and returns the reply; nothing while it is under way.
+  // Sends a command, runs the loops and returns the reply; empty while the command is running.
   std::optional<wire::CommandReply> send(const wire::Command &command);
   [[nodiscard]] wire::Command command(wire::CommandKind kind, const std::string &first = "",
                                       const std::string &second = "");
-  // The reply to a new command of this kind; fails the test when none came.
+  // The reply to a new command of this kind; fails the test if there is none.
   wire::CommandReply ask(wire::CommandKind kind, const std::string &first = "", const std::string &second = "");
-  // Lets the loops answer what is pending, and time pass.
+  // Runs the loops' pending answers and advances the time.
   void run(double milliseconds);
-  // ask() and expect COMMAND_DONE, with the text shown otherwise.
+  // ask() and expect COMMAND_DONE; shows the reply's text on failure.
   wire::CommandReply done(wire::CommandKind kind, const std::string &first = "", const std::string &second = "");
   void condition(const char *kind, const char *subject, bool active, SessionEffect effect, const char *text = "text");
   void trace(const std::string &tool, int samples);
 
-  // The course of a biopsy up to a stage.
+  // Runs a biopsy up to a stage.
   void up_to(wire::SessionState stage, const std::filesystem::path &case_folder);
   void pivot(const std::string &tool);
   void check_landmarks();
@@ -118,7 +118,7 @@ public:
 
 private:
   std::uint64_t next_id_ = 1;
-  std::size_t answered_ = 0; // navigation messages that have been looked at
+  std::size_t answered_ = 0; // number of processed navigation messages
 };
 
 } // namespace bregma::server::testing

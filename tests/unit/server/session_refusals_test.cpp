@@ -1,4 +1,4 @@
-// What a session refuses, and the sentence that a person reads.
+// Refusals of a session and their texts.
 #include "session_fakes.hpp"
 
 #include <cmath>
@@ -169,7 +169,7 @@ TEST_F(RefusalTest, RegistrationsThatMustNotBeAccepted) {
   harness.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", "F2");
   harness.answering = false;
   harness.trace("Stylus", 1); // not tracing: no sample
-  loops.revision += 1;        // the loop is at another set for good
+  loops.revision += 1;        // the loop permanently has another set
   EXPECT_TRUE(harness.send(harness.command(bregma_wire_COMMAND_ACCEPT_REGISTRATION)))
       << "the estimate of the present set is known already";
 }
@@ -191,21 +191,22 @@ TEST_F(RefusalTest, VerificationsThatMustNotBeConfirmed) {
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L1");
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L3");
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L1"); // the same landmark counts once
-  expect_refused("2 of at least 3 landmarks checked since the registration was accepted or put in doubt; not checked: "
-                 "L2, L4, L5",
-                 bregma_wire_COMMAND_CONFIRM_VERIFICATION);
+  expect_refused(
+      "2 of at least 3 landmarks checked since the registration was accepted or lost its verification; not checked: "
+      "L2, L4, L5",
+      bregma_wire_COMMAND_CONFIRM_VERIFICATION);
   loops.miss_mm = {0.0, 3.5, 0.0};
   harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L2");
   const auto far = harness.ask(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
   EXPECT_EQ(std::string(far.text).rfind("L2 is off by 3.50 mm (95 % bound ", 0), 0U) << far.text;
   EXPECT_NE(std::string(far.text).find("more than the limit of 3.00 mm: check it again, or register anew"),
             std::string::npos);
-  // Each within the limit of 3 mm, but all together beyond what the predicted error explains.
+  // Each error is within the limit of 3 mm, but together they contradict the predicted error.
   loops.miss_mm = {0.0, 2.6, 0.0};
   harness.check_landmarks();
   const auto joint = harness.ask(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
   EXPECT_EQ(joint.result, bregma_wire_COMMAND_REFUSED);
-  EXPECT_EQ(std::string(joint.text).rfind("the checks do not fit the registration (chance ", 0), 0U) << joint.text;
+  EXPECT_EQ(std::string(joint.text).rfind("the checks contradict the registration (probability ", 0), 0U) << joint.text;
   loops.miss_mm = {0.0, 0.4, 0.0};
   harness.check_landmarks();
   harness.done(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
@@ -259,11 +260,11 @@ TEST_F(RefusalTest, MalformedCommands) {
   expect(command, "point is longer than a name can be");
   command = harness.command(bregma_wire_COMMAND_START_PIVOT, "Stylus");
   std::memset(command.body._u.tool.tool, 'x', sizeof(wire::Name));
-  expect(command, "tool is longer than a name can be");
+  expect(command, "tool is too long for a name");
   command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
   command.client[0] = '\0';
   EXPECT_FALSE(harness.send(command));
-  EXPECT_EQ(loops.lines.back(), "a command without a client's name was dropped: nobody can be answered");
+  EXPECT_EQ(loops.lines.back(), "a command without a client's name was dropped: there is no client to answer");
 }
 
 } // namespace

@@ -1,4 +1,4 @@
-// What survives a killed daemon, bit for bit, and what is done with a file that does not hold.
+// The snapshot is restored bit for bit after a crash, and invalid files are rejected.
 #include "session_fakes.hpp"
 
 #include <array>
@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 
 template <class T> bool same_bits(const T &a, const T &b) {
   using Bytes = std::array<std::byte, sizeof(T)>;
-  return std::bit_cast<Bytes>(a) == std::bit_cast<Bytes>(b); // -0.0 is not 0.0, and NaN is itself
+  return std::bit_cast<Bytes>(a) == std::bit_cast<Bytes>(b); // -0.0 differs from 0.0, and NaN equals itself
 }
 
 std::string read(const fs::path &path) {
@@ -30,7 +30,7 @@ std::string read(const fs::path &path) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-// Every number from random bits (all magnitudes, subnormal ones too), fixed seed.
+// Every number from random bits (all magnitudes, including subnormals), fixed seed.
 SessionData random_session(unsigned seed) {
   std::mt19937_64 random(seed);
   const auto number = [&random] {
@@ -135,7 +135,7 @@ TEST(Snapshot, NoDamageIsBelieved) {
   std::mt19937 random(11);
   for (int i = 0; i < 200; ++i) {
     std::string damaged = whole;
-    const std::size_t at = random() % (whole.size() - 1); // but for the newline at the end
+    const std::size_t at = random() % (whole.size() - 1); // except the newline at the end
     damaged[at] = static_cast<char>(damaged[at] ^ (1 << (random() % 7)));
     const auto read_back = from_json(damaged, "session.json");
     EXPECT_FALSE(read_back) << "seed 11, byte " << at << " damaged and not noticed";
@@ -157,9 +157,11 @@ TEST(Snapshot, ADamagedFileIsKeptAsideWithTheReason) {
   };
   const std::string name = file.path().string();
   EXPECT_EQ(load_text(R"({"bregma_session":9,"crc32":"00000000","session":{}})"),
-            name + ": bregma_session = 9: this program reads version 1");
-  EXPECT_EQ(load_text(R"({"bregma_session":1,"crc32":"00000000","session":{}})"),
+            name + ": bregma_session = 9: this program reads version 2");
+  EXPECT_EQ(load_text(R"({"bregma_session":2,"crc32":"00000000","session":{}})"),
             name + ": crc32 = \"00000000\": the content has \"a3a6bf43\", the file is damaged");
+  EXPECT_EQ(load_text(R"({"bregma_session":1,"crc32":"00000000","session":{}})"),
+            name + ": bregma_session = 1: this program reads version 2");
   EXPECT_NE(load_text("{").find(name + ": not a session that can be read: "), std::string::npos);
   const auto none = file.load();
   ASSERT_TRUE(none);
@@ -171,7 +173,7 @@ TEST(Snapshot, AFailedSaveNamesTheFileAndLosesNothing) {
   const SnapshotFile file(folder.path());
   ASSERT_TRUE(file.save(random_session(1)));
   const std::string before = read(file.path());
-  fs::create_directory(file.path().string() + ".tmp"); // nothing can be written there, by root neither
+  fs::create_directory(file.path().string() + ".tmp"); // cannot be written, not even by root
   const auto failed = file.save(random_session(2));
   ASSERT_FALSE(failed);
   EXPECT_EQ(failed.error().message, file.path().string() + ".tmp: cannot be written: Is a directory");
@@ -196,7 +198,7 @@ protected:
 TEST_F(RestartTest, NavigatingComesBackAsRegisteredAskingForVerification) {
   SessionHarness harness(folder.path(), loops);
   harness.up_to(bregma_wire_SESSION_NAVIGATING, ball);
-  const SessionData before = harness.session->data(); // and then the process is killed: no destructor is waited for
+  const SessionData before = harness.session->data(); // then the process is killed without destructors
   SessionHarness restarted(folder.path(), loops_after);
   restarted.session->restore(restarted.now_ns);
   EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_REGISTERED) << log();
@@ -298,7 +300,7 @@ TEST_F(RestartTest, AFullDiskIsAnAlarmAndStopsNothing) {
   EXPECT_EQ(wire::view(loops.alarms.back().kind), alarm::kDisk);
   EXPECT_EQ(loops.alarms.back().state, bregma_wire_ALARM_RAISED);
   fs::remove(folder.path() / "state/session.json.tmp");
-  harness.run(1500.0); // tried again by itself
+  harness.run(1500.0); // retried automatically
   EXPECT_EQ(loops.alarms.back().state, bregma_wire_ALARM_CLEARED);
 }
 

@@ -1,4 +1,4 @@
-// Every state against every command, from a table that is written down here a second time.
+// Every command in every state, compared with an independent copy of the table.
 #include "server/session/state_machine.hpp"
 
 #include <array>
@@ -11,7 +11,7 @@
 namespace bregma::server {
 namespace {
 
-// One letter a state: the table below is read as a whole.
+// One letter per state, which makes the table below readable.
 constexpr wire::SessionState kI = bregma_wire_SESSION_IDLE;
 constexpr wire::SessionState kC = bregma_wire_SESSION_CASE_LOADED;
 constexpr wire::SessionState kG = bregma_wire_SESSION_REGISTERING;

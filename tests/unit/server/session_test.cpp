@@ -1,5 +1,4 @@
-// The session against loops that answer at once: the course of a biopsy, what it tells the loops, and what interrupts
-// it.
+// The session with loops that answer at once: the steps of a biopsy, messages to the loops, and interruptions.
 #include "session_fakes.hpp"
 
 #include <array>
@@ -59,7 +58,7 @@ TEST_F(SessionTest, TheCourseOfABiopsy) {
 
   harness.up_to(kNavigating, ball);
   EXPECT_EQ(wire::view(FakeLoops::last<PlanSelected>(loops.navigation).trajectory), "Plan");
-  harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L4"); // a check is welcome at any time
+  harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L4"); // a check is allowed at any time
   harness.done(bregma_wire_COMMAND_STOP_NAVIGATION);
   EXPECT_EQ(harness.session->state(), kVerified);
   EXPECT_FALSE(FakeLoops::last<PlanSelected>(loops.navigation).on);
@@ -81,8 +80,8 @@ TEST_F(SessionTest, ACheckTouchSaysTheDistanceAndItsBound) {
   EXPECT_EQ(check.landmark_index, 1U);
   EXPECT_NEAR(check.error_mm[0], 0.6, 1e-9);
   EXPECT_NEAR(check.error_mm[2], -0.8, 1e-9);
-  // Registration 0.2 mm and 0.002 rad at 80 mm, landmark 0.5, touch 0.3, tip: about 0.65 a coordinate, chi(3) at 95 %
-  // is 2.8 times that.
+  // Registration 0.2 mm and 0.002 rad at 80 mm, landmark 0.5, touch 0.3, tip: about 0.65 mm per coordinate. The 95 %
+  // bound of chi(3) is 2.8 times that.
   EXPECT_GT(check.limit_mm, 1.4);
   EXPECT_LT(check.limit_mm, 2.2);
   char expected[96];
@@ -97,7 +96,7 @@ TEST_F(SessionTest, AnEstimateThatLacksTheLastSampleIsNotAccepted) {
   }
   harness.done(bregma_wire_COMMAND_REMOVE_FIDUCIAL, "F2");
   EXPECT_EQ(wire::view(FakeLoops::last<FiducialRemoved>(loops.registration).point), "F2");
-  // The registration loop has not come round yet: the session waits for it.
+  // The registration loop has not answered yet: the session waits for it.
   harness.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", "F2");
   auto old = loops.estimate();
   old.revision -= 1;
@@ -177,7 +176,7 @@ TEST_F(SessionTest, ACommandSentAgainIsAnsweredAgainAndNotCarriedOutAgain) {
   EXPECT_EQ(FakeLoops::count<CaptureRequest>(loops.navigation), 1U);
   EXPECT_EQ(FakeLoops::count<FiducialSample>(loops.registration), 1U);
 
-  auto restarted = command; // a client that counts from one again sends at another time
+  auto restarted = command; // a client that restarts its count sends at another time
   restarted.sent_time_ns += 1;
   EXPECT_TRUE(harness.send(restarted));
   EXPECT_EQ(FakeLoops::count<FiducialSample>(loops.registration), 2U);
@@ -194,11 +193,11 @@ TEST_F(SessionTest, APivotOnAWorkerKeepsTheSessionResponsive) {
   }
   const auto finish = worker.command(bregma_wire_COMMAND_FINISH_PIVOT, "Probe");
   EXPECT_FALSE(worker.send(finish));
-  worker.done(bregma_wire_COMMAND_START_REGISTRATION); // gives the pivot up
+  worker.done(bregma_wire_COMMAND_START_REGISTRATION); // abandons the pivot calibration
   EXPECT_EQ(loops.replies[loops.replies.size() - 2].id, finish.id);
   EXPECT_STREQ(loops.replies[loops.replies.size() - 2].text, "given up: the registration was started anew");
   ASSERT_EQ(jobs.size(), 1U);
-  jobs[0](); // finishes into the void
+  jobs[0](); // finishes without an effect
   worker.run(100.0);
   EXPECT_TRUE(worker.session->data().tips.empty());
 
@@ -239,12 +238,12 @@ TEST_F(SessionTest, TheTraceEndsWhenItIsFull) {
   harness.session = std::make_unique<Session>(harness.config, loops);
   harness.up_to(kRegistering, ball);
   harness.done(bregma_wire_COMMAND_START_TRACE, "Stylus");
-  harness.trace("Probe", 5); // another tool's are not asked for
+  harness.trace("Probe", 5); // samples of another tool are ignored
   harness.trace("Stylus", 40);
   EXPECT_EQ(harness.session->data().surface.size(), 30U);
   EXPECT_FALSE(FakeLoops::last<TraceRequest>(loops.navigation).on);
   EXPECT_STREQ(harness.ask(bregma_wire_COMMAND_START_TRACE, "Stylus").text,
-               "there are 30 surface samples, the most that are kept");
+               "there are 30 surface samples, the maximum");
 }
 
 } // namespace

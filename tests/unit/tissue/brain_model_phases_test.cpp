@@ -1,4 +1,4 @@
-// The model under a probe that goes in and comes out: phases and forces.
+// The model during insertion and withdrawal of a probe: phases and forces.
 #include <cmath>
 #include <random>
 
@@ -9,7 +9,7 @@
 namespace bregma::tissue {
 namespace {
 
-TEST(BrainModelPhases, FollowEachOtherAndTheTissueComesBack) {
+TEST(BrainModelPhases, AreSequentialAndTheTissueReturnsToRest) {
   Guided probe;
   probe.go_to(5.0, 20.0);
   EXPECT_EQ(probe.model.state().status, ModelStatus::kValid);
@@ -17,7 +17,7 @@ TEST(BrainModelPhases, FollowEachOtherAndTheTissueComesBack) {
   probe.go_to(-3.0, 10.0);
   EXPECT_EQ(probe.model.state().phase, Phase::kIndentation);
   EXPECT_EQ(probe.model.state().ruptures, 0);
-  EXPECT_NEAR(probe.model.state().depth_mm, 3.0, 0.3); // of the dent
+  EXPECT_NEAR(probe.model.state().depth_mm, 3.0, 0.3); // depth of the indentation
   EXPECT_GT(probe.model.state().tip_force_N, 0.01);
   probe.go_to(-25.0, 10.0);
   EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
@@ -34,7 +34,7 @@ TEST(BrainModelPhases, FollowEachOtherAndTheTissueComesBack) {
                                        Phase::kOutside}));
 }
 
-TEST(BrainModelPhases, ATouchWithoutARuptureIsForgottenAsTheProbeLeaves) {
+TEST(BrainModelPhases, ATouchWithoutRuptureIsResetWhenTheProbeLeaves) {
   Guided probe;
   probe.go_to(-3.0, 10.0);
   probe.go_to(10.0, 10.0);
@@ -44,7 +44,7 @@ TEST(BrainModelPhases, ATouchWithoutARuptureIsForgottenAsTheProbeLeaves) {
   EXPECT_LT(probe.largest_mm(), 0.05);
 }
 
-TEST(BrainModelPhases, ATremblingHandDoesNotChangeThem) {
+TEST(BrainModelPhases, TremorDoesNotChangeThePhase) {
   Guided probe;
   probe.go_to(-15.0, 10.0);
   for (int i = 0; i < 50; ++i) {
@@ -54,8 +54,8 @@ TEST(BrainModelPhases, ATremblingHandDoesNotChangeThem) {
   }
 }
 
-// A hand's tremor of 0.1 mm (1-sigma a coordinate) about 10 Hz, and as much noise of the tracker, without the
-// navigation's filter: the tissue may count as swinging, but not most of the time.
+// A hand's tremor of 0.1 mm (standard deviation per coordinate) at about 10 Hz and equal tracker noise, without the
+// navigation's filter. The tissue may be reported as settling, but not most of the time.
 TEST(BrainModelPhases, AProbeHeldByAHandIsFollowed) {
   Guided probe;
   probe.go_to(-25.0, 10.0);
@@ -76,7 +76,7 @@ TEST(BrainModelPhases, AProbeHeldByAHandIsFollowed) {
   EXPECT_GT(valid, kUpdates * 6 / 10);
 }
 
-TEST(BrainModelPhases, TheSetForceDecidesWhenTheSurfaceBreaks) {
+TEST(BrainModelPhases, TheRuptureForceDeterminesTheRupture) {
   double before_mm = 0.0;
   for (const double force_N : {0.03, 0.06, 0.12}) {
     BrainModelOptions options = in_an_opening();
@@ -92,7 +92,7 @@ TEST(BrainModelPhases, TheSetForceDecidesWhenTheSurfaceBreaks) {
   }
 }
 
-TEST(BrainModelPhases, AStressCanBreakTheSurfaceToo) {
+TEST(BrainModelPhases, AStressLimitCanRuptureTheSurface) {
   BrainModelOptions options = in_an_opening();
   options.insertion.rupture_force_N = 100.0;
   options.insertion.rupture_stress_Pa = 600.0;
@@ -102,7 +102,7 @@ TEST(BrainModelPhases, AStressCanBreakTheSurfaceToo) {
   EXPECT_LT(probe.model.state().rupture_force_N, 1.0);
 }
 
-TEST(BrainModelPhases, AHoleThatWasMadeIsEnteredWithoutASecondRupture) {
+TEST(BrainModelPhases, AnExistingHoleIsEnteredWithoutASecondRupture) {
   Guided probe;
   probe.go_to(-20.0, 10.0);
   probe.go_to(10.0, 10.0);
@@ -110,12 +110,12 @@ TEST(BrainModelPhases, AHoleThatWasMadeIsEnteredWithoutASecondRupture) {
   probe.go_to(-10.0, 10.0);
   EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
   EXPECT_EQ(probe.model.state().ruptures, 1);
-  EXPECT_LT(probe.model.state().tip_force_N, 0.5 * InsertionParameters{}.cutting_force_N); // the way is cut
+  EXPECT_LT(probe.model.state().tip_force_N, 0.5 * InsertionParameters{}.cutting_force_N); // the path is cut
 }
 
-TEST(BrainModelPhases, AMeasuredFallOfTheForceIsTheRupture) {
+TEST(BrainModelPhases, AMeasuredDropOfTheForceIsARupture) {
   BrainModelOptions options = in_an_opening();
-  options.probe.radius_mm = 1.5; // the dent is deeper than it is wide
+  options.probe.radius_mm = 1.5; // the indentation is deeper than it is wide
   Guided probe(options);
   probe.go_to(0.0, 10.0);
   const auto measure = [&](double force_N) {
@@ -131,13 +131,13 @@ TEST(BrainModelPhases, AMeasuredFallOfTheForceIsTheRupture) {
   ASSERT_EQ(probe.model.state().ruptures, 0);
   for (int i = 0; i < 10; ++i) {
     measure(0.01);
-    EXPECT_NE(probe.model.state().reason, ModelReason::kProbeLeftMesh); // tissue does not hold the shaft yet
+    EXPECT_NE(probe.model.state().reason, ModelReason::kProbeLeftMesh); // the tissue does not constrain the shaft yet
   }
   EXPECT_EQ(probe.model.state().phase, Phase::kPenetration);
   EXPECT_EQ(probe.model.state().ruptures, 1);
 }
 
-TEST(BrainModelPhases, AMeasuredForceCorrectsTheStiffnessAndTheForcesWithIt) {
+TEST(BrainModelPhases, AMeasuredForceCorrectsStiffnessAndForces) {
   Guided probe;
   probe.go_to(0.0, 10.0);
   for (int i = 0; i < 60; ++i) {

@@ -1,4 +1,4 @@
-// The model under a probe: reasons, and what every answer has to be.
+// The model with a probe: reasons, and conditions on every answer.
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -25,7 +25,7 @@ void expect_reason(const BrainState &state, ModelStatus status, ModelReason reas
   EXPECT_EQ(sentence_of(state.reason), sentence_of(reason));
 }
 
-TEST(BrainModelReasons, AProbeThatIsNotSeenIsHeldAndAfterASecondTheAnswerIsInvalid) {
+TEST(BrainModelReasons, AnUnseenProbeKeepsItsPoseAndIsInvalidAfterOneSecond) {
   Guided probe;
   probe.go_to(-15.0, 10.0);
   probe.wait(0.5);
@@ -42,7 +42,7 @@ TEST(BrainModelReasons, AProbeThatIsNotSeenIsHeldAndAfterASecondTheAnswerIsInval
   EXPECT_EQ(probe.model.state().status, ModelStatus::kValid);
 }
 
-TEST(BrainModelReasons, AProbeThatIsTooFastIsFollowedMoreSlowly) {
+TEST(BrainModelReasons, AProbeIsFollowedAtMostAtTheMaximumSpeed) {
   Guided probe;
   probe.go_to(-1.0, 10.0);
   probe.height_mm -= 4.0; // in 0.02 s
@@ -50,7 +50,7 @@ TEST(BrainModelReasons, AProbeThatIsTooFastIsFollowedMoreSlowly) {
   EXPECT_NEAR(probe.model.probe().tip_mm.z(), kTop_mm - 1.0 - 100.0 * test::kUpdate_s, 1e-6);
 }
 
-TEST(BrainModelReasons, ATurnThatNoHandMakesIsFollowedMoreSlowly) {
+TEST(BrainModelReasons, ARotationIsFollowedAtMostAtTheMaximumSpeed) {
   Guided probe;
   probe.go_to(-15.0, 10.0);
   ProbeObservation turned = probe.seen();
@@ -60,7 +60,7 @@ TEST(BrainModelReasons, ATurnThatNoHandMakesIsFollowedMoreSlowly) {
   EXPECT_GT(probe.model.probe().shaft.z(), 0.9);
 }
 
-TEST(BrainModelReasons, AJumpOutOfTheTissueSaysSo) {
+TEST(BrainModelReasons, AJumpOutOfTheTissueIsReported) {
   Guided probe;
   probe.go_to(-15.0, 10.0);
   probe.height_mm = 60.0;
@@ -69,12 +69,12 @@ TEST(BrainModelReasons, AJumpOutOfTheTissueSaysSo) {
   EXPECT_EQ(state.phase, Phase::kOutside);
 }
 
-TEST(BrainModelReasons, AProbeThatAppearsInsideHasAPathThatIsNotKnown) {
+TEST(BrainModelReasons, AProbeThatAppearsInsideHasAnUnknownPath) {
   Guided probe;
   probe.height_mm = -15.0;
   expect_reason(probe.update(probe.seen()), ModelStatus::kExtrapolating, ModelReason::kPathUnknown);
   expect_reason(probe.go_to(-18.0, 10.0), ModelStatus::kExtrapolating, ModelReason::kPathUnknown);
-  probe.go_to(10.0, 20.0); // until it has come out
+  probe.go_to(10.0, 20.0); // until it has left the tissue
   probe.wait(1.0);
   EXPECT_EQ(probe.model.state().status, ModelStatus::kValid);
 }
@@ -90,13 +90,13 @@ TEST(BrainModelReasons, TooFewStepsForTheClockAreTooSlow) {
   EXPECT_EQ(probe.model.state().steps, 0);
 }
 
-TEST(BrainModelReasons, AProbeThatComesOutOnTheFarSideHasLeftTheMesh) {
+TEST(BrainModelReasons, AProbeThatExitsOnTheFarSideHasLeftTheMesh) {
   Guided probe;
   probe.go_to(-kTop_mm - 5.0, 20.0);
   expect_reason(probe.model.state(), ModelStatus::kInvalid, ModelReason::kProbeLeftMesh);
 }
 
-TEST(BrainModelReasons, AProbeThatAppearsAcrossTheBrainIsThereWithoutAWayThatTissueCouldMakeForIt) {
+TEST(BrainModelReasons, AProbeThatAppearsAcrossTheBrainHasLeftTheMesh) {
   Guided probe;
   ProbeObservation across = probe.seen();
   across.pose.tip_mm = {-3.0, 30.3, kTop_mm - 2.0};
@@ -105,12 +105,12 @@ TEST(BrainModelReasons, AProbeThatAppearsAcrossTheBrainIsThereWithoutAWayThatTis
     expect_reason(probe.update(across), ModelStatus::kInvalid, ModelReason::kProbeLeftMesh);
   }
   EXPECT_EQ(probe.largest_mm(), 0.0);
-  probe.go_to(-15.0, 10.0); // and then from above
+  probe.go_to(-15.0, 10.0); // then from above
   probe.wait(0.5);
   EXPECT_EQ(probe.model.state().status, ModelStatus::kValid);
 }
 
-TEST(BrainModelReasons, WhatTheModelCannotFollowIsTakenBackAndThenPutToRest) {
+TEST(BrainModelReasons, RejectedStepsAreRolledBackAndThenResetToRest) {
   Guided probe;
   // The shaft appears lying on the surface, half of it in the tissue.
   ProbeObservation lying = probe.seen();
@@ -130,7 +130,7 @@ TEST(BrainModelReasons, WhatTheModelCannotFollowIsTakenBackAndThenPutToRest) {
   EXPECT_LT(probe.largest_mm(), 0.1);
 }
 
-TEST(BrainModelReasons, TissueThatStillSwingsIsSettling) {
+TEST(BrainModelReasons, ResidualVibrationIsSettling) {
   BrainModelOptions options = in_an_opening();
   options.solver.damping_per_s = 2.0;
   options.insertion.cutting_force_N = 0.0;
@@ -143,8 +143,8 @@ TEST(BrainModelReasons, TissueThatStillSwingsIsSettling) {
   EXPECT_TRUE(reasons.contains(ModelReason::kSettling)); // after the rupture
 }
 
-// What it swings is in the bound.
-TEST(BrainModelReasons, ASwingThatNoTrackerWouldSeeIsNotSettling) {
+// The bound includes the residual vibration.
+TEST(BrainModelReasons, VibrationBelowTrackerNoiseIsNotSettling) {
   for (const double vibration_mm : {0.1, 3.0}) {
     BrainModel model(block(), {}, in_an_opening());
     const int middle = model.solver().nodes() / 2;
@@ -174,9 +174,9 @@ TEST(BrainModelReasons, EveryReasonHasItsSentenceAndEveryPhaseAndStatusItsName) 
   EXPECT_EQ(name_of(ModelStatus::kExtrapolating), "extrapolating");
 }
 
-// ---- what an update may be given ----
+// ---- inputs of an update ----
 
-TEST(BrainModelInputs, APoseThatIsNoPoseIsAProbeThatIsNotSeen) {
+TEST(BrainModelInputs, AnInvalidPoseCountsAsNotSeen) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (int kind = 0; kind < 4; ++kind) {
     Guided probe;
@@ -199,7 +199,7 @@ TEST(BrainModelInputs, APoseThatIsNoPoseIsAProbeThatIsNotSeen) {
   }
 }
 
-TEST(BrainModelInputs, AShaftOfAnyLengthIsADirection) {
+TEST(BrainModelInputs, TheShaftsDirectionIsNormalised) {
   Guided probe;
   probe.go_to(-15.0, 10.0);
   probe.wait(0.5);
@@ -209,7 +209,7 @@ TEST(BrainModelInputs, AShaftOfAnyLengthIsADirection) {
   EXPECT_NEAR(probe.model.probe().shaft.norm(), 1.0, 1e-9);
 }
 
-TEST(BrainModelInputs, AForceThatIsNotANumberIsNoForce) {
+TEST(BrainModelInputs, AForceThatIsNotFiniteIsIgnored) {
   Guided probe;
   probe.go_to(-4.0, 10.0);
   ProbeObservation wrong = probe.seen();
@@ -224,7 +224,7 @@ TEST(BrainModelInputs, AForceThatIsNotANumberIsNoForce) {
   EXPECT_TRUE(std::isfinite(probe.model.state().tip_force_N));
 }
 
-TEST(BrainModelInputs, ATimeThatIsNoTimeMovesNothing) {
+TEST(BrainModelInputs, ZeroElapsedTimeDoesNotMoveTheProbe) {
   Guided probe;
   probe.go_to(-15.0, 10.0);
   const Vector3d before_mm = probe.model.probe().tip_mm;
@@ -265,7 +265,7 @@ TEST(BrainModelInputs, TargetsInsideAreFollowedAndThoseOutsideAreNot) {
   Guided probe;
   probe.go_to(-8.0, 10.0);
   ASSERT_TRUE(probe.model.points()[0].inside);
-  EXPECT_LT(probe.model.points()[0].displacement_mm.z(), -0.05); // pushed before the tip
+  EXPECT_LT(probe.model.points()[0].displacement_mm.z(), -0.05); // pushed ahead of the tip
   EXPECT_GT(probe.model.points()[0].error_bound_mm, 0.0);
   EXPECT_GT(probe.model.points()[0].von_mises_Pa, 0.0);
   EXPECT_FALSE(probe.model.points()[1].inside);
@@ -273,7 +273,7 @@ TEST(BrainModelInputs, TargetsInsideAreFollowedAndThoseOutsideAreNot) {
   EXPECT_EQ(probe.model.points()[0].displacement_mm.norm(), 0.0);
 }
 
-TEST(BrainModelRefusals, SayWhatIsWrong) {
+TEST(BrainModelRefusals, AreReportedWithTheReason) {
   const auto refusal = [](auto &&spoil) -> std::string {
     BrainModelOptions options = in_an_opening();
     spoil(options);
@@ -293,10 +293,10 @@ TEST(BrainModelRefusals, SayWhatIsWrong) {
             "insertion: a cutting or friction force of -0.500000, must not be negative");
 }
 
-// ---- anything ----
+// ---- random insertions ----
 
-// bench_tissue --only robustness makes 200 insertions into 20,000 tetrahedra.
-TEST(BrainModelRobustness, RandomInsertionsNeverMakeAWrongAnswerThatIsCalledValid) {
+// bench_tissue --only robustness runs 200 insertions into 20,000 tetrahedra.
+TEST(BrainModelRobustness, RandomInsertionsNeverGiveAWrongValidAnswer) {
   constexpr std::uint32_t kFirstSeed = 20;
   constexpr std::uint32_t kInsertions = 6;
   std::printf("seeds %u to %u\n", kFirstSeed, kFirstSeed + kInsertions - 1);
@@ -308,7 +308,7 @@ TEST(BrainModelRobustness, RandomInsertionsNeverMakeAWrongAnswerThatIsCalledVali
   for (std::uint32_t seed = kFirstSeed; seed < kFirstSeed + kInsertions; ++seed) {
     all.add(test::insert_at_random(model, site, test::physical_bounds(options), seed));
   }
-  EXPECT_GT(all.valid, all.updates / 2); // else nothing has been looked at
+  EXPECT_GT(all.valid, all.updates / 2); // otherwise the test checks nothing
   EXPECT_EQ(all.failures(), 0);
   for (const std::string &example : all.examples) {
     ADD_FAILURE() << example;

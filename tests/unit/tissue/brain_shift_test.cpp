@@ -1,4 +1,4 @@
-// Brain shift against columns under their own weight, and what must be so on an egg in its skull.
+// Brain shift compared with columns under their own weight, and properties on an egg in its skull.
 #include "algorithms/tissue/brain_shift.hpp"
 
 #include <cmath>
@@ -41,7 +41,7 @@ BrainShiftOptions standing() {
   return options;
 }
 
-TEST(BrainShiftLoad, IsTheBuoyancyThatTheFluidLostWhereverItsLevelCutsTheTetrahedra) {
+TEST(BrainShiftLoad, IsTheLostBuoyancyForAnyFluidLevel) {
   BrainShiftOptions options = standing();
   for (const double drop_mm : {0.0, 0.5, 3.0, 9.9, 10.0, 37.0, 96.3, 100.0, 140.0}) {
     options.fluid_drop_mm = drop_mm;
@@ -70,7 +70,7 @@ TEST(BrainShiftLoad, TurnsWithTheHead) {
   }
 }
 
-TEST(BrainShiftLoad, OfASubmergedHeadThatLiesOtherwiseThanImagedIsItsWeightLessBuoyancy) {
+TEST(BrainShiftLoad, OfASubmergedHeadInAnotherPostureIsWeightLessBuoyancy) {
   BrainShiftOptions options = standing();
   options.fluid_drop_mm = 0.0;
   options.gravity = Vector3d::UnitX();
@@ -79,14 +79,14 @@ TEST(BrainShiftLoad, OfASubmergedHeadThatLiesOtherwiseThanImagedIsItsWeightLessB
   EXPECT_LT((load_N - weight_N * Vector3d(1.0, 0.0, 1.0)).norm(), 1e-9);
 }
 
-TEST(BrainShiftLoad, EndsAtTheCraniotomysLowestEdgeWhereNoLevelIsGiven) {
+TEST(BrainShiftLoad, DefaultsToTheCraniotomysLowestEdge) {
   BrainShiftOptions options = standing();
-  EXPECT_EQ(sum(shift_load_N(column(), options)).norm(), 0.0); // a closed skull loses nothing
+  EXPECT_EQ(sum(shift_load_N(column(), options)).norm(), 0.0); // a closed skull loses no fluid
   options.skull.craniotomy = {{10.0, 10.0, kHigh_mm}, 35.0};   // the lowest nodes within it are 30 mm down
   EXPECT_NEAR(predict_shift(column(), options).fluid_drop_mm, 30.0, 1e-9);
 }
 
-// Between walls that it slides along, a column gets shorter by rho g h^2 / (2 M), M the modulus without strain across.
+// A column between sliding walls shortens by rho g h^2 / (2 M), with the modulus M for zero lateral strain.
 TEST(BrainShiftColumn, BetweenWallsSinksByItsWeightOverTwiceTheWaveModulus) {
   const TetMesh mesh = column();
   BrainShiftOptions options = standing();
@@ -114,11 +114,11 @@ TEST(BrainShiftColumn, BetweenWallsSinksByItsWeightOverTwiceTheWaveModulus) {
   }
 }
 
-// The whole prediction: with a craniotomy that leaves all but the foot free, and nu 0, M is E.
+// The complete prediction: with a craniotomy that leaves all except the bottom free, and nu 0, M equals E.
 TEST(BrainShiftColumn, FreeOnItsFootSinksByItsWeightOverTwiceYoungsModulus) {
   BrainShiftOptions options = standing();
   options.material.poisson = 0.0;
-  options.material.young_Pa = 2.1e6; // so that little sinks below the level
+  options.material.young_Pa = 2.1e6; // so that little tissue sinks below the level
   options.skull = {.sliding = false, .gap_mm = 0.0, .craniotomy = {{10.0, 10.0, 1000.0}, 999.5}};
   options.relax.tolerance = 1e-5;
   const double lost_N_m3 = options.fluid_kg_m3 * kG_m_s2;
@@ -126,12 +126,12 @@ TEST(BrainShiftColumn, FreeOnItsFootSinksByItsWeightOverTwiceYoungsModulus) {
     options.fluid_drop_mm = drop_mm;
     const BrainShift shift = predict_shift(column(), options);
     ASSERT_TRUE(shift.relaxation.converged) << drop_mm;
-    // The load above the level: constant force below it, falling to nothing above.
+    // The load of the part above the level: constant force below it, decreasing to zero at the top.
     const double drop_m = 1e-3 * drop_mm;
     const double below_m = 1e-3 * (kHigh_mm - drop_mm);
     const double sinks_mm = 1e3 * lost_N_m3 * drop_m * (below_m + 0.5 * drop_m) / options.material.young_Pa;
     const std::vector<int> top = test::nodes_at(column(), 2, kHigh_mm);
-    double mean_mm = 0.0; // loads of nodes are not even over a face
+    double mean_mm = 0.0; // nodal loads are not uniform over a face
     for (const int node : top) {
       mean_mm += shift.displacement_mm[static_cast<std::size_t>(node)].z() / static_cast<double>(top.size());
     }
@@ -160,7 +160,7 @@ BrainShiftOptions opened_above(const Vector3d &down) {
   return options;
 }
 
-TEST(BrainShiftEgg, NothingNewMovesNothing) {
+TEST(BrainShiftEgg, AnUnchangedLoadMovesNothing) {
   BrainShiftOptions options = opened_above(-Vector3d::UnitY());
   options.fluid_drop_mm = 0.0;
   const BrainShift shift = predict_shift(egg(), options);
@@ -168,7 +168,7 @@ TEST(BrainShiftEgg, NothingNewMovesNothing) {
   EXPECT_EQ(shift.surface.displacement_mm.norm(), 0.0);
 }
 
-TEST(BrainShiftEgg, SinksTheWayThingsFallAndStaysInTheSkull) {
+TEST(BrainShiftEgg, SinksAlongGravityAndStaysInTheSkull) {
   for (const Vector3d &down : {Vector3d(0, -1, 0), Vector3d(1, 0, 0), Vector3d(0, 1, 0)}) {
     const BrainShiftOptions options = opened_above(down);
     const BrainShift shift = predict_shift(egg(), options);
@@ -176,10 +176,10 @@ TEST(BrainShiftEgg, SinksTheWayThingsFallAndStaysInTheSkull) {
     EXPECT_EQ(shift.inverted_elements, 0);
     for (const ShiftedPoint &point : {shift.surface, shift.deep}) {
       ASSERT_GE(point.node, 0);
-      EXPECT_GT(point.displacement_mm.dot(down), 0.5 * point.displacement_mm.norm()); // it slides along the skull, too
+      EXPECT_GT(point.displacement_mm.dot(down), 0.5 * point.displacement_mm.norm()); // it also slides along the skull
     }
     const Vector3d mean_mm = sum(shift.displacement_mm) / static_cast<double>(shift.displacement_mm.size());
-    EXPECT_GT(mean_mm.dot(down), 0.8 * mean_mm.norm()); // the falx turns it aside
+    EXPECT_GT(mean_mm.dot(down), 0.8 * mean_mm.norm()); // the falx deflects it
     EXPECT_GT(shift.surface.displacement_mm.norm(), shift.deep.displacement_mm.norm());
     EXPECT_GT(shift.deep.displacement_mm.norm(), 0.1);
     const surface::SurfaceModel skull({egg().nodes_mm, boundary_of(egg()).triangles});
@@ -193,7 +193,7 @@ TEST(BrainShiftEgg, SinksTheWayThingsFallAndStaysInTheSkull) {
   }
 }
 
-TEST(BrainShiftEgg, SinksFartherTheLowerTheFluidStands) {
+TEST(BrainShiftEgg, SinksFartherWithALowerFluidLevel) {
   BrainShiftOptions options = opened_above(-Vector3d::UnitY());
   double surface_mm = 0.0;
   double deep_mm = 0.0;
@@ -230,7 +230,7 @@ std::string shift_refusal(const std::function<void(BrainShiftOptions &)> &spoil)
   return "";
 }
 
-TEST(BrainShiftRefusals, SayWhatIsWrong) {
+TEST(BrainShiftRefusals, AreReportedWithTheReason) {
   using O = BrainShiftOptions;
   EXPECT_EQ(shift_refusal([](O &o) { o.gravity.setZero(); }),
             "brain shift: gravity has the length 0.000000, must be a direction");

@@ -1,4 +1,4 @@
-// What a probe and a block of tissue do to each other: pressing on the surface, and along a cut.
+// Contact between a probe and a block of tissue: on the surface, and along a cut.
 #include "algorithms/tissue/contact/probe_contact.hpp"
 
 #include <cmath>
@@ -15,18 +15,19 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 
-// On this mesh within an eighth; bench_tissue --only hertz shows that finer ones come within 5 %.
-TEST(SurfaceContactHertz, ASphereOnAHalfSpaceNeedsHertzForce) {
+// 12.5 % on this mesh; bench_tissue --only hertz shows 5 % on finer ones.
+TEST(SurfaceContactHertz, ASphereOnAHalfSpaceMatchesHertz) {
   for (const double poisson : {0.3, 0.45}) {
     const test::HertzAnswer answer =
         test::hertz(20.0, 0.5, poisson, {.cell_mm = 0.8, .even_cells = 8, .growing_cells = 7, .growth = 1.6}, 2000);
     EXPECT_LT(answer.unsettled, 0.01) << poisson;
     EXPECT_LT(answer.contact_N.error(), 0.125) << answer.contact_N.value << " N, not " << answer.contact_N.reference;
-    EXPECT_NEAR(answer.support_N.value, answer.contact_N.value, 0.03 * answer.contact_N.value); // it goes to the foot
+    EXPECT_NEAR(answer.support_N.value, answer.contact_N.value,
+                0.03 * answer.contact_N.value); // transmitted to the bottom
   }
 }
 
-// A block of 40 x 40 x 20 mm on a plate that holds it.
+// A block of 40 x 40 x 20 mm, fixed at the bottom.
 class HeldBlock {
 public:
   HeldBlock()
@@ -46,7 +47,7 @@ public:
 
 // ---- friction ----
 
-// A sphere so large that its pole is nearly flat rests on the block, and is then pulled aside.
+// A sphere with a nearly flat pole rests on the block and is then moved sideways.
 class Rubbed : public HeldBlock {
 public:
   explicit Rubbed(double friction)
@@ -75,7 +76,7 @@ public:
       }
     }
   }
-  // On the tissue, over the second half of the last move: impulses come and go.
+  // Mean force on the tissue over the second half of the last move, because the impulses fluctuate.
   [[nodiscard]] const Vector3f &mean_N() const { return mean_N_; }
 
 private:
@@ -84,23 +85,23 @@ private:
   Vector3f mean_N_ = Vector3f::Zero();
 };
 
-TEST(SurfaceContactFriction, WithoutFrictionNothingPullsAside) {
+TEST(SurfaceContactFriction, WithoutFrictionThereIsNoTangentialForce) {
   Rubbed block(0.0);
   EXPECT_LT(block.mean_N().z(), -0.05F);
   block.move({10e-3F, 0.0, 0.0}, 0.2);
   EXPECT_LT(std::abs(block.mean_N().x()), 0.02F * std::abs(block.mean_N().z()));
 }
 
-TEST(SurfaceContactFriction, SlidingPullsWithItsShareOfThePressure) {
+TEST(SurfaceContactFriction, SlidingFrictionIsProportionalToThePressure) {
   for (const double friction : {0.1, 0.3}) {
     Rubbed block(friction);
-    block.move({40e-3F, 0.0, 0.0}, 0.3); // 12 mm: far more than the block can be sheared by
+    block.move({40e-3F, 0.0, 0.0}, 0.3); // 12 mm: far more than the shear at which it slips
     const auto ratio = static_cast<double>(block.mean_N().x() / -block.mean_N().z());
     EXPECT_NEAR(ratio, friction, 0.2 * friction) << friction;
   }
 }
 
-TEST(SurfaceContactFriction, ASmallPullSticks) {
+TEST(SurfaceContactFriction, ASmallTangentialLoadSticks) {
   Rubbed block(0.8);
   block.move({2e-3F, 0.0, 0.0}, 0.1); // 0.2 mm
   const float ratio = block.mean_N().x() / -block.mean_N().z();
@@ -108,7 +109,7 @@ TEST(SurfaceContactFriction, ASmallPullSticks) {
   EXPECT_LT(ratio, 0.7F);
 }
 
-TEST(SurfaceContactFriction, AProbeThatIsNotActiveTouchesNothing) {
+TEST(SurfaceContactFriction, AnInactiveContactHasNoForce) {
   HeldBlock block;
   SurfaceContact contact(block.mesh, block.boundary, {});
   block.solver.set_contacts({&contact});
@@ -124,7 +125,7 @@ TEST(SurfaceContactFriction, AProbeThatIsNotActiveTouchesNothing) {
 
 // ---- the cut ----
 
-// A thin probe that stands in the block from above.
+// A thin probe inserted into the block from above.
 class CutBlock : public HeldBlock {
 public:
   CutBlock(double depth_mm, const CutContact::Forces &forces, double section_radius_mm = 2.5)
@@ -169,7 +170,7 @@ private:
   PlacedProbe probe_;
 };
 
-TEST(CutContact, TheTipPushesWithTheCuttingForceAndNoMore) {
+TEST(CutContact, TheTipPushesWithAtMostTheCuttingForce) {
   CutBlock block(5.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.0F});
   block.move(20e-3F, 0.4);
   EXPECT_LE(block.most_tip_N, 0.0501F);
@@ -185,15 +186,15 @@ TEST(CutContact, TissueThatIsCutAlreadyDoesNotResistTheTip) {
   EXPECT_EQ(block.most_tip_N, 0.0F);
 }
 
-TEST(CutContact, FrictionIsInProportionToTheLengthInside) {
+TEST(CutContact, FrictionIsProportionalToTheLengthInside) {
   constexpr float kFriction_N_per_m = 2.0F;
   for (const double depth_mm : {5.0, 10.0}) {
     CutBlock block(depth_mm, {.cutting_N = 0.0F, .friction_N_per_m = kFriction_N_per_m});
     block.move(20e-3F, 0.2); // 4 mm
-    // A point is held for every 2.5 mm, so the length counts in such pieces.
+    // One point is constrained per 2.5 mm, so the length is a multiple of 2.5 mm.
     const float length_m = 1e-3F * static_cast<float>(depth_mm + 3.0);
     EXPECT_NEAR(block.mean_friction_N(), kFriction_N_per_m * length_m, kFriction_N_per_m * 2.5e-3F) << depth_mm;
-    block.move(-20e-3F, 0.1); // back by 2 mm: the other way
+    block.move(-20e-3F, 0.1); // back by 2 mm: opposite friction
     EXPECT_LT(block.mean_friction_N(), -0.5F * kFriction_N_per_m * length_m) << depth_mm;
   }
 }
@@ -201,14 +202,14 @@ TEST(CutContact, FrictionIsInProportionToTheLengthInside) {
 TEST(CutContact, TissueAlongTheCutStaysOnTheAxis) {
   CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F});
   block.move(10e-3F, 0.3);
-  // The probe does not move aside: nor does the tissue around it.
+  // The probe does not move sideways, and neither does the tissue around it.
   for (int i = 0; i < block.solver.nodes(); ++i) {
     EXPECT_LT(block.solver.displacement_mm(i).head<2>().norm(), 1.5) << i;
   }
   EXPECT_EQ(block.solver.inverted_elements(), 0);
 }
 
-TEST(CutContact, AShaftMovedAsideTakesTissueWithItAndDiscsSpareTheTetrahedraAroundIt) {
+TEST(CutContact, AShaftMovedSidewaysMovesTissueWithoutInvertingTetrahedra) {
   const auto max_compression = [](double section_radius_mm) {
     CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F}, section_radius_mm);
     block.move({20e-3F, 0.0F, 0.0F}, 0.2); // 4 mm
@@ -226,21 +227,21 @@ TEST(CutContact, AShaftMovedAsideTakesTissueWithItAndDiscsSpareTheTetrahedraArou
   EXPECT_LT(max_compression(3.0), 0.8 * max_compression(0.0)); // 0.0: single points
 }
 
-TEST(CutContact, AShaftPushedAsideWithMoreThanTissueBearsCutsIt) {
+TEST(CutContact, AShaftUnderALargeSidewaysLoadCutsTheTissue) {
   constexpr float kBears_N_per_m = 2.0F;
   CutBlock block(10.0, {.cutting_N = 0.0F, .friction_N_per_m = 0.0F, .sideways_N_per_m = kBears_N_per_m});
   block.move({20e-3F, 0.0F, 0.0F}, 0.4);                                                    // 8 mm
-  EXPECT_NEAR(block.mean_shaft_N.x(), kBears_N_per_m * 12.5e-3F, kBears_N_per_m * 2.5e-3F); // of five discs
+  EXPECT_NEAR(block.mean_shaft_N.x(), kBears_N_per_m * 12.5e-3F, kBears_N_per_m * 2.5e-3F); // over five sections
   double farthest_mm = 0.0;
   for (int i = 0; i < block.solver.nodes(); ++i) {
     farthest_mm = std::max(farthest_mm, block.solver.displacement_mm(i).x());
   }
   EXPECT_LT(farthest_mm, 4.0);
-  block.move({-20e-3F, 0.0F, 0.0F}, 0.2); // what was cut pushes the other way only after the tissue has gone back
+  block.move({-20e-3F, 0.0F, 0.0F}, 0.2); // the cut tissue pushes in the other direction only after it has returned
   EXPECT_LT(block.mean_shaft_N.x(), 0.5F * kBears_N_per_m * 12.5e-3F);
 }
 
-TEST(CutContact, WithdrawalGivesUpWhatWasHeldAndComesOut) {
+TEST(CutContact, WithdrawalReleasesTheSectionsAndLeavesTheTissue) {
   CutBlock block(10.0, {.cutting_N = 0.05F, .friction_N_per_m = 0.5F});
   EXPECT_NEAR(block.contact.length_m(), 10e-3F, 2.6e-3F);
   float before_m = block.contact.length_m();
@@ -255,7 +256,7 @@ TEST(CutContact, WithdrawalGivesUpWhatWasHeldAndComesOut) {
   for (int i = 0; i < block.solver.nodes(); ++i) {
     largest_mm = std::max(largest_mm, block.solver.displacement_mm(i).norm());
   }
-  EXPECT_LT(largest_mm, 0.05); // nothing holds it any longer
+  EXPECT_LT(largest_mm, 0.05); // no constraint remains
 }
 
 } // namespace

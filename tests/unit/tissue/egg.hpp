@@ -1,5 +1,5 @@
 // An egg of tissue for tests of the skull and of brain shift: longest from front to back, like a brain. A ball would
-// turn in its skull.
+// rotate in its skull.
 #pragma once
 
 #include "algorithms/tissue/mesh/lattice_mesh.hpp"

@@ -1,4 +1,4 @@
-// Every kernel against the laws in double precision (constitutive.hpp), tetrahedron by tetrahedron.
+// Every kernel compared with the laws in double precision (constitutive.hpp), tetrahedron by tetrahedron.
 #include "algorithms/tissue/solver/element_kernel.hpp"
 
 #include <array>
@@ -20,7 +20,7 @@ using Eigen::Vector3d;
 constexpr unsigned kKernelSeed = 20261125;
 constexpr std::size_t kPacks = 16;
 
-// Tetrahedra that share no node, each under a deformation gradient of its own.
+// Tetrahedra without common nodes, each with its own deformation gradient.
 struct Pieces {
   std::vector<ElementPack> packs = std::vector<ElementPack>(kPacks);
   std::vector<NodeVector> nodes;
@@ -34,7 +34,7 @@ Pieces make_pieces(double size, std::mt19937 &rng) {
   const auto random = [&] { return Matrix3d(Matrix3d::NullaryExpr([&] { return unit(rng); })); };
   Pieces out;
   for (std::size_t e = 0; e < kPacks * kPack; ++e) {
-    // About 5 mm, upright; deformed and turned, but not near kInvertedVolume.
+    // About 5 mm, positively oriented; deformed and rotated, but not close to kInvertedVolume.
     const Matrix3d edges = 0.005 * (Matrix3d::Identity() + 0.3 * random());
     Matrix3d f;
     do {
@@ -47,7 +47,7 @@ Pieces make_pieces(double size, std::mt19937 &rng) {
     const double pressure = 300.0 * unit(rng);
     ElementPack &pack = out.packs[e / kPack];
     const std::size_t lane = e % kPack;
-    Matrix3d h; // as floats hold it
+    Matrix3d h; // rounded to floats
     std::array<NodeVector, 4> u;
     for (int i = 0; i < 4; ++i) {
       const Vector3d at = i == 0 ? base : Vector3d(base + (f - Matrix3d::Identity()) * edges.col(i - 1));
@@ -107,7 +107,7 @@ protected:
     work.force_N = forces.data();
     work.volume_change_m3 = volumes.data();
   }
-  // Largest difference to the forces of what is left of the shear stress, over all tetrahedra, by the largest force.
+  // Largest difference from the forces of the relaxed shear stress over all tetrahedra, relative to the largest force.
   template <class Left> double force_error(const Left &left) const {
     double worst = 0.0;
     for (std::size_t e = 0; e < pieces.gradient.size(); ++e) {
@@ -139,10 +139,10 @@ protected:
   ElementWork work;
 };
 
-// For differences of energies, which floats resolve only where they are large.
+// For differences of energies, which floats resolve only if they are large.
 class LargeDeformation : public EveryKernel {};
 
-TEST_P(EveryKernel, GivesTheForcesOfTheLaw) {
+TEST_P(EveryKernel, ComputesTheForcesOfTheLaw) {
   for (const ElementKernel &kernel : element_kernels()) {
     clear();
     const ElementSums sums = kernel.add_forces(work, material.law);
@@ -151,7 +151,7 @@ TEST_P(EveryKernel, GivesTheForcesOfTheLaw) {
   }
 }
 
-TEST_P(EveryKernel, GivesTheChangesOfVolume) {
+TEST_P(EveryKernel, ComputesTheChangesOfVolume) {
   for (const ElementKernel &kernel : element_kernels()) {
     clear();
     kernel.add_volumes(work, material.law);
@@ -166,9 +166,9 @@ TEST_P(EveryKernel, GivesTheChangesOfVolume) {
   }
 }
 
-TEST_P(EveryKernel, MayTakeATetrahedronsOwnPressure) {
+TEST_P(EveryKernel, SupportsElementPressure) {
   for (NodeVector &node : pieces.nodes) {
-    node.w = 0.0F; // of which the rest is then made
+    node.w = 0.0F; // the rest state is computed from it
   }
   for (std::size_t e = 0; e < pieces.gradient.size(); ++e) {
     pieces.pressure_Pa[e] = pressure_Pa(material, pieces.gradient[e]);
@@ -181,16 +181,16 @@ TEST_P(EveryKernel, MayTakeATetrahedronsOwnPressure) {
   }
 }
 
-// The force is minus the gradient of the energy that the kernel states: central difference along the forces.
-TEST_P(LargeDeformation, StatesTheEnergyWhoseGradientIsTheForce) {
+// The force is the negative gradient of the kernel's energy: central difference along the forces.
+TEST_P(LargeDeformation, TheForceIsTheGradientOfTheEnergy) {
   for (const bool mirrored : {false, true}) {
     if (mirrored && material.law == Law::kLinear) {
-      continue; // has no upside
+      continue; // has no inverted configuration
     }
     work.element_bulk_Pa = mirrored ? 0.0F : static_cast<float>(0.5 * material.bulk_Pa());
     if (mirrored) {
       for (std::size_t e = 0; e < pieces.gradient.size(); ++e) {
-        // The last corner goes through the opposite face.
+        // The last corner moves through the opposite face.
         NodeVector &last = pieces.nodes[4 * e + 3];
         const Vector3d way =
             -(1.2 + 0.5 * static_cast<double>(e % 3)) * pieces.gradient[e] * pieces.shape[e].inverse().col(2);
@@ -256,7 +256,7 @@ TEST_P(EveryKernel, RelaxesByPronysSeries) {
   }
 }
 
-TEST_P(EveryKernel, FillsAPackUpWithNothing) {
+TEST_P(EveryKernel, PadsAPackWithoutEffect) {
   ElementPack empty{};
   work.packs = {&empty, 1};
   for (const ElementKernel &kernel : element_kernels()) {

@@ -15,13 +15,13 @@ namespace {
 
 using Eigen::Vector3d;
 
-TEST(SymmetryPlane, OfAnEggThatIsTurnedAndMovedIsItsMiddle) {
+TEST(SymmetryPlane, OfARotatedAndMovedEggIsItsMidplane) {
   surface::TriangleMesh egg = test::make_sphere(4, 1.0, Vector3d::Zero());
   const Eigen::Matrix3d turn =
       (Eigen::AngleAxisd(0.15, Vector3d::UnitZ()) * Eigen::AngleAxisd(-0.1, Vector3d::UnitY())).toRotationMatrix();
   const Vector3d moved_mm(7.0, -20.0, 30.0);
   for (Vector3d &vertex : egg.vertices_mm) {
-    // Blunt behind: it has no other plane of symmetry but the one across z.
+    // Blunt at the back, so that the only plane of symmetry is normal to z.
     vertex = turn * vertex.cwiseProduct(Vector3d(55.0, vertex.y() < 0.0 ? 60.0 : 80.0, 45.0)) + moved_mm;
   }
   const Plane plane = symmetry_plane(egg.vertices_mm, surface::SurfaceModel(egg), Vector3d::UnitX());
@@ -63,7 +63,7 @@ protected:
   ExplicitSolver solver;
 };
 
-TEST_F(EggWithFalx, IsASickleInTheMiddleNarrowInFrontAndBroadBehind) {
+TEST_F(EggWithFalx, IsInTheMidplaneNarrowInFrontAndWideBehind) {
   double front_mm = 0.0;
   double back_mm = 0.0;
   double lowest_mm = 0.0;
@@ -75,13 +75,13 @@ TEST_F(EggWithFalx, IsASickleInTheMiddleNarrowInFrontAndBroadBehind) {
     lowest_mm = std::min(lowest_mm, at_mm.z());
   }
   EXPECT_GT(front_mm, 20.0);
-  EXPECT_LT(front_mm, 38.0); // half way between 25 and 50, at the vertex
-  EXPECT_GT(back_mm, 30.0);  // nothing is deeper than 36 in this egg
+  EXPECT_LT(front_mm, 38.0); // midway between 25 and 50, at the vertex
+  EXPECT_GT(back_mm, 30.0);  // no point of this egg is deeper than 36
   EXPECT_LT(lowest_mm, -5.0);
   EXPECT_GT(lowest_mm, -20.0);
 }
 
-TEST_F(EggWithFalx, HoldsTissueAcrossItAndLetsItSlideAlong) {
+TEST_F(EggWithFalx, ConstrainsTissueAcrossAndLetsItSlideAlong) {
   const double across_mm = farthest_mm(Vector3d::UnitX(), true);
   for (const int node : falx.nodes()) {
     EXPECT_LT(std::abs(falx.plane().normal().dot(solver.displacement_mm(node))), 1e-3);

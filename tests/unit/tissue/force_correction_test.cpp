@@ -1,4 +1,4 @@
-// What measured forces say about the model.
+// Correction of the model by measured forces.
 #include "algorithms/tissue/contact/force_correction.hpp"
 
 #include <random>
@@ -17,14 +17,14 @@ TEST(ForceCorrection, FindsTheTrueStiffnessThroughNoise) {
     ForceCorrection correction;
     correction.touch();
     for (int i = 0; i < 200; ++i) {
-      const double modelled_N = 0.001 * i; // as the tip goes in
+      const double modelled_N = 0.001 * i; // during insertion
       correction.indent(modelled_N, truth * modelled_N + noise_N(random), kStep_s);
     }
     EXPECT_NEAR(correction.scale(), truth, 0.05 * truth);
   }
 }
 
-TEST(ForceCorrection, ForgetsWhatIsLongPast) {
+TEST(ForceCorrection, OldSamplesLoseTheirWeight) {
   ForceCorrection correction;
   for (int i = 0; i < 200; ++i) {
     correction.indent(0.1, 0.1, kStep_s);
@@ -36,7 +36,7 @@ TEST(ForceCorrection, ForgetsWhatIsLongPast) {
   EXPECT_NEAR(correction.scale(), 0.5, 0.01);
 }
 
-TEST(ForceCorrection, LearnsNothingFromForcesBelowTheSensorsNoise) {
+TEST(ForceCorrection, IgnoresForcesBelowTheSensorsNoise) {
   ForceCorrection correction;
   for (int i = 0; i < 100; ++i) {
     correction.indent(0.005, 0.05, kStep_s);
@@ -53,17 +53,17 @@ TEST(ForceCorrection, StaysWithinTenfoldEitherWay) {
   }
   EXPECT_EQ(stiff.scale(), 10.0);
   EXPECT_EQ(soft.scale(), 0.1);
-  EXPECT_EQ(pulled.scale(), 1.0); // tissue does not pull the tip in: nothing is learnt
+  EXPECT_EQ(pulled.scale(), 1.0); // tissue does not pull the tip in, so the scale does not change
 }
 
-TEST(ForceCorrection, SeesAFallThatLastsAndNotOneWrongSample) {
+TEST(ForceCorrection, DetectsALastingDropAndNotOneWrongSample) {
   ForceCorrection correction;
   correction.touch();
   for (int i = 1; i <= 50; ++i) {
     correction.indent(0.002 * i, 0.002 * i, kStep_s);
     EXPECT_FALSE(correction.dropped()) << i;
   }
-  correction.indent(0.1, 0.08, kStep_s); // within what a hand does
+  correction.indent(0.1, 0.08, kStep_s); // within the variation of a hand
   EXPECT_FALSE(correction.dropped());
   correction.indent(0.1, 0.04, kStep_s);
   EXPECT_FALSE(correction.dropped()); // one sample
@@ -71,11 +71,11 @@ TEST(ForceCorrection, SeesAFallThatLastsAndNotOneWrongSample) {
     correction.indent(0.1, 0.04, kStep_s);
   }
   EXPECT_TRUE(correction.dropped());
-  correction.touch(); // the next touch begins from nothing
+  correction.touch(); // the next touch starts from the default
   EXPECT_FALSE(correction.dropped());
 }
 
-TEST(ForceCorrection, AForceWithinTheNoiseIsNoPeakToFallFrom) {
+TEST(ForceCorrection, ADropWithinTheNoiseIsNotARupture) {
   ForceCorrection correction;
   for (int i = 0; i < 10; ++i) {
     correction.indent(0.02, 0.025, kStep_s);
@@ -86,7 +86,7 @@ TEST(ForceCorrection, AForceWithinTheNoiseIsNoPeakToFallFrom) {
   EXPECT_FALSE(correction.dropped());
 }
 
-TEST(ForceCorrection, TheCuttingForceTakesUpWhatTheModelLacks) {
+TEST(ForceCorrection, TheCuttingForceCorrectsTheModel) {
   ForceCorrection correction;
   const double truth_N = 0.15;
   for (int i = 0; i < 200; ++i) {

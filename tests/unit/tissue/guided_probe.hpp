@@ -1,4 +1,4 @@
-// A brain model and a probe that is led into it, for tests.
+// A brain model and a guided probe, for tests.
 #pragma once
 
 #include <algorithm>
@@ -10,7 +10,7 @@
 
 namespace bregma::tissue {
 
-// A block, fixed but for an opening above, that is open for the probe.
+// A block that is fixed except for an opening at the top, where the probe enters.
 inline constexpr double kSide_mm = 60.0;
 inline constexpr double kTop_mm = 40.0;
 inline const Eigen::Vector3d kEntry_mm(30.3, 29.6, kTop_mm);
@@ -32,7 +32,7 @@ public:
       : model(block(), std::vector<Eigen::Vector3d>{kEntry_mm - Eigen::Vector3d(0.0, 0.0, 20.0), {500.0, 0.0, 0.0}},
               options) {}
 
-  // To a height over the entry, at a speed.
+  // Moves to a height above the entry at a speed.
   const BrainState &go_to(double to_mm, double speed_mm_s) {
     while (std::abs(height_mm - to_mm) > 1e-9) {
       const double max_mm = speed_mm_s * test::kUpdate_s;
@@ -70,7 +70,7 @@ public:
 
   BrainModel model;
   double height_mm = 10.0;
-  std::vector<Phase> phases; // as they followed each other
+  std::vector<Phase> phases; // in the order of occurrence
 };
 
 } // namespace bregma::tissue

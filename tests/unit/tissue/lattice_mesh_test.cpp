@@ -22,7 +22,7 @@ namespace {
 using Eigen::Vector3d;
 using surface::TriangleMesh;
 
-// Every face is in one or two tetrahedra, and the faces in one only make a closed surface without edges of four.
+// Every face belongs to one or two tetrahedra. The boundary faces form a closed surface without edges of four faces.
 void expect_conforming_and_closed(const TetMesh &mesh) {
   std::map<std::array<int, 3>, int> faces;
   for (const Eigen::Vector4i &t : mesh.tetrahedra) {
@@ -52,8 +52,7 @@ void expect_conforming_and_closed(const TetMesh &mesh) {
   }
 }
 
-// Vertices - edges + triangles of the boundary: 2 for a ball, 0 for a ring. With a node where two fans touch, it is odd
-// or too small.
+// Euler characteristic of the boundary: 2 for a ball, 0 for a ring. It is odd or too small if two fans touch at a node.
 int euler(const TetMesh &mesh) {
   const TetBoundary boundary = boundary_of(mesh);
   return static_cast<int>(boundary.nodes.size()) - static_cast<int>(boundary.triangles.size()) / 2;
@@ -79,7 +78,7 @@ void expect_good(const TriangleMesh &surface, const LatticeMesh &filled, double 
   EXPECT_NEAR(quality.volume_mm3 / test::enclosed_mm3(surface), 1.0, volume_tolerance);
   EXPECT_GT(quality.min_dihedral_deg, 12.0);
   EXPECT_LT(quality.max_dihedral_deg, 160.0);
-  // The lattice's own tetrahedra have 0.354 of the edge.
+  // The regular tetrahedra of the lattice have 0.354 of the edge.
   EXPECT_GT(quality.stable_length_mm, 0.22 * filled.edge_mm);
   EXPECT_GE(quality.stable_length_mm, filled.stuffed_stable_length_mm);
 }
@@ -99,7 +98,7 @@ TEST(LatticeMesh, FillsARing) {
   EXPECT_EQ(euler(filled.mesh), 0);
 }
 
-// Creases are rounded off, by about half an edge: that is all that is asked of a box.
+// Edges of a box are rounded by at most about half an edge length.
 TEST(LatticeMesh, FillsABox) {
   const TriangleMesh box = test::make_box({-50.0, -30.0, 0.0}, {50.0, 30.0, 40.0});
   const LatticeMesh filled = fill_surface(box);
@@ -121,12 +120,12 @@ TEST(LatticeMesh, FillsTheBrainOfColin27) {
   }
 }
 
-TEST(LatticeMesh, TheEdgeIsTheLattices) {
+TEST(LatticeMesh, UsesTheRequestedLatticeEdge) {
   const TriangleMesh sphere = test::make_sphere(3, 40.0, Vector3d::Zero());
   const LatticeMesh filled = fill_surface(sphere, {.edge_mm = 8.0, .smoothing_sweeps = 0});
   EXPECT_EQ(filled.edge_mm, 8.0);
   expect_conforming_and_closed(filled.mesh);
-  // Deep inside lies the lattice itself: edges of a and sqrt(3)/2 a.
+  // The interior is the regular lattice with edges of a and sqrt(3)/2 a.
   int inner = 0;
   for (const Eigen::Vector4i &t : filled.mesh.tetrahedra) {
     std::array<Vector3d, 4> p;
@@ -167,8 +166,8 @@ TEST(LatticeMesh, TheSameSurfaceGivesTheSameMesh) {
   EXPECT_EQ(one.mesh.tetrahedra, two.mesh.tetrahedra);
 }
 
-// Many coarse lattices, where clefts and bridges are as thin as an edge: what is given is sound, or it is refused.
-TEST(LatticeMesh, IsSoundOrRefusedAtEveryEdgeLength) {
+// Many coarse lattices, with clefts and bridges as thin as an edge: the result is valid or the mesh is refused.
+TEST(LatticeMesh, IsValidOrRefusedAtEveryEdgeLength) {
   const TriangleMesh torus = test::make_torus(30.0, 9.0, 90, 36);
   int made = 0;
   int refused = 0;
@@ -190,7 +189,7 @@ TEST(LatticeMesh, IsSoundOrRefusedAtEveryEdgeLength) {
   EXPECT_GT(refused, 3);
 }
 
-TEST(LatticeMesh, WhatCannotBeFilledIsNamed) {
+TEST(LatticeMesh, UnusableSurfacesAreRefusedWithTheReason) {
   const auto message = [](const TriangleMesh &surface, const LatticeMeshOptions &options) {
     try {
       (void)fill_surface(surface, options);

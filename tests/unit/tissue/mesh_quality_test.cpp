@@ -14,7 +14,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-// Edges of sqrt(8).
+// Edge length sqrt(8).
 TetMesh regular() { return {{{1, 1, 1}, {-1, 1, -1}, {1, -1, -1}, {-1, -1, 1}}, {{0, 1, 2, 3}}}; }
 
 TEST(MeshQuality, OfARegularTetrahedron) {
@@ -54,7 +54,7 @@ TEST(MeshQuality, APercentileIsOfAllTetrahedra) {
   TetMesh block = block_mesh({5, 5, 4}, {5.0, 5.0, 4.0});
   const MeshQuality even = quality_of(block);
   EXPECT_NEAR(even.percentile5_radius_ratio, even.min_radius_ratio, 1e-12);
-  block.nodes_mm[0].x() = 0.8; // flattens two at one corner
+  block.nodes_mm[0].x() = 0.8; // flattens two tetrahedra at one corner
   const MeshQuality one_bad = quality_of(block);
   EXPECT_LT(one_bad.min_radius_ratio, 0.7 * even.min_radius_ratio);
   EXPECT_NEAR(one_bad.percentile5_radius_ratio, even.min_radius_ratio, 1e-9);
@@ -76,8 +76,8 @@ TEST(MeshQuality, RadiusRatiosAreThoseOfTheTetrahedra) {
 
 TEST(MeshQuality, ABadMeshIsRefused) { EXPECT_THROW((void)quality_of({}), std::invalid_argument); }
 
-// The largest frequency of one free element with lumped masses, by its stiffness matrix: the step is at most 2 / w, and
-// for a shape as bad for it as there is, not much less.
+// The largest frequency w of one free element with lumped masses, from its stiffness matrix. The stable step is at most
+// 2 / w, and close to it for the worst shape.
 TEST(StableStep, HoldsForTheElementsOwnFrequencies) {
   std::mt19937 rng(7);
   std::uniform_real_distribution<double> coordinate(-1.0, 1.0);

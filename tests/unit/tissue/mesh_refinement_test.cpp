@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -10,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/tissue/mesh/lattice_mesh.hpp"
 #include "algorithms/tissue/mesh/mesh_quality.hpp"
 #include "algorithms/tissue/mesh/mesh_topology.hpp"
@@ -52,11 +52,11 @@ protected:
   std::vector<RefinementRegion> places{{{38, 0, 0}, 12.0, 4.0}, {{38, 0, 0}, 6.0, 2.0}};
 };
 
-TEST_F(Refinement, IsFineWhereItWasAskedForAndConforming) {
+TEST_F(Refinement, IsFineInTheRegionAndConforming) {
   const TetMesh fine = refined(coarse, places);
   check(fine);
   EXPECT_EQ(topology_problem(fine), "");
-  // A node that hangs would leave faces inside that have one side only.
+  // A hanging node would leave interior faces with only one tetrahedron.
   EXPECT_NEAR(boundary_mm2(fine), boundary_mm2(coarse), 1e-6 * boundary_mm2(coarse));
   EXPECT_NEAR(volume_mm3(fine), volume_mm3(coarse), 1e-9 * volume_mm3(coarse));
   for (const RefinementRegion &place : places) {
@@ -68,7 +68,7 @@ TEST_F(Refinement, IsFineWhereItWasAskedForAndConforming) {
   EXPECT_LT(fine.tetrahedra.size(), 20'000U) << "from 8,160";
 }
 
-TEST_F(Refinement, KeepsTheNodesThatAreThere) {
+TEST_F(Refinement, KeepsExistingNodes) {
   const TetMesh fine = refined(coarse, places);
   ASSERT_GT(fine.nodes_mm.size(), coarse.nodes_mm.size());
   EXPECT_TRUE(std::equal(coarse.nodes_mm.begin(), coarse.nodes_mm.end(), fine.nodes_mm.begin()));
@@ -78,17 +78,17 @@ TEST_F(Refinement, KeepsTheNodesThatAreThere) {
   EXPECT_TRUE(untouched.nodes_mm == coarse.nodes_mm && untouched.tetrahedra == coarse.tetrahedra);
 }
 
-TEST_F(Refinement, ShapesStayGoodHoweverDeepItGoes) {
+TEST_F(Refinement, QualityIsBoundedAtEveryDepth) {
   const MeshQuality before = quality_of(coarse);
   for (const double edge_mm : {5.0, 2.5, 1.25}) {
-    const RefinementRegion place{{38, 28, 18}, 4.0, edge_mm}; // at a corner, where the lattice was cut
+    const RefinementRegion place{{38, 28, 18}, 4.0, edge_mm}; // at a corner, where the lattice is cut
     const MeshQuality after = quality_of(refined(coarse, {&place, 1}));
     EXPECT_GT(after.min_dihedral_deg, 0.5 * before.min_dihedral_deg) << edge_mm;
     EXPECT_GT(after.min_radius_ratio, 0.3 * before.min_radius_ratio) << edge_mm;
   }
 }
 
-TEST_F(Refinement, WhatCannotBeIsRefused) {
+TEST_F(Refinement, ImpossibleRegionsAreRefused) {
   const auto refusal = [this](const RefinementRegion &place) {
     try {
       (void)refined(coarse, {&place, 1});
@@ -97,11 +97,10 @@ TEST_F(Refinement, WhatCannotBeIsRefused) {
     }
     return std::string("accepted");
   };
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   const std::string wanted = ": a place, a radius and an edge must be finite, the last two positive";
   EXPECT_EQ(refusal({{0, 0, 0}, 0.0, 1.0}), "mesh refinement: radius 0.000000 mm, edge 1.000000 mm" + wanted);
   EXPECT_NE(refusal({{0, 0, 0}, 5.0, -1.0}).find(wanted), std::string::npos);
-  EXPECT_NE(refusal({{0, kNone, 0}, 5.0, 1.0}).find(wanted), std::string::npos);
+  EXPECT_NE(refusal({{0, geometry::kUnknown, 0}, 5.0, 1.0}).find(wanted), std::string::npos);
   EXPECT_EQ(refusal({{0, 0, 0}, 20.0, 0.2}), "mesh refinement: more than 500000 tetrahedra");
 }
 

@@ -1,4 +1,4 @@
-// Sections of surfaces, and triangles that fill them.
+// Sections of surfaces and their triangle meshes.
 #include "algorithms/tissue_plane/plane_mesher.hpp"
 
 #include <algorithm>
@@ -32,7 +32,7 @@ surface::TriangleMesh torus(double radius_mm, double tube_mm, int steps) {
   return out;
 }
 
-// A circle with waves on it, counter-clockwise.
+// A wavy circle, counter-clockwise.
 Loop wavy(double radius_mm, double wave_mm, int waves) {
   constexpr int kPoints = 720;
   Loop out;
@@ -100,7 +100,7 @@ TEST(PlaneSection, AVertexInThePlaneBranchesNothing) {
   EXPECT_TRUE(section_of(octahedron, {{0, 0, 11}}).empty());
 }
 
-TEST(PlaneSection, WhatIsWrongIsNamed) {
+TEST(PlaneSection, ErrorsAreReported) {
   surface::TriangleMesh open = torus(50.0, 20.0, 12);
   open.triangles.resize(open.triangles.size() - 24);
   EXPECT_EQ(message([&] { (void)section_of(open, {}); }), "section_of: the surface is open where the plane cuts it");
@@ -150,7 +150,7 @@ TEST_P(PlaneMesher, EdgesRunAlongTheLineToBeCut) {
   constexpr double kCut_mm = -4.1;
   const PlaneMesh mesh = fill(outline, {.edge_mm = 2.5, .cut_y_mm = kCut_mm});
   const auto on_line = [&](int n) { return std::abs(mesh.nodes_mm[static_cast<std::size_t>(n)].y() - kCut_mm) < 1e-6; };
-  double length = 0.0; // of the edges on the line, each seen from both of its triangles
+  double length = 0.0; // total length of the edges on the line, each counted for both of its triangles
   for (const Eigen::Vector3i &t : mesh.triangles) {
     int above = 0;
     int below = 0;
@@ -187,7 +187,7 @@ TEST(PlaneMesher, DetailsFinerThanAnEdgeStillGiveAValidMesh) {
   EXPECT_NO_THROW(check(mesh));
 }
 
-TEST(PlaneMesher, WhatIsWrongIsNamed) {
+TEST(PlaneMesher, ErrorsAreReported) {
   const Outline disc{wavy(60.0, 0.0, 0), {}};
   EXPECT_EQ(message([&] {
               (void)fill({{{0, 0}, {1, 0}}, {}});

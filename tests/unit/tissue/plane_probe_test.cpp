@@ -1,4 +1,4 @@
-// The probe in the plane: what it bears, what it leaves where, and its phases.
+// The probe in the plane: forces, deformation of the tissue, and phases.
 #include "algorithms/tissue_plane/plane_probe.hpp"
 
 #include <cmath>
@@ -14,7 +14,7 @@ namespace {
 
 using Eigen::Vector2d;
 
-// A block that rests on sliding supports at its far end, its middle line ready to be cut.
+// A block on sliding supports at its far end, with a middle line prepared for the cut.
 struct Block {
   static constexpr double kLength_mm = 20.0;
   static constexpr double kHeight_mm = 30.0;
@@ -43,7 +43,7 @@ struct Block {
   }
 };
 
-// A wall: much wider than the block, and flat.
+// A flat wall that is much wider than the block.
 PlaneProbeSettings wall(double friction) {
   return {.axis_y_mm = Block::kHeight_mm / 2.0,
           .width_mm = 2000.0,
@@ -84,14 +84,14 @@ TEST(PlaneProbe, FrictionHoldsUpToItsShareOfThePressure) {
       EXPECT_LT(slid_mm, 0.01);
     } else {
       EXPECT_GT(slid_mm, 0.3);
-      // The corner slides outwards: friction is all that it may be, but for what slid too far on the way and stuck.
+      // The corner slides outwards: the force is at most the friction, except after sliding too far and sticking.
       const Vector2d corner_N_m = block.solver.reaction(block.front().front());
       EXPECT_GT(std::abs(corner_N_m.y()), 0.8 * friction * corner_N_m.x());
     }
   }
 }
 
-// A disc of tissue, held in its skull but for 15 mm around where the probe enters.
+// A disc of tissue, fixed at the skull except within 15 mm of the probe's entry.
 struct Disc {
   static constexpr double kRadius_mm = 40.0;
   static constexpr double kAxis_mm = 0.0;
@@ -117,7 +117,7 @@ struct Disc {
   std::vector<int> held;
 };
 
-// How deep the deepest node of the body's surface is inside the probe, along the way out that is shortest.
+// Largest penetration of the tissue's surface nodes into the probe, along the shortest way out.
 double overlap_mm(const PlaneSolver &solver, double tip_mm, double half_mm, double nose_mm) {
   double out = 0.0;
   for (const Eigen::Vector2i &edge : boundary_of(solver.mesh())) {
@@ -163,7 +163,7 @@ TEST(PlaneProbe, IndentsRupturesAndPenetrates) {
     last_Pa = stress_ahead();
   }
 
-  const ProbeReading before = probe.move_to(0.0); // it will not get there in one go
+  const ProbeReading before = probe.move_to(0.0); // it does not arrive in one call
   ASSERT_EQ(before.phase, ProbePhase::kRupture);
   EXPECT_FALSE(probe.ruptured());
   EXPECT_LT(before.tip_mm, -Disc::kRadius_mm + 15.0);
@@ -204,11 +204,11 @@ TEST(PlaneProbe, RupturesByStressAsWell) {
   const ProbeReading reading = probe.move_to(0.0);
   ASSERT_EQ(reading.phase, ProbePhase::kRupture);
   EXPECT_GE(disc.solver.stress_at({probe.entry_mm() + 1e-9, Disc::kAxis_mm}).von_mises(), 800.0 * 0.999);
-  // Moved on without being asked to rupture and to open, it does both.
+  // A further motion ruptures and opens the tissue automatically.
   EXPECT_EQ(probe.move_to(reading.tip_mm + 0.5).phase, ProbePhase::kPenetration);
 }
 
-TEST(PlaneProbe, WhatIsWrongIsNamed) {
+TEST(PlaneProbe, ErrorsAreReported) {
   Disc disc;
   const auto message = [&](const PlaneProbeSettings &settings) -> std::string {
     try {

@@ -1,4 +1,4 @@
-// The plane solver against exact answers.
+// The plane solver compared with exact solutions.
 #include "algorithms/tissue_plane/plane_solver.hpp"
 
 #include <cmath>
@@ -28,7 +28,7 @@ tissue::Material material_of(tissue::Law law, double poisson = 0.45) {
   return out;
 }
 
-// A rectangle whose inner nodes are shaken by a third of a cell.
+// A rectangle whose inner nodes are moved at random by up to a third of a cell.
 PlaneMesh shaken_rectangle(const Eigen::Vector2i &cells, const Vector2d &size_mm) {
   PlaneMesh mesh = rectangle_mesh(cells, size_mm);
   std::mt19937 rng(kPlaneSeed);
@@ -52,7 +52,7 @@ std::vector<int> nodes_where(const PlaneMesh &mesh, const std::function<bool(con
   return out;
 }
 
-// The law as an energy of principal stretches, straight from material.hpp: what the answers are derived from.
+// The law as an energy of principal stretches, as in material.hpp; the exact solutions are derived from it.
 double energy(const tissue::Material &m, double l1, double l2, double l3) {
   const double j = l1 * l2 * l3;
   const double a = m.law == tissue::Law::kOgden ? m.ogden_alpha : 2.0;
@@ -115,14 +115,14 @@ INSTANTIATE_TEST_SUITE_P(LawsAndStates, PlanePatch,
 
 class PlaneUniaxial : public testing::TestWithParam<Case> {};
 
-TEST_P(PlaneUniaxial, FreeSidesMoveAndTheEndCarriesWhatTheEnergySays) {
+TEST_P(PlaneUniaxial, ABarWithFreeSidesMatchesItsEnergy) {
   const auto [law, state] = GetParam();
   const tissue::Material material = material_of(law);
-  constexpr double kLength_mm = 20.0; // squat: it shall not buckle
+  constexpr double kLength_mm = 20.0; // short, so that it does not buckle
   constexpr double kHeight_mm = 40.0;
   const PlaneMesh mesh = shaken_rectangle({4, 8}, {kLength_mm, kHeight_mm});
   for (const double stretch : {0.7, 0.9, 1.3}) {
-    // The sides' stretch at which the energy no longer falls; in plane stress the thickness' is the same.
+    // The lateral stretch that minimizes the energy; in plane stress the thickness has the same stretch.
     const bool thick = state == PlaneState::kStrain;
     const auto at_side = [&](double l2) { return energy(material, stretch, l2, thick ? 1.0 : l2); };
     const double side = bisect([&](double l2) { return slope(at_side, l2); }, 0.5, 2.0);
@@ -136,7 +136,7 @@ TEST_P(PlaneUniaxial, FreeSidesMoveAndTheEndCarriesWhatTheEnergySays) {
       solver.hold(n, 0, 0.0);
     }
     solver.hold(left.front(), 1, 0.0);
-    solver.hold(right.front(), 1, 0.0); // against swaying, which hardly any force resists under compression
+    solver.hold(right.front(), 1, 0.0); // prevents swaying, which has almost no stiffness under compression
     for (const int n : right) {
       solver.hold(n, 0, (stretch - 1.0) * kLength_mm);
     }
@@ -159,7 +159,7 @@ INSTANTIATE_TEST_SUITE_P(LawsAndStates, PlaneUniaxial,
                                          Case{tissue::Law::kOgden, PlaneState::kStrain},
                                          Case{tissue::Law::kOgden, PlaneState::kStress}));
 
-TEST(PlaneSolver, SimpleShearHasRivlinsStresses) {
+TEST(PlaneSolver, SimpleShearMatchesRivlin) {
   const PlaneMesh mesh = shaken_rectangle({6, 6}, {30.0, 30.0});
   constexpr double kShear = 0.8;
   // Principal stretches l and 1/l with l - 1/l = gamma; the larger's axis is at atan(1/l) to the layers.
@@ -181,8 +181,8 @@ TEST(PlaneSolver, SimpleShearHasRivlinsStresses) {
   }
 }
 
-// Timoshenko & Goodier, section 21: a cantilever under a parabolic shear at its end; held at the root as the exact
-// solution moves there. Returns the error of the end's deflection, relative.
+// [Timoshenko 1951, section 21]: a cantilever under a parabolic shear at its end. The root is displaced as in the exact
+// solution. Returns the relative error of the end's deflection.
 double cantilever_error(double poisson, int cells_high) {
   constexpr double kL = 48.0;
   constexpr double kD = 12.0;
@@ -252,7 +252,7 @@ Tube tube_of(int cells) {
   for (Vector2d &p : out.mesh.nodes_mm) {
     const double r = 10.0 + 10.0 * p.x();
     const double angle = p.y() * M_PI / 2.0;
-    // The planes of symmetry exactly, so that their nodes are known by 0.
+    // Coordinates on the planes of symmetry are exactly 0, so that their nodes can be found.
     p = {p.y() == 1.0 ? 0.0 : r * std::cos(angle), p.y() == 0.0 ? 0.0 : r * std::sin(angle)};
   }
   for (const Eigen::Vector2i &edge : boundary_of(out.mesh)) {
@@ -274,7 +274,7 @@ void hold_symmetry(PlaneSolver &solver) {
   }
 }
 
-TEST(PlaneSolver, AThickTubeWidensAsLameSays) {
+TEST(PlaneSolver, AThickTubeMatchesLame) {
   const Tube tube = tube_of(12);
   const tissue::Material material = material_of(tissue::Law::kLinear, 0.49);
   constexpr double kPressure_Pa = 10.0;
@@ -298,7 +298,7 @@ TEST(PlaneSolver, AThickTubeWidensAsLameSays) {
               0.01 * hoop);
 }
 
-TEST(PlaneSolver, AThickTubeWidensByAThirdAsRivlinSays) {
+TEST(PlaneSolver, AThickTubeAtLargeStrainMatchesRivlin) {
   const Tube tube = tube_of(12);
   const tissue::Material material = material_of(tissue::Law::kNeoHookean, 0.499);
   // Incompressible: r^2 - R^2 is the same for all R; p = mu int (l^2 - l^-2) dr / r with l = r / R.
@@ -312,7 +312,7 @@ TEST(PlaneSolver, AThickTubeWidensByAThirdAsRivlinSays) {
     const double l2 = r2 / (big_r * big_r);
     pressure_Pa += material.shear_Pa() * (l2 - 1.0 / l2) * big_r / r2 * 10.0 / kSlices;
   }
-  PlaneSolver solver(tube.mesh, material); // the pressure follows the wall
+  PlaneSolver solver(tube.mesh, material); // the pressure follows the deformed wall
   hold_symmetry(solver);
   PlaneRelaxationResult last;
   for (const double share : {0.5, 1.0}) {
@@ -323,7 +323,7 @@ TEST(PlaneSolver, AThickTubeWidensByAThirdAsRivlinSays) {
   EXPECT_NEAR(solver.position_mm(tube.inner_node).x(), kInner_mm, 0.01 * (kInner_mm - 10.0));
 }
 
-TEST(PlaneSolver, ATriangleTurnedOverComesBack) {
+TEST(PlaneSolver, AnInvertedTriangleRecovers) {
   PlaneMesh mesh = rectangle_mesh({4, 4}, {40.0, 40.0});
   PlaneSolver solver(mesh, material_of(tissue::Law::kNeoHookean));
   for (const Eigen::Vector2i &edge : boundary_of(mesh)) {
@@ -337,7 +337,7 @@ TEST(PlaneSolver, ATriangleTurnedOverComesBack) {
 }
 
 TEST(PlaneSolver, ASplitNodeOpensUnderTension) {
-  // Two cells in a row pulled apart; all triangles right of the middle get nodes of their own, and the left one
+  // Two adjacent cells under tension. The triangles to the right of the middle get separate nodes, and the left cell
   // recoils.
   const PlaneMesh mesh = rectangle_mesh({2, 1}, {20.0, 10.0});
   PlaneSolver solver(mesh, material_of(tissue::Law::kNeoHookean));
@@ -376,7 +376,7 @@ TEST(PlaneSolver, StepsDoNotAllocate) {
   }
 }
 
-TEST(PlaneSolver, WhatIsWrongIsNamed) {
+TEST(PlaneSolver, ErrorsAreReported) {
   const PlaneMesh mesh = rectangle_mesh({1, 1}, {1.0, 1.0});
   try {
     const PlaneSolver solver(mesh, tissue::Material{}, {.shear_fraction = 0.0});

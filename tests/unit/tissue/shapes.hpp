@@ -1,4 +1,4 @@
-// Closed surfaces for tests of what fills them; and the brain of Colin27, where it is.
+// Closed surfaces for tests of meshers, and the brain of Colin27 if it is available.
 #pragma once
 
 #include <optional>
@@ -12,7 +12,7 @@ namespace bregma::test {
 
 [[nodiscard]] double enclosed_mm3(const surface::TriangleMesh &surface);
 
-// From ../shared/data beside the source tree; nothing where that is not there.
+// From ../shared/data next to the source tree; empty if that does not exist.
 [[nodiscard]] std::optional<surface::TriangleMesh> colin27_brain();
 
 } // namespace bregma::test

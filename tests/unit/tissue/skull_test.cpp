@@ -14,7 +14,7 @@ namespace {
 using Eigen::Vector3d;
 
 const double kEggTop_mm = test::kEggHalf_mm.z();
-// Nodes that slide from one of the skull's triangles to the next keep about 0.002 of the forces unbalanced.
+// Nodes that slide between triangles of the skull leave about 0.002 of the forces unbalanced.
 constexpr RelaxationOptions kStillEgg{5e-3, 20000, false};
 
 class Shaken {
@@ -30,7 +30,7 @@ public:
       solver.set_force_N(i, force_N / solver.nodes());
     }
   }
-  // How far the surface stands outside of the surface at rest, at most, where wanted(rest).
+  // Largest distance of the surface outside the surface at rest, for nodes with wanted(rest).
   template <class Wanted> [[nodiscard]] double farthest_out_mm(Wanted &&wanted) const {
     double out = -1e9;
     for (const int node : boundary.nodes) {
@@ -56,24 +56,24 @@ TEST(Skull, NoNodePassesThroughIt) {
     Shaken egg({.sliding = true, .gap_mm = gap_mm, .craniotomy = {}});
     egg.pull_N({2.0, -1.0, 0.5});
     double out_mm = 0.0;
-    for (int i = 0; i < 300; ++i) { // also while it swings
+    for (int i = 0; i < 300; ++i) { // also during vibration
       egg.solver.advance(5);
       out_mm = std::max(out_mm, egg.farthest_out_mm(kAllOfTheEgg));
     }
-    EXPECT_LT(out_mm, gap_mm + 0.5) << gap_mm; // planes stand off the skull's triangles
+    EXPECT_LT(out_mm, gap_mm + 0.5) << gap_mm; // the planes are offset from the skull's triangles
     EXPECT_GT(out_mm, gap_mm - 0.3) << gap_mm; // it was reached
     EXPECT_TRUE(egg.solver.finite());
   }
 }
 
-TEST(Skull, BearsWhatPressesTheBrainAgainstIt) {
+TEST(Skull, SupportsTheBrainPressedAgainstIt) {
   Shaken egg({.sliding = true, .gap_mm = 1.0, .craniotomy = {}});
   egg.pull_N({0.0, 0.0, -0.5});
   ASSERT_TRUE(egg.solver.relax(kStillEgg).converged);
   EXPECT_LT((egg.skull.force_N() - Vector3d(0.0, 0.0, 0.5)).norm(), 0.02);
 }
 
-TEST(Skull, TheBrainLeavesItsFarSideAndSlidesAlongItsNearSide) {
+TEST(Skull, TheBrainSeparatesFromTheFarSideAndSlidesAlongTheNearSide) {
   Shaken egg({.sliding = true, .gap_mm = 2.0, .craniotomy = {}});
   egg.pull_N({0.0, 0.0, -0.5});
   ASSERT_TRUE(egg.solver.relax(kStillEgg).converged);
@@ -88,7 +88,7 @@ TEST(Skull, TheBrainLeavesItsFarSideAndSlidesAlongItsNearSide) {
   EXPECT_GT(slid_mm, 1.0);
 }
 
-TEST(Skull, FixedTheSurfaceStaysWhereItIsExceptInTheCraniotomy) {
+TEST(Skull, WithoutSlidingTheSurfaceIsFixedExceptInTheCraniotomy) {
   const SkullOptions options{.sliding = false, .gap_mm = 0.0, .craniotomy = {{0.0, 0.0, kEggTop_mm}, 25.0}};
   Shaken egg(options);
   egg.pull_N({0.0, 0.0, 0.5});
@@ -105,7 +105,7 @@ TEST(Skull, FixedTheSurfaceStaysWhereItIsExceptInTheCraniotomy) {
   EXPECT_GT(open_mm, 0.2);
 }
 
-TEST(Skull, TheBrainSwellsOutOfTheCraniotomyAndNowhereElse) {
+TEST(Skull, TheBrainBulgesThroughTheCraniotomyOnly) {
   Shaken egg({.sliding = true, .gap_mm = 0.0, .craniotomy = {{0.0, 0.0, kEggTop_mm}, 25.0}});
   egg.pull_N({0.0, 0.0, 1.0});
   ASSERT_TRUE(egg.solver.relax(kStillEgg).converged);
@@ -113,7 +113,7 @@ TEST(Skull, TheBrainSwellsOutOfTheCraniotomyAndNowhereElse) {
   EXPECT_LT(egg.farthest_out_mm([](const Vector3d &rest) { return rest.z() < 0.0; }), 0.5);
 }
 
-TEST(SkullRefusals, SayWhatIsWrong) {
+TEST(SkullRefusals, AreReportedWithTheReason) {
   const auto refusal = [](const SkullOptions &options) -> std::string {
     try {
       const Shaken egg(options);

@@ -1,4 +1,4 @@
-// What central differences must keep, and the step at which they may run.
+// Conservation properties of central differences, and their stable step.
 #include <cmath>
 #include <random>
 
@@ -31,7 +31,7 @@ void shake(ExplicitSolver &solver, double size_mm) {
   }
 }
 
-// Pulls the block to 1.05 of its length; what it swings with afterwards is of all wavelengths.
+// Stretches the block to 1.05 of its length. The vibration afterwards contains all wavelengths.
 void pull(ExplicitSolver &solver) {
   for (int i = 0; i < solver.nodes(); ++i) {
     const Vector3d &rest = solver.mesh().nodes_mm[static_cast<std::size_t>(i)];
@@ -39,8 +39,8 @@ void pull(ExplicitSolver &solver) {
   }
 }
 
-// 2 / omega_max by all eigenvalues of the stiffness, which forces at displaced nodes give column by column. Nodes that
-// are held have no part in it.
+// 2 / omega_max from all eigenvalues of the stiffness matrix, which is computed column by column from the forces at
+// displaced nodes. Fixed nodes are excluded.
 double critical_step_s(const Material &material, const TetMesh &mesh, const ExplicitSolver &like,
                        const std::vector<int> &held = {}) {
   ExplicitSolver solver(mesh, material);
@@ -83,7 +83,7 @@ TEST(TissueMotion, FreeVibrationKeepsItsEnergy) {
     material.ogden_alpha = -4.7;
     ExplicitSolver solver(test::jittered_block({3, 3, 6}, {15.0, 15.0, 30.0}, 0.15, kMotionSeed), material);
     pull(solver);
-    const auto mean_energy = [&] { // half a step lies between the two energies: their sum swings, its mean does not
+    const auto mean_energy = [&] { // the two energies are half a step apart: their sum oscillates, its mean does not
       double sum = 0.0;
       constexpr int kSteps = 300;
       for (int i = 0; i < kSteps; ++i) {
@@ -98,11 +98,11 @@ TEST(TissueMotion, FreeVibrationKeepsItsEnergy) {
   }
 }
 
-TEST(TissueMotion, DampingTakesTheEnergyAtItsRate) {
+TEST(TissueMotion, DampingRemovesEnergyAtItsRate) {
   SolverOptions options;
   options.damping_per_s = 4.0;
   ExplicitSolver solver(block_mesh({3, 3, 3}, {15.0, 15.0, 15.0}), test::elastic(Law::kLinear, 2100.0, 0.3), options);
-  constexpr double kSpeed_mm_s = 10.0; // of the whole block: nothing but the damping acts
+  constexpr double kSpeed_mm_s = 10.0; // of the whole block: damping is the only force
   for (int i = 0; i < solver.nodes(); ++i) {
     solver.set_force_N(i, {solver.mass_kg(i) * kSpeed_mm_s / 1000.0 / solver.step_s(), 0.0, 0.0});
   }
@@ -135,7 +135,7 @@ TEST(TissueMotion, AFreeBlockKeepsItsMomenta) {
   EXPECT_LT(angular.norm(), 1e-3 * turning);
 }
 
-TEST(TissueMotion, AFreeBlockFallsAsGalileoSays) {
+TEST(TissueMotion, AFreeBlockFallsUniformly) {
   ExplicitSolver solver(block_mesh({2, 2, 2}, {10.0, 10.0, 10.0}), test::elastic(Law::kNeoHookean, 2100.0, 0.45));
   for (int i = 0; i < solver.nodes(); ++i) {
     solver.set_force_N(i, {0.0, 0.0, -9.81 * solver.mass_kg(i)});
@@ -174,7 +174,7 @@ TEST(TissueStep, IsTheCriticalOneByAllEigenvalues) {
     SolverOptions options;
     options.step_fraction = 1.0;
     const ExplicitSolver solver(mesh, material, options);
-    // Power iteration comes from below in frequency, from above in the step.
+    // Power iteration approaches the frequency from below and the step from above.
     const double critical_s = critical_step_s(material, mesh, solver);
     EXPECT_LT(solver.step_s(), 1.03 * critical_s) << poisson;
     EXPECT_GT(solver.step_s(), 0.99 * critical_s) << poisson;
@@ -194,18 +194,18 @@ TEST(TissueStep, StaysBoundedJustBelowTheCriticalOne) {
     solver.advance(50);
     largest_J = std::max(largest_J, solver.energies().elastic_J);
   }
-  // A mode swings 1 / (1 - (omega dt / 2)^2) times as high as in time without steps: tenfold, and no more.
+  // A mode's amplitude is 1 / (1 - (omega dt / 2)^2) times that of continuous time: at most tenfold.
   EXPECT_LT(largest_J, 10.0 * begin_J);
 }
 
-TEST(TissueStep, FollowsTheTissueThatStiffens) {
+TEST(TissueStep, FollowsTissueThatStiffens) {
   const Material material = test::elastic(Law::kNeoHookean, 2100.0, 0.45);
   const TetMesh mesh = test::jittered_block({3, 3, 4}, {15.0, 15.0, 20.0}, 0.1, kMotionSeed);
   SolverOptions options;
   options.damping_per_s = 50.0;
   ExplicitSolver solver(mesh, material, options);
   const double at_rest_s = solver.step_s();
-  // A plate that comes down on half of the block at 50 mm/s.
+  // A plate compresses half of the block at 50 mm/s.
   std::vector<int> held = test::nodes_at(mesh, 2, 0.0);
   std::vector<int> plate = test::nodes_at(mesh, 2, 20.0);
   std::erase_if(plate, [&](int node) { return mesh.nodes_mm[static_cast<std::size_t>(node)].x() > 7.0; });
@@ -223,14 +223,14 @@ TEST(TissueStep, FollowsTheTissueThatStiffens) {
     ASSERT_EQ(solver.clamped_nodes(), 0) << "at " << down_mm << " mm";
   }
   EXPECT_LT(solver.step_s(), critical_step_s(material, mesh, solver, held)); // even while it moves
-  solver.advance(1000);                                                      // a look every 50
+  solver.advance(1000);                                                      // checked every 50 steps
   EXPECT_TRUE(solver.finite());
   const double critical_s = critical_step_s(material, mesh, solver, held);
   EXPECT_LT(critical_s, 0.98 * at_rest_s / 0.85);
   EXPECT_NEAR(solver.step_s(), 0.85 * critical_s, 0.03 * critical_s);
 }
 
-TEST(TissueStep, MassScalingKeepsTheStepThatItWasAskedFor) {
+TEST(TissueStep, MassScalingKeepsTheRequestedStep) {
   const Material material = test::elastic(Law::kNeoHookean, 2100.0, 0.45);
   TetMesh mesh = block_mesh({4, 4, 4}, {20.0, 20.0, 20.0});
   for (Vector3d &node : mesh.nodes_mm) { // thin cells on one side

@@ -1,4 +1,4 @@
-// What must not break the solver, what it refuses, and what it must not do in a step.
+// Robustness of the solver: extreme inputs, refused inputs, and no allocation in a step.
 #include <functional>
 #include <memory>
 #include <stdexcept>
@@ -18,7 +18,7 @@ using Eigen::Vector3d;
 
 constexpr RelaxationOptions kTight{1e-5, 40000, false};
 
-// A block on a plate that holds it.
+// A block that is fixed at the bottom.
 class StandingBlock {
 public:
   StandingBlock(const Material &material, int threads = 1) : mesh(block_mesh({4, 4, 4}, {20.0, 20.0, 20.0})) {
@@ -43,7 +43,7 @@ public:
 constexpr int kMiddle = 62;  // (10, 10, 10) mm
 constexpr int kCorner = 124; // (20, 20, 20) mm
 
-TEST(TissueRobustness, ANodePushedThroughTheOppositeFacesComesBack) {
+TEST(TissueRobustness, ANodePushedThroughTheOppositeFacesRecovers) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden, Law::kLinear}) {
     for (const double poisson : {0.45, 0.49}) {
       for (const int node : {kMiddle, kCorner}) {
@@ -64,7 +64,7 @@ TEST(TissueRobustness, ANodePushedThroughTheOppositeFacesComesBack) {
   }
 }
 
-TEST(TissueRobustness, InMotionATurnedTetrahedronComesBackToo) {
+TEST(TissueRobustness, AnInvertedTetrahedronRecoversInMotion) {
   StandingBlock block(test::brain(Law::kNeoHookean, 0.45));
   block.solver->set_displacement_mm(kMiddle, {12.0, -3.0, 9.0});
   block.solver->advance(3000);
@@ -74,7 +74,7 @@ TEST(TissueRobustness, InMotionATurnedTetrahedronComesBackToo) {
   EXPECT_LT(block.largest_displacement_mm(), 1e-3);
 }
 
-TEST(TissueRobustness, AnImpossibleJumpIsFlaggedAndForgotten) {
+TEST(TissueRobustness, AnImpossibleJumpIsFlaggedAndRecovers) {
   const auto push = [](StandingBlock &block, double down_mm) {
     for (const int node : {kMiddle + 50, kMiddle + 51, kMiddle + 55, kMiddle + 56}) { // four nodes of the top
       block.solver->fix(node);
@@ -86,7 +86,7 @@ TEST(TissueRobustness, AnImpossibleJumpIsFlaggedAndForgotten) {
   ASSERT_TRUE(calm.solver->relax(kTight).converged);
 
   StandingBlock block(test::brain(Law::kNeoHookean, 0.45));
-  push(block, 60.0); // three times the block's height, for as long as one wrong sample of a tracker lasts
+  push(block, 60.0); // three times the block's height, for the duration of one wrong tracker sample
   int limited = 0;
   for (int i = 0; i < 10; ++i) {
     block.solver->advance(1);
@@ -102,7 +102,7 @@ TEST(TissueRobustness, AnImpossibleJumpIsFlaggedAndForgotten) {
   }
 }
 
-TEST(TissueRobustness, ForcesWithoutMeasureStayFinite) {
+TEST(TissueRobustness, ExcessiveForcesStayFinite) {
   StandingBlock block(test::brain(Law::kOgden, 0.49));
   block.solver->set_force_N(kCorner, {1e6, -1e6, 1e6});
   block.solver->advance(300);
@@ -116,15 +116,15 @@ TEST(TissueRobustness, ForcesWithoutMeasureStayFinite) {
   EXPECT_EQ(block.largest_displacement_mm(), 0.0);
 }
 
-TEST(TissueRobustness, AFreeBlockRelaxesInPeace) {
+TEST(TissueRobustness, AFreeBlockRelaxesWithoutDrift) {
   ExplicitSolver solver(block_mesh({2, 2, 2}, {10.0, 10.0, 10.0}), test::brain(Law::kNeoHookean, 0.45));
-  EXPECT_TRUE(solver.relax().converged); // nothing acts
+  EXPECT_TRUE(solver.relax().converged); // no loads
   solver.set_force_N(0, {1e-3, 0.0, 0.0});
-  EXPECT_FALSE(solver.relax({1e-5, 1000, false}).converged); // nothing holds it
+  EXPECT_FALSE(solver.relax({1e-5, 1000, false}).converged); // no supports
   EXPECT_TRUE(solver.finite());
 }
 
-TEST(TissueRobustness, RestHasNoEnergyAndResetBringsItBack) {
+TEST(TissueRobustness, RestHasNoEnergyAndResetRestoresIt) {
   StandingBlock block(test::brain(Law::kNeoHookean, 0.45));
   EXPECT_EQ(block.solver->energies().elastic_J, 0.0);
   block.solver->set_displacement_mm(kCorner, {3.0, 0.0, 0.0});
@@ -137,14 +137,14 @@ TEST(TissueRobustness, RestHasNoEnergyAndResetBringsItBack) {
   EXPECT_EQ(block.solver->elastic_force_N(kCorner).norm(), 0.0);
 }
 
-// After relax() the stress is that of the answer: instantaneous, or with all relaxed.
-TEST(TissueRobustness, StressAfterRelaxIsThatOfItsModulus) {
+// After relax() the stress is that of the requested state: instantaneous or fully relaxed.
+TEST(TissueRobustness, StressAfterRelaxMatchesItsModulus) {
   Material material = test::brain(Law::kNeoHookean, 0.45);
   material.prony = {{0.45, 0.5}, {0.365, 50.0}};
   StandingBlock block(material);
   block.solver->fix(kCorner);
   block.solver->set_displacement_mm(kCorner, {2.0, 1.0, -1.0});
-  const auto holds = [&] { // the stress of the corner's one tetrahedron or few balances what holds the corner
+  const auto holds = [&] { // the stress of the corner's tetrahedra balances the reaction at the corner
     Vector3d force = Vector3d::Zero();
     for (int e = 0; e < block.solver->elements(); ++e) {
       const Eigen::Vector4i &t = block.mesh.tetrahedra[static_cast<std::size_t>(e)];
@@ -156,7 +156,7 @@ TEST(TissueRobustness, StressAfterRelaxIsThatOfItsModulus) {
           return Vector3d((block.mesh.nodes_mm[static_cast<std::size_t>(t[k])] + block.solver->displacement_mm(t[k])) /
                           1000.0);
         };
-        // Traction of the opposite face, a third of it to each node.
+        // Force on the opposite face, one third per node.
         const int a = (i + 1) % 4;
         const int b = (i + 2) % 4;
         const int c = (i + 3) % 4;
@@ -204,7 +204,7 @@ std::string refusal(const std::function<void(TetMesh &, Material &, SolverOption
   return "";
 }
 
-TEST(TissueRefusals, SayWhatIsWrong) {
+TEST(TissueRefusals, AreReportedWithTheReason) {
   using M = TetMesh;
   using P = Material;
   using O = SolverOptions;

@@ -19,7 +19,7 @@ Eigen::Matrix3d some_gradient() {
   return f;
 }
 
-TEST(TissuePatch, AnAffineSurfaceHasAnAffineInsideAndTheExactStress) {
+TEST(TissuePatch, AnAffineBoundaryGivesAnAffineInteriorAndTheExactStress) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
     for (const double poisson : {0.3, 0.45, 0.49, 0.499}) {
       const test::PatchAnswer answer = test::patch(test::brain(law, poisson), some_gradient());
@@ -41,7 +41,7 @@ TEST(TissuePatch, HoldsInEveryKernelAndOnTwoThreads) {
   }
 }
 
-// Rivlin: s_xy = mu gamma, s_xx - s_yy = mu gamma^2.
+// [Rivlin 1948]: s_xy = mu gamma, s_xx - s_yy = mu gamma^2.
 TEST(TissuePatch, SimpleShearOfANeoHookeanBlock) {
   constexpr double kGamma = 0.4;
   Eigen::Matrix3d f = Eigen::Matrix3d::Identity();
@@ -57,7 +57,7 @@ TEST(TissuePatch, ARotationMakesNoForce) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
     const TetMesh mesh = block_mesh({3, 3, 3}, {15.0, 15.0, 15.0});
     ExplicitSolver solver(mesh, test::brain(law, 0.49));
-    Eigen::Matrix3d turn; // 90 degrees about x + y + z: a cyclic permutation, exact in floats but for the products
+    Eigen::Matrix3d turn; // 90 degrees about x + y + z: a cyclic permutation, exact in floats except for the products
     turn << 0, 0, 1, 1, 0, 0, 0, 1, 0;
     for (int i = 0; i < solver.nodes(); ++i) {
       const Eigen::Vector3d &rest = mesh.nodes_mm[static_cast<std::size_t>(i)];
@@ -68,13 +68,13 @@ TEST(TissuePatch, ARotationMakesNoForce) {
     for (int i = 0; i < solver.nodes(); ++i) {
       largest_N = std::max(largest_N, solver.elastic_force_N(i).norm());
     }
-    // Against the force of a strain of a thousandth on a face of a cell.
+    // Relative to the force of a strain of 0.001 on a face of a cell.
     EXPECT_LT(largest_N, 1e-3 * solver.material().young_Pa * 1e-3 * 25e-6);
     EXPECT_NEAR(solver.energies().elastic_J, 0.0, 1e-12);
   }
 }
 
-TEST(TissueUniaxial, PressedAndPulledLikeTheExactBar) {
+TEST(TissueUniaxial, CompressionAndTensionMatchTheExactBar) {
   for (const Law law : {Law::kNeoHookean, Law::kOgden}) {
     for (const double poisson : {0.45, 0.49}) {
       for (const double stretch : {0.6, 0.8, 1.3, 1.8}) {
@@ -86,7 +86,7 @@ TEST(TissueUniaxial, PressedAndPulledLikeTheExactBar) {
   }
 }
 
-TEST(TissueSphere, UnderPressureMovesAsLameSaysWithSecondOrder) {
+TEST(TissueSphere, UnderPressureConvergesToLameWithSecondOrder) {
   for (const double poisson : {0.3, 0.45, 0.49}) {
     const test::FieldAnswer coarse = test::pressurised_sphere(poisson, 4);
     const test::FieldAnswer fine = test::pressurised_sphere(poisson, 8);
@@ -99,7 +99,7 @@ TEST(TissueSphere, UnderPressureMovesAsLameSaysWithSecondOrder) {
   }
 }
 
-TEST(TissueSphere, BlownUpByHalfHoldsTheExactPressure) { EXPECT_LT(test::blown_sphere(0.499, 6).error(), 0.02); }
+TEST(TissueSphere, InflatedByHalfMatchesTheExactPressure) { EXPECT_LT(test::blown_sphere(0.499, 6).error(), 0.02); }
 
 TEST(TissueBending, DoesNotLock) {
   for (const double poisson : {0.45, 0.49, 0.499}) {

@@ -16,7 +16,7 @@ TEST(TetMesh, ABlockIsFilledAndItsSurfaceIsClosed) {
 
   const TetBoundary boundary = boundary_of(block);
   EXPECT_EQ(boundary.triangles.size(), 2U * 2U * (3U * 2U + 2U * 4U + 3U * 4U));
-  double six_volumes = 0.0; // divergence theorem: only an outward, closed surface gives the volume
+  double six_volumes = 0.0; // divergence theorem: gives the volume only for a closed surface with outward normals
   for (const Eigen::Vector3i &t : boundary.triangles) {
     const auto node = [&](int i) { return block.nodes_mm[static_cast<std::size_t>(t[i])]; };
     six_volumes += node(0).dot(node(1).cross(node(2)));
@@ -25,7 +25,7 @@ TEST(TetMesh, ABlockIsFilledAndItsSurfaceIsClosed) {
   EXPECT_EQ(boundary.nodes.size(), 4U * 3U * 5U - 2U * 1U * 3U);
 }
 
-TEST(TetMesh, WhatIsWrongIsNamed) {
+TEST(TetMesh, ErrorsAreReported) {
   const auto message = [](auto &&spoil) {
     TetMesh mesh = block_mesh({1, 1, 1}, {1.0, 1.0, 1.0});
     spoil(mesh);

@@ -33,7 +33,7 @@ double smallest_distance(const Surface &surface, const std::vector<Eigen::Vector
   return least;
 }
 
-// A ball for a head, a smaller one for a brain, two regions in it, and a plan.
+// A ball as head, a smaller one as brain with two regions, and a plan.
 class SmallHead {
 public:
   SmallHead() {
@@ -74,7 +74,7 @@ public:
     return out;
   }
 
-  // What lies in the folder beside the case: nothing half-made may be left.
+  // Files next to the case: no partial results may remain.
   [[nodiscard]] int hidden_entries() const {
     int count = 0;
     for (const auto &entry : fs::directory_iterator(scratch.path())) {
@@ -161,7 +161,7 @@ TEST(CreateCase, SnapsPointsOntoTheScalp) {
   EXPECT_EQ(21.0, far[0].position_mm.y()) << "all or none";
 }
 
-TEST(CreateCase, LeavesNothingHalfMade) {
+TEST(CreateCase, LeavesNoPartialFolder) {
   const SmallHead head;
   const fs::path folder = head.scratch / "case";
   const auto stopped =
@@ -196,7 +196,7 @@ TEST(CreateCase, ReplacesOnlyACaseAndKeepsItsSessions) {
   EXPECT_EQ(0, head.hidden_entries());
 }
 
-TEST(CreateCase, SaysWhatIsWrong) {
+TEST(CreateCase, ErrorsAreReportedWithTheReason) {
   const SmallHead head;
   const auto message = [&](const auto &change) {
     CaseSources sources = head.sources();
@@ -261,7 +261,7 @@ surface::TriangleMesh read_ascii(const std::filesystem::path &file) {
   return mesh;
 }
 
-// A published surface of the same person, by another method, counted from the middle of the same voxels.
+// A published surface of the same person by another method, relative to the centre of the same voxels.
 void expect_near_published_skin(const surface::TriangleMesh &scalp, const Volume &image, const fs::path &file) {
   surface::TriangleMesh published = read_ascii(file);
   const Eigen::Vector3d middle = image.point_mm({90.5, 108.5, 90.5});
@@ -272,7 +272,7 @@ void expect_near_published_skin(const surface::TriangleMesh &scalp, const Volume
   EXPECT_NEAR(4095.0, check_mesh(scalp).volume_ml, 0.05 * 4095.0);
   std::vector<Eigen::Vector3d> points;
   for (const Eigen::Vector3d &vertex : scalp.vertices_mm) {
-    if (vertex.z() > -50.0) { // above the cut and the ears, which the other smooths away
+    if (vertex.z() > -50.0) { // above the cut and the ears, which the other surface lacks
       points.push_back(vertex);
     }
   }
@@ -286,7 +286,7 @@ void expect_near_published_skin(const surface::TriangleMesh &scalp, const Volume
   EXPECT_LT(*median, 2.0);
 }
 
-// The plan that comes with the project, on the head that it was made for.
+// The plan of the project, on its head.
 TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
   if (!fs::exists(test::templates() / "ch2.nii.gz")) {
     GTEST_SKIP() << "needs mricron-data";
@@ -312,7 +312,7 @@ TEST(Demonstration, IsACaseWithRoomAroundItsTrajectory) {
   EXPECT_EQ(6U, loaded->structures.size());
   for (const surface::TriangleMesh *mesh : {&loaded->scalp.mesh, &loaded->brain.mesh}) {
     EXPECT_EQ(10'000U, mesh->vertices_mm.size());
-    EXPECT_EQ(2U * 10'000U - 4U, mesh->triangles.size()); // like a sphere: no handle, no tunnel
+    EXPECT_EQ(2U * 10'000U - 4U, mesh->triangles.size()); // genus 0: no handle
     const MeshCheck check = check_mesh(*mesh);
     EXPECT_TRUE(check.closed && check.manifold && check.oriented);
     EXPECT_EQ(1, check.components);

@@ -1,4 +1,4 @@
-// Real DICOM series: what was read is compared with the files' own bytes, past the library that reads them.
+// Real DICOM series: the result is compared with the bytes of the files, independent of the reading library.
 #include <algorithm>
 #include <cstdlib>
 #include <cstring>
@@ -24,7 +24,7 @@ bool unpacked(const std::string &name, const fs::path &folder) {
          std::system(("tar -xzf '" + archive.string() + "' -C '" + folder.string() + "'").c_str()) == 0;
 }
 
-// Where the value of an element starts and how long it is, in a little-endian file with implicit types (these are).
+// Offset and length of an element's value in a little-endian file with implicit types, as used here.
 std::string value_of(const std::string &file, std::uint16_t group, std::uint16_t number) {
   const std::uint16_t tag[] = {group, number};
   const std::size_t at = file.find(std::string(reinterpret_cast<const char *>(tag), sizeof tag), 128); // NOLINT
@@ -147,7 +147,7 @@ TEST(DicomSeries, AFolderWithoutImagesIsRefused) {
   EXPECT_EQ(scratch.path().string() + ": the folder holds no DICOM images", volume.error().message);
 }
 
-// One slice taken out of an even series: the gap there is twice the others.
+// An equally spaced series without one slice: one gap is twice the others.
 TEST(DicomSeries, AMissingSliceIsFound) {
   const TemporaryFolder scratch;
   if (!unpacked("dicom_mr_oblique_384.tgz", scratch.path())) {

@@ -1,4 +1,4 @@
-// Where these tests read and write.
+// Folders of these tests.
 #pragma once
 
 #include <filesystem>

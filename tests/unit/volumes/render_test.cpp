@@ -7,7 +7,7 @@ namespace {
 
 using surface::TriangleMesh;
 
-// A square plate across the view of an eye at +y, `at_mm` in front of the origin.
+// A square plate normal to the view of an eye at +y, `at_mm` in front of the origin.
 TriangleMesh plate(double at_mm, double half_mm) {
   return {
       {{-half_mm, at_mm, -half_mm}, {half_mm, at_mm, -half_mm}, {half_mm, at_mm, half_mm}, {-half_mm, at_mm, half_mm}},
@@ -56,7 +56,7 @@ TEST(Render, TheNearerSurfaceHidesTheFarther) {
   }
 }
 
-// Seen from the front the patient's right is on the viewer's left, and superior is up.
+// In a view from the front the patient's right is on the viewer's left, and superior is up.
 TEST(Render, SidesAreThoseOfAViewerInFront) {
   const TriangleMesh far = plate(-10.0, 20.0);
   Scene scene = empty_scene();
@@ -68,7 +68,7 @@ TEST(Render, SidesAreThoseOfAViewerInFront) {
   EXPECT_TRUE(is_mostly(pixel(image, 50, 40 - static_cast<int>(15 * pixels_per_mm)), 2));
 }
 
-TEST(Render, TranslucentSurfacesLetThroughWhatLiesBehind) {
+TEST(Render, TranslucentSurfacesShowTheBackground) {
   const TriangleMesh near = plate(10.0, 20.0);
   const TriangleMesh far = plate(-10.0, 20.0);
   Scene scene = empty_scene();
@@ -77,7 +77,7 @@ TEST(Render, TranslucentSurfacesLetThroughWhatLiesBehind) {
   const Colour mixed = pixel(render(scene), 50, 40);
   EXPECT_GT(mixed[0], 40);
   EXPECT_GT(mixed[1], 40);
-  // What lies in front of a translucent surface is not tinted by it.
+  // An object in front of a translucent surface is not tinted.
   scene.spheres = {{{0.0, 15.0, 0.0}, 4.0, {0, 0, 255}}};
   EXPECT_TRUE(is_mostly(pixel(render(scene), 50, 40), 2));
 }
@@ -87,7 +87,7 @@ TEST(Render, ACutShowsTheInside) {
   const TriangleMesh far = plate(-10.0, 20.0);
   Scene scene = empty_scene();
   scene.meshes = {item(near, {255, 0, 0}), item(far, {0, 255, 0})};
-  scene.meshes[0].cut = true; // takes away its half on the patient's right
+  scene.meshes[0].cut = true; // removes the half on the patient's right
   const Image image = render(scene);
   EXPECT_TRUE(is_mostly(pixel(image, 35, 40), 1));
   EXPECT_TRUE(is_mostly(pixel(image, 65, 40), 0));
@@ -109,7 +109,7 @@ TEST(Render, AnEmptySceneIsTheBackground) {
   EXPECT_EQ((Colour{1, 2, 3}), pixel(render(scene), 50, 40));
 }
 
-TEST(Png, StartsAsOneAndRefusesNothingness) {
+TEST(Png, HasThePngSignatureAndRefusesAnEmptyPicture) {
   const auto png = encode_png(render(empty_scene()));
   ASSERT_TRUE(png);
   ASSERT_GT(png->size(), 24U);

@@ -13,11 +13,11 @@ namespace {
 
 using surface::TriangleMesh;
 
-// A ball of 100 in a noisy background, on an anisotropic grid that lies askew in space.
+// A ball with intensity 100 in a noisy background, on an oblique anisotropic grid.
 struct Phantom {
   double radius_mm = 30.0;
-  double cavity_mm = 0.0;  // radius of a hollow at the centre
-  double channel_mm = 0.0; // radius of a bore from the hollow upwards and out
+  double cavity_mm = 0.0;  // radius of a cavity at the centre
+  double channel_mm = 0.0; // radius of a channel from the cavity upwards to the outside
   Eigen::Vector3d centre_mm{12.0, -7.0, 20.0};
 };
 
@@ -36,7 +36,7 @@ Volume image_of(const Phantom &phantom) {
         const Eigen::Vector3d from_centre = volume.point_mm({double(i), double(j), double(k)}) - phantom.centre_mm;
         const double distance = from_centre.norm();
         const bool bored = from_centre.z() > 0.0 && from_centre.head<2>().norm() < phantom.channel_mm;
-        const bool speck = i < 3 && j < 3 && k < 3; // apart from the ball, to be left out
+        const bool speck = i < 3 && j < 3 && k < 3; // separate from the ball, must be dropped
         const bool solid = distance < phantom.radius_mm && distance >= phantom.cavity_mm && !bored;
         volume.voxels.push_back((solid || speck ? 100.0F : 0.0F) + noise(random));
       }
@@ -47,7 +47,7 @@ Volume image_of(const Phantom &phantom) {
 
 double ball_ml(double radius_mm) { return 4.0 / 3.0 * std::numbers::pi * std::pow(radius_mm, 3) / 1000.0; }
 
-// From each point to the surface, sorted.
+// Distances of the points from the surface, sorted.
 std::vector<double> distances(const TriangleMesh &mesh, const std::vector<Eigen::Vector3d> &points) {
   const std::vector<Eigen::Vector3d> nearest = nearest_on_surface(mesh, points);
   std::vector<double> out;
@@ -97,7 +97,7 @@ TEST(Surface, HolesStayWhereTheyAreWanted) {
   EXPECT_NEAR(ball_ml(30.0) - ball_ml(15.0), check.volume_ml, 0.015 * ball_ml(30.0));
 }
 
-// The bore lets the outside into the hollow: only closing keeps it out.
+// The channel connects the cavity with the outside: only closing fills the cavity.
 TEST(Surface, ClosingShutsAChannel) {
   const Volume image = image_of({.cavity_mm = 12.0, .channel_mm = 3.0});
   SurfaceOptions options;
@@ -113,7 +113,7 @@ TEST(Surface, ClosingShutsAChannel) {
   EXPECT_NEAR(ball_ml(30.0), shut->report.volume_ml, 0.015 * ball_ml(30.0));
 }
 
-// The image ends within the ball, and the hollow is open there: the cut is closed as a plane.
+// The image ends within the ball, where the cavity is open: the cut is closed by a plane.
 TEST(Surface, ACutByTheImageBorderIsClosed) {
   Volume image = image_of({.cavity_mm = 14.0});
   const int kept = 26; // of 52 slices
@@ -128,7 +128,7 @@ TEST(Surface, ACutByTheImageBorderIsClosed) {
   ASSERT_TRUE(surface) << surface.error().message;
   expect_body(surface->mesh);
   EXPECT_EQ(1, check_mesh(surface->mesh).components);
-  // Half a ball, less the slab between its centre and the first slice's lower side.
+  // Half a ball without the slab between its centre and the first slice's lower side.
   const double height = (25.4 - (kept - 0.5)) * 1.5;
   const double slab_ml = std::numbers::pi * (900.0 * -height - std::pow(-height, 3) / 3.0) / 1000.0;
   EXPECT_NEAR(0.5 * ball_ml(30.0) - slab_ml, surface->report.volume_ml, 0.015 * ball_ml(30.0));
@@ -136,7 +136,7 @@ TEST(Surface, ACutByTheImageBorderIsClosed) {
 
 TEST(Surface, DoesNotDependOnTheGridsHandedness) {
   const Volume image = image_of({});
-  Volume mirrored = image; // the same voxels stored from the other end of i
+  Volume mirrored = image; // the same voxels stored in reverse order of i
   for (int k = 0; k < image.size[2]; ++k) {
     for (int j = 0; j < image.size[1]; ++j) {
       const auto row = mirrored.voxels.begin() + static_cast<std::ptrdiff_t>(image.offset(0, j, k));
@@ -161,7 +161,7 @@ TEST(Surface, RegionsKeepTheirVolumeThoughThin) {
   labels.T_image_index(0, 3) = -30.0;
   labels.voxels.assign(std::size_t{60} * 50 * 40, 0);
   int marked = 0;
-  for (int i = 10; i < 50; ++i) { // two plates of four voxels, apart
+  for (int i = 10; i < 50; ++i) { // two separate plates of four voxels
     for (int j = 8; j < 40; ++j) {
       for (const int k : {10, 11, 12, 13, 24, 25, 26, 27}) {
         labels.voxels[labels.offset(i, j, k)] = k < 20 ? std::int16_t{7} : std::int16_t{9};
@@ -199,7 +199,7 @@ TEST(Surface, ShowsProgressAndStops) {
   EXPECT_EQ("stopped", stopped.error().message);
 }
 
-TEST(Surface, SaysWhatIsWrong) {
+TEST(Surface, ErrorsAreReportedWithTheReason) {
   const Volume image = image_of({});
   EXPECT_EQ("no voxel is above the threshold of 500.000", extract_surface(image, {.threshold = 500.0}).error().message);
   EXPECT_EQ("a surface needs at least 100 vertices, a closing of 0 to 50 mm and a blur of 0 to 10 mm",
@@ -234,7 +234,7 @@ TEST(CheckMesh, FindsEachDefect) {
   EXPECT_TRUE(check.closed && check.manifold);
   EXPECT_FALSE(check.oriented);
 
-  TriangleMesh touching = good; // two that share a vertex
+  TriangleMesh touching = good; // two bodies that share a vertex
   const TriangleMesh other = tetrahedron({31, 2, 3});
   touching.vertices_mm.insert(touching.vertices_mm.end(), other.vertices_mm.begin() + 1, other.vertices_mm.end());
   for (const Eigen::Vector3i &triangle : other.triangles) {

@@ -19,7 +19,7 @@ namespace {
 using test::TemporaryFolder;
 using test::write_bytes;
 
-// An image that looks like itself from one side only: a bright corner, a ramp along each axis of another steepness.
+// An image without symmetry: a bright corner, and ramps of different slope along the axes.
 Volume pattern(const Eigen::Matrix3d &R) {
   Volume volume;
   volume.size = {5, 6, 7};
@@ -35,7 +35,7 @@ Volume pattern(const Eigen::Matrix3d &R) {
   return volume;
 }
 
-// The same picture in space, stored another way: axis `axes[a]` of the original runs along a, backwards where flipped.
+// The same image in space, stored in another order: axis `axes[a]` of the original runs along a, reversed if flipped.
 Volume stored_otherwise(const Volume &volume, const std::array<int, 3> &axes, int flips) {
   Volume out;
   Eigen::Matrix4d T_old_new = Eigen::Matrix4d::Zero();
@@ -67,7 +67,7 @@ std::string bytes_of(const std::vector<float> &voxels) {
   return bytes;
 }
 
-// Files written by hand, after the formats' definitions, so that reader and writer cannot agree on an error.
+// Files written directly from the formats' definitions, so that reader and writer cannot have the same error.
 std::string nrrd(const Volume &volume, const std::string &space) {
   const Eigen::Vector3d sign =
       space == "right-anterior-superior" ? Eigen::Vector3d(1, 1, 1) : Eigen::Vector3d(-1, -1, 1);
@@ -156,7 +156,7 @@ void expect_same(const Volume &expected, const base::Result<Volume> &read, doubl
 
 std::string message_of(const base::Result<Volume> &read) { return read ? "was read" : read.error().message; }
 
-// All 48 ways to store an image, in each format: in space it is always the same.
+// All 48 orientations of an image in each format give the same image in space.
 TEST(Orientation, DoesNotDependOnHowTheImageIsStored) {
   const TemporaryFolder scratch;
   const Eigen::Matrix3d oblique =
@@ -198,7 +198,7 @@ double sample(const Volume &volume, const Eigen::Matrix4d &T_index_image, const 
              : static_cast<double>(volume.at(nearest[0], nearest[1], nearest[2]));
 }
 
-// Correlation of b with a at a's voxels; `mirrored`: b is looked at from the wrong side.
+// Correlation of b with a at a's voxels; `mirrored`: b is mirrored.
 double correlation(const Volume &a, const Volume &b, bool mirrored) {
   const Eigen::Matrix4d T_index_image = b.T_image_index.inverse();
   double n = 0, sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
@@ -216,7 +216,7 @@ double correlation(const Volume &a, const Volume &b, bool mirrored) {
   return (sab - sa * sb / n) / std::sqrt((saa - sa * sa / n) * (sbb - sb * sb / n));
 }
 
-// The same head in two files of two makers, one stored from right to left, the other from left to right.
+// The same head in two files of different origin, one stored from right to left, the other from left to right.
 TEST(Orientation, TwoPublishedFilesOfOneHeadAgree) {
   const auto other = test::shared_data() / "images/mni/single_subj_T1.nii.gz";
   if (!std::filesystem::exists(other) || !std::filesystem::exists(test::templates() / "ch2.nii.gz")) {
@@ -244,7 +244,7 @@ TEST(Orientation, TheHeadOfTheDemonstrationLiesWhereItsFormatSays) {
   ASSERT_TRUE(labels && names);
   EXPECT_EQ(116U, names->size());
   EXPECT_EQ("Precentral_L", names->at(1));
-  // Left is left: the mean of all voxels whose region's name ends so has a negative first coordinate.
+  // Check of the sides: the voxels of all regions whose names end with "_L" have a negative mean first coordinate.
   double left = 0.0;
   double right = 0.0;
   for (int k = 0; k < labels->size[2]; ++k) {

@@ -1,4 +1,4 @@
-// One device in virtual time: live, stale, lost, back again; one writer at a time; its figures.
+// One device in virtual time: live, stale, lost and reconnected; one writer at a time; health figures.
 #include <gtest/gtest.h>
 
 #include "server/inputs/input_guard.hpp"
@@ -12,7 +12,7 @@ constexpr std::uint64_t kOtherWriter = 2;
 
 class DeviceMonitorTest : public testing::Test {
 protected:
-  // Frames first .. last - 1, each arriving a millisecond after its exposure.
+  // Frames first to last - 1, each arriving 1 ms after its exposure.
   void send(std::uint64_t first, std::uint64_t last, std::uint64_t writer = kWriter) {
     for (std::uint64_t i = first; i < last; ++i) {
       verdict = guard.check(tracker_frame(i), writer, at(i));
@@ -57,7 +57,7 @@ TEST_F(DeviceMonitorTest, AWriterThatDiedIsLostAtOnce) {
 
 TEST_F(DeviceMonitorTest, ComesBackFromASilenceAsAReconnectAndCountsWhatWasLost) {
   send(0, 100);
-  send(1'100, 1'101); // four seconds later, the count has gone on
+  send(1'100, 1'101); // four seconds later, the frame count has continued
   EXPECT_TRUE(verdict.accepted);
   EXPECT_TRUE(verdict.reconnected);
   send(1'101, 1'110);
@@ -71,7 +71,7 @@ TEST_F(DeviceMonitorTest, ARestartedDriverWithAnotherClockAndCountIsTakenAfterAS
   send(0, 100);
   guard.set_writers_alive(0);
   for (std::uint64_t i = 0; i < 50; ++i) {
-    auto frame = tracker_frame(i);                                          // counts from the start again
+    auto frame = tracker_frame(i);                                          // restarts its frame count
     frame.device_time_ns = (static_cast<std::int64_t>(i) + 1) * kPeriod_ns; // its clock began at 1970
     const std::int64_t now_ns = at(150 + i);
     frame.sent_time_ns = now_ns;
@@ -149,7 +149,7 @@ TEST_F(DeviceMonitorTest, LateRateAgeAndLatencyAreMeasured) {
   EXPECT_EQ(now.late, 10U);
   EXPECT_NEAR(now.rate_hz, 250.0, 2.0);
   EXPECT_NEAR(now.age_ms, 5.0, 0.1);
-  EXPECT_NEAR(now.latency_p50_ms, 0.0, 0.05); // above the minimum, which nobody has stated here
+  EXPECT_NEAR(now.latency_p50_ms, 0.0, 0.05); // above the minimum, which is not stated here
   EXPECT_NEAR(now.latency_p99_ms, 0.0, 0.05);
   EXPECT_NEAR(now.clock_offset_ms, 1.0, 0.01);
 }

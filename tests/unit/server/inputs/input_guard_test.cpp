@@ -1,4 +1,4 @@
-// Streams at the border in virtual time: what is hostile is refused, counted by reason, and harms nobody else.
+// Input check of streams in virtual time: faulty samples are rejected, counted per reason, and affect no other device.
 #include <array>
 #include <numeric>
 #include <random>
@@ -67,7 +67,7 @@ TYPED_TEST(EveryStream, HeaderRulesHold) {
   EXPECT_EQ(health.devices[0].taken, 301U);
   EXPECT_EQ(rejected(health.devices[0]), 12U);
   EXPECT_EQ(health.unknown_device_samples, 1U);
-  EXPECT_EQ(health.devices[0].lost, 0U); // number 300 did arrive, and was refused
+  EXPECT_EQ(health.devices[0].lost, 0U); // number 300 arrived and was rejected
 }
 
 TYPED_TEST(EveryStream, ChecksWithoutAllocation) {
@@ -101,7 +101,7 @@ TEST(InputGuard, ConfigurationErrorsSayWhatIsWrong) {
   EXPECT_EQ(message({"An optical tracker with a name too long"}),
             "device name 'An optical tracker with a name too long': must have 1 to 31 bytes");
   EXPECT_EQ(message({""}), "device name '': must have 1 to 31 bytes");
-  EXPECT_EQ(message(std::vector<std::string>(17, "T")), "more than 16 devices for topic TrackerFrame");
+  EXPECT_EQ(message(std::vector<std::string>(33, "T")), "more than 32 devices for topic TrackerFrame");
 }
 
 TEST(InputGuard, ToolsAreThoseOfTheCase) {
@@ -113,12 +113,12 @@ TEST(InputGuard, ToolsAreThoseOfTheCase) {
   EXPECT_TRUE(guard.check(tracker_frame(2), 1, at(2)).accepted);
 }
 
-// Ten copies of every frame, or ten frames a period: the device keeps its samples, and its neighbour every one.
+// Ten copies of every frame, or ten frames per period: samples of the device are accepted, and all of its neighbour's.
 enum class Flood { kCopies, kDense, kAhead };
 
 class FloodedInputGuard : public testing::TestWithParam<Flood> {};
 
-TEST_P(FloodedInputGuard, CountsEverythingAndHarmsNobody) {
+TEST_P(FloodedInputGuard, CountsEverythingAndLeavesOthersUnharmed) {
   InputGuard<wire::TrackerFrame> guard(kTrackers, {});
   std::uint64_t sent = 0;
   std::int64_t age_ns = 0;
@@ -145,7 +145,7 @@ TEST_P(FloodedInputGuard, CountsEverythingAndHarmsNobody) {
   EXPECT_EQ(health.devices[0].taken + rejected(health.devices[0]), sent);
   EXPECT_GT(rejected(health.devices[0]), 3'900U);
   EXPECT_GE(health.devices[0].taken, 1'900U);
-  // Nothing of a stream that runs ahead can be believed: the device is lost meanwhile.
+  // All samples of a stream that runs ahead are rejected, so the device is lost meanwhile.
   EXPECT_EQ(health.devices[0].connections, GetParam() == Flood::kAhead ? 2U : 1U);
   EXPECT_LT(age_ns, 3 * kPeriod_ns); // after the flood it is live again
   EXPECT_EQ(health.devices[1].taken, 2'000U);
@@ -167,7 +167,7 @@ TEST(InputGuard, AClockJumpDoesNotLockTheDeviceOut) {
       const auto verdict = guard.check(frame, 1, at(i));
       refused += verdict.accepted ? 0 : 1;
       if (verdict.accepted) {
-        EXPECT_GT(verdict.acquired_time_ns, last_acquired); // time behind the border goes forward
+        EXPECT_GT(verdict.acquired_time_ns, last_acquired); // accepted times increase
         last_acquired = verdict.acquired_time_ns;
       }
     }
@@ -179,7 +179,7 @@ TEST(InputGuard, AClockJumpDoesNotLockTheDeviceOut) {
   }
 }
 
-// Whatever arrives, in whatever order: every sample is taken or refused, and nothing bad gets through.
+// For arbitrary samples in arbitrary order: every sample is accepted or rejected, and no invalid one is accepted.
 TEST(InputGuard, NothingGetsLostInRandomTraffic) {
   constexpr unsigned kSeed = 23;
   SCOPED_TRACE("seed " + std::to_string(kSeed));
@@ -193,7 +193,7 @@ TEST(InputGuard, NothingGetsLostInRandomTraffic) {
   for (std::uint64_t i = 0; i < kSamples; ++i) {
     auto frame = tracker_frame(i);
     auto *bytes = reinterpret_cast<unsigned char *>(&frame);
-    if (any(3) == 0) { // flip some bits anywhere
+    if (any(3) == 0) { // flips random bits
       for (int flips = 0; flips < 3; ++flips) {
         bytes[any(sizeof frame)] ^= static_cast<unsigned char>(1U << any(8));
       }

@@ -1,4 +1,4 @@
-// Good samples, for tests to spoil.
+// Valid samples, which tests modify.
 #pragma once
 
 #include <string>

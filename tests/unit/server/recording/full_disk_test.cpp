@@ -1,5 +1,5 @@
-// A disk that is full, and then has room again: nothing stops, the recorder says so, and every record is either in the
-// file or counted as dropped.
+// A disk that is full and then has space again. Recording continues, the recorder reports the error, and every record
+// is either in the file or counted as dropped.
 #include <csignal>
 #include <fstream>
 #include <sys/mount.h>
@@ -42,7 +42,7 @@ void record_through_a_full_disk(const std::filesystem::path &file, const std::st
 
   make_room();
   ASSERT_TRUE(test::eventually([&] { return !recorder.status().failing; }));
-  ASSERT_TRUE(test::eventually([&] { return push(); })); // there is room in the ring again
+  ASSERT_TRUE(test::eventually([&] { return push(); })); // the ring has space again
   ASSERT_TRUE(recorder.close());
   const auto status = recorder.status();
   EXPECT_FALSE(status.failing);
@@ -53,7 +53,7 @@ void record_through_a_full_disk(const std::filesystem::path &file, const std::st
   std::uint64_t previous = 0;
   std::uint64_t missing = 0;
   const auto read = reader->each<wire::NavigationState>([&](const wire::NavigationState &state, std::int64_t) {
-    EXPECT_GT(state.frame, previous); // nothing twice, though it was tried more than once
+    EXPECT_GT(state.frame, previous); // no duplicates, although writes were retried
     missing += state.frame - previous - 1;
     previous = state.frame;
   });
@@ -110,7 +110,7 @@ TEST(FullDisk, WhatADiskNeverTookIsCountedAtTheEnd) {
   const auto status = recorder.status();
   EXPECT_EQ(status.recorded + status.dropped, 1'000U);
   EXPECT_GT(status.dropped, 0U);
-  EXPECT_FALSE(status.failing); // of a file that is closed nothing can be said
+  EXPECT_FALSE(status.failing); // a closed file has no error state
 }
 
 TEST(FullDisk, TheNextFileIsOpenedThoughTheLastOneCouldNotBeFinished) {

@@ -1,4 +1,4 @@
-// SIGKILL in the middle of recording: the file opens, is whole up to its last commit, and lacks 100 ms at most.
+// SIGKILL during recording: the file opens, is complete up to its last commit, and lacks at most the last 100 ms.
 #include <algorithm>
 #include <atomic>
 #include <csignal>
@@ -18,7 +18,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-// What the writing process has pushed, in memory that outlives it.
+// Progress of the writing process, in memory that survives it.
 struct Pushed {
   std::atomic<std::uint64_t> frame;
   std::atomic<std::int64_t> time_ns;
@@ -43,7 +43,7 @@ private:
 
 constexpr const char *kFolder = "BREGMA_TEST_KILLED_WRITER";
 
-// Not a test by itself: the process that is killed.
+// Not a test: the process that is killed.
 TEST(KilledWriter, DISABLED_RecordsUntilItIsKilled) {
   const std::filesystem::path folder = std::getenv(kFolder);
   const SharedPushed pushed(folder / "pushed");
@@ -60,7 +60,7 @@ TEST(KilledWriter, DISABLED_RecordsUntilItIsKilled) {
   }
 }
 
-// How much of the end is missing in the file of a process that was killed, in ms.
+// Length of the missing end in the file of a killed process, in ms.
 double lost_ms(std::chrono::milliseconds alive) {
   const test::TemporaryFolder folder;
   const SharedPushed pushed(folder.path() / "pushed");
@@ -82,7 +82,7 @@ double lost_ms(std::chrono::milliseconds alive) {
   std::uint64_t previous = 0;
   std::int64_t last_ns = 0;
   EXPECT_TRUE(reader->each<wire::NavigationState>([&](const wire::NavigationState &state, std::int64_t time_ns) {
-    EXPECT_EQ(state.frame, ++previous); // whole: no hole before the end
+    EXPECT_EQ(state.frame, ++previous); // complete: no gap before the end
     last_ns = time_ns;
   }));
   EXPECT_GT(previous, 0U);
@@ -98,7 +98,7 @@ TEST(KilledWriter, LosesAHundredMillisecondsAtMost) {
   for (const double value : lost) {
     std::printf("lost at the end: %.1f ms\n", value);
   }
-  // The median, because a machine that is busy with something else may starve the recorder now and then.
+  // The median, because other load on the machine may delay the recorder occasionally.
   EXPECT_LE(lost[2], 100.0);
 }
 

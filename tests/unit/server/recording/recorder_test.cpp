@@ -36,7 +36,7 @@ TEST(Recorder, WritesWhatSeveralThreadsPushInEachOnesOrder) {
     std::thread navigating([&] {
       for (std::uint64_t i = 1; i <= kEach; ++i) {
         while (!first.push(static_cast<std::int64_t>(i), navigation(i))) {
-          std::this_thread::sleep_for(1ms); // only here: a loop would go on
+          std::this_thread::sleep_for(1ms); // only in the test: a loop would continue
         }
       }
     });
@@ -70,7 +70,7 @@ TEST(Recorder, WhatDoesNotFitIsDroppedAndCounted) {
   Recorder recorder({.channel_bytes = 16'384, .interval = 5ms});
   auto &channel = recorder.channel("navigation");
   ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
-  for (std::uint64_t i = 1; i <= 20'000; ++i) { // far faster than a disk
+  for (std::uint64_t i = 1; i <= 20'000; ++i) { // much faster than the disk
     channel.push(static_cast<std::int64_t>(i), navigation(i));
   }
   ASSERT_TRUE(recorder.close());
@@ -81,14 +81,14 @@ TEST(Recorder, WhatDoesNotFitIsDroppedAndCounted) {
   EXPECT_EQ(status.recorded + status.dropped, channel.pushed());
   EXPECT_EQ(recorded_frames(folder / "a.session").size(), status.recorded);
   const auto reader = casefile::SessionReader::open(folder / "a.session");
-  EXPECT_EQ(reader->meta("dropped").value(), std::to_string(status.dropped)); // the file knows what it lacks
+  EXPECT_EQ(reader->meta("dropped").value(), std::to_string(status.dropped)); // the file states its missing records
 }
 
 TEST(Recorder, OpensOneFileAfterAnother) {
   const test::TemporaryFolder folder;
   Recorder recorder;
   auto &channel = recorder.channel("navigation");
-  EXPECT_TRUE(channel.push(0, navigation(99))); // nothing is open: nothing to do
+  EXPECT_TRUE(channel.push(0, navigation(99))); // no file is open: records are ignored
   for (std::uint64_t i = 1; i <= 3; ++i) {
     ASSERT_TRUE(recorder.open(folder / std::to_string(i), {}, {}));
     EXPECT_TRUE(channel.push(0, navigation(i)));
@@ -123,7 +123,7 @@ TEST(Recorder, PollsASourceThatNoPipelineSees) {
   {
     Recorder recorder({.interval = 1ms});
     recorder.set_poll([&](Channel &channel) { channel.push(0, navigation(++polls)); });
-    EXPECT_TRUE(test::eventually([&] { return polls > 3; })); // also while nothing is open
+    EXPECT_TRUE(test::eventually([&] { return polls > 3; })); // also while no file is open
     ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
     const auto opened = polls.load();
     EXPECT_TRUE(test::eventually([&] { return polls > opened + 3; }));

@@ -26,7 +26,7 @@ inline wire::RangeSample range(std::uint64_t frame) {
   return out;
 }
 
-// False when it has not become true after a minute.
+// False if the condition is not true within one minute.
 inline bool eventually(const std::function<bool()> &condition) {
   for (int i = 0; i < 60'000 && !condition(); ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));

@@ -76,7 +76,8 @@ TEST(SessionFile, GivesBackEveryByteInTheOrderOfRecording) {
   EXPECT_EQ(topics[0].count, 500U);
   EXPECT_EQ(reader.meta("case").value(), "colin27 again");
   EXPECT_EQ(reader.meta("no such key").value(), std::nullopt);
-  EXPECT_EQ(reader.meta()->size(), 1U);
+  EXPECT_EQ(reader.meta("wire").value(), "2.0");
+  EXPECT_EQ(reader.meta()->size(), 2U);
   EXPECT_EQ(reader.attachment("scalp.ply").value(), mesh);
   EXPECT_EQ(reader.attachment("empty").value(), "");
   EXPECT_EQ(reader.attachments().value(), (std::vector<std::string>{"empty", "scalp.ply"}));
@@ -154,9 +155,21 @@ TEST(SessionFile, AnotherLayoutOfATypeIsRefusedByNameAndSizes) {
   const auto read = reader.each<wire::RangeSample>([](const auto &, std::int64_t) { FAIL(); });
   ASSERT_FALSE(read);
   EXPECT_EQ(read.error().message,
-            file.string() + ": topic RangeSample was recorded with 7 bytes a sample, this program's has " +
+            file.string() + ": topic RangeSample was recorded with 7 bytes per sample, this program's has " +
                 std::to_string(sizeof(wire::RangeSample)) + ": it takes the version of Bregma that recorded it");
   EXPECT_EQ(reader.each<wire::NavigationState>([](const auto &, std::int64_t) {}).value(), 1U);
+}
+
+TEST(SessionFile, AnotherLayoutOfTheSameSizeIsRefused) {
+  const test::ScratchFolder folder;
+  const auto file = folder / "a.session";
+  EXPECT_TRUE(create(file).write(1, range(1)));
+  EXPECT_EQ(open(file).each<wire::RangeSample>([](const auto &, std::int64_t) {}).value(), 1U);
+  run_sql(file, "UPDATE topic SET type = x'0123'");
+  const auto read = open(file).each<wire::RangeSample>([](const auto &, std::int64_t) { FAIL(); });
+  ASSERT_FALSE(read);
+  EXPECT_EQ(read.error().message, file.string() + ": topic RangeSample was recorded with another layout of the same "
+                                                  "size: it takes the version of Bregma that recorded it");
 }
 
 TEST(SessionFile, RefusesWhatItIsNot) {
@@ -174,7 +187,21 @@ TEST(SessionFile, RefusesWhatItIsNot) {
   const auto future = folder / "future";
   EXPECT_TRUE(create(future).commit());
   run_sql(future, "PRAGMA user_version=7");
-  EXPECT_EQ(refusal(future), future.string() + ": session file of version 7; this program reads version 1");
+  EXPECT_EQ(refusal(future), future.string() + ": session file of version 7; this program reads version 2");
+  const auto before = folder / "before"; // enumerations were numbered otherwise, sizes can be the same
+  EXPECT_TRUE(create(before).commit());
+  run_sql(before, "PRAGMA user_version=1");
+  EXPECT_EQ(refusal(before), before.string() + ": session file of version 1; this program reads version 2");
+  const auto generation = folder / "generation";
+  EXPECT_TRUE(create(generation).commit());
+  run_sql(generation, "UPDATE meta SET value='3.1' WHERE key='wire'");
+  EXPECT_EQ(refusal(generation), generation.string() +
+                                     ": recorded with wire 3.1; this program reads wire 2.0: it takes the version of "
+                                     "Bregma that recorded it");
+  run_sql(generation, "DELETE FROM meta WHERE key='wire'");
+  EXPECT_EQ(refusal(generation), generation.string() +
+                                     ": recorded with wire (not stated); this program reads wire 2.0: it takes the "
+                                     "version of Bregma that recorded it");
 }
 
 TEST(SessionFile, DamageIsSaidNotSkipped) {

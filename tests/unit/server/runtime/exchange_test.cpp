@@ -1,5 +1,5 @@
-// Latest value and rings: what one thread writes is what the other reads, whole and in order. The thread sanitizer
-// build of these tests shows that there is no data race.
+// Latest value and rings: the reader thread gets the written values complete and in order. The thread sanitizer build
+// of these tests shows that there is no data race.
 #include <array>
 #include <atomic>
 #include <cstring>
@@ -17,7 +17,7 @@
 namespace bregma::runtime {
 namespace {
 
-// Of a size that is no multiple of a word.
+// Its size is not a multiple of a word.
 struct Wide {
   std::array<std::uint32_t, 101> numbers;
 };
@@ -116,7 +116,7 @@ TEST(SpscRing, BetweenThreadsEveryValueArrivesInOrderOrIsCountedAsDropped) {
   EXPECT_EQ(static_cast<std::uint64_t>(received) + ring.dropped(), static_cast<std::uint64_t>(kLast));
 }
 
-// A record says its number and length in its head, and repeats its number in every byte of its body.
+// A record contains its number and length in its head, and its number in every byte of its body.
 struct Head {
   std::uint64_t number;
   std::uint64_t length;
@@ -129,7 +129,7 @@ bool push(ByteRing &ring, std::uint64_t number, std::size_t length) {
   return ring.try_push(std::as_bytes(std::span(&head, 1)), std::span(body).first(length));
 }
 
-// The number of the next record; 0 when there is none. Damage is an error.
+// The number of the next record; 0 if there is none. Corruption is an error.
 std::uint64_t next(ByteRing &ring) {
   const auto record = ring.next();
   if (!record) {

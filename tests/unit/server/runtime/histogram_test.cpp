@@ -61,7 +61,7 @@ TEST(Histogram, PercentilesAgreeWithTheSortedSamples) {
   EXPECT_EQ(snapshot.total, sorted.size());
 }
 
-TEST(Histogram, TellsWhatCameSince) {
+TEST(Histogram, CountsSinceTheLastSnapshot) {
   Histogram histogram;
   for (int i = 0; i < 1000; ++i) {
     histogram.add(1'000);
