@@ -8,10 +8,11 @@ bin=$destdir$prefix/bin share=$destdir$prefix/share
 command -v help2man >/dev/null || { echo "the manual pages need help2man (apt install help2man)" >&2; exit 1; }
 mkdir -p "$share"/{man/man1,bash-completion/completions,zsh/site-functions,bregma} "$destdir$prefix/lib/systemd/system"
 
-# page NAME "COMMAND WORDS" TITLE
+# page NAME "COMMAND WORDS" TITLE. help2man fills the examples like prose: each begins a line again.
 page() {
   help2man --no-info --version-string="$version" --name="$3" "$bin/$2" |
-    sed "1,/^\\.SH NAME/s/^\\.TH [^ ]*/.TH ${1^^}/" >"$share/man/man1/$1.1"
+    sed -e "1,/^\\.SH NAME/s/^\\.TH [^ ]*/.TH ${1^^}/" -e "/^\\.SH NAME/{n;s/^$2 /$1 /}" \
+      -e '/^\.SH EXAMPLES/,/^\.SH [^E]/s/^bregma/.br\n&/' >"$share/man/man1/$1.1"
 }
 # pages "COMMAND WORDS" TITLE: the page of a command and those of its subcommands, bregma-register-points(1).
 pages() {
@@ -20,7 +21,9 @@ pages() {
   help=$("$bin"/$1 --help | sed '1,/^Subcommands:$/d; /^$/,$d') # unquoted: a command and its words
   while IFS= read -r line; do
     # A description that did not fit beside its command stands below it.
-    [[ $line =~ ^\ \ ([a-z][a-z-]*)\ *(.*)$ ]] && pages "$1 ${BASH_REMATCH[1]}" "${BASH_REMATCH[2]:-see ${name}(1)}"
+    if [[ $line =~ ^\ \ ([a-z][a-z-]*)\ *(.*)$ ]]; then
+      pages "$1 ${BASH_REMATCH[1]}" "${BASH_REMATCH[2]:-see ${name}(1)}"
+    fi
   done <<<"$help"
 }
 pages bregma "neurosurgical navigation from the command line"

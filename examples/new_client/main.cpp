@@ -1,7 +1,8 @@
 // my-client: shows what bregmad says, once per second: its devices, and the tip of each tool while it is live.
+#include <chrono>
 #include <cstdio>
 #include <cstdlib>
-#include <exception>
+#include <thread>
 
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
@@ -45,9 +46,8 @@ int watch(std::uint32_t domain, int seconds) {
   const dds::Participant participant(domain);
   dds::Reader<wire::SystemHealth> health(participant);
   dds::Reader<wire::NavigationState> navigation(participant);
-  dds::WaitSet nothing(participant); // only sleeps: readers keep the latest value of each instance
   for (int i = 0; i < seconds; ++i) {
-    (void)nothing.wait(std::chrono::seconds(1));
+    std::this_thread::sleep_for(std::chrono::seconds(1)); // readers keep the latest value of each instance
     health.take_each([](const wire::SystemHealth &sample, const dds::SampleInfo &) { show(sample); });
     navigation.take_each([](const wire::NavigationState &sample, const dds::SampleInfo &) { show(sample); });
     std::fflush(stdout);

@@ -8,12 +8,12 @@ namespace bregma::test {
 
 // Without the line's end.
 inline std::string force_line_of(const std::string &content) {
-  int sum = 0;
-  for (const unsigned char c : content) {
-    sum ^= c;
+  unsigned sum = 0;
+  for (const char c : content) {
+    sum ^= static_cast<unsigned char>(c);
   }
   char digits[8];
-  (void)std::snprintf(digits, sizeof digits, "*%02X", static_cast<unsigned>(sum));
+  (void)std::snprintf(digits, sizeof digits, "*%02X", sum);
   return "$" + content + digits;
 }
 

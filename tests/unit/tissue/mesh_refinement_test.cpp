@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -10,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/tissue/mesh/lattice_mesh.hpp"
 #include "algorithms/tissue/mesh/mesh_quality.hpp"
 #include "algorithms/tissue/mesh/mesh_topology.hpp"
@@ -97,11 +97,10 @@ TEST_F(Refinement, ImpossibleRegionsAreRefused) {
     }
     return std::string("accepted");
   };
-  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   const std::string wanted = ": a place, a radius and an edge must be finite, the last two positive";
   EXPECT_EQ(refusal({{0, 0, 0}, 0.0, 1.0}), "mesh refinement: radius 0.000000 mm, edge 1.000000 mm" + wanted);
   EXPECT_NE(refusal({{0, 0, 0}, 5.0, -1.0}).find(wanted), std::string::npos);
-  EXPECT_NE(refusal({{0, kNone, 0}, 5.0, 1.0}).find(wanted), std::string::npos);
+  EXPECT_NE(refusal({{0, geometry::kUnknown, 0}, 5.0, 1.0}).find(wanted), std::string::npos);
   EXPECT_EQ(refusal({{0, 0, 0}, 20.0, 0.2}), "mesh refinement: more than 500000 tetrahedra");
 }
 

@@ -7,13 +7,13 @@
 
 #include <gtest/gtest.h>
 
+#include "idl/names.hpp"
 #include "server/inputs/payload_check.hpp"
 #include "tests/unit/server/inputs/samples.hpp"
 
 namespace bregma::inputs {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInf = std::numeric_limits<double>::infinity();
 
 template <class Sample> struct Spoiled {
@@ -49,11 +49,11 @@ TEST(PayloadCheck, TrackerFrames) {
        {"a kilometre away", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[2] = -1e6; },
         bregma_wire_REJECT_MALFORMED},
        {"unknown tool", [](Frame &f) { name(f.tools[1].tool, "Drill"); }, bregma_wire_REJECT_UNKNOWN_TOOL},
-       {"NaN position", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[0] = kNan; },
+       {"NaN position", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[0] = wire::kUnknown; },
         bregma_wire_REJECT_NOT_FINITE},
        {"infinite rotation", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[3] = kInf; },
         bregma_wire_REJECT_NOT_FINITE},
-       {"NaN residual", [](Frame &f) { f.tools[0].marker_rms_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN residual", [](Frame &f) { f.tools[0].marker_rms_mm = wire::kUnknown; }, bregma_wire_REJECT_NOT_FINITE},
        {"zero quaternion", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[0] = 0.0; },
         bregma_wire_REJECT_NOT_A_ROTATION},
        {"quaternion of length 1.002", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[0] = 1.002; },
@@ -91,7 +91,7 @@ TEST(PayloadCheck, ThePoseOfAHiddenToolIsNotLookedAt) {
   auto frame = tracker_frame(1);
   frame.tools[1].status = bregma_wire_TOOL_HIDDEN;
   frame.tools[1].T_tracker_tool = wire::unknown_pose();
-  frame.tools[1].marker_rms_mm = kNan;
+  frame.tools[1].marker_rms_mm = wire::kUnknown;
   EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
   frame.tools[1].status = bregma_wire_TOOL_PARTLY_VISIBLE;
   EXPECT_EQ(check_payload(frame, KnownTools{}), bregma_wire_REJECT_NOT_FINITE);
@@ -124,13 +124,13 @@ TEST(PayloadCheck, RobotStates) {
         bregma_wire_REJECT_MALFORMED},
        {"infinite covariance", [](Robot &r) { r.covariance[3] = std::numeric_limits<float>::infinity(); },
         bregma_wire_REJECT_NOT_FINITE},
-       {"NaN joint", [](Robot &r) { r.joint_position_rad[5] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN joint", [](Robot &r) { r.joint_position_rad[5] = wire::kUnknown; }, bregma_wire_REJECT_NOT_FINITE},
        {"infinite velocity", [](Robot &r) { r.joint_velocity_rad_s[0] = kInf; }, bregma_wire_REJECT_NOT_FINITE},
-       {"NaN effort", [](Robot &r) { r.joint_effort_Nm[0] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN effort", [](Robot &r) { r.joint_effort_Nm[0] = wire::kUnknown; }, bregma_wire_REJECT_NOT_FINITE},
        {"not a rotation", [](Robot &r) { r.T_base_flange.rotation_wxyz[2] = 0.5; },
         bregma_wire_REJECT_NOT_A_ROTATION}});
   auto unused = robot_state(1);
-  unused.joint_position_rad[6] = kNan; // beyond joint_count
+  unused.joint_position_rad[6] = wire::kUnknown; // beyond joint_count
   EXPECT_EQ(check_payload(unused, {}), std::nullopt);
   unused.mode = 99; // of a later revision: as unknown
   EXPECT_EQ(check_payload(unused, {}), std::nullopt);
@@ -138,7 +138,7 @@ TEST(PayloadCheck, RobotStates) {
 
 TEST(PayloadCheck, AMissingReadingIsNoNumber) {
   auto range = range_sample(1);
-  range.range_mm = range.sigma_mm = kNan;
+  range.range_mm = range.sigma_mm = wire::kUnknown;
   for (const wire::RangeStatus status : {bregma_wire_RANGE_MISSING, bregma_wire_RANGE_TOO_FAR, 99}) {
     range.status = status;
     EXPECT_EQ(check_payload(range, {}), std::nullopt);
@@ -151,14 +151,14 @@ TEST(PayloadCheck, RangesAndForces) {
       range_sample(1), {},
       {{"no status", [](Range &r) { r.status = bregma_wire_RANGE_UNKNOWN; }, bregma_wire_REJECT_MALFORMED},
        {"negative status", [](Range &r) { r.status = -1; }, bregma_wire_REJECT_MALFORMED},
-       {"NaN range", [](Range &r) { r.range_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
-       {"NaN sigma", [](Range &r) { r.sigma_mm = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN range", [](Range &r) { r.range_mm = wire::kUnknown; }, bregma_wire_REJECT_NOT_FINITE},
+       {"NaN sigma", [](Range &r) { r.sigma_mm = wire::kUnknown; }, bregma_wire_REJECT_NOT_FINITE},
        {"negative range", [](Range &r) { r.range_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
        {"negative sigma", [](Range &r) { r.sigma_mm = -0.1; }, bregma_wire_REJECT_MALFORMED}});
   using Force = wire::ForceSample;
   expect_refusals<Force>(
       force_sample(1), {},
-      {{"NaN force", [](Force &f) { f.force_N[1] = kNan; }, bregma_wire_REJECT_NOT_FINITE},
+      {{"NaN force", [](Force &f) { f.force_N[1] = wire::kUnknown; }, bregma_wire_REJECT_NOT_FINITE},
        {"infinite torque", [](Force &f) { f.torque_Nmm[2] = -kInf; }, bregma_wire_REJECT_NOT_FINITE}});
 }
 

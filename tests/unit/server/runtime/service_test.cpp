@@ -18,18 +18,15 @@
 #include "server/runtime/logging.hpp"
 #include "server/runtime/realtime.hpp"
 #include "server/runtime/watchdog.hpp"
+#include "tests/support/temporary_folder.hpp"
 
 namespace bregma::runtime {
 namespace {
 
-std::filesystem::path scratch(const std::string &name) {
-  return std::filesystem::temp_directory_path() / ("bregma-" + name + "-" + std::to_string(getpid()));
-}
-
 // Replaces systemd: a datagram socket named in the environment.
 class ServiceManager {
 public:
-  ServiceManager() : path_(scratch("notify")), socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0)) {
+  ServiceManager() : path_(folder_ / "notify"), socket_(socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0)) {
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
     path_.string().copy(address.sun_path, sizeof address.sun_path - 1);
@@ -42,7 +39,6 @@ public:
     unsetenv("NOTIFY_SOCKET");
     unsetenv("WATCHDOG_USEC");
     close(socket_);
-    std::filesystem::remove(path_);
   }
   ServiceManager(const ServiceManager &) = delete;
   ServiceManager &operator=(const ServiceManager &) = delete;
@@ -55,6 +51,7 @@ public:
   }
 
 private:
+  test::TemporaryFolder folder_;
   std::filesystem::path path_;
   int socket_;
 };
@@ -96,7 +93,8 @@ TEST(Watchdog, WithoutServiceManagerNothingIsAskedFor) {
 }
 
 TEST(Logging, LinesOfTheLevelAndAboveReachTheFile) {
-  const auto file = scratch("log");
+  const test::TemporaryFolder folder;
+  const auto file = folder / "log";
   ASSERT_TRUE(start_logging({.level = "info", .file = file, .console = false}));
   spdlog::debug("not this one");
   spdlog::info("tracker {} is live", "Tracker");
@@ -107,7 +105,6 @@ TEST(Logging, LinesOfTheLevelAndAboveReachTheFile) {
   EXPECT_NE(text.str().find("info tracker Tracker is live\n"), std::string::npos) << text.str();
   EXPECT_NE(text.str().find("warning disk full\n"), std::string::npos) << text.str();
   EXPECT_EQ(text.str().find("not this one"), std::string::npos);
-  std::filesystem::remove(file);
 }
 
 TEST(Logging, RefusesAnUnknownLevelAndAFileThatCannotBeMade) {
