@@ -20,7 +20,7 @@ std::string name_of(const std::string &key) {
   return dot == std::string::npos ? key : key.substr(dot + 1);
 }
 
-// Whatever a person would not read as a whole sentence is made one.
+// Completes a text to a sentence.
 std::string sentence(const std::string &text) { return text.empty() || text.back() == '.' ? text : text + "."; }
 
 struct Leaf {
@@ -64,7 +64,7 @@ ParameterSet &ParameterSet::declare(Parameter parameter) {
       end_of_section = std::next(it);
     }
   }
-  // TOML has no way back to the root table: keys without a section come first.
+  // TOML cannot return to the root table, so keys without a section come first.
   if (section.empty() && end_of_section == parameters_.end()) {
     end_of_section = std::find_if(parameters_.begin(), parameters_.end(),
                                   [](const Parameter &p) { return !section_of(p.key).empty(); });
@@ -151,7 +151,7 @@ Result<void> ParameterSet::load_text(std::string_view toml, const std::string &n
   }
   std::vector<Leaf> leaves;
   collect_leaves(*table, "", leaves);
-  // toml++ sorts keys; a person reads from the top.
+  // toml++ sorts keys, but errors are reported in the order of the file.
   std::stable_sort(leaves.begin(), leaves.end(), [](const Leaf &a, const Leaf &b) {
     return a.node->source().begin.line < b.node->source().begin.line;
   });

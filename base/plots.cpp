@@ -7,7 +7,7 @@
 namespace bregma::base {
 namespace {
 
-// More points than the paper has columns are drawn as the lowest and highest of each column: no peak is lost.
+// If there are more points than columns, only the minimum and maximum per column are drawn, which keeps all peaks.
 std::string line_path(const Series &series, const Scale &x, const Scale &y) {
   std::string path;
   bool pen_down = false;
@@ -49,7 +49,7 @@ std::string line_path(const Series &series, const Scale &x, const Scale &y) {
 }
 
 std::string points_path(const Series &series, const Scale &x, const Scale &y) {
-  // A path of dots of no length with round caps is a tenth of the text of as many circles.
+  // A path of zero-length dots with round caps takes a tenth of the text of circles.
   std::string path;
   for (const auto &point : series.points) {
     if (x.holds(point.x) && y.holds(point.y)) {
@@ -100,7 +100,7 @@ std::string rule_line(const Rule &rule, const Scale &x, const Scale &y, const Fr
                                 on_the_right ? "end" : "start", rule.label, fill);
 }
 
-// Above the frame, in as many rows as it takes; moves the frame's top below them.
+// Draws the legend above the frame in the necessary number of rows, and moves the frame's top below them.
 std::string legend(const Plot &plot, Frame &frame) {
   constexpr double kRow = 20.0;
   std::string out;

@@ -15,7 +15,7 @@ namespace bregma::base::detail {
 namespace {
 
 using Type = ValueRule::Type;
-constexpr std::size_t kShownLength = 60; // of a value in a message
+constexpr std::size_t kShownLength = 60; // maximal length of a value in a message
 
 bool has_range(const ValueRule &rule) {
   const bool ordered = rule.type == Type::kNumber || rule.type == Type::kInteger;
@@ -56,7 +56,7 @@ std::string number_text(double value) {
   return {buffer.data(), end.ptr};
 }
 
-// As a person writes it: double quotes, one line.
+// Format: double quotes, one line.
 template <class Node> std::string formatted(const Node &node) {
   using toml::format_flags;
   constexpr format_flags kFlags = toml::toml_formatter::default_flags &

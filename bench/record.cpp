@@ -100,7 +100,7 @@ bool Options::wants(std::string_view part) const {
 }
 
 void add_options(CLI::App &app, Options &options, const std::vector<std::string> &parts) {
-  app.add_flag("--json", options.json, "one JSON object a line");
+  app.add_flag("--json", options.json, "one JSON object per line");
   app.add_flag("--quick", options.quick, "a smaller sample, in under a minute");
   if (!parts.empty()) {
     app.add_option("--only", options.only, "these parts alone")->check(CLI::IsMember(parts));

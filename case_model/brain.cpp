@@ -13,14 +13,15 @@
 namespace bregma::case_model {
 namespace {
 
-constexpr double kFine_mm = 6.0; // around an entry
-constexpr double kFinest = 0.5;  // of the lattice's edge; with shorter ones, quick dents diverged
-// Of the step that the lattice is bound to allow. With all of it the small tetrahedra, whose step falls fastest as they
-// are pressed, went unstable before the solver looked again.
+constexpr double kFine_mm = 6.0; // radius of the refinement around an entry
+constexpr double kFinest =
+    0.5; // minimum fraction of the lattice's edge; with shorter edges, fast indentations diverged
+// Fraction of the stable step of the lattice. With the full step, the small tetrahedra became unstable between two
+// checks of the critical step, because their step decreases fastest under compression.
 constexpr double kMinStepFraction = 0.5;
 
 Eigen::Vector3d way_into(const surface::SurfaceModel &brain, const casefile::Trajectory &trajectory) {
-  // A way that never comes to the brain is open where it starts.
+  // For a path that does not reach the brain, the craniotomy is at its start.
   return planning::surface_entry(brain, trajectory.entry_mm, trajectory.target_mm).value_or(trajectory.entry_mm);
 }
 

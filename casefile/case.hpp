@@ -60,7 +60,7 @@ struct CraniotomyPlan {
 
 // Material of the brain for the tissue model: by name, with values that this case replaces.
 struct TissueChoice {
-  std::string material; // of tissue::named_materials()
+  std::string material; // one of tissue::named_materials()
   std::optional<double> young_Pa, poisson, density_kg_m3;
   std::optional<double> ogden_alpha; // only for materials of Ogden's law
 };

@@ -110,7 +110,7 @@ base::Result<void> check_closed(const TriangleMesh &mesh) {
     return base::failure("the surface is not closed: " + std::to_string(open) + " edges belong to one triangle only");
   }
   if (const double volume = volume_mm3(mesh); !(volume > 0.0)) {
-    return base::failure("the surface is inside out: its triangles face inwards");
+    return base::failure("the triangles of the surface face inwards");
   }
   return {};
 }

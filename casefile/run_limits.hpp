@@ -14,12 +14,12 @@ namespace bregma::casefile {
 // A limit that the file does not contain is not checked.
 struct RunLimits {
   std::optional<double> max_tip_error_at_target_mm; // true error of the shown tip while held at the target, median
-  std::optional<double> max_fre_mm;                 // of the accepted registration
+  std::optional<double> max_fre_mm;                 // FRE of the accepted registration
   std::optional<double> max_predicted_tre_mm;       // RMS, at the target, of the accepted registration
   std::optional<double> max_check_mm;               // any check touch
   std::optional<double> min_navigation_rate_hz;     // states per second while navigating
   std::optional<double> max_latency_p99_ms;         // tracker's write to the published state
-  std::optional<double> max_lost_samples_percent;   // of the tracker's frames, gaps in the numbers
+  std::optional<double> max_lost_samples_percent;   // lost tracker frames, from gaps in the numbers
   std::optional<double> min_clearance_mm;           // true tip to the nearest critical structure
   std::optional<std::int64_t> max_rejected;         // samples, of all devices and reasons
   std::optional<std::int64_t> min_fiducials;        // captured

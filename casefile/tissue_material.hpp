@@ -6,8 +6,8 @@
 
 namespace bregma::casefile {
 
-// The named material with what the case changes in it; its source says so. Throws std::invalid_argument for a name that
-// is not in the set, which a case that was loaded or checked does not have.
+// The named material with the changes of the case, which its source states. Throws std::invalid_argument for a name
+// that is not in the set, which a case that was loaded or checked does not have.
 [[nodiscard]] tissue::Material material_of(const TissueChoice &choice);
 
 } // namespace bregma::casefile

@@ -1,4 +1,4 @@
-# A room may include its own headers and those of the rooms that its target links, and no others.
+# A room may include only its own headers and those of the rooms that its target links.
 #
 # bregma_room(FOLDER TARGET...): FOLDER is a room, compiled into these targets. Call it after their links are known. The test
 # `rooms` compares every #include with these links (check_rooms.sh).
@@ -7,7 +7,7 @@ function(bregma_room folder)
   set_property(GLOBAL PROPERTY BREGMA_ROOM_${folder} ${ARGN})
 endfunction()
 
-# Once, when all rooms are known: writes "folder|target|links" for each target of each room, and adds the test.
+# To be called once after all rooms: writes "folder|targets|links" for each, and adds the test.
 function(bregma_check_rooms)
   get_property(folders GLOBAL PROPERTY BREGMA_ROOM_FOLDERS)
   set(table "")

@@ -1,4 +1,4 @@
-# What every target of Bregma is built with. Targets link bregma_settings; third-party headers are system headers.
+# Build settings of all targets. Targets link bregma_settings; third-party headers are system headers.
 add_library(bregma_settings INTERFACE)
 target_include_directories(bregma_settings INTERFACE
   $<BUILD_INTERFACE:${CMAKE_SOURCE_DIR}> $<INSTALL_INTERFACE:${BREGMA_INCLUDE_DIR}>)
@@ -35,7 +35,7 @@ function(bregma_test)
   add_executable(${arg_NAME} ${arg_SOURCES})
   target_link_libraries(${arg_NAME} PRIVATE bregma_settings ${arg_LIBRARIES} GTest::gtest GTest::gtest_main)
   include(GoogleTest)
-  # Read by a sanitized test and by the daemons that it starts; nobody else knows the variable.
+  # Read only by sanitized tests and the daemons that they start.
   set(environment LSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/lsan.supp)
   if(BREGMA_SANITIZE MATCHES thread)
     set(environment TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/tsan.supp)

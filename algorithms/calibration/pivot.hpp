@@ -53,7 +53,7 @@ struct PivotResult {
   std::string text;       // the verdict as a sentence, with the figures that decided it
   bool estimated = false; // false for kTooFewPoses, kStatic, kTooLittleRotation: all following values are then zero
   geometry::Vector3d tip_mm = geometry::Vector3d::Zero();         // in the tool
-  geometry::Matrix3d covariance_mm2 = geometry::Matrix3d::Zero(); // of tip_mm
+  geometry::Matrix3d covariance_mm2 = geometry::Matrix3d::Zero(); // covariance of tip_mm
   geometry::Vector3d pivot_mm = geometry::Vector3d::Zero();
   double rms_mm = 0.0;   // RMS of the poses that are not outliers
   double worst_mm = 0.0; // maximum over all poses

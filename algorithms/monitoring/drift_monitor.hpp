@@ -26,8 +26,8 @@ struct CheckTouch {
   int landmark = 0;                                // index; landmarks beyond kMaxLandmarks count as touched once each
   Vector3d landmark_mm = Vector3d::Zero();         // position in the case
   Vector3d residual_mm = Vector3d::Zero();         // shown tip minus landmark
-  Matrix3d touch_covariance = Matrix3d::Zero();    // of this touch: tracker, pivot, placement; positive definite
-  Matrix3d landmark_covariance = Matrix3d::Zero(); // of its position in the image, common to all its touches
+  Matrix3d touch_covariance = Matrix3d::Zero();    // error of this touch: tracker, pivot, placement; positive definite
+  Matrix3d landmark_covariance = Matrix3d::Zero(); // error of its position in the image, common to all its touches
 };
 
 class DriftMonitor {
@@ -67,7 +67,7 @@ private:
   using StateMatrix = Eigen::Matrix<double, kMaxState, kMaxState>;
   using Sensitivity = Eigen::Matrix<double, kMaxState, 3>;
   struct Onset {                             // a hypothesis: the shift began with this observation
-    Sensitivity state = Sensitivity::Zero(); // of the filter's state to the shift (derivative)
+    Sensitivity state = Sensitivity::Zero(); // derivative of the filter's state with respect to the shift
     Matrix3d information = Matrix3d::Zero();
     Vector3d score = Vector3d::Zero();
   };

@@ -19,7 +19,7 @@ struct NamedMesh {
 
 struct NearestStructure {
   int index = -1;           // -1: no structure
-  double distance_mm = 0.0; // to its surface; 0 inside; NaN when there are none
+  double distance_mm = 0.0; // to its surface; 0 inside; NaN if there are no structures
 };
 
 struct StructureClearance {

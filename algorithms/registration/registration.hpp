@@ -69,11 +69,11 @@ struct RegistrationResult {
   int suspect = -1; // the least probable of them
   double fre_mm = 0.0;
   double fre_expected_mm = 0.0;
-  double chi_square = 0.0; // of the fiducials alone, 3 N - 6 degrees of freedom
+  double chi_square = 0.0; // residual of the fiducials only, 3 N - 6 degrees of freedom
   double p_value = 1.0;
 
   int surface_count = 0;    // samples used
-  int surface_left_out = 0; // of these, the samples without weight: far off the surface
+  int surface_left_out = 0; // number of these without weight, far from the surface
   double surface_rms_mm = 0.0;
   double surface_scale = 1.0;     // factor by which surface_sigma_mm had to be multiplied
   double surface_effective = 0.0; // effective number of independent samples

@@ -40,7 +40,7 @@ struct ProbeObservation {
 };
 
 struct PointPrediction {
-  bool inside = false; // of the mesh; outside nothing is predicted
+  bool inside = false; // inside the mesh; outside there is no prediction
   Eigen::Vector3d rest_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d displacement_mm = Eigen::Vector3d::Zero();
   double error_bound_mm = 0.0;

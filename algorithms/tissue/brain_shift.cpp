@@ -84,7 +84,7 @@ double fraction_below(std::array<double, 4> height) {
   if (b >= 0.0) { // only the lowest corner is below
     return cut(a, b) * cut(a, c) * cut(a, d);
   }
-  if (c <= 0.0) { // all but the highest
+  if (c <= 0.0) { // all except the highest corner are below
     return 1.0 - cut(d, a) * cut(d, b) * cut(d, c);
   }
   // A wedge below, as three tetrahedra.

@@ -58,7 +58,7 @@ void ModelVerdict::report(ModelStatus status, ModelReason reason) noexcept {
   }
 }
 
-// Whatever else is wrong, this is the reason.
+// This reason takes precedence over all others.
 void ModelVerdict::override_reason(ModelReason reason) noexcept {
   status_ = ModelStatus::kInvalid;
   reason_ = reason;

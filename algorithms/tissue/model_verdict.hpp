@@ -25,8 +25,7 @@ enum class ModelReason {
 };
 
 [[nodiscard]] std::string_view name_of(ModelStatus status);
-// For a person, wherever a reason is shown; empty for none.
-[[nodiscard]] std::string_view sentence_of(ModelReason reason);
+[[nodiscard]] std::string_view sentence_of(ModelReason reason); // text for the operator
 
 class ModelVerdict {
 public:
@@ -45,8 +44,8 @@ public:
 
   [[nodiscard]] ModelStatus status() const noexcept { return status_; }
   [[nodiscard]] ModelReason reason() const noexcept { return reason_; }
-  // How far the tissue may swing beyond where it would rest, as a share of its displacement: if all of the kinetic
-  // energy became elastic.
+  // Bound of the residual vibration about the equilibrium, as a fraction of the displacement: the amplitude if all
+  // kinetic energy became elastic energy.
   [[nodiscard]] double residual_vibration() const noexcept { return residual_vibration_; }
 
 private:
@@ -56,7 +55,7 @@ private:
   ModelReason reason_ = ModelReason::kNone;
   bool went_wrong_ = false;
   double residual_vibration_ = 0.0;
-  double rejected_s_ = 0.0; // of updates in a row
+  double rejected_s_ = 0.0; // time of consecutive updates
   double kept_J_ = 0.0;     // energy of the solver's state that was kept last
 };
 

@@ -13,9 +13,9 @@
 namespace bregma::tissue_plane {
 namespace {
 
-// A lattice node closer than this share of its edge to a crossing is moved onto it: no triangle then keeps a sliver.
+// A lattice node closer to a crossing than this fraction of its edge is moved onto it, which avoids slivers.
 constexpr double kWarp = 0.33;
-constexpr double kHexHeight = 0.8660254037844386; // of an equilateral triangle of edge 1
+constexpr double kHexHeight = 0.8660254037844386; // height of an equilateral triangle of edge 1
 
 enum class Side : signed char { kOutside = -1, kOn = 0, kInside = 1 };
 
@@ -61,7 +61,7 @@ void Stuffing::lay_lattice() {
     high = high.cwiseMax(p);
   }
   const double row_mm = kHexHeight * edge_;
-  // A row lies on the line to be cut; without one, in the middle.
+  // A row lies on the line to be cut; without such a line, in the middle.
   const double on_row = cut_y_.value_or(0.5 * (low.y() + high.y()));
   low.y() = on_row - row_mm * (std::ceil((on_row - low.y()) / row_mm) + 1.0);
   low.x() -= edge_;
@@ -117,7 +117,7 @@ void Stuffing::warp() {
       const Eigen::Vector2d p = side(a) == Side::kInside ? crossing(a, b) : crossing(b, a);
       for (const int end : {a, b}) {
         const double fraction = (p - node(end)).norm() / edge_;
-        // A node of the line to be cut leaves it only along it.
+        // A node of the line to be cut moves only along that line.
         const bool off_line =
             cut_y_ && std::abs(node(end).y() - *cut_y_) < 1e-6 * edge_ && std::abs(p.y() - *cut_y_) > 1e-6 * edge_;
         Move &move = moves[static_cast<std::size_t>(end)];
@@ -149,7 +149,7 @@ void Stuffing::cut(std::array<int, 3> t) {
   const auto count = [&](Side s) { return std::count_if(t.begin(), t.end(), [&](int i) { return side(i) == s; }); };
   const auto inside = count(Side::kInside);
   const auto outside = count(Side::kOutside);
-  const auto turn_until = [&](Side s) { // cyclic: the orientation stays
+  const auto turn_until = [&](Side s) { // cyclic, which keeps the orientation
     while (side(t[0]) != s) {
       std::rotate(t.begin(), t.begin() + 1, t.end());
     }
@@ -189,7 +189,7 @@ PlaneMesh Stuffing::mesh() {
   return {std::move(nodes_), std::move(triangles_)};
 }
 
-// Triangles that hang together by edges get one label.
+// Triangles connected by edges get the same label.
 std::vector<int> pieces_of(const std::vector<Eigen::Vector3i> &triangles) {
   std::vector<int> parent(triangles.size());
   std::iota(parent.begin(), parent.end(), 0);
@@ -231,7 +231,7 @@ void keep_largest_piece(PlaneMesh &mesh) {
   mesh.triangles = std::move(kept);
 }
 
-// Where two fans of triangles touch in a node only, each gets a node of its own.
+// If two fans of triangles touch only at a node, each gets a separate node.
 void split_pinched_nodes(PlaneMesh &mesh) {
   std::vector<std::vector<int>> around(mesh.nodes_mm.size());
   for (std::size_t e = 0; e < mesh.triangles.size(); ++e) {
@@ -320,7 +320,8 @@ PlaneMesh fill(const Outline &outline, const PlaneMeshing &meshing) {
   check_input(outline, meshing);
   double edge_mm = meshing.edge_mm;
   if (edge_mm == 0.0) {
-    // By area first, then once more by what came out: cut triangles along the outline are many and small.
+    // First from the area, then corrected by the resulting number, because the cut triangles along the outline are
+    // small.
     edge_mm = std::sqrt(area_mm2(outline) / (0.5 * kHexHeight * meshing.triangles));
     const auto count = static_cast<double>(fill_with(outline, edge_mm, meshing.cut_y_mm).triangles.size());
     edge_mm *= std::sqrt(count / meshing.triangles);

@@ -13,9 +13,10 @@ namespace {
 using Eigen::Vector2d;
 
 constexpr double kOnAxis_mm = 1e-6;
-// The probe moves by this share of the smallest height in a step: nodes can follow.
+// Move of the probe per step as a fraction of the smallest height, so that nodes can follow.
 constexpr double kPace = 0.02;
-constexpr int kProjections = 4; // onto the ellipse: to 1e-6 mm from where nodes get to in a step
+constexpr int kProjections =
+    4; // iterations of the projection onto the ellipse: within 1e-6 mm for the moves of one step
 
 } // namespace
 
@@ -141,7 +142,7 @@ ProbeReading PlaneProbe::open() {
 
 void PlaneProbe::settle(const PlaneRelaxationOptions &limits) {
   rest_ = solver_.relax(limits);
-  // What has slid stays where it slid to.
+  // A node that has slid gets its new position as anchor.
   for (Candidate &c : candidates_) {
     c.anchored = c.touching != Part::kNone;
     c.anchor_mm = solver_.position_mm(c.node) - Vector2d(tip_mm_, settings_.axis_y_mm);
@@ -167,7 +168,7 @@ void PlaneProbe::cut_next() {
 }
 
 void PlaneProbe::cut_reached_nodes() {
-  // The last node of the path is the far side of the section: it stays whole.
+  // The last node of the path is on the far side of the section and is not cut.
   while (cut_ + 2 < path_.size() && solver_.position_mm(path_[cut_]).x() <= tip_mm_) {
     cut_next();
     settle(settings_.relax_between);
@@ -180,9 +181,9 @@ PlaneProbe::Candidate &PlaneProbe::candidate(int node) {
   return it != candidates_.end() ? *it : candidates_.emplace_back(Candidate{.node = node});
 }
 
-// from_tip_mm: x along the probe, 0 at the tip; y from the axis. The surface leaves by the shortest way, as far as the
-// ellipse allows to tell. Lips leave to their own side, at the solver's pace: pushed along the axis they would heap up
-// before a blunt end.
+// from_tip_mm: x along the probe, 0 at the tip; y from the axis. The surface is moved out along the shortest path, to
+// the precision of the ellipse's projection. Lips are moved to their own side at the solver's pace: moved along the
+// axis they would accumulate in front of a blunt end.
 PlaneProbe::Part PlaneProbe::push_out(Vector2d &from_tip_mm, const Candidate &c) const {
   Vector2d &p = from_tip_mm;
   if (p.x() >= 0.0) {
@@ -241,7 +242,7 @@ void PlaneProbe::keep_out(Candidate &c, Vector2d &position_m) {
     const Vector2d back = c.anchor_mm - p;
     const double allowed = settings_.friction * (p - wanted).norm();
     p += std::min(1.0, allowed / std::max(back.norm(), 1e-12)) * back;
-    (void)push_out(p, c); // along the ellipse, not across it
+    (void)push_out(p, c); // along the ellipse, not normal to it
   }
   if (p != wanted) {
     position_m = 1e-3 * (p + tip);

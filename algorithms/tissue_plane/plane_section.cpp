@@ -27,9 +27,10 @@ std::vector<Loop> section_of(const surface::TriangleMesh &surface, const Section
     height[i] = normal.dot(surface.vertices_mm[i] - plane.origin_mm);
   }
 
-  // Each cut triangle joins the edge that comes down through the plane to the one that goes up; its inside is then on
-  // the left. Neighbours run along their edge in opposite directions, so what goes up here comes down there.
-  std::map<Edge, Edge> next; // in order: the loops do not depend on a hash
+  // Each cut triangle connects the edge that passes down through the plane to the one that passes up, with the inside
+  // on the left. Neighbours traverse their edge in opposite directions, so an upward edge of one is downward in the
+  // other.
+  std::map<Edge, Edge> next; // ordered: the loops do not depend on a hash
   for (const Eigen::Vector3i &t : surface.triangles) {
     Edge down = 0;
     Edge up = 0;

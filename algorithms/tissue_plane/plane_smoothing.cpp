@@ -64,7 +64,7 @@ public:
       const bool on_boundary = beside_[n][0] >= 0;
       const bool on_line = cut_y_ && std::abs(mesh_.nodes_mm[n].y() - *cut_y_) < kOnLine_mm;
       if (on_boundary && on_line) {
-        continue; // where the line enters and leaves
+        continue; // where the line crosses the boundary
       }
       Eigen::Vector2d target = on_boundary ? middle_of_neighbours(n) : centroid(n);
       if (on_line) {

@@ -15,15 +15,15 @@ namespace {
 using Eigen::Matrix2d;
 using Eigen::Vector2d;
 
-// Masses follow the deformed triangles' stiffness so often, in steps.
+// Steps between two updates of the masses from the deformed triangles' stiffness.
 constexpr int kMassesEvery = 50;
-// Above the bound of scale_masses(), for what it leaves out: the stiffness that stress itself adds.
+// Margin on the bound of scale_masses(), which omits the geometric stiffness.
 constexpr double kMassMargin = 1.15;
 constexpr int kCheckEvery = 5;
-// Held nodes come to their places by this share of the mesh's smallest height a step, so that no triangle is turned
-// over before its other nodes can follow.
+// Held nodes move by this fraction of the mesh's smallest height per step, so that no triangle is inverted before its
+// other nodes can follow.
 constexpr double kHeldStep = 0.02;
-// And free nodes go no further than this share: what springs back after a cut does not shoot through its neighbours.
+// Maximum move of free nodes per step, as a fraction of that height: nodes that spring back do not pass neighbours.
 constexpr double kMaxStep = 0.1;
 
 } // namespace
@@ -210,7 +210,7 @@ void PlaneSolver::scale_masses() {
   }
 }
 
-// One central difference. unbalanced: the norm of all forces, contact's included, on what may move.
+// One step of central differences. unbalanced: the norm of all forces, including contact, on free nodes.
 void PlaneSolver::move(double damping, double &unbalanced) {
   const double keep = (2.0 - damping) / (2.0 + damping);
   const double push = 2.0 / (2.0 + damping);
@@ -243,12 +243,12 @@ double PlaneSolver::holding_force() const {
     reactions += (internal_[n] - external_[n]).squaredNorm();
     loads += external_[n].squaredNorm();
   }
-  // Below a millionth of the shear modulus over a millimetre nothing is told from rounding.
+  // Forces below a millionth of the shear modulus times 1 mm are rounding errors.
   return std::max({std::sqrt(reactions), std::sqrt(loads), 1e-9 * law_.shear_Pa});
 }
 
 PlaneRelaxationResult PlaneSolver::relax(const PlaneRelaxationOptions &limits) {
-  double distance_m = 0.0; // of held nodes
+  double distance_m = 0.0; // remaining distance of held nodes
   for (std::size_t n = 0; n < x_.size(); ++n) {
     distance_m =
         std::max(distance_m, (Vector2d::Ones() - free_[n]).cwiseProduct(target_[n] - x_[n]).cwiseAbs().maxCoeff());
@@ -266,7 +266,7 @@ PlaneRelaxationResult PlaneSolver::relax(const PlaneRelaxationOptions &limits) {
     std::swap(internal_, last_internal_);
     compute_forces();
 
-    // Rayleigh's quotient of the motion: as fast modes die out, it sinks to the slowest that is left.
+    // Rayleigh's quotient of the motion: as fast modes decay, it approaches the slowest mode.
     double stiffness = 0.0;
     double inertia = 0.0;
     for (std::size_t n = 0; n < x_.size(); ++n) {
@@ -315,7 +315,7 @@ std::vector<PlaneStress> PlaneSolver::nodal_stress() const {
 }
 
 PlaneStress PlaneSolver::stress_at(const Vector2d &at_rest_mm) const {
-  constexpr double kEdge = -1e-9; // a place on an edge belongs to both
+  constexpr double kEdge = -1e-9; // a point on an edge belongs to both triangles
   for (const Triangle &t : triangles_) {
     const Vector2d bc = t.inverse * (1e-3 * (at_rest_mm - at(mesh_.nodes_mm, t.nodes[0])));
     const double weights[3] = {1.0 - bc.sum(), bc.x(), bc.y()};

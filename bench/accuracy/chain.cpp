@@ -36,7 +36,7 @@ struct Outcome {
   double error_mm = std::nan("");
   double predicted_mm = std::nan("");
   bool inside = false;
-  double mean_error_mm = std::nan(""); // of the mean over the hold, which averages out the markers' noise
+  double mean_error_mm = std::nan(""); // error of the mean over the hold, which averages out the markers' noise
   double inside_share = 0.0;           // fraction of all frames of the hold
   double fre_mm = std::nan("");
 };

@@ -14,7 +14,7 @@ namespace {
 
 constexpr unsigned kBasinSeed = 20260302;
 constexpr std::size_t kBasinSamples = 150;
-constexpr double kThere_mm = 2.0;
+constexpr double kSuccess_mm = 2.0;
 constexpr int kAngles = 19;    // 0 to 180 degrees
 constexpr int kDistances = 11; // 0 to 100 mm
 constexpr double kStepAngle = 10.0;
@@ -45,14 +45,14 @@ void draw_basin(Report &report, const Head &head, const surface::SurfaceField &f
     for (int a = 0; a < kAngles; ++a) {
       progress.step();
       std::mt19937 rng(kBasinSeed + static_cast<unsigned>(a + kAngles * d));
-      int there = 0;
+      int successes = 0;
       for (int run = 0; run < runs; ++run) {
         const Trace trace = take_trace(side_of(head, kBasinSamples, run % 2 == 0, rng), 1.0, Noise::kAll, rng);
         const PairedPose start = perturbed_start(trace.T_target_source, field.surface().centre_mm(),
                                                  a * kStepAngle * geometry::kRadiansPerDegree, d * kStep_mm, rng);
-        there += trace.rmse_mm(local.fit(trace.source_mm, start).T_target_source) <= kThere_mm ? 1 : 0;
+        successes += trace.rmse_mm(local.fit(trace.source_mm, start).T_target_source) <= kSuccess_mm ? 1 : 0;
       }
-      const double fraction = static_cast<double>(there) / runs;
+      const double fraction = static_cast<double>(successes) / runs;
       if (a <= 3 && d <= 3) {
         near = std::min(near, 100.0 * fraction);
       }

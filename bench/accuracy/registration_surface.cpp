@@ -305,22 +305,23 @@ void coverage(Report &report, const Head &head, const surface::SurfaceField &fie
   constexpr double kSkinLength_mm = 12.0;
   constexpr std::size_t kSamples = 200;
   const Vector3d target = field.surface().centre_mm();
-  for (const bool alike : {false, true}) {
+  for (const bool correlated : {false, true}) {
     std::mt19937 rng(kSurfaceSeed);
     LocalOptions options = independent(kSkinSigma_mm);
-    options.correlation_length_mm = alike ? kSkinLength_mm : 0.0;
+    options.correlation_length_mm = correlated ? kSkinLength_mm : 0.0;
     LocalRegistration local(field, options);
     int inside = 0;
     double squared_true = 0.0;
     double squared_predicted = 0.0;
-    Progress progress(alike ? "coverage, alike" : "coverage, independent", runs);
+    Progress progress(correlated ? "coverage, correlated" : "coverage, independent", runs);
     for (int run = 0; run < runs; ++run) {
       progress.step();
       const test::SmoothField field_error(rng, kSkinLength_mm);
       std::normal_distribution<double> own(0.0, kSkinSigma_mm);
       std::vector<Vector3d> places;
       for (const auto &spot : test::spots(head.mesh, kSamples, rng, [](const Vector3d &p) { return p.y() > 0.0; })) {
-        places.push_back(spot.point_mm + spot.normal * (alike ? kSkinSigma_mm * field_error(spot.point_mm) : own(rng)));
+        places.push_back(spot.point_mm +
+                         spot.normal * (correlated ? kSkinSigma_mm * field_error(spot.point_mm) : own(rng)));
       }
       const Trace trace = take_trace(std::move(places), 0.0, Noise::kAll, rng);
       const PairedPose start =
@@ -333,7 +334,7 @@ void coverage(Report &report, const Head &head, const surface::SurfaceField &fie
       squared_true += error.squaredNorm() / runs;
       squared_predicted += predicted.trace() / runs;
     }
-    const std::string name = std::string("surface.coverage.") + (alike ? "alike_over_12mm" : "independent");
+    const std::string name = std::string("surface.coverage.") + (correlated ? "alike_over_12mm" : "independent");
     const double percent = 100.0 * inside / runs;
     report.note(format("%s: %d runs, %zu samples of the front half, errors of 0.7 mm along the normal; RMS TRE at the "
                        "middle %.3f mm, predicted %.3f mm",

@@ -78,7 +78,7 @@ void robustness_figures(Report &report, const TissueBenchOptions &options) {
   char text[240];
   std::snprintf(text, sizeof text,
                 "robustness: %d insertions, seeds %u to %u, into %zu tetrahedra; up to 50 mm/s, with retreats, pauses, "
-                "lost sight, jumps and poses that are none; a valid answer moves nothing by more than %.1f mm",
+                "lost sight, jumps and invalid poses; a valid answer displaces no node by more than %.1f mm",
                 insertions, kFirstSeed, kFirstSeed + static_cast<unsigned>(insertions) - 1, mesh.tetrahedra.size(),
                 bounds.displacement_mm);
   report.note(text);

@@ -32,7 +32,7 @@ constexpr const char *kTool = "Probe";
 constexpr int kClients = 20;
 constexpr double kWarmUp_s = 2.0;
 constexpr double kAtTarget_mm = 3.0;
-constexpr int kElements = 20000; // of the tissue model
+constexpr int kElements = 20000; // size of the tissue model
 
 std::int64_t now_ns() {
   return std::chrono::duration_cast<std::chrono::nanoseconds>(Clock::now().time_since_epoch()).count();

@@ -32,7 +32,7 @@ struct SurfaceReadOptions {
 struct SurfaceFile {
   surface::TriangleMesh mesh;         // RAS, mm; not empty
   std::string format;                 // "PLY", "STL", "VTK", "VTK XML", "GIFTI", "FreeSurfer"
-  Space space = Space::kRas;          // of the file
+  Space space = Space::kRas;          // coordinate system of the file
   bool space_stated = false;          // by the file itself
   std::size_t triangles_left_out = 0; // triangles that use a vertex twice
 };

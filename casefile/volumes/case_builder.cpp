@@ -61,12 +61,12 @@ std::optional<std::int16_t> region_number(const std::string &region, const std::
   return value && *value > 0 ? value : std::nullopt;
 }
 
-fs::path names_beside(const fs::path &labels) {
-  fs::path beside = labels;
-  if (beside.extension() == ".gz") {
-    beside.replace_extension();
+fs::path label_table_of(const fs::path &labels) {
+  fs::path table = labels;
+  if (table.extension() == ".gz") {
+    table.replace_extension();
   }
-  return beside += ".txt";
+  return table += ".txt";
 }
 
 class CaseMaker {
@@ -140,7 +140,7 @@ private:
     labels_ = std::move(*labels);
     std::error_code ignored;
     const bool given = !sources_.label_names.empty();
-    const fs::path file = given ? sources_.label_names : names_beside(sources_.labels);
+    const fs::path file = given ? sources_.label_names : label_table_of(sources_.labels);
     if (given || fs::exists(file, ignored)) {
       auto names = read_label_names(file);
       if (!names) {
@@ -286,7 +286,7 @@ std::vector<StructureRequest> aal_critical_structures() {
 
 base::Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sources, bool replace,
                                       const Progress &progress) {
-  auto partial = PartialFolder::beside(folder, replace);
+  auto partial = PartialFolder::next_to(folder, replace);
   if (!partial) {
     return tl::unexpected(partial.error());
   }

@@ -36,7 +36,7 @@ struct CaseSources {
   // Slicer markups; all but the first may be empty.
   std::filesystem::path fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::filesystem::path tools;           // TOML with [[tools]]
-  int vertices = 10'000;                 // of scalp and of brain; structures get at most half of it
+  int vertices = 10'000;                 // number for scalp and brain; structures get at most half
   std::optional<double> scalp_threshold; // Otsu's where not given
   bool snap = false;                     // moves fiducials and landmarks onto the scalp, from at most kMaxSnap_mm
 };

@@ -91,7 +91,7 @@ base::Result<Slice> read_slice(const fs::path &folder, const std::string &file) 
 }
 
 // All slices in one frame; sorted along the normal.
-base::Result<void> check_alike(const fs::path &folder, std::vector<Slice> &slices) {
+base::Result<void> check_consistency(const fs::path &folder, std::vector<Slice> &slices) {
   const Slice &first = slices.front();
   const Eigen::Vector3d normal = first.row.cross(first.column).normalized();
   for (Slice &slice : slices) {
@@ -199,8 +199,8 @@ base::Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const
     return base::failure(
         series_error(folder, "has " + std::to_string(slices.size()) + " slices, a volume needs three"));
   }
-  if (auto alike = check_alike(folder, slices); !alike) {
-    return tl::unexpected(alike.error());
+  if (auto consistent = check_consistency(folder, slices); !consistent) {
+    return tl::unexpected(consistent.error());
   }
   const auto stack = check_even(folder, slices);
   if (!stack) {

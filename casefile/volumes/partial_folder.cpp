@@ -44,7 +44,7 @@ PartialFolder::~PartialFolder() {
   }
 }
 
-base::Result<PartialFolder> PartialFolder::beside(const fs::path &folder, bool replace) {
+base::Result<PartialFolder> PartialFolder::next_to(const fs::path &folder, bool replace) {
   const fs::path place = fs::absolute(folder / "").lexically_normal().parent_path(); // without a trailing slash
   if (auto free = check_place(place, replace); !free) {
     return tl::unexpected(free.error());

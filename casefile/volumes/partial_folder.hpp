@@ -11,7 +11,7 @@ namespace bregma::casefile {
 class PartialFolder {
 public:
   // Makes the hidden folder. Refuses an existing folder, unless it is a case that may be replaced.
-  [[nodiscard]] static base::Result<PartialFolder> beside(const std::filesystem::path &folder, bool replace);
+  [[nodiscard]] static base::Result<PartialFolder> next_to(const std::filesystem::path &folder, bool replace);
   ~PartialFolder(); // removes the folder if it was not put in place
   PartialFolder(PartialFolder &&other) noexcept;
   PartialFolder &operator=(PartialFolder &&) = delete;

@@ -55,7 +55,7 @@ RealtimeCheck check_loopback(EchoProcess &echo, double rate_hz, std::chrono::nan
   const auto measured = echo.measure(rate_hz, duration);
   if (!measured || measured->round_trip_us.count == 0) {
     out.fitness = Fitness::kBad;
-    out.finding = measured ? "no frame came back" : measured.error().message;
+    out.finding = measured ? "no frame was returned" : measured.error().message;
     out.advice = "allow UDP on the loopback interface; see CYCLONEDDS_URI";
     return out;
   }
@@ -89,7 +89,7 @@ RealtimeCheck check_disk(const std::filesystem::path &wanted, int blocks) {
   }
   out.finding = "write and fsync of 64 KiB p50 " + fixed(measured->p50, 1) + ", p99 " + fixed(measured->p99, 1) +
                 ", max " + fixed(measured->max, 1, "ms");
-  // The recorder commits every 20 ms. A crash may lose at most the last 100 ms.
+  // By default the daemon commits every 50 ms, and a crash may lose at most the last 100 ms.
   out.fitness = measured->p99 <= 20.0 ? Fitness::kGood : measured->p99 <= 80.0 ? Fitness::kLimited : Fitness::kBad;
   if (out.fitness != Fitness::kGood) {
     out.advice = "put state.directory on a faster disk: more than the last 100 ms could be lost in a power cut";

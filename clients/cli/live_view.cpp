@@ -35,7 +35,7 @@ std::string nearest_text(const ToolView &view) {
 // The only wording for the FRE: it measures the agreement of the fiducials, not the error at the target.
 std::string consistency_text(const Snapshot &snapshot) {
   if (!snapshot.registration) {
-    return "registration: no news";
+    return "registration: no data";
   }
   const auto &registration = *snapshot.registration;
   std::string out = "registration " + std::string(registration_label(registration.status));

@@ -54,8 +54,9 @@ public:
 
   // stale: the latest exposure is more than three periods old, not counting the stated minimum latency.
   [[nodiscard]] wire::DeviceStatus status(std::int64_t now_ns) const noexcept;
-  [[nodiscard]] std::int64_t acquired_time_ns() const noexcept { return acquired_ns_; } // of the latest accepted sample
-  [[nodiscard]] std::int64_t period_ns() const noexcept { return period_ns_; }          // as stated by the device
+  // Time of exposure of the latest accepted sample.
+  [[nodiscard]] std::int64_t acquired_time_ns() const noexcept { return acquired_ns_; }
+  [[nodiscard]] std::int64_t period_ns() const noexcept { return period_ns_; } // as stated by the device
   [[nodiscard]] std::uint64_t received() const noexcept { return received_; }
   [[nodiscard]] std::uint64_t resyncs() const noexcept { return clock_.resyncs(); }
   [[nodiscard]] const wire::Name &name() const noexcept { return health_.device; }
@@ -77,7 +78,7 @@ private:
   std::uint64_t received_ = 0;
   std::uint64_t writer_ = 0;
   std::int64_t period_ns_ = 0;
-  std::int64_t device_time_ns_ = 0; // of the latest accepted sample, like the next two
+  std::int64_t device_time_ns_ = 0; // latest accepted sample, like the next two
   std::int64_t acquired_ns_ = 0;
   std::int64_t arrived_ns_ = 0;
   std::int64_t window_began_ns_ = 0; // start of the rate's window

@@ -2,9 +2,10 @@
 //
 //   loops --- Channel (wait-free byte ring, one per producing thread) ---> recorder thread ---> SessionWriter
 //
-// The recorder drains all rings every 20 ms in one transaction, so SIGKILL loses at most the last 20 ms and the current
-// commit. A record leaves its ring only after its commit. If the disk is full, the daemon continues: the recorder
-// reports the error and retries, and the rings buffer records. Records that do not fit are dropped and counted:
+// The recorder drains all rings at an interval in one transaction, so SIGKILL loses at most one interval and the
+// current commit. A record leaves its ring only after its commit. If the disk is full, the daemon continues: the
+// recorder reports the error and retries, and the rings buffer records. Records that do not fit are dropped and
+// counted:
 //
 //   pushed = recorded + dropped + waiting   (pushes while no file is open are not counted)
 //
@@ -82,7 +83,7 @@ public:
 private:
   friend class Recorder;
   struct Head {
-    const char *topic; // of static storage
+    const char *topic; // static storage
     std::int64_t time_ns;
   };
 
@@ -101,8 +102,8 @@ public:
   // The channel of that name, created on first use. One producer thread per channel; at most kMaxChannels.
   [[nodiscard]] Channel &channel(std::string_view name);
 
-  // Called on the recorder's thread every 20 ms with a separate channel. It records sources that pipelines must not
-  // see, such as the simulator's ground truth. It is also called while no file is open, which empties the source.
+  // Called on the recorder's thread at every interval with a separate channel. It records sources that pipelines must
+  // not see, such as the simulator's ground truth. It is also called while no file is open, which empties the source.
   void set_poll(std::function<void(Channel &)> poll);
 
   // Closes the open file, then begins a new one. Attachments and meta are written first.

@@ -10,7 +10,7 @@
 namespace bregma::runtime {
 namespace {
 
-// A slow loop looks this often whether it is to stop.
+// Interval at which a slow loop checks whether it must stop.
 constexpr std::int64_t kMaxSleep_ns = 50'000'000;
 
 void sleep_until(std::int64_t monotonic_ns) noexcept {

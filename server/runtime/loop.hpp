@@ -1,4 +1,4 @@
-// Loops: absolute deadlines, overruns counted and skipped, statistics for every step.
+// Loops with absolute deadlines and statistics of every step. Overruns are counted and skipped.
 //
 //   PeriodicLoop loop({.thread = {.name = "monitoring", .fifo_priority = 50}, .period_ns = 100'000'000},
 //                     [&]() noexcept { monitor.step(clock.now_ns()); });
@@ -22,15 +22,15 @@
 
 namespace bregma::runtime {
 
-// Deadlines at start + n * period. A deadline that was missed by a period or more is skipped, never caught up in a
-// burst.
+// Deadlines at start + n * period. A deadline that was missed by a period or more is skipped, so that there are no
+// bursts of steps.
 class DeadlineTicker {
 public:
   explicit DeadlineTicker(std::int64_t period_ns) : period_ns_(period_ns) {}
   void start(std::int64_t now_ns) noexcept { next_ns_ = now_ns + period_ns_; }
   [[nodiscard]] std::int64_t next_ns() const noexcept { return next_ns_; }
   [[nodiscard]] bool due(std::int64_t now_ns) const noexcept { return now_ns >= next_ns_; }
-  // Moves to the first deadline after now; returns how many were skipped, beside the one that was next.
+  // Moves to the first deadline after now. Returns the number of skipped deadlines, not counting the one that was due.
   std::uint64_t advance(std::int64_t now_ns) noexcept;
 
 private:
@@ -52,7 +52,7 @@ public:
   [[nodiscard]] std::uint64_t steps() const noexcept { return steps_.load(std::memory_order_relaxed); }
   [[nodiscard]] std::uint64_t overruns() const noexcept { return overruns_.load(std::memory_order_relaxed); }
   [[nodiscard]] HistogramSnapshot durations() const noexcept { return durations_.snapshot(); }
-  // The name must be a loop's: at most 15 bytes. rate_hz: 0 when event driven.
+  // name: at most 15 bytes, like a loop's. rate_hz: 0 for an event-driven loop.
   [[nodiscard]] wire::LoopHealth health(const char *name, double rate_hz) const noexcept;
 
 private:
@@ -91,10 +91,10 @@ public:
   PeriodicLoop(const PeriodicLoop &) = delete;
   PeriodicLoop &operator=(const PeriodicLoop &) = delete;
 
-  // Returns when the thread is set up: one sentence for each thing that could not be set. A loop that runs is left
-  // alone.
+  // Blocks until the thread is set up. Returns one sentence per setting that failed. Has no effect on a running loop.
   std::vector<std::string> start();
-  // Returns when the step under way is done and the thread has ended, after 50 ms at most beside it. May start again.
+  // Blocks until the current step is done and the thread has ended, which takes at most 50 ms longer than the step. The
+  // loop can be started again.
   void stop();
 
   [[nodiscard]] const LoopStatistics &statistics() const noexcept { return statistics_; }

@@ -123,12 +123,12 @@ struct JudgedCheck {
   wire::Name landmark;
   std::uint64_t frame;
   std::int64_t acquired_time_ns;
-  Array3 position_mm; // of the tip, in Reference
+  Array3 position_mm; // position of the tip, in Reference
   Array9 covariance_mm2;
   // In Image, by the accepted registration:
   std::uint32_t landmark_index; // in the case's list
   Array3 error_mm;              // displayed tip minus landmark
-  Array9 touch_covariance_mm2;  // of this touch: tracker, tip and placement (limits.fle_touch_mm)
+  Array9 touch_covariance_mm2;  // error of this touch: tracker, tip and placement (limits.fle_touch_mm)
   double distance_mm;           // length of error_mm
   double limit_mm;              // 95 % bound of distance_mm if nothing has moved: registration, landmark and touch
 };
@@ -157,12 +157,12 @@ struct CaptureResult {
   std::uint64_t frame;         // the last frame used
   std::int64_t acquired_time_ns;
   Array3 position_mm;    // mean; this and the next fields only with kOk, motion_mm also with kMoved
-  Array9 covariance_mm2; // of the mean
+  Array9 covariance_mm2; // covariance of the mean
   double motion_mm;      // motion of the tip about the mean, beyond the noise of the markers
 };
 
 struct PivotPose {
-  std::uint64_t id; // of the PivotRequest
+  std::uint64_t id; // id of the PivotRequest
   std::uint64_t frame;
   std::int64_t acquired_time_ns;
   wire::Pose T_tracker_tool;

@@ -11,7 +11,7 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kSaveIntervalNs = 1'000'000'000; // of samples that arrive without a command
+constexpr std::int64_t kSaveIntervalNs = 1'000'000'000; // interval for samples that arrive without a command
 // Raised if the accepted registration has not been verified since a restart or a drift alarm.
 constexpr const char *kVerify = "verification";
 

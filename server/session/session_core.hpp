@@ -43,7 +43,7 @@ public:
   void on_pivot_pose(const PivotPose &pose);
   void on_estimate(const wire::RegistrationState &estimate);
 
-  std::int64_t now_ns = 0; // of the current call
+  std::int64_t now_ns = 0; // time of the current call
   [[nodiscard]] const StateMachine &machine() const { return machine_; }
   [[nodiscard]] const SessionData &data() const { return data_; }
   [[nodiscard]] const std::shared_ptr<const casefile::Case> &loaded_case() const { return case_; }

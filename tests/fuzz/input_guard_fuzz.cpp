@@ -1,5 +1,5 @@
-// Any bytes as samples of the four streams, or as a command: nothing crashes, every sample is taken or refused, and
-// what is taken keeps what the border promises to the pipelines.
+// Arbitrary bytes as samples of the four streams: nothing crashes, every sample is accepted or rejected, and accepted
+// samples satisfy the guarantees of the input check.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -19,7 +19,7 @@ using namespace bregma;
 
 constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
 
-// Hands out the fuzzer's bytes; zeros when they are used up.
+// Returns the fuzzer's bytes, then zeros.
 class Bytes {
 public:
   Bytes(const std::uint8_t *data, std::size_t size) : data_(data), left_(size) {}
@@ -97,7 +97,7 @@ template <class Sample> void run(Bytes bytes) {
   std::int64_t last_ns = 0;
   std::uint64_t sent = 0;
   while (!bytes.empty()) {
-    // The first byte says what is made plausible, so that the fuzzer gets past the first rule.
+    // The first byte selects the fields that are made plausible, so that the fuzzer passes the first rule.
     const auto plan = bytes.take<std::uint8_t>();
     now_ns += bytes.take<std::uint16_t>() * std::int64_t{1'000};
     auto sample = bytes.take<Sample>();

@@ -1,5 +1,5 @@
-// Any bytes as a surface file: nothing crashes or asks for memory that the file cannot fill, and what is taken is
-// finite and has its corners in range.
+// Arbitrary bytes as a surface file: nothing crashes or allocates more memory than the file can fill, and accepted
+// surfaces are finite with corners in range.
 #include <cstdint>
 #include <cstdlib>
 #include <string_view>
@@ -9,7 +9,7 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
   const std::string_view content(reinterpret_cast<const char *>(data), size);
-  // What has no signature is told by its name: both, so that a seed need not say which.
+  // Formats without a signature are recognized by the file name. Both names are tried for every seed.
   for (const char *name : {"a.stl", "a.asc"}) {
     const auto surface = bregma::casefile::detail::parse_surface(content, name);
     if (!surface) {
@@ -19,7 +19,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
       continue;
     }
     if (surface->format == "PLY") {
-      continue; // its vertices are checked after it is read, with all others
+      continue; // its vertices are checked after reading, with all others
     }
     const auto vertices = static_cast<int>(surface->mesh.vertices_mm.size());
     for (const auto &vertex : surface->mesh.vertices_mm) {

@@ -1,4 +1,4 @@
-// Any bytes as a list of points, curves or an ITK transform: nothing crashes, and what is taken is finite.
+// Arbitrary bytes as a list of points, curves or an ITK transform: nothing crashes, and accepted values are finite.
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>

@@ -1,5 +1,5 @@
-// Minutes of navigation at the full rate, daemon and room as processes: no sample may go missing without being counted,
-// and memory must not grow. BREGMA_SOAK_MINUTES says how long; ten minutes when it is not set.
+// Minutes of navigation at the full rate, with daemon and room as processes: every lost sample must be counted, and
+// memory must not grow. BREGMA_SOAK_MINUTES sets the duration (default: 10).
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -19,14 +19,14 @@
 namespace bregma::test {
 namespace {
 
-constexpr double kSetUp_s = 60.0; // check touches and the way to the target; memory settles meanwhile
+constexpr double kSetUp_s = 60.0; // check touches and the path to the target; memory use settles meanwhile
 
 double minutes_asked_for() {
   const char *text = std::getenv("BREGMA_SOAK_MINUTES");
   return text == nullptr ? 10.0 : std::max(0.1, std::atof(text));
 }
 
-// What the room says at its end: by device, what it has written.
+// The room's final report: written samples per device.
 std::map<std::string, nlohmann::json> sent_by_room(const std::string &log) {
   std::map<std::string, nlohmann::json> out;
   std::istringstream lines(log);
@@ -39,7 +39,7 @@ std::map<std::string, nlohmann::json> sent_by_room(const std::string &log) {
   return out;
 }
 
-// Navigates for so long, with lost frames, hostile samples and copies among them.
+// Scenario of a navigation for this time, with lost frames, faulty samples and copies.
 std::string scenario(double seconds) {
   std::string text = std::string("[tracker]\nmissing_share = 0.01\n") + kNavigateSteps;
   const std::string short_hold = "duration_s = 60.0";
@@ -57,7 +57,7 @@ struct MemoryAt {
   double mebibytes;
 };
 
-// Over the last quarter against the first quarter after the first minute.
+// Growth from the first quarter after the first minute to the last quarter.
 double growth_mebibytes(const std::vector<MemoryAt> &memory) {
   std::vector<double> settled;
   for (const MemoryAt &m : memory) {
@@ -74,11 +74,11 @@ double growth_mebibytes(const std::vector<MemoryAt> &memory) {
   return (last - first) / static_cast<double>(quarter);
 }
 
-// What the session files of the run hold.
+// Content of the run's session files.
 struct Recorded {
   std::uint64_t frames = 0;
   std::uint64_t states = 0;
-  std::map<std::string, std::uint64_t> first_number; // by device
+  std::map<std::string, std::uint64_t> first_number; // per device
 };
 
 template <class Sample> std::uint64_t read_stream(const casefile::SessionReader &reader, Recorded &recorded) {
@@ -145,7 +145,7 @@ TEST(Soak, EverySampleIsAccountedForAndMemoryIsFlat) {
   const Recorded recorded = read_sessions(operation.case_folder().loaded().folder / "sessions");
   std::uint64_t frames_arrived = 0;
   std::printf("%-8s %10s %10s %10s %10s %10s %10s\n", "device", "written", "numbered", "taken", "rejected", "lost",
-              "on the way");
+              "in transit");
   for (std::uint32_t i = 0; i < health.device_count; ++i) {
     const wire::DeviceHealth &device = health.devices[i];
     const std::string name(wire::view(device.device));
@@ -160,19 +160,19 @@ TEST(Soak, EverySampleIsAccountedForAndMemoryIsFlat) {
                 static_cast<unsigned long long>(written), static_cast<unsigned long long>(numbered),
                 static_cast<unsigned long long>(device.taken), static_cast<unsigned long long>(rejected),
                 static_cast<unsigned long long>(device.lost), static_cast<long long>(on_the_way));
-    // From the first that arrived on, every number that the device has given is one taken, one refused or one lost. (A
-    // copy has no number of its own.)
+    // From the first received sample on, every number of the device is accepted, rejected or lost. (A copy has no
+    // separate number.)
     ASSERT_TRUE(recorded.first_number.contains(name)) << name;
     const std::uint64_t before_joining = recorded.first_number.at(name) - 1;
     EXPECT_EQ(before_joining + device.taken + rejected - copies + device.lost, numbered) << name;
     EXPECT_LT(before_joining, numbered / 20) << name << ": the daemon joined late";
-    // What was written and did not arrive is among the lost, or was written before the daemon had joined.
+    // Samples that were written but not received are counted as lost, or were written before the daemon joined.
     EXPECT_LE(on_the_way, before_joining + device.lost) << name;
     frames_arrived += device.kind == bregma_wire_DEVICE_TRACKER ? device.taken + rejected : 0;
   }
   EXPECT_EQ(health.device_count, 4U);
 
-  // All that arrived is in the session file.
+  // All received samples are in the session file.
   EXPECT_EQ(health.record_dropped, 0U);
   EXPECT_EQ(recorded.frames, frames_arrived);
 
@@ -186,7 +186,7 @@ TEST(Soak, EverySampleIsAccountedForAndMemoryIsFlat) {
     std::printf("  loop %-14s %10llu steps, %llu overruns\n", std::string(wire::view(loop.loop)).c_str(),
                 static_cast<unsigned long long>(loop.steps), static_cast<unsigned long long>(loop.overruns));
   }
-  EXPECT_LT(growth, 1.0) << "MiB from the minute after the first to the end";
+  EXPECT_LT(growth, 1.0) << "MiB after the first minute";
 }
 
 } // namespace

@@ -171,7 +171,7 @@ private:
       note(findings_.beyond_bounds, "valid with an energy (mJ) of", 1e3 * energy_J);
     }
     if (const int turned = inverted(); turned > 0) {
-      note(findings_.inverted, "valid with tetrahedra turned over:", turned);
+      note(findings_.inverted, "valid with inverted tetrahedra:", turned);
     }
   }
 

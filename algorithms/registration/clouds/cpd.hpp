@@ -68,7 +68,7 @@ template <int D>
 
 // Correspondences by the posterior of [Myronenko 2010, eq. 6]. Exact; time is proportional to sources x targets.
 struct CpdCorrespondence {
-  int index = -1;           // of the other cloud
+  int index = -1;           // index in the other cloud
   double probability = 0.0; // P(source | target)
 };
 struct CpdCorrespondences {

@@ -184,7 +184,7 @@ void GaussSummer<D>::sum(const Points<D> &sources, double sigma, double outlier_
   Lattice grid;
   if (method_ != Method::kAllPairs) {
     const double all = static_cast<double>(sources.cols()) * target_count;
-    // Counting is not worth its cost while the reach covers the cloud.
+    // Counting does not pay off while the reach covers the cloud.
     const double reach = kGaussReach * sigma;
     if (method_ == Method::kGrid || reach < 0.3 * (high_ - low_).norm()) {
       grid = lattice(reach);

@@ -44,7 +44,8 @@ struct FiducialFit {
   double norm_mm = 0.0;
   // Leave-one-out distance, to first order; NaN where the others do not determine the pose.
   double leave_one_out_mm = 0.0;
-  double chi_square = 0.0;           // of the residual under its own covariance, and of the leave-one-out prediction
+  double chi_square =
+      0.0; // squared Mahalanobis distance of the residual, equal to that of the leave-one-out prediction
   double expected_squared_mm2 = 0.0; // expected squared residual
   double p_value = 1.0;              // probability of at least this chi-square if the stated errors hold
 };
@@ -57,7 +58,7 @@ struct PairedFit {
   Matrix6d covariance = Matrix6d::Zero();
   double fre_mm = 0.0;          // root mean square residual
   double fre_expected_mm = 0.0; // expected from the stated covariances
-  double chi_square = 0.0;      // of the weighted residuals, 3 count - 6 degrees of freedom
+  double chi_square = 0.0;      // sum of the squared weighted residuals, 3 count - 6 degrees of freedom
   double p_value = 1.0;
   std::array<FiducialFit, kMaxFiducials> fiducials{}; // the first count are used
 };

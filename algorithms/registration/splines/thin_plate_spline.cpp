@@ -48,7 +48,7 @@ void squared_distances(const Centres &centres, const Eigen::Matrix<double, D, 1>
   }
 }
 
-// A sentence that names two centres at the same place; empty where there are none.
+// A sentence that names two centres at the same position; empty if all are distinct.
 template <int D> std::string coincident(const Points<D> &points) {
   std::vector<Eigen::Index> order(static_cast<std::size_t>(points.cols()));
   std::iota(order.begin(), order.end(), 0);

@@ -53,7 +53,7 @@ struct PoseHypothesis {
   PairedPose T_target_source;
   double log_likelihood = 0.0; // natural, of the residuals; only differences are meaningful
   double probability = 0.0;    // among the hypotheses
-  double rms_mm = 0.0;         // of the inliers
+  double rms_mm = 0.0;         // RMS residual of the inliers
   int inliers = 0;
 };
 

@@ -105,7 +105,7 @@ struct LocalRegistration::Workspace {
   std::size_t rows_each;                            // rows per sample: one along the normal, or three
   NormalRows rows;                                  // twists about the centre
   std::vector<double> residuals;                    // signed distance, or distance from the point
-  std::vector<float> magnitudes;                    // of the residuals
+  std::vector<float> magnitudes;                    // absolute residuals
   std::vector<double> correlation_sum;              // sum of correlations of a sample with all
   std::vector<Vector6d> sums;
   Vector3d centre_source = Vector3d::Zero();

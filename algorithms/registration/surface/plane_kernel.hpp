@@ -21,7 +21,7 @@ struct PlaneQuery {
   surface::PlaneGrid grid;
   const float *x = nullptr, *y = nullptr, *z = nullptr; // samples in the source frame
   std::size_t count = 0;
-  std::array<float, 9> rotation{}; // of T_target_source, by rows
+  std::array<float, 9> rotation{}; // rotation of T_target_source, row-major
   std::array<float, 3> translation{};
 };
 

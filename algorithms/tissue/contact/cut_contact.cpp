@@ -32,7 +32,7 @@ void CutContact::end() noexcept {
   length_ = 0.0F;
 }
 
-// ---- discs ----
+// ---- cross-sections ----
 
 MaterialPoint CutContact::find(const NodeMotion &nodes, const Eigen::Vector3f &at_m, int guess) const noexcept {
   return locator_->walk(at_m.cast<double>(), guess,

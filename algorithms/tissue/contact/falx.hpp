@@ -1,11 +1,11 @@
 // The falx: the fold of dura between the hemispheres, taut from the skull's vault down to above the corpus callosum.
-// Tissue slides along it and does not push through: in a head that lies on its side it carries the upper hemisphere.
+// Tissue slides along it and cannot pass through it: in a head that lies on its side it supports the upper hemisphere.
 //
-// It is taken to stand still, in the brain's plane of symmetry, from the crista galli over the vertex to the inner
-// occipital protuberance; a sickle, 25 mm deep in front and 50 mm behind. Nodes within a quarter of a lattice cell of
-// the plane lose the displacement across it.
+// The falx is assumed rigid, in the brain's plane of symmetry, from the crista galli over the vertex to the inner
+// occipital protuberance. It is a sickle with a depth of 25 mm in front and 50 mm behind. Nodes within a quarter of a
+// lattice cell of the plane lose the displacement normal to it.
 //
-// Frame: that of the mesh (Image, RAS: the falx stands across x, the vertex is up along z, the face towards y), mm. One
+// Frame: that of the mesh (Image, RAS: the falx is normal to x, the vertex is up along z, the face towards y), mm. One
 // thread at a time; apply() does not allocate or throw.
 #pragma once
 

@@ -1,9 +1,9 @@
-// What a measured force along the probe says about the model: how stiff the tissue really is while the tip indents it,
-// that it has ruptured, and how hard it is to cut.
+// Corrects the model by the measured force along the probe: the tissue's stiffness during the indentation, the rupture,
+// and the cutting force.
 //
-// Under a probe whose way is known, displacements do not depend on the stiffness, forces are proportional to it: the
-// scale is the least-squares quotient of measured and modelled force, forgetting with a time constant. One thread; no
-// allocation.
+// Under a prescribed motion of the probe, displacements do not depend on the stiffness and forces are proportional to
+// it. The scale is the least-squares quotient of measured and modelled force, with exponential forgetting. One thread;
+// no allocation.
 #pragma once
 
 #include <algorithm>
@@ -15,8 +15,8 @@ public:
   void reset() noexcept { *this = {}; }
   void touch() noexcept { peak_N_ = smoothed_N_ = 0.0; } // a new indentation begins
 
-  // While the tip indents. Where one of the two feels nothing yet, the surfaces do not lie where each takes them for,
-  // which says nothing about stiffness.
+  // During the indentation. If one of the two forces is still zero, the positions of model and tissue surface differ,
+  // which contains no information about the stiffness.
   void indent(double modelled_N, double measured_N, double elapsed_s) noexcept {
     smoothed_N_ += std::min(1.0, elapsed_s / kSmoothing_s) * (measured_N - smoothed_N_);
     peak_N_ = std::max(peak_N_, smoothed_N_);
@@ -29,12 +29,12 @@ public:
     scale_ = std::clamp(cross_ / square_, kMinScale, kMaxScale);
   }
 
-  // The measured force has fallen from its peak as it does when a membrane gives way, and by more than noise does.
+  // The measured force has dropped from its peak as at the rupture of a membrane, and by more than the noise.
   [[nodiscard]] bool dropped() const noexcept {
     return peak_N_ - smoothed_N_ > std::max(3.0 * kMinForce_N, (1.0 - kDrop) * peak_N_);
   }
 
-  // While the tip cuts: the cutting force takes up what the model lacks or has too much.
+  // During cutting: corrects the cutting force by the difference of measured and modelled force.
   void cut(double modelled_N, double measured_N, double elapsed_s) noexcept {
     extra_cutting_N_ += std::min(1.0, elapsed_s / kCutting_s) * (measured_N - modelled_N);
   }
@@ -43,9 +43,9 @@ public:
   [[nodiscard]] double extra_cutting_N() const noexcept { return extra_cutting_N_; }
 
 private:
-  static constexpr double kMinForce_N = 0.01; // below this, a sensor's noise is as large
+  static constexpr double kMinForce_N = 0.01; // below this force the sensor's noise dominates
   static constexpr double kMemory_s = 2.0;
-  static constexpr double kSmoothing_s = 0.05; // of the measured force
+  static constexpr double kSmoothing_s = 0.05; // smoothing of the measured force
   static constexpr double kCutting_s = 0.5;
   static constexpr double kDrop = 0.7;
   static constexpr double kMinScale = 0.1, kMaxScale = 10.0;

@@ -65,7 +65,7 @@ Insertion::Insertion(const TetMesh &mesh, const TetBoundary &boundary, const Tet
   entries_m_.reserve(kMaxEntries);
 }
 
-// ---- where the probe is ----
+// ---- position of the probe ----
 
 void Insertion::reset() noexcept {
   remove_probe();
@@ -215,7 +215,7 @@ void Insertion::measure(double force_N, double elapsed_s) noexcept {
   }
 }
 
-// ---- what was cut ----
+// ---- cuts ----
 
 // A shaft that lies on the surface does not rupture it.
 bool Insertion::touches_with_tip() const noexcept {

@@ -57,7 +57,9 @@ public:
   [[nodiscard]] bool path_known() const noexcept { return path_known_; }
   // The tip has left the mesh while the shaft is in it.
   [[nodiscard]] bool left_mesh() const noexcept;
-  [[nodiscard]] double depth_mm() const noexcept { return depth_mm_; } // of the shaft inside, or of the indentation
+  [[nodiscard]] double depth_mm() const noexcept {
+    return depth_mm_;
+  } // length of the shaft inside, or depth of the indentation
   [[nodiscard]] double tip_force_N() const noexcept { return static_cast<double>(tip_force_N_); }
   [[nodiscard]] double shaft_force_N() const noexcept { return static_cast<double>(shaft_force_N_); } // by friction
   [[nodiscard]] int ruptures() const noexcept { return ruptures_; }                                   // number so far

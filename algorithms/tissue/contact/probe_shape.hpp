@@ -34,7 +34,7 @@ struct PlacedProbe {
   Eigen::Vector3f turning_per_s = Eigen::Vector3f::Zero(); // change of `shaft`
   float radius_m = 3e-3F;
   TipShape tip = TipShape::kHemisphere;
-  float cone_sin = 0.0F, cone_cos = 1.0F; // of the half angle
+  float cone_sin = 0.0F, cone_cos = 1.0F; // sine and cosine of the half angle
 
   // Velocity of the probe at this height above the tip.
   [[nodiscard]] Eigen::Vector3f velocity_m_s(float height_m) const noexcept {

@@ -11,8 +11,8 @@
 namespace bregma::tissue {
 namespace {
 
-// A node that has slid less than this from where its plane touches the skull keeps it: what a radius of 60 mm makes of
-// it is below 0.02 mm.
+// A node keeps its tangent plane until it has slid this far from the point of tangency. The error at a radius of 60 mm
+// is below 0.02 mm.
 constexpr float kPlane_m = 1.5e-3F;
 
 bool not_negative(double value) { return std::isfinite(value) && value >= 0.0; }
@@ -56,8 +56,8 @@ void Skull::apply_supports(ExplicitSolver &solver) const {
   }
 }
 
-// Through the closest point of the surface, across the normals of its triangle's corners, mixed: those of triangles
-// would jump at every edge.
+// The plane through the closest point of the surface, with the interpolated normal of its triangle's corners. Normals
+// of triangles would jump at every edge.
 void Skull::find_plane(Support &support, const Eigen::Vector3d &rest_mm, const Eigen::Vector3d &now_mm) const noexcept {
   const surface::SurfacePoint closest = surface_->closest(now_mm, support.triangle);
   const Eigen::Vector3i &t = triangles_[static_cast<std::size_t>(closest.triangle)];

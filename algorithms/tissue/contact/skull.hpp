@@ -2,7 +2,7 @@
 // The brain slides along it without friction, or is fixed to it.
 //
 // Each node of the brain's surface has a tangent plane of the skull, found again when the node has slid by a millimetre
-// or two. Contact with flat triangles and their edges would rattle, and no static solution would be found.
+// or two. Contact with flat triangles and their edges would chatter, and no static solution would be found.
 //
 // One thread at a time; apply() does not allocate or throw.
 #pragma once
@@ -54,7 +54,7 @@ private:
     int node;
     Eigen::Vector3f normal; // outward
     Eigen::Vector3f at_m;   // where the plane touches the surface, from the node at rest
-    int triangle;           // of the surface at that point
+    int triangle;           // triangle of the surface at that point
     bool open;              // in the craniotomy
   };
   void find_plane(Support &support, const Eigen::Vector3d &rest_mm, const Eigen::Vector3d &now_mm) const noexcept;
@@ -62,7 +62,8 @@ private:
   SkullOptions options_;
   std::unique_ptr<surface::SurfaceModel> surface_;
   std::vector<Eigen::Vector3i> triangles_;
-  std::vector<Eigen::Vector3d> nodes_mm_, normals_; // of the surface, by node of the mesh; inside: zero
+  std::vector<Eigen::Vector3d> nodes_mm_,
+      normals_; // nodes and normals of the surface, per node of the mesh; zero inside
   std::vector<Support> supports_;
   Eigen::Vector3f force_N_ = Eigen::Vector3f::Zero();
 };

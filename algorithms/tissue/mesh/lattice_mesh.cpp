@@ -100,7 +100,7 @@ LatticeMesh fill_surface(const surface::TriangleMesh &surface, const LatticeMesh
   }
   const double volume = enclosed_mm3(surface);
   if (!(volume > 0.0)) {
-    throw std::invalid_argument("the surface is inside out: it encloses " + text("%g mm^3", volume));
+    throw std::invalid_argument("the surface is oriented inwards: it encloses " + text("%g mm^3", volume));
   }
   LatticeMesh out;
   out.surface_mm3 = volume;

@@ -189,7 +189,7 @@ private:
   }
 
   // First as in [Labelle 2007], which keeps every tetrahedron valid for any surface. Then farther ones, where none of
-  // the tetrahedra about the point gets thin: a point on the surface leaves better tetrahedra than a cut beside it.
+  // the tetrahedra about the point gets thin: a point on the surface gives better tetrahedra than a cut next to it.
   void warp() {
     each_point([&](const Vector3i &p) {
       if (const Vector3d *const cut = near_cut(p, kPaperSnap)) {

@@ -13,7 +13,7 @@ namespace bregma::tissue {
 // where no lattice point lies inside. Deterministic; allocates in proportion to the box.
 [[nodiscard]] TetMesh stuff(const surface::SurfaceModel &surface, double edge_mm, const Eigen::Vector3d &shift);
 
-// Points of the lattice that stuff() would look at.
+// Number of lattice points that stuff() would evaluate.
 [[nodiscard]] double lattice_points(const surface::SurfaceModel &surface, double edge_mm);
 
 } // namespace bregma::tissue

@@ -1,4 +1,4 @@
-// How good a mesh of tetrahedra is for an explicit solver: shapes, and the time step that they allow.
+// Quality of a tetrahedral mesh for an explicit solver: shapes, and the time step that they allow.
 // Lengths mm; pure functions, safe from any thread.
 #pragma once
 
@@ -10,25 +10,25 @@
 
 namespace bregma::tissue {
 
-// 1 / sqrt(sum over the corners of 1 / h^2), h the altitudes: what a tetrahedron's shape and size contribute to its
-// stable time step, see stable_step_s. Between half and all of its smallest altitude; 0 or less where it is flat or
-// inside out.
+// Stable length 1 / sqrt(sum over the corners of 1 / h^2) with the altitudes h: the contribution of a tetrahedron's
+// shape and size to its stable time step, see stable_step_s. Between half and all of its smallest altitude; 0 or less
+// for a flat or inverted tetrahedron.
 [[nodiscard]] double stable_length_mm(const Eigen::Vector3d &a, const Eigen::Vector3d &b, const Eigen::Vector3d &c,
                                       const Eigen::Vector3d &d);
-// Of the whole mesh: the smallest.
+// The minimum over the mesh.
 [[nodiscard]] double stable_length_mm(const TetMesh &mesh);
 
-// The time step up to which central differences with lumped masses are stable, whatever the boundary:
+// The time step up to which central differences with lumped masses are stable, for any boundary conditions:
 //
 //   dt = L / c,   c = sqrt((K + 4/3 mu) / rho)   L = 1 / sqrt(sum 1 / h^2), the mesh's smallest
 //
-// by the bound on the largest frequency of a constant-strain element, w^2 <= n / rho (lambda + 2 mu) sum |grad N|^2
+// from the bound on the largest frequency of a constant-strain element, w^2 <= n / rho (lambda + 2 mu) sum |grad N|^2
 // with n = 4 nodes and |grad N| = 1 / h, and dt = 2 / w [Flanagan 1984]. The rule of
 // thumb, minimum altitude / c, is up to twice that and not safe: a regular tetrahedron reaches the bound. Undeformed
 // tissue, undamped, at its instantaneous moduli. Throws std::invalid_argument as check(material) does.
 [[nodiscard]] double stable_step_s(double stable_length_mm, const Material &material);
 
-// Of each tetrahedron 3 inradius / circumradius: 1 for a regular one, 0 for a flat one. The lattice's own have 0.95.
+// Per tetrahedron 3 inradius / circumradius: 1 for a regular one, 0 for a flat one. Those of the lattice have 0.95.
 [[nodiscard]] std::vector<double> radius_ratios(const TetMesh &mesh);
 
 struct MeshQuality {
@@ -42,7 +42,7 @@ struct MeshQuality {
   double volume_mm3 = 0.0;
   double min_dihedral_deg = 0.0;
   double max_dihedral_deg = 0.0;
-  std::array<int, kBins> dihedral_histogram{}; // six angles a tetrahedron
+  std::array<int, kBins> dihedral_histogram{}; // six angles per tetrahedron
   double min_radius_ratio = 0.0;
   double percentile5_radius_ratio = 0.0;
   double mean_radius_ratio = 0.0;

@@ -44,7 +44,7 @@ double ExplicitSolver::mass_kg(int node) const noexcept {
   return static_cast<double>(mass_kg_[static_cast<std::size_t>(node)]);
 }
 
-// ---- what acts ----
+// ---- loads and supports ----
 
 void ExplicitSolver::fix(int node, unsigned fixed_axes) noexcept {
   const auto i = static_cast<std::size_t>(node);

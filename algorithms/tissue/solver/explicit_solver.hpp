@@ -25,9 +25,10 @@ class Team;
 
 struct SolverOptions {
   int threads = 1;
-  double step_fraction = 0.85; // of the critical step; the margin allows for contacts that stiffen between two checks
+  double step_fraction =
+      0.85; // fraction of the critical step; the margin allows for contacts that stiffen between two checks
   double minimum_step_s = 0.0; // elements that need a shorter step get additional mass (mass scaling); 0: none
-  double damping_per_s = 0.0;  // of the velocity, everywhere (mass-proportional)
+  double damping_per_s = 0.0;  // mass-proportional damping of all velocities
   // Fraction of the pressure that comes from each tetrahedron's own volume. 0: nodal averaging. 1: the plain
   // constant-strain tetrahedron of other programs, which locks; for comparison with them.
   double element_pressure_fraction = 0.0;
@@ -207,7 +208,7 @@ private:
   std::vector<NodeVector> inverse_mass_, inverse_fictitious_; // by axis; 0 where fixed
   std::vector<unsigned> fixed_;
   std::vector<NodeVector> displacement_, velocity_, external_, elastic_, saved_displacement_;
-  std::vector<NodeVector> remainder_; // of displacement_: rounding remainder of the floats
+  std::vector<NodeVector> remainder_;                                           // rounding remainder of displacement_
   std::vector<NodeVector> mode_pull_, ascent_, ascent_pull_, turn_, turn_pull_; // work space for finding the next two
   std::vector<NodeVector> mode_, relax_mode_; // estimates of the stiffest mode, in motion and in relax()
   std::vector<NodeVector> probe_, force_before_, velocity_before_, displacement_before_; // state at the last check

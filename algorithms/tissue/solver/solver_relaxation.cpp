@@ -1,4 +1,4 @@
-// Dynamic relaxation: the solver's way to a static answer.
+// Dynamic relaxation to the static solution.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -10,23 +10,24 @@
 namespace bregma::tissue {
 namespace {
 
-constexpr float kMaxRelaxationMove = 0.1F; // of a node in one step, in edge lengths: nothing springs here
-// Steps between two looks at the slowest mode and the residual: the time that this mode takes, within limits. Where it
-// is very slow a fifth of its time, and no more than a part of all steps so far: in fewer it moves less than what
-// floats round off the others.
+constexpr float kMaxRelaxationMove =
+    0.1F; // maximum move of a node in one step, in edge lengths: there are no snap-backs here
+// Steps between two checks of the slowest mode and the residual: the period of this mode, within limits. For a very
+// slow mode a fifth of its period, and at most a fraction of all steps so far: in fewer steps it moves less than the
+// rounding errors of the other modes.
 constexpr int kRelaxInterval = 10;
 constexpr int kRelaxLonger = 60;
 constexpr float kRelaxFraction = 0.2F;
 constexpr int kRelaxPart = 16;
-// By what a look may raise the slowest eigenvalue. Rayleigh's quotient is never below it, and far above it once the
-// slowest mode has all but come to rest: what follows would then creep.
+// Maximum factor by which a check may raise the lowest eigenvalue. Rayleigh's quotient is an upper bound of it, and far
+// above it when the slowest mode has nearly come to rest. Convergence would then be very slow.
 constexpr float kRelaxRise = 2.0F;
-constexpr int kRelaxFirstLook = 6;       // iterations for the stiffest mode, at first
-constexpr int kRelaxLook = 1;            // and later
-constexpr int kRelaxLooks = 5;           // intervals between two looks at the stiffest mode
-constexpr float kStiffestMargin = 1.15F; // of the stiffest eigenvalue: iterations come from below
-constexpr float kNothing = 1e-6F;        // of an edge: what moves less has not moved
-constexpr float kRounding = 3e-8F;       // of a displacement, half the last digit of a float
+constexpr int kRelaxFirstLook = 6;       // iterations for the stiffest mode at the first check
+constexpr int kRelaxLook = 1;            // and at later checks
+constexpr int kRelaxLooks = 5;           // intervals between two checks of the stiffest mode
+constexpr float kStiffestMargin = 1.15F; // factor on the highest eigenvalue, which iterations approach from below
+constexpr float kNegligibleMove = 1e-6F; // fraction of an edge; smaller moves count as zero
+constexpr float kRounding = 3e-8F;       // relative rounding of a displacement, half the last digit of a float
 
 int interval_between_looks(float slowest_takes, int steps_so_far) {
   const int max_interval = std::min(static_cast<int>(kRelaxFraction * slowest_takes), steps_so_far / kRelaxPart);
@@ -75,10 +76,10 @@ RelaxationResult ExplicitSolver::relax(const RelaxationOptions &options) noexcep
     out.residual = std::max({unbalanced(how), remaining, std::min(remaining_before, 1.0)});
     remaining_before = remaining;
     if (out.residual < options.tolerance && !diverges(how)) {
-      out.converged = inverted_elements() == 0; // a fold that stands is no answer
+      out.converged = inverted_elements() == 0; // an equilibrium with inverted elements is not a solution
       break;
     }
-    const float seen = lowest_eigenvalue(); // not positive: lost in what floats round off, or not yet a minimum's
+    const float seen = lowest_eigenvalue(); // not positive: dominated by rounding errors, or not yet near a minimum
     slowest = seen > 0.0F ? std::clamp(seen, 0.5F * slowest, kRelaxRise * slowest) : kRelaxRise * slowest;
     slowest = std::clamp(slowest, 1e-8F, 1.0F);
   }
@@ -87,7 +88,7 @@ RelaxationResult ExplicitSolver::relax(const RelaxationOptions &options) noexcep
   return out;
 }
 
-// The history that belongs to the answer of relax(): nothing has relaxed yet, or all of it.
+// The stress history for the result of relax(): unrelaxed or fully relaxed.
 void ExplicitSolver::set_prony_equilibrium(bool relaxed) noexcept {
   if (!relaxed || prony_.empty()) {
     std::fill(relaxed_.begin(), relaxed_.end(), RelaxedPack{});
@@ -100,8 +101,8 @@ void ExplicitSolver::set_prony_equilibrium(bool relaxed) noexcept {
   team_->run([&](int thread) { evaluate(thread, displacement_, true, shear); });
 }
 
-// Rayleigh's quotient du K du / du M du of the motion du of the latest interval: what floats round off the forces would
-// hide the slow modes in the motion of one step.
+// Rayleigh's quotient du K du / du M du of the motion du of the latest interval. In the motion of a single step the
+// rounding errors of the forces would hide the slow modes.
 float ExplicitSolver::lowest_eigenvalue() const noexcept {
   double work = 0.0;
   double inertia = 0.0;
@@ -113,8 +114,8 @@ float ExplicitSolver::lowest_eigenvalue() const noexcept {
   return inertia > 0.0 ? static_cast<float>(work / inertia) : 0.0F;
 }
 
-// What the last step still changed, as a force, against the forces that hold the tissue: contacts and supports
-// included, since what they balance does not move. Less what the rounding of displacements to floats makes of itself.
+// Unbalanced force of the last step, relative to the elastic forces. Contacts and supports are included, since a
+// balanced node does not move. The effect of rounding displacements to floats is subtracted.
 double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
   double rest = 0.0;
   double rounding = 0.0;
@@ -124,15 +125,15 @@ double ExplicitSolver::unbalanced(const Integration &how) const noexcept {
     const float mass = 0.25F * stiffness_bound_N_m_[i] / how.pull;
     const NodeVector push = difference(now, scaled(velocity_before_[i], how.keep));
     rest += static_cast<double>(mass * mass * dot(push, push));
-    const float least = kNothing * edge_m_ * stiffness_bound_N_m_[i];
-    acting += static_cast<double>(dot(elastic_[i], elastic_[i]) + least * least);
+    const float negligible = kNegligibleMove * edge_m_ * stiffness_bound_N_m_[i];
+    acting += static_cast<double>(dot(elastic_[i], elastic_[i]) + negligible * negligible);
     const float noise = kRounding * stiffness_bound_N_m_[i];
     rounding += static_cast<double>(noise * noise * dot(displacement_[i], displacement_[i]));
   }
   return rest > 0.0 ? std::sqrt(std::max(rest - rounding, 0.0) / acting) : 0.0;
 }
 
-// A node was held back, and not because it presses on a contact that then put it back where it was.
+// A node was clamped, but not because it presses on a contact that moved it back.
 bool ExplicitSolver::diverges(const Integration &how) const noexcept {
   const float far_squared = 0.25F * how.max_move * how.max_move;
   for (std::size_t i = 0; i < velocity_.size(); ++i) {
@@ -145,14 +146,14 @@ bool ExplicitSolver::diverges(const Integration &how) const noexcept {
   return false;
 }
 
-// How far the tissue will still go at the rate at which this iteration converges, against how far it has gone.
+// Estimated remaining displacement at the convergence rate of this iteration, relative to the displacement so far.
 double ExplicitSolver::remaining_motion(const Integration &how) const noexcept {
   double left = 0.0;
   double gone = 0.0;
   for (std::size_t i = 0; i < velocity_.size(); ++i) {
     left += static_cast<double>(mass_kg_[i] * dot(velocity_[i], velocity_[i]));
-    const float least = kNothing * edge_m_;
-    gone += static_cast<double>(mass_kg_[i] * (dot(displacement_[i], displacement_[i]) + least * least));
+    const float negligible = kNegligibleMove * edge_m_;
+    gone += static_cast<double>(mass_kg_[i] * (dot(displacement_[i], displacement_[i]) + negligible * negligible));
   }
   return left > 0.0
              ? static_cast<double>(how.step) / (1.0 - std::sqrt(static_cast<double>(how.keep))) * std::sqrt(left / gone)

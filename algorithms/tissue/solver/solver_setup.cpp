@@ -1,4 +1,4 @@
-// What the solver makes once of mesh and material: packs of elements, masses, shares of the threads, the first step.
+// Setup of the solver from mesh and material: element packs, masses, work of the threads, the first step size.
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -71,7 +71,7 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
   }
 
   build_masses(options.minimum_step_s);
-  // A pattern in which neighbours move against each other, as they do in the fastest mode.
+  // Initial vector in which neighbours move in opposite directions, as in the fastest mode.
   for (std::size_t i = 0; i < nodes; ++i) {
     const auto sign = [i](std::size_t bit) { return ((i * 2654435761U) >> bit & 1U) != 0 ? 1.0F : -1.0F; };
     mode_[i] = {sign(7), sign(13), sign(19)};
@@ -82,14 +82,14 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
   relax_mode_ = mode_;
   prony_.resize(material_.prony.size());
   relaxed_.assign(packs_.size() * prony_.size(), {});
-  reset(); // what the iteration left in energies and pressures
+  reset(); // clears energies and pressures of the iteration
   save();
 }
 
 ExplicitSolver::~ExplicitSolver() = default;
 
-// Neighbours stand in packs that follow each other, not in one: there their sums at a shared node would wait for each
-// other. A block of packs has what stood together in the mesh, so that a thread's share stays in one place.
+// Neighbours are placed in consecutive packs instead of one pack, where their sums at a common node would depend on
+// each other. A block of packs contains tetrahedra that are adjacent in the mesh, which keeps a thread's memory local.
 ExplicitSolver::Slot ExplicitSolver::slot_of(std::size_t element) const noexcept {
   const std::size_t first = element / (kPack * kBlock) * kBlock;
   const std::size_t packs = std::min(kBlock, packs_.size() - first);
@@ -110,7 +110,7 @@ void ExplicitSolver::build_packs() {
       pack.node[i][lane] = t[i];
     }
     if (e >= elements) {
-      continue; // fills the last pack up
+      continue; // pads the last pack
     }
     double volume_mm3 = 0.0;
     const Eigen::Matrix3d gradients = gradients_per_mm(mesh_, t, volume_mm3) * kMetre;
@@ -133,8 +133,8 @@ void ExplicitSolver::build_packs() {
 }
 
 // Gershgorin: the rows of the stiffness matrix are no larger than stiffness_bound_, so a node of mass
-// bound (dt / 2)^2 allows the step dt. That makes the masses of relax(), where all nodes allow the step 1, and those of
-// mass scaling.
+// bound (dt / 2)^2 allows the step dt. This defines the masses of relax(), where all nodes allow the step 1, and those
+// of mass scaling.
 void ExplicitSolver::build_masses(double minimum_step_s) {
   const auto density = static_cast<float>(material_.density_kg_m3);
   mass_kg_.resize(rest_.size());

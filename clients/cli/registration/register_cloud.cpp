@@ -70,7 +70,7 @@ Points3 thinned(const Points3 &points) {
 
 struct Drift {
   CpdResult<3> result;
-  double log_odds = 0.0; // of the rigid pose against the second-best distinct one; infinite if there is only one
+  double log_odds = 0.0; // the rigid pose against the second-best distinct one; infinite if there is only one
   double runner_up_turn_rad = 0.0;
   double time_ms = 0.0;
 };

@@ -178,7 +178,7 @@ json to_json(const Answer &answer, const surface::SurfaceField &field, const std
              const SurfaceArguments &arguments, const std::vector<PointError> &errors) {
   json out = transforms_json(answer.T_target_source.matrix(), arguments.files);
   add_covariance(out, answer.covariance);
-  out["residuals_mm"] = json::array(); // of all samples in input order, negative inside
+  out["residuals_mm"] = json::array(); // all samples in input order, negative inside
   for (const Vector3d &p : samples) {
     out["residuals_mm"].push_back(json_number(field.closest(answer.T_target_source * p).signed_mm));
   }

@@ -15,7 +15,7 @@ namespace bregma::cli::report {
 // The tissue under the probe, against depth.
 [[nodiscard]] std::string tissue_force_figure(const SessionAnalysis &session);
 [[nodiscard]] std::string tissue_stress_figure(const SessionAnalysis &session); // at the target
-[[nodiscard]] std::string tissue_motion_figure(const SessionAnalysis &session); // of the target
+[[nodiscard]] std::string tissue_motion_figure(const SessionAnalysis &session); // motion of the target
 [[nodiscard]] std::string residual_figure(const SessionAnalysis &session);      // distribution of scalp residuals
 // Four views of the head with the traced points coloured by residual.
 [[nodiscard]] base::Result<std::string> head_figure(const SessionAnalysis &session);

@@ -155,8 +155,7 @@ std::string registration_tables(const SessionAnalysis &session) {
   if (fiducials.any()) {
     out += "<h3>Residuals of the fiducials</h3>" + fiducials.text() +
            "<p class='note'>\u201cLeft out\u201d is the distance when the fit does not use the fiducial. Residuals "
-           "tell "
-           "whether the fiducials agree; they do not tell the error at the target.</p>";
+           "measure the agreement of the fiducials, not the error at the target.</p>";
   }
   return out;
 }

@@ -195,7 +195,7 @@ struct SessionAnalysis {
   std::vector<CheckRecord> checks;
   std::vector<AlarmChange> alarms;
   std::size_t critical_alarms = 0;         // raised
-  std::size_t unacknowledged_critical = 0; // of these, not acknowledged before they were cleared or the session ended
+  std::size_t unacknowledged_critical = 0; // not acknowledged before they cleared or the session ended
   std::vector<StateSpan> states;
   // Counted since the first record, or since the daemon's start when that was at most five seconds earlier.
   std::vector<DeviceSummary> devices;

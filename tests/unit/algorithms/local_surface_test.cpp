@@ -348,9 +348,9 @@ TEST(LocalSurface, CorrelatedSamplesHaveASmallerEffectiveNumber) {
   std::mt19937 rng(kLocalSeed);
   const Sampled samples = sample_front(300, 0.5, rng);
   LocalRegistration independent(prepared_head().field, without_correlation());
-  LocalRegistration alike(prepared_head().field, LocalOptions{});
+  LocalRegistration correlated(prepared_head().field, LocalOptions{});
   const LocalFit one = independent.fit(samples.source_mm, samples.T_true);
-  const LocalFit other = alike.fit(samples.source_mm, samples.T_true);
+  const LocalFit other = correlated.fit(samples.source_mm, samples.T_true);
   EXPECT_GT(other.covariance.trace(), 1.5 * one.covariance.trace());
   EXPECT_LT(other.effective, 0.5 * one.effective);
 }

@@ -59,7 +59,7 @@ Outcome run(const Device &device, DeviceClock &clock, int samples, unsigned seed
   return out;
 }
 
-TEST(DeviceClock, FindsTheExposureThroughOffsetDriftJitterAndHoldUps) {
+TEST(DeviceClock, EstimatesTheExposureWithOffsetDriftJitterAndDelays) {
   for (const double drift_ppm : {0.0, 50.0, -50.0, 100.0}) {
     for (unsigned seed = 1; seed <= 5; ++seed) {
       SCOPED_TRACE("drift " + std::to_string(drift_ppm) + " seed " + std::to_string(seed));
@@ -73,7 +73,7 @@ TEST(DeviceClock, FindsTheExposureThroughOffsetDriftJitterAndHoldUps) {
   }
 }
 
-TEST(DeviceClock, HoldsFrom20To1000Hz) {
+TEST(DeviceClock, IsAccurateFrom20To1000Hz) {
   for (const std::int64_t period_ns : {50 * kMs, 10 * kMs, 1 * kMs}) {
     for (unsigned seed = 1; seed <= 3; ++seed) {
       SCOPED_TRACE("period " + std::to_string(period_ns) + " seed " + std::to_string(seed));
@@ -87,13 +87,13 @@ TEST(DeviceClock, HoldsFrom20To1000Hz) {
   }
 }
 
-TEST(DeviceClock, WhatIsNotStatedOfTheLatencyIsTheErrorAndNothingMore) {
+TEST(DeviceClock, TheErrorEqualsTheUnstatedMinimumLatency) {
   DeviceClock clock; // minimum latency not stated, but 4 ms: exposures appear 4 ms later
   const auto outcome = run({.drift_ppm = 50.0}, clock, 5'000, 3);
   EXPECT_NEAR(static_cast<double>(outcome.worst_error_ns), 4e6, 0.3e6);
 }
 
-TEST(DeviceClock, AFirstSampleThatWasHeldUpIsForgotten) {
+TEST(DeviceClock, ADelayedFirstSampleHasNoLastingEffect) {
   DeviceClock clock;
   const auto at = [](std::int64_t i) { return kStart_ns + i * 4 * kMs; };
   EXPECT_EQ(clock.observe(at(0), at(0) + 200 * kMs, 4 * kMs), TimeVerdict::kInStep);
@@ -127,7 +127,7 @@ Jump jump(std::int64_t by_ns, int samples = 500) {
   return out;
 }
 
-TEST(DeviceClock, AClockThatJumpsIsRefusedUntilItsNewTimeIsCertain) {
+TEST(DeviceClock, SamplesAfterAClockJumpAreRejectedUntilTheNewTimeBaseIsConfirmed) {
   for (const std::int64_t by_ns : {5'000 * kMs, -5'000 * kMs, 60 * kMs, -60 * kMs, -10 * kMs, -3'600'000 * kMs}) {
     SCOPED_TRACE(by_ns);
     const Jump outcome = jump(by_ns);
@@ -138,7 +138,7 @@ TEST(DeviceClock, AClockThatJumpsIsRefusedUntilItsNewTimeIsCertain) {
   }
 }
 
-TEST(DeviceClock, AnOldSampleAmongGoodOnesChangesNothing) {
+TEST(DeviceClock, AnOldSampleAmongValidOnesHasNoEffect) {
   DeviceClock clock;
   int refused = 0;
   for (int i = 0; i < 2'000; ++i) {
@@ -150,7 +150,7 @@ TEST(DeviceClock, AnOldSampleAmongGoodOnesChangesNothing) {
   EXPECT_EQ(clock.resyncs(), 0U);
 }
 
-TEST(DeviceClock, AFloodAheadOfTimeIsNeverTakenForAClock) {
+TEST(DeviceClock, AFloodWithFutureTimesIsNotAcceptedAsANewTimeBase) {
   DeviceClock clock;
   std::int64_t device = kStart_ns;
   for (int i = 0; i < 500; ++i, device += 4 * kMs) {
@@ -166,7 +166,7 @@ TEST(DeviceClock, AFloodAheadOfTimeIsNeverTakenForAClock) {
   EXPECT_EQ(clock.resyncs(), 0U);
 }
 
-TEST(DeviceClock, OldSamplesAndOnesTooCloseAreToldApart) {
+TEST(DeviceClock, OldAndTooFrequentSamplesHaveDifferentVerdicts) {
   DeviceClock clock;
   EXPECT_EQ(clock.observe(kStart_ns, kStart_ns, 4 * kMs), TimeVerdict::kInStep);
   EXPECT_EQ(clock.observe(kStart_ns + kMs, kStart_ns + kMs, 4 * kMs), TimeVerdict::kTooSoon);

@@ -38,7 +38,7 @@ std::string parameters_error(const std::string &toml) {
   return loaded ? "no error" : loaded.error().message;
 }
 
-TEST(Parameters, AFileSetsWhatItGivesAndLeavesTheRest) {
+TEST(Parameters, AFileSetsItsValuesAndKeepsTheOthers) {
   Config config;
   ParameterSet set = declare(config);
   ASSERT_TRUE(set.load_text("folder = \"x\"\n[navigation]\nfloor_rate_hz = 60\n[log]\nmode = \"slow\"\n", "f"));
@@ -48,7 +48,7 @@ TEST(Parameters, AFileSetsWhatItGivesAndLeavesTheRest) {
   EXPECT_EQ(config.depth, 8);
 }
 
-TEST(Parameters, ErrorsNameFileLineKeyValueAndWhatIsAllowed) {
+TEST(Parameters, ErrorsNameFileLineKeyValueAndTheAllowedRange) {
   EXPECT_EQ(parameters_error("[navigation]\n\nfloor_rate_hz = 5000\n"),
             "bregmad.toml:3: navigation.floor_rate_hz = 5000: must be between 1 and 1000 Hz");
   EXPECT_EQ(parameters_error("[navigation]\nfloor_rate_hz = \"fast\"\n"),
@@ -63,12 +63,12 @@ TEST(Parameters, ErrorsNameFileLineKeyValueAndWhatIsAllowed) {
             "bregmad.toml:2: log.level = \"loud\": must be one of \"debug\", \"info\"");
 }
 
-TEST(Parameters, UnknownKeysAreErrorsThatNameTheNearest) {
+TEST(Parameters, UnknownKeysAreErrorsThatNameTheNearestKey) {
   EXPECT_EQ(parameters_error("[navigation]\nflor_rate_hz = 30\n"),
             "bregmad.toml:2: navigation.flor_rate_hz = 30: unknown key; did you mean navigation.floor_rate_hz?");
   EXPECT_EQ(parameters_error("[zzz]\nqqqqqqqqqq = 1\n"), "bregmad.toml:2: zzz.qqqqqqqqqq = 1: unknown key");
   EXPECT_EQ(parameters_error("[naviation]\n"), "bregmad.toml:1: naviation: unknown section");
-  // Of several errors the one that a reader meets first.
+  // The first error in the order of the file is reported.
   EXPECT_EQ(parameters_error("[recorder]\ndepth = 0\n[log]\nlevel = \"loud\"\n"),
             "bregmad.toml:2: recorder.depth = 0: must be between 1 and 64");
 }
@@ -78,7 +78,7 @@ TEST(Parameters, SyntaxErrorsNameTheLine) {
       << parameters_error("folder = \"x\"\n[log\n");
 }
 
-TEST(Parameters, AFailedLoadChangesNothing) {
+TEST(Parameters, AFailedLoadHasNoEffect) {
   Config config;
   ParameterSet set = declare(config);
   ASSERT_FALSE(set.load_text("folder = \"changed\"\n[recorder]\ndepth = 0\n", "f"));
@@ -94,7 +94,7 @@ TEST(Parameters, AMissingFileIsNamed) {
   EXPECT_EQ(set.load("/tmp").error().message, "/tmp: is a folder, not a file");
 }
 
-TEST(Parameters, TheWrittenFileReadsBackToTheSameBits) {
+TEST(Parameters, TheWrittenFileIsReadBackBitForBit) {
   Config config;
   config.tiny = 0.1 + 0.2;
   config.folder = "a \"b\"\n\\c";

@@ -92,7 +92,7 @@ TEST(TableReader, WrongTypesAreRefused) {
             "scenario.toml:1: limits = 3: must be a section, [limits]");
 }
 
-TEST(TableReader, TheFirstErrorIsKeptAndReadingGoesOn) {
+TEST(TableReader, TheFirstErrorIsKeptAndReadingContinues) {
   EXPECT_EQ(table_error("a = 20\nb = 30\n",
                         [](TableReader &root) {
                           EXPECT_EQ(root.number("a", 1.0, "mm", 0, 10), 1.0);
@@ -102,7 +102,7 @@ TEST(TableReader, TheFirstErrorIsKeptAndReadingGoesOn) {
             "scenario.toml:1: a = 20: must be between 0 and 10 mm");
 }
 
-TEST(TableReader, ChecksOfTheCallerPointIntoTheFile) {
+TEST(TableReader, ChecksOfTheCallerReportTheFileAndLine) {
   EXPECT_EQ(table_error("[[tools]]\nname = \"A\"\n[[tools]]\nname = \"A\"\n",
                         [](TableReader &root) {
                           for (TableReader &tool : root.tables("tools")) {

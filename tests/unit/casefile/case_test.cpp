@@ -187,7 +187,8 @@ TEST_F(CaseOnDisk, SurfacesMustBeClosedAndOutward) {
       std::swap(t[0], t[1]);
     }
   });
-  EXPECT_NE(inside_out.find("surfaces.scalp = \"surfaces/scalp.ply\": the surface is inside out"), std::string::npos)
+  EXPECT_NE(inside_out.find("surfaces.scalp = \"surfaces/scalp.ply\": the triangles of the surface face inwards"),
+            std::string::npos)
       << inside_out;
   const auto twisted =
       error_after([](Case &c) { std::swap(c.brain.mesh.triangles[0][0], c.brain.mesh.triangles[0][1]); });

@@ -98,7 +98,7 @@ TEST(LiveCommands, WatchEndsWithTheDaemonWhenAsked) {
     alive += last["daemon_alive"].get<bool>() ? 1 : 0;
   }
   EXPECT_GT(alive, 5U);
-  EXPECT_GE(last["silent_s"].get<double>(), 1.5) << "it went on until the silence was certain";
+  EXPECT_GE(last["silent_s"].get<double>(), 1.5) << "it continued until the silence was certain";
 }
 
 TEST(LiveCommands, WatchEndsWithAProcess) {

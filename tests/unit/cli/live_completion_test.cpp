@@ -67,7 +67,7 @@ TEST(Completion, ZshScriptNamesEveryCommandWithItsText) {
   make_program(app, context);
   const std::string script = cli::zsh_completion(app);
   EXPECT_EQ(script.rfind("#compdef bregma", 0), 0U);
-  for (const char *word : {"'status:Says once", "'ack:Acknowledges", "/target/navigate", "'--until-end:"}) {
+  for (const char *word : {"'status:Prints the state", "'ack:Acknowledges", "/target/navigate", "'--until-end:"}) {
     EXPECT_NE(script.find(word), std::string::npos) << word;
   }
   if (std::system("command -v zsh > /dev/null") != 0) { // NOLINT(cert-env33-c,concurrency-mt-unsafe)

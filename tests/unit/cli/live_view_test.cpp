@@ -81,7 +81,7 @@ TEST(LiveView, AToolWithoutSamplesIsOldEvenWhenTheDaemonIsAlive) {
   snapshot.tools["Probe"].published_time_ns = kNow_ns - kToolSilent_ns;
   const auto view = view_tool(snapshot.tools["Probe"], view_daemon(snapshot, kNow_ns), kNow_ns);
   EXPECT_FALSE(view.fresh);
-  EXPECT_EQ(view.status, "no news for 500 ms");
+  EXPECT_EQ(view.status, "no data for 500 ms");
   EXPECT_TRUE(std::isnan(view.tip_mm[0]));
   EXPECT_TRUE(std::isnan(view.tre_95_mm));
 }
@@ -96,7 +96,7 @@ TEST(LiveView, FiguresOfEveryStatusButTwoAreDashes) {
   }
 }
 
-wire::DeformationState dented() {
+wire::DeformationState indentation() {
   wire::DeformationState state{};
   EXPECT_TRUE(wire::set_name(state.point, "Deep"));
   state.time_ns = kNow_ns - 20 * kMs;
@@ -116,7 +116,7 @@ wire::DeformationState dented() {
 TEST(LiveView, ThePredictedAndTheImagedTargetAreBothShown) {
   auto snapshot = navigating();
   snapshot.tools["Probe"].distance_to_predicted_target_mm = 27.9;
-  snapshot.deformation["Deep"] = dented();
+  snapshot.deformation["Deep"] = indentation();
   const std::string table = watch_table(snapshot, {}, kNow_ns);
   for (const char *shown : {"27.5", "27.9", "Deep: valid; predicted 0.50 mm from where it was imaged, +/- 0.11 mm",
                             "indentation, tip 0.083 N", "depth 3.7 mm"}) {
@@ -132,18 +132,18 @@ TEST(LiveView, ThePredictedAndTheImagedTargetAreBothShown) {
 
 TEST(LiveView, AnInvalidOrOldPredictionHasNoFigures) {
   const auto daemon = view_daemon(navigating(), kNow_ns);
-  wire::DeformationState state = dented();
+  wire::DeformationState state = indentation();
   state.status = bregma_wire_DEFORMATION_INVALID;
   state.reason = bregma_wire_DEFORMATION_REASON_TOO_SLOW;
   const auto invalid = view_prediction(state, daemon, kNow_ns);
   EXPECT_EQ(prediction_line(invalid), "Deep: invalid (too slow)");
   EXPECT_TRUE(prediction_json(invalid)["motion_mm"].is_null());
-  const auto old = view_prediction(dented(), daemon, kNow_ns + kToolSilent_ns);
+  const auto old = view_prediction(indentation(), daemon, kNow_ns + kToolSilent_ns);
   EXPECT_FALSE(old.fresh);
   EXPECT_TRUE(std::isnan(old.motion_mm) && std::isnan(old.predicted_mm[0]));
   EXPECT_EQ(old.imaged_mm[0], 10.0) << "where it was imaged stays known";
-  EXPECT_TRUE(has(prediction_line(old), "no news for")) << prediction_line(old);
-  const auto silent = view_prediction(dented(), view_daemon({}, kNow_ns), kNow_ns);
+  EXPECT_TRUE(has(prediction_line(old), "no data for")) << prediction_line(old);
+  const auto silent = view_prediction(indentation(), view_daemon({}, kNow_ns), kNow_ns);
   EXPECT_EQ(prediction_line(silent), "Deep: daemon silent");
 }
 

@@ -171,8 +171,7 @@ TEST(RegisterPoints, TheWrongPointsAreNamedWithTheirProbability) {
   const Outcome one = register_points(kEight, kOneWrong, "--sigma-mm 0.5");
   EXPECT_EQ(one.exit_code, 1);
   EXPECT_NE(
-      one.err.find(
-          "these points do not agree with the others: \"E\" (9.00 mm from where the others predict it, probability "),
+      one.err.find("these points contradict the others: \"E\" (9.00 mm from where the others predict it, probability "),
       std::string::npos)
       << one.err;
   const Outcome two = register_points(kEight, kTwoWrong, "--sigma-mm 0.5 --json");

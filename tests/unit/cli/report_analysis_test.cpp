@@ -44,7 +44,7 @@ TEST(Distribution, PercentilesAreOfTheNearestRank) {
     values.push_back(i);
   }
   const auto spread = cli::report::distribution_of(values);
-  EXPECT_EQ(spread.count(), 1000U) << "what is not known is not counted";
+  EXPECT_EQ(spread.count(), 1000U) << "unknown values are not counted";
   EXPECT_EQ(spread.percentile(0.5), 500.0);
   EXPECT_EQ(spread.percentile(0.99), 990.0);
   EXPECT_EQ(spread.percentile(0.999), 999.0);
@@ -204,7 +204,7 @@ TEST_F(Report, ChecksVerificationStatesAndAlarmsAreReported) {
   EXPECT_EQ(session->checks[0].limit_mm, 2.5);
   EXPECT_TRUE(session->verified_before_navigation);
   EXPECT_EQ(session->critical_alarms, 3U);
-  EXPECT_EQ(session->unacknowledged_critical, 2U) << "one went unseen, one still stands";
+  EXPECT_EQ(session->unacknowledged_critical, 2U) << "one was not acknowledged before it cleared, one is still raised";
   std::string states;
   for (const auto &span : session->states) {
     states += span.state + " ";
@@ -245,7 +245,7 @@ TEST_F(Report, DevicesAreCountedFromTheFirstRecordOfALongRunningDaemon) {
   file_ = folder_ / "fresh.db";
   const auto fresh = two(1);
   ASSERT_TRUE(fresh.has_value());
-  EXPECT_EQ(fresh->devices[0].taken, 1500U) << "a daemon that has just started: all of it belongs to this session";
+  EXPECT_EQ(fresh->devices[0].taken, 1500U) << "a daemon that has just started: all counts belong to this session";
 
   casefile::RunLimits limits;
   limits.max_rejected = 6;
@@ -342,7 +342,7 @@ TEST_F(Report, TheInsertionIsReportedForTheTargetThatMovesMost) {
   ASSERT_TRUE(session->insertion.has_value());
   const auto &insertion = *session->insertion;
   EXPECT_EQ(insertion.target, "Near");
-  EXPECT_EQ(insertion.samples.size(), 100U) << "outside there is nothing to tell";
+  EXPECT_EQ(insertion.samples.size(), 100U) << "there are no samples outside the tissue";
   EXPECT_EQ(insertion.ruptures, 1U);
   EXPECT_EQ(insertion.rupture_force_N, 0.11);
   EXPECT_NEAR(insertion.rupture_depth_mm, 4.0, 1e-12);
@@ -377,7 +377,7 @@ TEST_F(Report, LimitsHoldExactlyUpToTheirValue) {
   const auto session = analysed([&](auto &writer) { test::write_run(writer, plan); });
   ASSERT_TRUE(session.has_value());
   casefile::RunLimits limits;
-  EXPECT_TRUE(judge(*session, limits).empty()) << "what is not given is not judged";
+  EXPECT_TRUE(judge(*session, limits).empty()) << "limits that are not given are not checked";
   limits.max_fre_mm = 0.61;
   limits.min_fiducials = 8;
   limits.min_surface_samples = 301;

@@ -59,7 +59,7 @@ TEST_F(ReportCommand, LimitsDecideTheExitCode) {
   EXPECT_EQ(run(path("run.db")).code, cli::kOk);
   const auto kind = run(path("run.db") + " --scenario " + path("kind.toml"));
   EXPECT_EQ(kind.code, cli::kOk) << kind.error;
-  EXPECT_NE(kind.out.find("All limits held."), std::string::npos) << kind.out;
+  EXPECT_NE(kind.out.find("All limits were kept."), std::string::npos) << kind.out;
   const auto strict = run(path("run.db") + " --json --scenario " + path("strict.toml"));
   EXPECT_EQ(strict.code, cli::kRefused);
   const auto json = nlohmann::json::parse(strict.out);

@@ -57,7 +57,7 @@ TEST(Plots, PeakSurvivesWhenThereAreMorePointsThanPixels) {
   plot.series = {line};
   const std::string svg = plot_svg(plot, {400, 200});
   EXPECT_LT(svg.size(), 40'000U);
-  EXPECT_NE(svg.find(" 8.0L"), std::string::npos) << "the value 10 stands at the top of the frame, 8 units below 0";
+  EXPECT_NE(svg.find(" 8.0L"), std::string::npos) << "the value 10 is at the top of the frame, 8 units below 0";
 }
 
 TEST(Plots, AnEmptyPlotIsAFrameWithoutNaN) {
@@ -182,7 +182,7 @@ TEST(Page, BrokenLimitsAreCountedOnTop) {
   Judgement broken{"max_check_mm", "check", bregma::geometry::kUnknown, 1.0, "mm", true, false};
   const auto page = html_report(some_session(), {good, broken});
   ASSERT_TRUE(page.has_value());
-  EXPECT_NE(page->find("1 of 2 limits did not hold"), std::string::npos);
+  EXPECT_NE(page->find("1 of 2 limits exceeded"), std::string::npos);
 }
 
 } // namespace

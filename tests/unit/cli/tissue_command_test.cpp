@@ -42,7 +42,7 @@ TEST(TissueMaterials, TheTableHasModuliAndSources) {
   EXPECT_EQ(run.exit_code, 0) << run.err;
   EXPECT_EQ(run.out.rfind("material", 0), 0U);
   for (const char *text : {"thesis", "miller-chinzei", "linear", "Ogden, alpha -4.7", "J Biomech 35 (2002)",
-                           "1.24e8 Pa and 6.20e6 Pa beside its E and nu, which contradicts them"}) {
+                           "1.24e8 Pa and 6.20e6 Pa besides E and nu, which contradicts them"}) {
     EXPECT_NE(run.out.find(text), std::string::npos) << text << "\n" << run.out;
   }
   const auto json = run_bregma(folder, "tissue materials --json").json()["materials"];
@@ -105,7 +105,7 @@ TEST_F(TissueInsert, TheTableHasOneRowPerMillimetre) {
   EXPECT_EQ(run.out.rfind("Trajectory Biopsy, ", 0), 0U) << run.out;
   EXPECT_NE(run.out.find("depth mm  phase"), std::string::npos) << run.out;
   const auto lines = std::count(run.out.begin(), run.out.end(), '\n');
-  EXPECT_GE(lines, 13 + 5) << "13 mm in rows, and what stands about them\n" << run.out;
+  EXPECT_GE(lines, 13 + 5) << "13 mm in rows, and the lines around them\n" << run.out;
   EXPECT_LE(lines, 13 + 12) << run.out;
   EXPECT_NE(run.out.find(" of them invalid.\n"), std::string::npos) << run.out;
   EXPECT_EQ(run.err, "  0 %  case\n  2 %  tetrahedra\n 10 %  insertion\n");

@@ -24,7 +24,7 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
 
 TEST(Usage, HelpShowsExamplesAndExitCodes) {
   const TemporaryFolder folder;
-  EXPECT_NE(run_bregma(folder, "--help").out.find("Exit codes: 0 done, 1 the answer is no"), std::string::npos);
+  EXPECT_NE(run_bregma(folder, "--help").out.find("Exit codes: 0 done; 1 negative result"), std::string::npos);
   EXPECT_NE(run_bregma(folder, "calibrate pivot --help").out.find("bregma calibrate pivot poses.tgz"),
             std::string::npos);
   EXPECT_NE(run_bregma(folder, "register --help").out.find("bregma register capture Nasion"), std::string::npos);

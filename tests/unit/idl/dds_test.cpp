@@ -24,7 +24,7 @@ template <class T> void wait_for_match(const dds::Writer<T> &writer) {
   ASSERT_GT(writer.matched_readers(), 0U);
 }
 
-TEST(Dds, TrackerFrameArrivesWholeAndOnce) {
+TEST(Dds, TrackerFrameArrivesCompleteAndOnce) {
   const dds::Participant out(own_domain());
   const dds::Participant in(own_domain());
   dds::Reader<wire::TrackerFrame> reader(in);
@@ -55,7 +55,7 @@ TEST(Dds, TrackerFrameArrivesWholeAndOnce) {
   EXPECT_EQ(taken[0].tools[0].T_tracker_tool.translation_mm[1], -2.5);
 }
 
-TEST(Dds, LateReaderSeesThePresentState) {
+TEST(Dds, LateReaderReceivesTheCurrentState) {
   const dds::Participant out(own_domain());
   const dds::Writer<wire::RegistrationState> writer(out);
   wire::RegistrationState state{};
@@ -153,14 +153,14 @@ TEST(Dds, DomainThatCannotExistIsRefusedWithItsNumber) {
   }
 }
 
-TEST(Names, ALongNameIsRefusedNotCut) {
+TEST(Names, ALongNameIsRejectedNotTruncated) {
   wire::Name name{};
   EXPECT_TRUE(wire::set_name(name, std::string(31, 'a')));
   EXPECT_FALSE(wire::set_name(name, std::string(32, 'b')));
   EXPECT_EQ(wire::view(name), std::string(31, 'a'));
 }
 
-TEST(Names, ALongTextEndsInDots) {
+TEST(Names, ALongTextIsTruncatedWithDots) {
   char text[16] = {};
   wire::set_text(text, "a text that is too long");
   EXPECT_STREQ(text, "a text that ...");

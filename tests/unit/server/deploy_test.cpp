@@ -46,8 +46,8 @@ bool sample_passes(const char *file, std::uint32_t domain) {
   return false;
 }
 
-TEST(Deploy, CycloneTakesTheConfigurationForOneMachine) { EXPECT_TRUE(sample_passes("cyclonedds-local.xml", 201)); }
-TEST(Deploy, CycloneTakesTheConfigurationForANetwork) { EXPECT_TRUE(sample_passes("cyclonedds-network.xml", 202)); }
+TEST(Deploy, CycloneAcceptsTheConfigurationForOneMachine) { EXPECT_TRUE(sample_passes("cyclonedds-local.xml", 201)); }
+TEST(Deploy, CycloneAcceptsTheConfigurationForANetwork) { EXPECT_TRUE(sample_passes("cyclonedds-network.xml", 202)); }
 
 } // namespace
 } // namespace bregma

@@ -56,7 +56,7 @@ TEST_F(AlarmRegistryTest, RaisedAcknowledgedClearedAndRaisedAgain) {
   EXPECT_EQ(published.size(), 4U);
 }
 
-TEST_F(AlarmRegistryTest, GrowingWorseIsRaisedAgain) {
+TEST_F(AlarmRegistryTest, AHigherSeverityRaisesAnAcknowledgedAlarmAgain) {
   update("disk", "", true, 1, bregma_wire_SEVERITY_WARNING, "1 GB left");
   EXPECT_FALSE(registry.acknowledge("disk", "", 2));
   EXPECT_FALSE(update("disk", "", true, 3, bregma_wire_SEVERITY_CRITICAL, "full"));
@@ -66,7 +66,7 @@ TEST_F(AlarmRegistryTest, GrowingWorseIsRaisedAgain) {
   EXPECT_STREQ(published.back().text, "full");
 }
 
-TEST_F(AlarmRegistryTest, SubjectsAreApart) {
+TEST_F(AlarmRegistryTest, SubjectsHaveSeparateAlarms) {
   update("device_lost", "Robot", true, 1);
   update("device_lost", "Force", true, 2);
   EXPECT_EQ(*registry.acknowledge("device_lost", "Range", 3),

@@ -21,7 +21,7 @@ std::string error_of(const std::string &toml) {
   return loaded ? "" : loaded.error().message;
 }
 
-TEST(Config, WhatIsPrintedIsReadBackToTheSameText) {
+TEST(Config, ThePrintedConfigurationIsReadBackUnchanged) {
   Config config;
   const std::string printed = declare(config).to_toml();
   Config other;
@@ -35,7 +35,7 @@ TEST(Config, WhatIsPrintedIsReadBackToTheSameText) {
   EXPECT_EQ(other.log.level, LogLevel::kInfo);
 }
 
-TEST(Config, ValuesArriveWhereTheyBelong) {
+TEST(Config, ValuesAreStoredInTheirFields) {
   Config config;
   auto set = declare(config);
   const auto loaded = set.load_text("domain_id = 7\n[navigation]\nfloor_rate_hz = 25\n[log]\nlevel = \"debug\"\n"

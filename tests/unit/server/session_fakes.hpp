@@ -79,12 +79,12 @@ public:
 
   geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference> truth;
   Eigen::Vector3d miss_mm = Eigen::Vector3d::Zero();
-  Eigen::Vector3d tip_mm{-180.0, 4.0, 7.0}; // of every tool
-  double registration_sigma_mm = 0.2;       // of the translation
+  Eigen::Vector3d tip_mm{-180.0, 4.0, 7.0}; // tip of every tool
+  double registration_sigma_mm = 0.2;       // standard deviation of the translation
   CaptureStatus capture_status = CaptureStatus::kOk;
   wire::RegistrationStatus registration_status = bregma_wire_REGISTRATION_CANDIDATE;
   std::string registration_text = "a candidate";
-  std::uint64_t revision = 0; // of the last sample message
+  std::uint64_t revision = 0; // revision of the last sample message
 };
 
 // A session with its loops, a client, and time controlled by the test.

@@ -30,7 +30,7 @@ protected:
   SessionHarness harness{folder.path(), loops};
 };
 
-TEST_F(RefusalTest, ACaseThatIsNotThere) {
+TEST_F(RefusalTest, ACaseThatDoesNotExist) {
   const std::string missing = (folder.path() / "nowhere").string();
   expect_refused(missing + ": is not a folder; a case is a folder with case.toml", bregma_wire_COMMAND_LOAD_CASE,
                  missing);
@@ -43,7 +43,7 @@ TEST_F(RefusalTest, ACaseThatIsNotThere) {
   EXPECT_EQ(harness.session->loaded_case(), nullptr);
 }
 
-TEST_F(RefusalTest, NamesThatTheCaseDoesNotHave) {
+TEST_F(RefusalTest, NamesThatTheCaseDoesNotContain) {
   harness.up_to(kRegistering, ball);
   expect_refused("fiducial \"Nasion\" is not in case ball; it has F1, F2, F3, F4, F5, F6",
                  bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", "Nasion");
@@ -71,7 +71,7 @@ TEST_F(RefusalTest, ToolsWithoutATip) {
                  "Plan");
 }
 
-TEST_F(RefusalTest, PivotsThatMeasureNothing) {
+TEST_F(RefusalTest, PivotsWithoutAUsableMeasurement) {
   harness.up_to(kCaseLoaded, ball);
   expect_refused("no pivot calibration of \"Stylus\" is running", bregma_wire_COMMAND_FINISH_PIVOT, "Stylus");
   harness.done(bregma_wire_COMMAND_START_PIVOT, "Stylus");

@@ -92,7 +92,7 @@ SessionData random_session(unsigned seed) {
   return data;
 }
 
-TEST(Snapshot, EveryNumberComesBackBitForBit) {
+TEST(Snapshot, EveryNumberIsRestoredBitForBit) {
   const TemporaryFolder folder;
   const SnapshotFile file(folder.path());
   for (unsigned seed = 1; seed <= 5; ++seed) {
@@ -127,7 +127,7 @@ TEST(Snapshot, EveryNumberComesBackBitForBit) {
   EXPECT_FALSE(fs::exists(file.path().string() + ".tmp"));
 }
 
-TEST(Snapshot, NoDamageIsBelieved) {
+TEST(Snapshot, EveryDamageIsDetected) {
   const TemporaryFolder folder;
   const SnapshotFile file(folder.path());
   ASSERT_TRUE(file.save(random_session(1)));
@@ -144,7 +144,7 @@ TEST(Snapshot, NoDamageIsBelieved) {
   EXPECT_FALSE(from_json("", "session.json"));
 }
 
-TEST(Snapshot, ADamagedFileIsKeptAsideWithTheReason) {
+TEST(Snapshot, ADamagedFileIsRenamedAndTheReasonReported) {
   const TemporaryFolder folder;
   const SnapshotFile file(folder.path());
   const auto load_text = [&](const std::string &text) {
@@ -168,7 +168,7 @@ TEST(Snapshot, ADamagedFileIsKeptAsideWithTheReason) {
   EXPECT_FALSE(none->has_value());
 }
 
-TEST(Snapshot, AFailedSaveNamesTheFileAndLosesNothing) {
+TEST(Snapshot, AFailedSaveNamesTheFileAndKeepsTheLastOne) {
   const TemporaryFolder folder;
   const SnapshotFile file(folder.path());
   ASSERT_TRUE(file.save(random_session(1)));
@@ -195,7 +195,7 @@ protected:
   }
 };
 
-TEST_F(RestartTest, NavigatingComesBackAsRegisteredAskingForVerification) {
+TEST_F(RestartTest, NavigatingIsRestoredAsRegisteredAndAsksForVerification) {
   SessionHarness harness(folder.path(), loops);
   harness.up_to(bregma_wire_SESSION_NAVIGATING, ball);
   const SessionData before = harness.session->data(); // then the process is killed without destructors
@@ -232,7 +232,7 @@ TEST_F(RestartTest, EveryReplyIsOnDiskBeforeItIsSent) {
   }
 }
 
-TEST_F(RestartTest, ATraceIsSavedWhileItGoesOn) {
+TEST_F(RestartTest, ATraceIsSavedWhileItRuns) {
   SessionHarness harness(folder.path(), loops);
   harness.up_to(bregma_wire_SESSION_REGISTERING, ball);
   harness.done(bregma_wire_COMMAND_START_TRACE, "Stylus");
@@ -270,7 +270,7 @@ TEST_F(RestartTest, ADamagedSnapshotStartsIdleWithTheReason) {
   restarted.up_to(bregma_wire_SESSION_CASE_LOADED, ball);
 }
 
-TEST_F(RestartTest, ACaseThatIsGoneOrAnotherStartsIdle) {
+TEST_F(RestartTest, AMissingOrDifferentCaseStartsIdle) {
   {
     SessionHarness harness(folder.path(), loops);
     harness.up_to(bregma_wire_SESSION_REGISTERED, ball);
@@ -292,7 +292,7 @@ TEST_F(RestartTest, ACaseThatIsGoneOrAnotherStartsIdle) {
   EXPECT_EQ(restart(), "the last session is not restored: " + ball.string() + " holds case another now, it was ball\n");
 }
 
-TEST_F(RestartTest, AFullDiskIsAnAlarmAndStopsNothing) {
+TEST_F(RestartTest, AFullDiskRaisesAnAlarmAndTheSessionContinues) {
   SessionHarness harness(folder.path(), loops);
   harness.up_to(bregma_wire_SESSION_REGISTERING, ball);
   fs::create_directory(folder.path() / "state/session.json.tmp");

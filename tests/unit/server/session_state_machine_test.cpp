@@ -87,7 +87,7 @@ TEST(StateMachine, EveryCommandInEveryState) {
   }
 }
 
-TEST(StateMachine, RefusalsSayWhatIsMissing) {
+TEST(StateMachine, RefusalsNameTheMissingStep) {
   const auto says = [](wire::SessionState stage, wire::CommandKind kind) { return *at(stage).refusal(kind); };
   EXPECT_EQ(says(kG, bregma_wire_COMMAND_CHECK_TOUCH),
             "cannot check a landmark while Registering: accept a registration first");
@@ -121,7 +121,7 @@ TEST(StateMachine, RefusalsSayWhatIsMissing) {
             "cannot check a landmark while in Fault (no memory): close the case or restart the daemon");
 }
 
-TEST(StateMachine, DegradedResumesWhereItWasWhenTheLastCauseIsGone) {
+TEST(StateMachine, DegradedResumesItsStageAfterTheLastCauseEnds) {
   for (const auto stage : kStages) {
     StateMachine machine = at(stage);
     machine.degrade("a");
@@ -137,7 +137,7 @@ TEST(StateMachine, DegradedResumesWhereItWasWhenTheLastCauseIsGone) {
   }
 }
 
-TEST(StateMachine, DriftDemotesAlsoUnderDegraded) {
+TEST(StateMachine, DriftDemotesAlsoWhileDegraded) {
   for (const auto stage : kStages) {
     StateMachine machine = at(stage);
     machine.degrade("tracker_lost Tracker");
@@ -148,7 +148,7 @@ TEST(StateMachine, DriftDemotesAlsoUnderDegraded) {
   }
 }
 
-TEST(StateMachine, FaultIsLeftOnlyByClosingTheCase) {
+TEST(StateMachine, OnlyClosingTheCaseEndsAFault) {
   StateMachine machine = at(kN);
   machine.fault("navigation loop stopped");
   EXPECT_EQ(machine.state(), bregma_wire_SESSION_FAULT);
@@ -159,7 +159,7 @@ TEST(StateMachine, FaultIsLeftOnlyByClosingTheCase) {
   EXPECT_EQ(machine.state(), kI);
 }
 
-TEST(StateMachine, NothingIsRestoredBeyondRegistered) {
+TEST(StateMachine, ARestoredStageIsAtMostRegistered) {
   for (const auto stage : kStages) {
     StateMachine machine;
     machine.restore(stage);

@@ -22,7 +22,7 @@ protected:
   SessionHarness harness{folder.path(), loops};
 };
 
-TEST_F(SessionTest, TheCourseOfABiopsy) {
+TEST_F(SessionTest, ACompleteBiopsy) {
   harness.up_to(kCaseLoaded, ball);
   ASSERT_NE(loops.the_case, nullptr);
   EXPECT_STREQ(loops.replies.back().text, "case ball: 6 fiducials, 5 check landmarks, 1 targets, 1 trajectories, tools "
@@ -71,7 +71,7 @@ TEST_F(SessionTest, TheCourseOfABiopsy) {
   }
 }
 
-TEST_F(SessionTest, ACheckTouchSaysTheDistanceAndItsBound) {
+TEST_F(SessionTest, ACheckTouchReportsTheDistanceAndItsBound) {
   harness.up_to(kRegistered, ball);
   loops.miss_mm = {0.6, 0.0, -0.8};
   const auto reply = harness.done(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L2");
@@ -110,7 +110,7 @@ TEST_F(SessionTest, AnEstimateThatLacksTheLastSampleIsNotAccepted) {
   EXPECT_EQ(harness.session->data().accepted->revision, loops.revision);
 }
 
-TEST_F(SessionTest, ALostTrackerDegradesAndResumesByItself) {
+TEST_F(SessionTest, ALostTrackerDegradesAndTheSessionResumesAutomatically) {
   harness.up_to(kNavigating, ball);
   harness.condition(alarm::kTrackerLost, "Tracker", true, SessionEffect::kDegrade);
   EXPECT_EQ(harness.session->state(), kDegraded);
@@ -124,7 +124,7 @@ TEST_F(SessionTest, ALostTrackerDegradesAndResumesByItself) {
   EXPECT_TRUE(FakeLoops::last<PlanSelected>(loops.navigation).on);
 }
 
-TEST_F(SessionTest, DriftDemotesAndAPersonHasToVerifyAgain) {
+TEST_F(SessionTest, DriftDemotesAndTheOperatorMustVerifyAgain) {
   harness.up_to(kNavigating, ball);
   harness.condition(alarm::kTrackerLost, "Tracker", true, SessionEffect::kDegrade);
   harness.condition(alarm::kDrift, "Reference", true, SessionEffect::kDemote,
@@ -146,7 +146,7 @@ TEST_F(SessionTest, DriftDemotesAndAPersonHasToVerifyAgain) {
   EXPECT_EQ(loops.alarms.back().state, bregma_wire_ALARM_CLEARED);
 }
 
-TEST_F(SessionTest, AFaultIsLeftByClosingTheCase) {
+TEST_F(SessionTest, ClosingTheCaseEndsAFault) {
   harness.up_to(kVerified, ball);
   harness.condition("loop_stopped", "navigation", true, SessionEffect::kFault, "no step for 2 s");
   EXPECT_EQ(harness.session->state(), kFault);
@@ -159,7 +159,7 @@ TEST_F(SessionTest, AFaultIsLeftByClosingTheCase) {
   EXPECT_EQ(harness.session->state(), kIdle);
 }
 
-TEST_F(SessionTest, ACommandSentAgainIsAnsweredAgainAndNotCarriedOutAgain) {
+TEST_F(SessionTest, ARepeatedCommandGetsTheSameReplyAndIsNotExecutedAgain) {
   harness.up_to(kRegistering, ball);
   const auto command = harness.command(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", "F1");
   harness.answering = false;
@@ -222,7 +222,7 @@ TEST_F(SessionTest, ANewTipVoidsTheChecksMadeWithTheOldOne) {
       << loops.replies.back().text;
 }
 
-TEST_F(SessionTest, ATraceAfterTheAcceptanceChecksForDriftAndChangesNoSample) {
+TEST_F(SessionTest, ATraceAfterAcceptanceChecksForDriftWithoutChangingSamples) {
   harness.up_to(kVerified, ball);
   harness.done(bregma_wire_COMMAND_START_TRACE, "Stylus");
   harness.trace("Stylus", 7);
@@ -233,7 +233,7 @@ TEST_F(SessionTest, ATraceAfterTheAcceptanceChecksForDriftAndChangesNoSample) {
   EXPECT_EQ(harness.session->data().revision, harness.session->data().accepted->revision);
 }
 
-TEST_F(SessionTest, TheTraceEndsWhenItIsFull) {
+TEST_F(SessionTest, TheTraceEndsAtItsMaximalNumberOfSamples) {
   harness.config.trace_max_samples = 30;
   harness.session = std::make_unique<Session>(harness.config, loops);
   harness.up_to(kRegistering, ball);

@@ -62,7 +62,7 @@ TEST(BrainShiftLoad, TurnsWithTheHead) {
   for (Vector3d &node : turned.nodes_mm) {
     node = turn * node;
   }
-  options.gravity = 7.0 * (turn * options.gravity); // of any length
+  options.gravity = 7.0 * (turn * options.gravity); // any length is allowed
   options.gravity_imaged = turn * options.gravity_imaged;
   const std::vector<Vector3d> turned_N = shift_load_N(turned, options);
   for (std::size_t i = 0; i < load_N.size(); ++i) {

@@ -24,7 +24,7 @@ constexpr std::size_t kPacks = 16;
 struct Pieces {
   std::vector<ElementPack> packs = std::vector<ElementPack>(kPacks);
   std::vector<NodeVector> nodes;
-  std::vector<Matrix3d> gradient; // of the deformation
+  std::vector<Matrix3d> gradient; // deformation gradient
   std::vector<Matrix3d> shape;    // rows: gradients of nodes 1 to 3 (1/m)
   std::vector<double> volume_m3, pressure_Pa;
 };
@@ -84,7 +84,7 @@ Pieces make_pieces(double size, std::mt19937 &rng) {
 struct Case {
   Law law;
   double alpha;
-  double size; // of the deformation
+  double size; // size of the deformation
 };
 
 class EveryKernel : public testing::TestWithParam<Case> {

@@ -206,7 +206,7 @@ TEST(LatticeMesh, UnusableSurfacesAreRefusedWithTheReason) {
   for (Eigen::Vector3i &t : turned.triangles) {
     std::swap(t[0], t[1]);
   }
-  EXPECT_EQ(message(turned, {}).rfind("the surface is inside out: it encloses -2", 0), 0U) << message(turned, {});
+  EXPECT_EQ(message(turned, {}).rfind("the surface is oriented inwards: it encloses -2", 0), 0U) << message(turned, {});
   EXPECT_EQ(message(sphere, {.edge_mm = -2.0}), "edge length -2 mm: must be positive");
   EXPECT_EQ(message(sphere, {.edge_mm = NAN}), "edge length nan mm: must be positive");
   EXPECT_EQ(message(sphere, {.edge_mm = 1.0}).rfind("edge length 1 mm: gives about 31", 0), 0U)

@@ -102,7 +102,7 @@ TEST(TissueMotion, DampingRemovesEnergyAtItsRate) {
   SolverOptions options;
   options.damping_per_s = 4.0;
   ExplicitSolver solver(block_mesh({3, 3, 3}, {15.0, 15.0, 15.0}), test::elastic(Law::kLinear, 2100.0, 0.3), options);
-  constexpr double kSpeed_mm_s = 10.0; // of the whole block: damping is the only force
+  constexpr double kSpeed_mm_s = 10.0; // speed of the whole block; damping is the only force
   for (int i = 0; i < solver.nodes(); ++i) {
     solver.set_force_N(i, {solver.mass_kg(i) * kSpeed_mm_s / 1000.0 / solver.step_s(), 0.0, 0.0});
   }

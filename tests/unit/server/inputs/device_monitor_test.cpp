@@ -27,7 +27,7 @@ protected:
   Verdict verdict;
 };
 
-TEST_F(DeviceMonitorTest, NeverSeenKnowsNothing) {
+TEST_F(DeviceMonitorTest, ADeviceThatWasNeverSeenHasNoFigures) {
   const auto health_now = health(kStart_ns);
   EXPECT_EQ(health_now.status, bregma_wire_DEVICE_NEVER_SEEN);
   EXPECT_EQ(health_now.kind, bregma_wire_DEVICE_TRACKER);
@@ -47,7 +47,7 @@ TEST_F(DeviceMonitorTest, IsStaleAfterThreePeriodsAndLostAtTheDeadline) {
   EXPECT_EQ(health(at(499) + deadline_ns + 1).rate_hz, 0.0);
 }
 
-TEST_F(DeviceMonitorTest, AWriterThatDiedIsLostAtOnce) {
+TEST_F(DeviceMonitorTest, ADeviceIsLostAtOnceWhenItsWriterDies) {
   send(0, 10);
   guard.set_writers_alive(1);
   EXPECT_EQ(device().status(at(9)), bregma_wire_DEVICE_LIVE);
@@ -55,7 +55,7 @@ TEST_F(DeviceMonitorTest, AWriterThatDiedIsLostAtOnce) {
   EXPECT_EQ(device().status(at(9)), bregma_wire_DEVICE_LOST);
 }
 
-TEST_F(DeviceMonitorTest, ComesBackFromASilenceAsAReconnectAndCountsWhatWasLost) {
+TEST_F(DeviceMonitorTest, ASilenceEndsWithAReconnectionAndCountsLostSamples) {
   send(0, 100);
   send(1'100, 1'101); // four seconds later, the frame count has continued
   EXPECT_TRUE(verdict.accepted);
@@ -67,7 +67,7 @@ TEST_F(DeviceMonitorTest, ComesBackFromASilenceAsAReconnectAndCountsWhatWasLost)
   EXPECT_EQ(device().status(at(1'109)), bregma_wire_DEVICE_LIVE);
 }
 
-TEST_F(DeviceMonitorTest, ARestartedDriverWithAnotherClockAndCountIsTakenAfterASilence) {
+TEST_F(DeviceMonitorTest, ARestartedDriverWithANewClockAndCountIsAcceptedAfterASilence) {
   send(0, 100);
   guard.set_writers_alive(0);
   for (std::uint64_t i = 0; i < 50; ++i) {
@@ -86,7 +86,7 @@ TEST_F(DeviceMonitorTest, ARestartedDriverWithAnotherClockAndCountIsTakenAfterAS
   EXPECT_EQ(now.taken, 150U);
 }
 
-TEST_F(DeviceMonitorTest, ASecondDriverOfTheSameNameIsRefusedWhileTheFirstIsThere) {
+TEST_F(DeviceMonitorTest, ASecondDriverOfTheSameNameIsRejectedWhileTheFirstIsAlive) {
   for (std::uint64_t i = 0; i < 100; ++i) {
     EXPECT_TRUE(guard.check(tracker_frame(i), kWriter, at(i)).accepted);
     const auto other = guard.check(tracker_frame(i + 5), kOtherWriter, at(i) + kMs);
@@ -98,7 +98,7 @@ TEST_F(DeviceMonitorTest, ASecondDriverOfTheSameNameIsRefusedWhileTheFirstIsTher
   EXPECT_EQ(health(at(99)).lost, 0U);
 }
 
-TEST_F(DeviceMonitorTest, LostIsWhatNeverCameNotWhatWasRefused) {
+TEST_F(DeviceMonitorTest, RejectedSamplesAreNotCountedAsLost) {
   std::uint64_t spoiled = 0;
   for (std::uint64_t i = 0; i < 400; ++i) {
     if (i % 20 == 7 || i % 50 == 33) {
@@ -118,7 +118,7 @@ TEST_F(DeviceMonitorTest, LostIsWhatNeverCameNotWhatWasRefused) {
   EXPECT_EQ(device().received(), now.taken + spoiled);
 }
 
-TEST_F(DeviceMonitorTest, AnAbsurdFrameNumberIsRefusedAndNotCountedAsALoss) {
+TEST_F(DeviceMonitorTest, AnImplausibleFrameNumberIsRejectedAndNotCountedAsALoss) {
   send(0, 10);
   auto frame = tracker_frame(10);
   frame.frame = ~std::uint64_t{0};
@@ -128,7 +128,7 @@ TEST_F(DeviceMonitorTest, AnAbsurdFrameNumberIsRefusedAndNotCountedAsALoss) {
   EXPECT_EQ(health(at(19)).lost, 1U); // number 110 was never seen
 }
 
-TEST_F(DeviceMonitorTest, ADeviceThatBeginsToCountAnewIsFollowedAfterFiveSamples) {
+TEST_F(DeviceMonitorTest, ARestartedFrameCountIsAcceptedAfterFiveSamples) {
   send(0, 100);
   int refused = 0;
   for (std::uint64_t i = 100; i < 120; ++i) {

@@ -89,7 +89,7 @@ TYPED_TEST(EveryStream, ChecksWithoutAllocation) {
   EXPECT_EQ(scope.count(), 0U);
 }
 
-TEST(InputGuard, ConfigurationErrorsSayWhatIsWrong) {
+TEST(InputGuard, ConfigurationErrorsNameTheProblem) {
   const auto message = [](const std::vector<std::string> &names) {
     try {
       const InputGuard<wire::TrackerFrame> guard(names, {});
@@ -118,7 +118,7 @@ enum class Flood { kCopies, kDense, kAhead };
 
 class FloodedInputGuard : public testing::TestWithParam<Flood> {};
 
-TEST_P(FloodedInputGuard, CountsEverythingAndLeavesOthersUnharmed) {
+TEST_P(FloodedInputGuard, CountsAllSamplesAndDoesNotAffectOtherDevices) {
   InputGuard<wire::TrackerFrame> guard(kTrackers, {});
   std::uint64_t sent = 0;
   std::int64_t age_ns = 0;
@@ -155,7 +155,7 @@ TEST_P(FloodedInputGuard, CountsEverythingAndLeavesOthersUnharmed) {
 
 INSTANTIATE_TEST_SUITE_P(Kinds, FloodedInputGuard, testing::Values(Flood::kCopies, Flood::kDense, Flood::kAhead));
 
-TEST(InputGuard, AClockJumpDoesNotLockTheDeviceOut) {
+TEST(InputGuard, ADeviceRecoversAfterAClockJump) {
   for (const std::int64_t by_ns : {10'000 * kMs, -10'000 * kMs, 40 * kMs, -40 * kMs}) {
     SCOPED_TRACE(by_ns);
     InputGuard<wire::TrackerFrame> guard(kTrackers, {});
@@ -180,7 +180,7 @@ TEST(InputGuard, AClockJumpDoesNotLockTheDeviceOut) {
 }
 
 // For arbitrary samples in arbitrary order: every sample is accepted or rejected, and no invalid one is accepted.
-TEST(InputGuard, NothingGetsLostInRandomTraffic) {
+TEST(InputGuard, EverySampleOfRandomTrafficIsCounted) {
   constexpr unsigned kSeed = 23;
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937_64 random(kSeed);
@@ -213,7 +213,7 @@ TEST(InputGuard, NothingGetsLostInRandomTraffic) {
   EXPECT_GT(health.devices[0].taken, kSamples / 2);
 }
 
-TEST(InputGuard, HealthGoesIntoTheSystemsWhole) {
+TEST(InputGuard, HealthIsAppendedToTheSystemHealth) {
   InputGuard<wire::TrackerFrame> trackers(kTrackers, {});
   InputGuard<wire::RangeSample> ranges(std::vector<std::string>{"Range"}, {});
   static_cast<void>(ranges.check(range_sample(0), 1, at(0)));

@@ -87,7 +87,7 @@ TEST(PayloadCheck, AStatedCovariancePasses) {
   EXPECT_EQ(check_payload(frame, KnownTools{}), bregma_wire_REJECT_MALFORMED);
 }
 
-TEST(PayloadCheck, ThePoseOfAHiddenToolIsNotLookedAt) {
+TEST(PayloadCheck, ThePoseOfAHiddenToolIsNotChecked) {
   auto frame = tracker_frame(1);
   frame.tools[1].status = bregma_wire_TOOL_HIDDEN;
   frame.tools[1].T_tracker_tool = wire::unknown_pose();
@@ -105,7 +105,7 @@ TEST(PayloadCheck, SinglePrecisionRotationsPass) {
   EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);
 }
 
-TEST(PayloadCheck, WithoutACaseEveryToolMayCome) {
+TEST(PayloadCheck, WithoutACaseEveryToolIsAccepted) {
   auto frame = tracker_frame(1);
   name(frame.tools[1].tool, "Drill");
   EXPECT_EQ(check_payload(frame, KnownTools{}), std::nullopt);

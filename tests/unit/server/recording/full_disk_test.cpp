@@ -61,7 +61,7 @@ void record_through_a_full_disk(const std::filesystem::path &file, const std::st
   EXPECT_EQ(missing, status.dropped);
 }
 
-TEST(FullDisk, AFileThatMayNotGrowIsSaidAndOutlived) {
+TEST(FullDisk, AFileSizeLimitIsReportedAndRecordingContinues) {
   std::signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
@@ -75,7 +75,7 @@ TEST(FullDisk, AFileThatMayNotGrowIsSaidAndOutlived) {
   limit(before.rlim_cur);
 }
 
-TEST(FullDisk, AFullFileSystemIsSaidAndOutlived) {
+TEST(FullDisk, AFullFileSystemIsReportedAndRecordingContinues) {
   const test::TemporaryFolder folder;
   if (mount("tmpfs", folder.path().c_str(), "tmpfs", 0, "size=4m") != 0) {
     GTEST_SKIP() << "a small file system needs the right to mount one";
@@ -91,7 +91,7 @@ TEST(FullDisk, AFullFileSystemIsSaidAndOutlived) {
   umount(folder.path().c_str());
 }
 
-TEST(FullDisk, WhatADiskNeverTookIsCountedAtTheEnd) {
+TEST(FullDisk, RecordsThatTheDiskRejectedAreCountedAtTheEnd) {
   std::signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
@@ -113,7 +113,7 @@ TEST(FullDisk, WhatADiskNeverTookIsCountedAtTheEnd) {
   EXPECT_FALSE(status.failing); // a closed file has no error state
 }
 
-TEST(FullDisk, TheNextFileIsOpenedThoughTheLastOneCouldNotBeFinished) {
+TEST(FullDisk, TheNextFileIsOpenedIfTheLastOneCouldNotBeFinished) {
   std::signal(SIGXFSZ, SIG_IGN);
   rlimit before{};
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);

@@ -89,7 +89,7 @@ double lost_ms(std::chrono::milliseconds alive) {
   return 1e-6 * static_cast<double>(pushed->time_ns.load() - last_ns);
 }
 
-TEST(KilledWriter, LosesAHundredMillisecondsAtMost) {
+TEST(KilledWriter, LosesAtMostAHundredMilliseconds) {
   std::vector<double> lost;
   for (const auto alive : {303ms, 331ms, 347ms, 369ms, 377ms}) {
     lost.push_back(lost_ms(alive));

@@ -23,7 +23,7 @@ std::vector<std::uint64_t> recorded_frames(const std::filesystem::path &file) {
   return frames;
 }
 
-TEST(Recorder, WritesWhatSeveralThreadsPushInEachOnesOrder) {
+TEST(Recorder, KeepsTheOrderOfEachOfSeveralThreads) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   constexpr std::uint64_t kEach = 5'000;
@@ -65,7 +65,7 @@ TEST(Recorder, WritesWhatSeveralThreadsPushInEachOnesOrder) {
   EXPECT_EQ(reader->meta("case").value(), "a");
 }
 
-TEST(Recorder, WhatDoesNotFitIsDroppedAndCounted) {
+TEST(Recorder, RecordsThatDoNotFitAreDroppedAndCounted) {
   const test::TemporaryFolder folder;
   Recorder recorder({.channel_bytes = 16'384, .interval = 5ms});
   auto &channel = recorder.channel("navigation");
@@ -102,7 +102,7 @@ TEST(Recorder, OpensOneFileAfterAnother) {
   EXPECT_EQ(recorder.status().dropped, 0U);
 }
 
-TEST(Recorder, SaysWhyAFileCannotBeOpenedAndIsReadyForTheNext) {
+TEST(Recorder, ReportsWhyAFileCannotBeOpenedAndOpensTheNext) {
   const test::TemporaryFolder folder;
   Recorder recorder;
   const auto refused = recorder.open(folder / "no/a.session", {}, {});

@@ -39,7 +39,7 @@ std::string refusal(const std::filesystem::path &file) {
   return reader ? std::string() : reader.error().message;
 }
 
-TEST(SessionFile, GivesBackEveryByteInTheOrderOfRecording) {
+TEST(SessionFile, ReturnsEveryByteInTheOrderOfRecording) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   const std::string mesh("ply\0\n\xff binary", 13);
@@ -86,7 +86,7 @@ TEST(SessionFile, GivesBackEveryByteInTheOrderOfRecording) {
   EXPECT_EQ(missing.error().message, file.string() + ": has no attachment brain.ply");
 }
 
-TEST(SessionFile, StandsAloneWhenItsWriterIsDone) {
+TEST(SessionFile, ConsistsOfOneFileAfterItsWriterHasFinished) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).write(1, navigation(1)));
@@ -109,7 +109,7 @@ TEST(SessionFile, CanBeReadWhileItIsWritten) {
   EXPECT_EQ(count(), 2U);
 }
 
-TEST(SessionFile, ARolledBackTransactionLeavesNothingAndTheWriterGoesOn) {
+TEST(SessionFile, ARolledBackTransactionLeavesNoRecordsAndTheWriterContinues) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   {
@@ -126,7 +126,7 @@ TEST(SessionFile, ARolledBackTransactionLeavesNothingAndTheWriterGoesOn) {
   EXPECT_EQ(frames, std::vector<std::uint64_t>{3});
 }
 
-TEST(SessionFile, IsNeverWrittenOverNorPutIntoNoFolder) {
+TEST(SessionFile, IsNeverOverwrittenAndNeedsAnExistingFolder) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).commit());
@@ -139,7 +139,7 @@ TEST(SessionFile, IsNeverWrittenOverNorPutIntoNoFolder) {
             (folder / "no/a.session").string() + ": there is no folder " + (folder / "no").string());
 }
 
-TEST(SessionFile, AnotherLayoutOfATypeIsRefusedByNameAndSizes) {
+TEST(SessionFile, ADifferentLayoutOfATypeIsRejectedWithNameAndSizes) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   {
@@ -160,7 +160,7 @@ TEST(SessionFile, AnotherLayoutOfATypeIsRefusedByNameAndSizes) {
   EXPECT_EQ(reader.each<wire::NavigationState>([](const auto &, std::int64_t) {}).value(), 1U);
 }
 
-TEST(SessionFile, AnotherLayoutOfTheSameSizeIsRefused) {
+TEST(SessionFile, ADifferentLayoutOfTheSameSizeIsRejected) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).write(1, range(1)));
@@ -204,7 +204,7 @@ TEST(SessionFile, RefusesWhatItIsNot) {
                                      "version of Bregma that recorded it");
 }
 
-TEST(SessionFile, DamageIsSaidNotSkipped) {
+TEST(SessionFile, DamageIsReportedNotSkipped) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).write(1, range(1)));

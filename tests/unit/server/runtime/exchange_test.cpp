@@ -28,7 +28,7 @@ Wide wide(std::uint32_t number) {
   return out;
 }
 
-TEST(LatestValue, HoldsNothingAtFirstAndThenTheLast) {
+TEST(LatestValue, IsEmptyAtFirstAndThenHoldsTheLastValue) {
   LatestValue<Wide> latest;
   EXPECT_FALSE(latest.load().has_value());
   Wide value{};
@@ -44,7 +44,7 @@ TEST(LatestValue, HoldsNothingAtFirstAndThenTheLast) {
   EXPECT_EQ(latest.load()->numbers, wide(9).numbers);
 }
 
-TEST(LatestValue, SeveralReadersSeeWholeValuesThatNeverGoBack) {
+TEST(LatestValue, SeveralReadersSeeCompleteValuesInIncreasingOrder) {
   constexpr std::uint32_t kLast = 20'000;
   LatestValue<Wide> latest;
   std::atomic<int> torn{0};
@@ -72,7 +72,7 @@ TEST(LatestValue, SeveralReadersSeeWholeValuesThatNeverGoBack) {
   EXPECT_EQ(backwards, 0);
 }
 
-TEST(SpscRing, DropsAndCountsWhatDoesNotFit) {
+TEST(SpscRing, DropsAndCountsValuesThatDoNotFit) {
   SpscRing<int, 4> ring;
   for (int i = 0; i < 6; ++i) {
     EXPECT_EQ(ring.try_push(i), i < 4);
@@ -162,7 +162,7 @@ TEST(ByteRing, KeepsRecordsUntilTheyAreReleased) {
   EXPECT_EQ(next(ring), 0U);
 }
 
-TEST(ByteRing, RandomLengthsWrapAroundUnharmed) {
+TEST(ByteRing, RandomLengthsWrapAroundWithoutCorruption) {
   constexpr unsigned kSeed = 11;
   SCOPED_TRACE("seed " + std::to_string(kSeed));
   std::mt19937 random(kSeed);

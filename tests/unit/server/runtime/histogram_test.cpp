@@ -10,7 +10,7 @@
 namespace bregma::runtime {
 namespace {
 
-TEST(Histogram, EmptySaysZero) {
+TEST(Histogram, AnEmptyHistogramGivesZero) {
   EXPECT_EQ(Histogram().snapshot().percentile_ns(0.5), 0.0);
   EXPECT_EQ(Histogram().snapshot().total, 0U);
 }
@@ -28,7 +28,7 @@ TEST(Histogram, SmallValuesAreExactAndNegativeOnesAreZero) {
   EXPECT_EQ(snapshot.max_ns, 31);
 }
 
-TEST(Histogram, ClassesAreContiguousAndTheirMiddleIsInThem) {
+TEST(Histogram, ClassesAreContiguousAndContainTheirMiddle) {
   for (std::size_t i = 0; i < detail::kClasses; ++i) {
     const double middle = detail::value_of(i);
     EXPECT_EQ(detail::class_of(static_cast<std::uint64_t>(middle)), i);

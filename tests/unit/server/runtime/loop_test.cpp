@@ -15,22 +15,22 @@ namespace {
 
 using std::chrono::milliseconds;
 
-TEST(DeadlineTicker, KeepsItsGridAndSkipsWhatWasMissed) {
+TEST(DeadlineTicker, KeepsItsGridAndSkipsMissedDeadlines) {
   DeadlineTicker ticker(10);
   ticker.start(1000);
   EXPECT_FALSE(ticker.due(1009));
   EXPECT_TRUE(ticker.due(1010));
-  EXPECT_EQ(ticker.advance(1013), 0U); // a step of three: nothing missed
+  EXPECT_EQ(ticker.advance(1013), 0U); // a step of 3 ns: no deadline missed
   EXPECT_EQ(ticker.next_ns(), 1020);   // and no drift
-  EXPECT_EQ(ticker.advance(1057), 3U); // 1030, 1040 and 1050 are gone
+  EXPECT_EQ(ticker.advance(1057), 3U); // 1030, 1040 and 1050 are missed
   EXPECT_EQ(ticker.next_ns(), 1060);   // one step next, not four
-  EXPECT_EQ(ticker.advance(1055), 0U); // not due yet: stays
+  EXPECT_EQ(ticker.advance(1055), 0U); // not due yet: no change
   EXPECT_EQ(ticker.next_ns(), 1060);
-  EXPECT_EQ(ticker.advance(1060), 0U); // a deadline that is now is in the past
+  EXPECT_EQ(ticker.advance(1060), 0U); // a deadline equal to now counts as past
   EXPECT_EQ(ticker.next_ns(), 1070);
 }
 
-TEST(PeriodicLoop, AStepThatIsTooLongIsCountedAndNotCaughtUp) {
+TEST(PeriodicLoop, ATooLongStepIsCountedWithoutABurstOfSteps) {
   std::atomic<int> steps{0};
   std::atomic<std::int64_t> first_ns{0};
   std::atomic<std::int64_t> last_ns{0};
@@ -53,7 +53,7 @@ TEST(PeriodicLoop, AStepThatIsTooLongIsCountedAndNotCaughtUp) {
   const auto &statistics = loop.statistics();
   EXPECT_EQ(statistics.steps(), static_cast<std::uint64_t>(steps.load()));
   EXPECT_GE(statistics.overruns(), 7U);
-  // Every deadline between the first and the last step was either kept or counted, and each step had one of its own.
+  // Every deadline between the first and the last step was met or counted, and each step had its own deadline.
   const auto deadlines = static_cast<std::uint64_t>((last_ns - first_ns) / kPeriod_ns) + 2;
   EXPECT_LE(statistics.steps(), deadlines - 7);
   EXPECT_GE(loop.health().step_max_us, 41'000.0);
@@ -65,7 +65,7 @@ TEST(PeriodicLoop, StopsAndStartsAgain) {
   for (int round = 0; round < 3; ++round) {
     const int before = steps;
     EXPECT_TRUE(loop.start().empty());
-    EXPECT_TRUE(loop.start().empty()); // is left alone
+    EXPECT_TRUE(loop.start().empty()); // no effect on a running loop
     while (steps < before + 3) {
       std::this_thread::sleep_for(milliseconds(1));
     }
@@ -82,11 +82,11 @@ TEST(PeriodicLoop, ASlowLoopStopsLongBeforeItsNextStep) {
   std::atomic<int> steps{0};
   PeriodicLoop loop({.thread = {.name = "slow"}, .period_ns = 3'600'000'000'000}, [&]() noexcept { ++steps; });
   loop.start();
-  loop.stop(); // would take an hour
+  loop.stop(); // the step period is one hour
   EXPECT_EQ(steps, 0);
 }
 
-TEST(PeriodicLoop, RunsInAThreadOfItsNameAndSaysWhatCouldNotBeSet) {
+TEST(PeriodicLoop, RunsInANamedThreadAndReportsFailedSettings) {
   std::promise<std::string> name;
   std::atomic<bool> said{false};
   PeriodicLoop loop({.thread = {.name = "navigation"}, .period_ns = 1'000'000}, [&]() noexcept {
@@ -126,14 +126,14 @@ TEST(LoopStatistics, StepsAreTimedWithoutAllocation) {
   EXPECT_LE(health.step_p99_us, health.step_max_us);
 }
 
-TEST(SystemClock, BootTimeGoesOnWithTheMonotonicOneAndNamesItsBoot) {
+TEST(SystemClock, BootTimeContinuesWithMonotonicTimeAndIdentifiesTheBoot) {
   const SystemClock clock;
   EXPECT_GE(clock.boot_ns(), clock.monotonic_ns() - 1'000'000'000) << "it counts suspend too";
   EXPECT_NE(boot_id(), (std::array<std::uint8_t, 16>{}));
   EXPECT_EQ(boot_id(), boot_id());
 }
 
-TEST(ManualClock, StepsOfUtcLeaveMonotonicTimeAlone) {
+TEST(ManualClock, StepsOfUtcDoNotAffectMonotonicTime) {
   ManualClock clock(1'000);
   clock.advance(5);
   clock.step_utc(-100);

@@ -56,7 +56,7 @@ private:
   int socket_;
 };
 
-TEST(Watchdog, IsFedOnlyWhileEveryLoopAdvances) {
+TEST(Watchdog, IsTriggeredOnlyWhileEveryLoopAdvances) {
   const ServiceManager manager;
   Watchdog watchdog;
   ASSERT_TRUE(watchdog.interval().has_value());
@@ -83,7 +83,7 @@ TEST(Watchdog, IsFedOnlyWhileEveryLoopAdvances) {
   EXPECT_EQ(manager.receive(), "STOPPING=1");
 }
 
-TEST(Watchdog, WithoutServiceManagerNothingIsAskedFor) {
+TEST(Watchdog, WithoutAServiceManagerItHasNoEffect) {
   unsetenv("NOTIFY_SOCKET");
   unsetenv("WATCHDOG_USEC");
   Watchdog watchdog;
@@ -107,7 +107,7 @@ TEST(Logging, LinesOfTheLevelAndAboveReachTheFile) {
   EXPECT_EQ(text.str().find("not this one"), std::string::npos);
 }
 
-TEST(Logging, RefusesAnUnknownLevelAndAFileThatCannotBeMade) {
+TEST(Logging, RejectsAnUnknownLevelAndAFileThatCannotBeCreated) {
   const auto level = start_logging({.level = "loud", .file = {}, .console = false});
   ASSERT_FALSE(level);
   EXPECT_EQ(level.error().message, "log level loud: must be trace, debug, info, warn, error, critical or off");
@@ -116,7 +116,7 @@ TEST(Logging, RefusesAnUnknownLevelAndAFileThatCannotBeMade) {
   EXPECT_EQ(file.error().message.rfind("log file /proc/no/such/log: ", 0), 0U) << file.error().message;
 }
 
-TEST(Realtime, EveryCheckHasAFindingAndWhatIsNotGoodAnAdvice) {
+TEST(Realtime, EveryCheckHasAFindingAndEveryFailedOneHasAdvice) {
   const auto checks = check_realtime();
   ASSERT_EQ(checks.size(), 9U);
   for (const auto &check : checks) {
@@ -125,7 +125,7 @@ TEST(Realtime, EveryCheckHasAFindingAndWhatIsNotGoodAnAdvice) {
   }
 }
 
-TEST(Realtime, AThreadThatComputesForLongStartsItsHelpersAsItIs) {
+TEST(Realtime, ABatchThreadPassesItsSchedulingToItsHelpers) {
   int own = -1;
   int helpers = -1;
   std::thread([&] {

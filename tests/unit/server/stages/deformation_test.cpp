@@ -1,4 +1,4 @@
-// The deformation pipeline with the model that the builder makes of a small case.
+// The deformation pipeline with the builder's model of a small case.
 #include "server/stages/deformation/pipeline.hpp"
 
 #include <cmath>
@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
 constexpr std::int64_t kPeriod_ns = 16'666'667;
-constexpr int kSteps = 1000; // more than ever needed
+constexpr int kSteps = 1000; // more than needed
 
 class Deformation : public testing::Test {
 protected:
@@ -29,7 +29,8 @@ protected:
 
   void build(int elements) {
     TissueSettings settings;
-    settings.elements = elements;
+    settings.model_wanted = elements > 0;
+    settings.brain.mesh.lattice.tetrahedra = elements;
     builder_ = std::make_unique<TissueBuilder>(settings);
     builder_->handle(CaseChanged{1, case_.get()});
     const auto ready = builder_->build();
@@ -37,7 +38,7 @@ protected:
     pipeline_.handle(*ready);
   }
 
-  // The tip so far before the target on the planned line.
+  // The tip at this distance before the target on the planned line.
   ProbeView probe_at(double before_mm) const {
     const auto &plan = case_->data->trajectories.front();
     const Vector3d shaft = (plan.entry_mm - plan.target_mm).normalized();
@@ -81,7 +82,7 @@ TEST_F(Deformation, WithoutAModelItSaysWhyAndPredictsNothing) {
 
 TEST_F(Deformation, ABrainThatCannotBeMeshedIsRefusedWithItsFile) {
   casefile::Case data = *case_->data;
-  data.brain.mesh.triangles.resize(20); // torn open
+  data.brain.mesh.triangles.resize(20); // not closed
   case_ = std::make_unique<LoadedCase>(std::make_shared<const casefile::Case>(std::move(data)), 12.0, 100);
   build(2000);
   EXPECT_NE(builder_->why().find("/cases/sample: no tissue model of the brain"), std::string::npos) << builder_->why();
@@ -147,7 +148,7 @@ TEST_F(Deformation, TheForceIsThatAlongTheShaftAndOnlyAFreshOne) {
   force.arrived_ns = now_ns_;
   ProbeView hidden = probe_at(60.0);
   hidden.live = false;
-  EXPECT_TRUE(std::isnan(step(hidden, force).measured_force_N)) << "nobody knows along what";
+  EXPECT_TRUE(std::isnan(step(hidden, force).measured_force_N)) << "the direction of the shaft is unknown";
 }
 
 } // namespace

@@ -22,7 +22,7 @@ Matrix3d marker_noise() { return Vector3d(0.3 * 0.3, 0.4 * 0.4, 0.7 * 0.7).asDia
 struct Result {
   double rms_mm = 0.0;
   double raw_rms_mm = 0.0;
-  double inside_95 = 0.0; // share of frames
+  double inside_95 = 0.0; // fraction of frames
 };
 
 // Runs the filter over a path given as a function of time, from settle_s on.
@@ -65,7 +65,7 @@ TEST(TipFilter, AnInsertionAtConstantSpeedIsNotShownLate) {
 }
 
 TEST(TipFilter, AQuickHandIsNeverShownWorseThanItSaysItMayBe) {
-  // From rest to 350 mm/s and back within a second, again and again.
+  // From rest to 350 mm/s and back within 1 s, repeatedly.
   const Result quick =
       follow([](double t) { return Vector3d(100.0 * std::sin(2.0 * std::numbers::pi * 0.55 * t), 0, 0); }, 40.0, 1.0);
   EXPECT_LT(quick.rms_mm, 1.5 * quick.raw_rms_mm);

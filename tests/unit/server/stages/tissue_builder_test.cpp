@@ -13,7 +13,7 @@ server::TissueSettings small_model() {
   server::TissueSettings settings;
   settings.brain.mesh.lattice.tetrahedra = 2000;
   settings.brain.material = tissue::named_material("linear");
-  settings.model.skull.sliding = false; // so that what is not open is held
+  settings.model.skull.sliding = false; // so that the surface outside the craniotomy is fixed
   return settings;
 }
 
@@ -29,7 +29,7 @@ public:
 
   tissue::BrainModel &model() { return *model_; }
 
-  // Whether the brain's surface next to a place gives way to a push.
+  // Whether the brain's surface near a point moves under a force.
   bool open_at(const Vector3d &place_mm) {
     tissue::ExplicitSolver &solver = model_->solver();
     int nearest = 0;
