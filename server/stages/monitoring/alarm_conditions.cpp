@@ -6,7 +6,8 @@ namespace bregma::server {
 
 std::size_t AlarmConditions::find(const char *kind, std::string_view subject) const noexcept {
   std::size_t i = 0;
-  while (i < count_ && (watched_[i].kind.name != std::string_view(kind) || wire::view(watched_[i].subject) != subject)) {
+  while (i < count_ &&
+         (watched_[i].kind.name != std::string_view(kind) || wire::view(watched_[i].subject) != subject)) {
     ++i;
   }
   return i;
