@@ -28,7 +28,7 @@ protected:
   }
 
   Operation operation;
-  tests::TempFolder folder;
+  test::TemporaryFolder folder;
 };
 
 TEST_F(CommandLine, AParticipantOfAnotherWireIsCountedLoggedAndNamed) {

@@ -161,7 +161,7 @@ TEST(SessionFile, AnotherLayoutOfATypeIsRefusedByNameAndSizes) {
 }
 
 TEST(SessionFile, AnotherLayoutOfTheSameSizeIsRefused) {
-  const test::ScratchFolder folder;
+  const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
   EXPECT_TRUE(create(file).write(1, range(1)));
   EXPECT_EQ(open(file).each<wire::RangeSample>([](const auto &, std::int64_t) {}).value(), 1U);

@@ -29,7 +29,8 @@ protected:
 
   void build(int elements) {
     TissueSettings settings;
-    settings.elements = elements;
+    settings.model_wanted = elements > 0;
+    settings.brain.mesh.lattice.tetrahedra = elements;
     builder_ = std::make_unique<TissueBuilder>(settings);
     builder_->handle(CaseChanged{1, case_.get()});
     const auto ready = builder_->build();
