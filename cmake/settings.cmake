@@ -19,10 +19,10 @@ if(BREGMA_SANITIZE)
   add_link_options(-fsanitize=${BREGMA_SANITIZE})
 endif()
 
-# bregma_test(NAME test_x SOURCES ... LIBRARIES ... [LABEL unit] [TIMEOUT s]): one GoogleTest program, its tests known to CTest
-# by name and label.
+# bregma_test(NAME test_x SOURCES ... LIBRARIES ... [LABEL unit] [TIMEOUT s] [ALONE]): one GoogleTest program, its tests known
+# to CTest by name and label. ALONE: no other test runs beside its tests, because they depend on time.
 function(bregma_test)
-  cmake_parse_arguments(arg "" "NAME;LABEL;TIMEOUT" "SOURCES;LIBRARIES" ${ARGN})
+  cmake_parse_arguments(arg "ALONE" "NAME;LABEL;TIMEOUT" "SOURCES;LIBRARIES" ${ARGN})
   if(NOT arg_LABEL)
     set(arg_LABEL unit)
   endif()
@@ -41,5 +41,5 @@ function(bregma_test)
     set(environment TSAN_OPTIONS=suppressions=${CMAKE_SOURCE_DIR}/tests/support/tsan.supp)
   endif()
   gtest_discover_tests(${arg_NAME} DISCOVERY_TIMEOUT 60 PROPERTIES LABELS ${arg_LABEL} TIMEOUT ${arg_TIMEOUT}
-    ENVIRONMENT ${environment})
+    ENVIRONMENT ${environment} RUN_SERIAL ${arg_ALONE})
 endfunction()
