@@ -19,7 +19,7 @@ struct Outcome {
 };
 
 // arguments as in a shell; the working folder is the given one.
-inline Outcome run_bregma(const TemporaryFolder &folder, const std::string &arguments) {
+inline Outcome run_bregma(const test::TemporaryFolder &folder, const std::string &arguments) {
   const std::string out = (folder.path() / ".out").string();
   const std::string err = (folder.path() / ".err").string();
   const std::string command = "cd '" + folder.path().string() + "' && '" BREGMA_PROGRAM "' " + arguments + " >'" + out +
