@@ -21,10 +21,10 @@ using Problem = std::optional<CaseProblem>;
 
 // Maximal counts and lengths, those of the DDS messages.
 constexpr std::size_t kNameBytes = 31;
-constexpr std::size_t kMaxTools = 8;
+constexpr std::size_t kMaxTools = 12;
 constexpr std::size_t kMaxMarkers = 32;
 constexpr std::size_t kMaxFiducials = 64;
-constexpr std::size_t kMaxTargets = 16;
+constexpr std::size_t kMaxTargets = 32;
 constexpr std::size_t kMaxBrainLandmarks = 16;
 
 // Markers that are nearer to one line than this determine the rotation about that line too poorly.

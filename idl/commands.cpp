@@ -144,7 +144,7 @@ std::string malformed(const Command &command) {
     }
     const bool is_text = field.type == Type::kName || field.type == Type::kPath;
     if (is_text && text_of(command.body, field).size() == capacity(field)) {
-      return std::string(field.label) + " is longer than a name can be";
+      return std::string(field.label) + " is too long for a name";
     }
   }
   return {};

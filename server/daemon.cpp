@@ -111,7 +111,8 @@ void Daemon::Impl::run() {
   loops_.stop();
   workers_.join();
   // The last word on the health topic, with what the loops counted to their end.
-  wiring_.find(HealthStage::kName)->step({.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns()});
+  wiring_.find(HealthStage::kName)
+      ->step({.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns(), .boot_ns = clock_.boot_ns()});
   if (const auto closed = recorder_.close(); !closed) {
     spdlog::error("{}", closed.error().message);
   }

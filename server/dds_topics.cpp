@@ -16,7 +16,12 @@ public:
   DdsSource(dds::Entity reader, recording::Channel &channel, const TopicInfo &topic)
       : reader_(std::move(reader)), channel_(channel), topic_(topic) {}
 
-  void take(dds::detail::Batch &batch) noexcept override { dds::detail::take(reader_, batch); }
+  void take(dds::detail::Batch &batch) noexcept override {
+    dds::detail::take(reader_, batch);
+    if (batch.count <= 0) {
+      (void)dds::detail::status(reader_); // else the wait set would wake for the same event again and again
+    }
+  }
 
   // Recorded when the stage is done with them: what it publishes does not wait for the copy.
   void give_back(dds::detail::Batch &batch, std::int64_t utc_ns) noexcept override {

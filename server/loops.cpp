@@ -44,6 +44,9 @@ Loops::Loops(const std::vector<Stage *> &stages, const DdsTopics &topics, const 
 }
 
 void Loops::start() {
+  for (const Loop &loop : loops_) {
+    loop.stage->begin(now());
+  }
   for (Loop &loop : loops_) {
     if (loop.periodic) {
       log_limits(*loop.stage, loop.periodic->start());
@@ -73,8 +76,13 @@ void Loops::stop() {
 }
 
 void Loops::step(Loop &loop, bool tick) noexcept {
-  loop.stage->step(
-      {.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns(), .boot_ns = clock_.boot_ns(), .tick = tick});
+  Moment moment = now();
+  moment.tick = tick;
+  loop.stage->step(moment);
+}
+
+Moment Loops::now() const noexcept {
+  return {.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns(), .boot_ns = clock_.boot_ns()};
 }
 
 void Loops::run(Loop &loop) noexcept {
@@ -94,10 +102,10 @@ void Loops::run(Loop &loop) noexcept {
     const std::uint64_t missed = tick ? ticker.advance(ended_ns) : 0;
     loop.triggered.count_overruns(std::max<std::uint64_t>(missed, too_long ? 1 : 0));
 
-    const Moment now{.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns()};
-    const std::int64_t deadline_ns = std::min(ticker.next_ns(), stage.wake_ns(now));
+    const Moment present = now();
+    const std::int64_t deadline_ns = std::min(ticker.next_ns(), stage.wake_ns(present));
     // A wait that ends early costs a step in which nothing is due.
-    (void)loop.link->wait(std::chrono::nanoseconds(deadline_ns - now.monotonic_ns));
+    (void)loop.link->wait(std::chrono::nanoseconds(deadline_ns - present.monotonic_ns));
   }
 }
 

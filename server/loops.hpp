@@ -31,7 +31,7 @@ public:
   Loops(const Loops &) = delete;
   Loops &operator=(const Loops &) = delete;
 
-  // Returns when every triggered stage has made its first step, the session's among them.
+  // Begins every stage, then starts the threads. Returns when every triggered stage has made its first step.
   void start();
   // Returns when every step under way is done.
   void stop();
@@ -55,6 +55,7 @@ private:
   };
   void run(Loop &loop) noexcept;
   void step(Loop &loop, bool tick) noexcept;
+  [[nodiscard]] Moment now() const noexcept;
 
   const runtime::Clock &clock_;
   std::deque<Loop> loops_; // in the order of the stages

@@ -32,7 +32,8 @@ template <class T> [[nodiscard]] TopicInfo topic_info() {
 class Source {
 public:
   virtual ~Source() = default;
-  // Up to Batch's capacity of samples, on loan until they are given back. utc_ns: the time of taking.
+  // Up to Batch's capacity of samples, on loan until they are given back. Without a sample it resets what wakes the
+  // stage for a missed deadline or a lost writer. utc_ns: the time of taking.
   virtual void take(dds::detail::Batch &batch) noexcept = 0;
   virtual void give_back(dds::detail::Batch &batch, std::int64_t utc_ns) noexcept = 0;
   [[nodiscard]] virtual std::uint32_t writers_alive() noexcept = 0;
@@ -76,7 +77,6 @@ public:
     } while (batch.count == static_cast<int>(dds::detail::kBatch));
     return total;
   }
-  // Also resets what wakes the stage for a missed deadline or a lost writer.
   [[nodiscard]] std::uint32_t writers_alive() noexcept { return source_->writers_alive(); }
 
 private:

@@ -63,6 +63,8 @@ public:
   [[nodiscard]] const char *name() const noexcept { return name_; }
   [[nodiscard]] const Schedule &schedule() const noexcept { return schedule_; }
 
+  // Once, on the main thread, before the first step of any stage: what the last run left behind.
+  virtual void begin(const Moment & /*now*/) {}
   // Takes in what has arrived, brings the state up to now, and publishes.
   virtual void step(const Moment &now) noexcept = 0;
   // Monotonic time at which the passing of time alone changes what this stage shows, so that it is stepped then.

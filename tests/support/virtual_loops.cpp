@@ -14,6 +14,13 @@ VirtualLoops::VirtualLoops(const std::vector<server::Stage *> &stages, MemoryTop
   }
 }
 
+void VirtualLoops::begin() {
+  for (const Loop &loop : loops_) {
+    loop.stage->begin(moment(start_utc_ns_));
+  }
+  topics_.deliver();
+}
+
 server::Moment VirtualLoops::moment(std::int64_t utc_ns) const {
   return {.utc_ns = utc_ns, .monotonic_ns = utc_ns - start_utc_ns_, .boot_ns = utc_ns - start_utc_ns_, .tick = false};
 }

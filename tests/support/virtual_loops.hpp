@@ -19,6 +19,8 @@ public:
   VirtualLoops(const std::vector<server::Stage *> &stages, MemoryTopics &topics, std::int64_t start_utc_ns);
 
   void around(Around around) { around_ = std::move(around); }
+  // Once, before the first advance().
+  void begin();
   // Steps every stage that is due by now, and delivers what it publishes. Time must not go back.
   void advance(std::int64_t utc_ns);
   [[nodiscard]] std::int64_t next_due_ns() const; // UTC

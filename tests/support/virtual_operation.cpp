@@ -55,6 +55,7 @@ std::optional<int> VirtualOperation::fixed_solver_steps() const noexcept { retur
 bool VirtualOperation::run(double limit_s) {
   const std::int64_t end_ns = now_ns_ + static_cast<std::int64_t>(limit_s * 1e9);
   sim::RoomOutput out;
+  loops_.begin();
   while (!room_.finished()) {
     room_.advance(now_ns_, out);
     deliver(out);

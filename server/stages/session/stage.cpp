@@ -83,12 +83,14 @@ void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
   estimate_.connect(estimate);
 }
 
+void SessionStage::begin(const Moment &now) {
+  now_ns_ = now.utc_ns;
+  session_.restore(now_ns_);
+  tell_of_recording();
+}
+
 void SessionStage::step(const Moment &now) noexcept {
   now_ns_ = now.utc_ns;
-  if (!std::exchange(restored_, true)) {
-    session_.restore(now_ns_);
-    tell_of_recording();
-  }
   commands_.take_each(now_ns_, [this](const wire::Command &command, std::uint64_t /*writer*/) {
     session_.handle(command, now_ns_);
     tell_of_recording();

@@ -44,7 +44,8 @@ public:
   void connect(NavigationEvents &events, AlarmEvents &conditions,
                const runtime::LatestValue<wire::RegistrationState> &estimate);
 
-  // The first step restores the last session.
+  // Restores the last session, so that what the other stages take from their first step on belongs to it.
+  void begin(const Moment &now) override;
   void step(const Moment &now) noexcept override;
 
   [[nodiscard]] const Session &session() const { return session_; }
@@ -79,7 +80,6 @@ private:
   AlarmEvents *conditions_ = nullptr;
   runtime::LatestInput<wire::RegistrationState> estimate_;
   std::int64_t now_ns_ = 0; // UTC, of the step under way
-  bool restored_ = false;
   // The file of a case that the session has just taken, for when the session is done with the command that brought it.
   std::optional<base::Result<std::optional<std::filesystem::path>>> recording_;
   std::string case_folder_;

@@ -288,9 +288,9 @@ TEST(Case, AFolderWithoutCaseTomlIsNamed) {
 TEST(Case, LimitsAreThoseOfTheWire) {
   using namespace bregma;
   EXPECT_EQ(wire::kNameLength, 31U);
-  EXPECT_EQ(std::size(wire::TrackerFrame{}.tools), 8U);
+  EXPECT_EQ(std::size(wire::TrackerFrame{}.tools), 12U);
   EXPECT_EQ(std::size(wire::FiducialReport{}.fiducials), 64U);
-  EXPECT_EQ(std::size(wire::AccuracyState{}.targets), 16U);
+  EXPECT_EQ(std::size(wire::AccuracyState{}.targets), 32U);
   EXPECT_EQ(bregma_wire_MAX_BRAIN_LANDMARKS, 16);
 }
 

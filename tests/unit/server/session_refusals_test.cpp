@@ -257,7 +257,7 @@ TEST_F(RefusalTest, MalformedCommands) {
   expect(command, "CLOSE_CASE has a body of form 3, not 1");
   command = harness.command(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L1");
   std::memset(command.body._u.touch.point, 'x', sizeof(wire::Name));
-  expect(command, "point is longer than a name can be");
+  expect(command, "point is too long for a name");
   command = harness.command(bregma_wire_COMMAND_START_PIVOT, "Stylus");
   std::memset(command.body._u.tool.tool, 'x', sizeof(wire::Name));
   expect(command, "tool is too long for a name");
