@@ -1,4 +1,4 @@
-// A hand's paths: where they lead, how smooth they are, how clear of the head.
+// Paths of the hand: end points, smoothness, distance from the head.
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// The whole script against a daemon that answers by script.
+// The complete script with a scripted daemon.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -136,7 +136,7 @@ TEST(Operator, TouchesTheTrueFiducialsWithTheStatedErrors) {
     ++touches;
   }
   ASSERT_EQ(touches, 8);
-  // Image localisation 0.5 mm and touch 0.3 mm: 0.58 mm a coordinate. 24 values: within 30 % at 98 %.
+  // Image localisation 0.5 mm and touch 0.3 mm: 0.58 mm per coordinate. 24 values: within 30 % at 98 %.
   EXPECT_NEAR(std::sqrt(sum_squared.sum() / 24.0), 0.583, 0.583 * 0.33);
 }
 
@@ -201,7 +201,7 @@ TEST(Operator, KeepsToolsOutOfTheHeadBeforeTheInsertion) {
 }
 
 // A hand: no jumps, bounded speed and acceleration, in every step of the script.
-// Up to the force at which the brain breaks, and on the way back against the other direction.
+// Up to the rupture force, and during withdrawal in the opposite direction.
 TEST(Operator, TheProbesSensorFeelsTheBrain) {
   double pushed_N = 0.0;
   double held_N = 0.0;
@@ -234,7 +234,7 @@ TEST(Operator, MovesSmoothly) {
 }
 
 TEST(Operator, TremblesInTheAirBetweenEightAndTwelveHertz) {
-  // Mean zero crossings of the tip's motion about its slow part while the stylus waits beside the head.
+  // Mean zero crossings of the tip's motion about its slow part while the stylus waits next to the head.
   auto scenario = scenario_of("[operator]\ntremor_mm = 0.2\nwander_mm = 0.0\n[tracker]\nrate_hz = 500\n"
                               "[[steps]]\ndo = \"touch_fiducials\"\ntool = \"Stylus\"\npoints = [\"F5\"]\n"
                               "[[steps]]\ndo = \"wait\"\nduration_s = 10\n");

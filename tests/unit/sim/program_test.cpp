@@ -1,4 +1,4 @@
-// The program: what it says and how it ends when it is not given what it needs. With a daemon: tests/component.
+// The program: messages and exit codes for missing or invalid input. With a daemon: tests/component.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -41,7 +41,7 @@ protected:
   [[nodiscard]] std::vector<std::string> room(std::vector<std::string> more = {}) const {
     std::vector<std::string> out{"--case",     path("case"),
                                  "--scenario", path("scenario.toml"),
-                                 "--domain",   std::to_string(100 + getpid() % 100)}; // nobody else's
+                                 "--domain",   std::to_string(100 + getpid() % 100)}; // not used by others
     out.insert(out.end(), more.begin(), more.end());
     return out;
   }

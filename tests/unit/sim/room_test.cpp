@@ -1,4 +1,4 @@
-// The room as a whole: same seed same bytes, rates, delays, losses.
+// The complete room: equal bytes for equal seeds, rates, delays, losses.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -124,7 +124,7 @@ TEST(SimulatedRoom, KnowsWhenItHasSomethingToDoNext) {
   EXPECT_LT(calls, 1100);
 }
 
-// Truth and measurement agree: nothing but the stated noise lies between them.
+// Truth and measurement differ only by the stated noise.
 TEST(SimulatedRoom, TruthIsWhatTheTrackerMeasures) {
   const Recording run = short_run(4, 2'000'000);
   std::map<std::uint64_t, const wire::SimulatedTruth *> truth;

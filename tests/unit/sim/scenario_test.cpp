@@ -1,4 +1,4 @@
-// What a person reads when a scenario file is wrong, and what the reader makes of one that is right.
+// Errors for invalid scenario files, and the values of a valid one.
 #include <gtest/gtest.h>
 
 #include "drivers/sim/scenario.hpp"
