@@ -146,7 +146,7 @@ void compare(bench::Report &report, const dds::Participant &participant, const s
   const auto size = [&](const auto &descriptor, const void *sample) {
     return static_cast<double>(bench::serialized_size(participant, descriptor, sample));
   };
-  report.add(bench::beside(bench::figure(name + ", serialized", size(Named<Growing>::descriptor(), &growing), "B"),
+  report.add(bench::with_peer(bench::figure(name + ", serialized", size(Named<Growing>::descriptor(), &growing), "B"),
                            size(Named<Fixed>::descriptor(), &fixed), "@final"));
 
   Caller<Growing> growing_caller(participant, growing);
@@ -167,7 +167,7 @@ void compare(bench::Report &report, const dds::Participant &participant, const s
     const double peer = bench::percentile(fixed_us, p);
     bench::Record record = p < 0.6 ? bench::at_most(name + what, bench::percentile(growing_us, p), "us", 1.1 * peer)
                                    : bench::figure(name + what, bench::percentile(growing_us, p), "us");
-    report.add(bench::beside(std::move(record), peer, "@final"));
+    report.add(bench::with_peer(std::move(record), peer, "@final"));
   };
   add(0.5, ", round trip, median");
   add(0.99, ", round trip, 99 %");
