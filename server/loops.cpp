@@ -33,7 +33,7 @@ Loops::Loops(const std::vector<Stage *> &stages, const DdsTopics &topics, const 
                                    [stage](const DdsLink &one) { return one.stage() == stage->name(); });
     Loop &loop = loops_.emplace_back();
     loop.stage = stage;
-    loop.link = &*link; // the wiring has made one for every stage
+    loop.link = &*link; // the wiring has created one for every stage
     const Schedule &schedule = stage->schedule();
     if (!schedule.triggered) {
       loop.periodic = std::make_unique<runtime::PeriodicLoop>(
@@ -96,7 +96,7 @@ void Loops::run(Loop &loop) noexcept {
 
     const Moment now{.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns()};
     const std::int64_t deadline_ns = std::min(ticker.next_ns(), stage.wake_ns(now));
-    // A wait that ends early costs a step in which nothing is due.
+    // An early wake-up only causes a step without due work.
     (void)loop.link->wait(std::chrono::nanoseconds(deadline_ns - now.monotonic_ns));
   }
 }
@@ -110,7 +110,7 @@ std::uint64_t Loops::overruns() const noexcept {
 }
 
 void Loops::add_health(wire::SystemHealth &health) const {
-  for (const Loop &loop : loops_) { // the wiring has refused more than there is room for
+  for (const Loop &loop : loops_) { // the wiring limits the number of loops
     const Schedule &schedule = loop.stage->schedule();
     health.loops[health.loop_count++] =
         loop.statistics().health(loop.stage->name(), schedule.triggered ? 0.0 : schedule.rate_hz);

@@ -1,4 +1,4 @@
-// What the frame completes in a sample, and how it maps a device's clock to the host's.
+// Fields that the frame completes in a sample, and the mapping of a device's clock to the host's.
 #include <cmath>
 #include <random>
 
@@ -17,7 +17,7 @@ constexpr double kDrift = 50e-6;
 
 class Samples : public testing::Test {
 protected:
-  // Sends `count` samples of a device whose clock is off and drifts; they arrive after an exponential delay.
+  // Sends `count` samples of a device with clock offset and drift, with an exponential delay.
   void send(int count) {
     for (int i = 0; i < count; ++i, ++number_) {
       const std::int64_t exposed_ns = kStart_ns + number_ * kPeriod_ns;
@@ -97,7 +97,7 @@ TEST_F(Samples, GoOutAsTheyAreWhereTheDriverSaysSo) {
   wire::RangeSample sample{};
   sample.device_time_ns = 42;
   EXPECT_TRUE(as_given.publish(sample));
-  sample.device_time_ns = 41; // backwards: the daemon's affair
+  sample.device_time_ns = 41; // backwards: checked by the daemon
   EXPECT_TRUE(as_given.publish(sample));
   EXPECT_EQ(bus.written[0].device_time_ns, 42);
   EXPECT_EQ(bus.written[1].device_time_ns, 41);

@@ -1,4 +1,4 @@
-// The loop of a driver against a device that fails in every way: what is tried again, when, and what is counted.
+// The loop of a driver with a device that fails in all ways: retries, their times, and counts.
 #include <algorithm>
 #include <stdexcept>
 
@@ -49,7 +49,7 @@ TEST_F(Loop, ConnectsAgainAfterFailuresAndCountsThem) {
   };
   EXPECT_EQ(run(), Ending::kDone);
   EXPECT_EQ(device.connects, 4);
-  EXPECT_EQ(device.disconnects, 4); // also after an attempt that failed
+  EXPECT_EQ(device.disconnects, 4); // also after a failed attempt
   EXPECT_EQ(status.values().failures, 3U);
   EXPECT_EQ(status.values().failure, "tcp://10.0.0.9:1: Connection refused");
   EXPECT_TRUE(logged(LogLevel::kWarning, "Connection refused; next attempt in 0."));
