@@ -64,7 +64,7 @@ TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
   EXPECT_TRUE(comes_to(bregma_wire_SESSION_IDLE));
 }
 
-TEST_F(CommandLine, WhatCannotBeDoneYetIsRefusedInWords) {
+TEST_F(CommandLine, UnsupportedCommandsAreRefusedWithAText) {
   operation.start_room("[[steps]]\ndo = \"wait\"\nduration_s = 120.0\n");
   ASSERT_EQ(bregma("case load " + operation.case_folder().loaded().folder.string()).exit_code, 0) << operation.logs();
   ASSERT_TRUE(operation.observe_until([this] {

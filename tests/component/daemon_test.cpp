@@ -64,7 +64,7 @@ void start_navigating(Operation &operation) {
       << operation.logs();
 }
 
-TEST(Daemon, TrackerStoppedKilledAndRestartedIsNeverShownAsLiveAndComesBackByItself) {
+TEST(Daemon, AStoppedKilledAndRestartedTrackerIsNeverShownAsLiveAndRecoversAutomatically) {
   Operation operation;
   ASSERT_NO_FATAL_FAILURE(start_navigating(operation));
   operation.observe_for(1.0);
@@ -120,7 +120,7 @@ duration_s = 60.0
   expect_no_pose_that_is_not_live(operation.probe);
 }
 
-TEST(Daemon, KilledDuringNavigationComesBackAsRegisteredWithTheSameRegistration) {
+TEST(Daemon, KilledDuringNavigationRestartsAsRegisteredWithTheSameRegistration) {
   Operation operation;
   ASSERT_NO_FATAL_FAILURE(start_navigating(operation));
   ASSERT_TRUE(operation.observe_until([&] { return operation.registration.accepted_revision != 0; }));
@@ -154,7 +154,7 @@ TEST(Daemon, KilledDuringNavigationComesBackAsRegisteredWithTheSameRegistration)
   EXPECT_EQ(count(operation.probe, bregma_wire_POSE_LIVE), 0U);
 }
 
-TEST(Daemon, ASessionFileHoldsTheCaseThatItIsAbout) {
+TEST(Daemon, ASessionFileContainsItsCase) {
   Operation operation;
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
   operation.start_daemon();
@@ -180,7 +180,7 @@ TEST(Daemon, EndsCleanlyOnSigterm) {
   EXPECT_EQ(operation.daemon().wait(10.0), 0) << operation.logs();
 }
 
-TEST(Daemon, HostileSamplesAndAFloodAreCountedAndDisturbNobodyElse) {
+TEST(Daemon, FaultySamplesAndAFloodAreCountedAndDoNotAffectOtherDevices) {
   Operation operation;
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
   operation.start_daemon();

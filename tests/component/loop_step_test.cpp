@@ -12,7 +12,7 @@
 namespace bregma::test {
 namespace {
 
-TEST(LoopStep, NoStepOfAnyLoopAllocatesThroughAWholeOperation) {
+TEST(LoopStep, NoStepOfAnyLoopAllocatesInACompleteOperation) {
   if (!AllocationScope::available()) {
     GTEST_SKIP() << "a sanitizer has malloc";
   }

@@ -76,7 +76,7 @@ TEST(VirtualTime, AnOperationPublishesTheSameBytesTwice) {
   expect_same(first, operate(folder, steps, quick_config()));
 }
 
-TEST(VirtualTime, SoDoesOneWithTheTissueModel) {
+TEST(VirtualTime, AnOperationWithTheTissueModelPublishesTheSameBytesTwice) {
   const CaseFolder folder;
   const std::string steps = std::string(kRegisterSteps) + kNavigateSteps;
   server::Config config = quick_config();

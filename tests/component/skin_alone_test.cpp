@@ -30,7 +30,7 @@ std::string traced(double length_mm) {
 }
 
 // This head is as smooth as an egg with a nose: a trace of the scalp may slide on it, and the search says so.
-TEST(SkinAlone, IsRefusedWithTheSpotToTouchWhereItCannotFixThePose) {
+TEST(SkinAlone, IsRefusedWithTheNextPointIfItDoesNotDetermineThePose) {
   const CaseFolder folder;
   VirtualOperation operation(folder.loaded(), scenario_of(traced(1800.0)), kSeed);
   EXPECT_FALSE(operation.run());
@@ -41,7 +41,7 @@ TEST(SkinAlone, IsRefusedWithTheSpotToTouchWhereItCannotFixThePose) {
       << operation.registration().text;
 }
 
-TEST(SkinAlone, TooLittleOfItIsRefusedWithAdvice) {
+TEST(SkinAlone, TooFewSamplesAreRefusedWithAdvice) {
   const CaseFolder folder;
   VirtualOperation operation(folder.loaded(), scenario_of(traced(150.0)), kSeed);
   EXPECT_FALSE(operation.run());

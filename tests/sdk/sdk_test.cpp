@@ -111,7 +111,7 @@ private:
 TemporaryFolder *Sdk::folder_ = nullptr;
 std::string Sdk::failed_;
 
-TEST_F(Sdk, EverythingIsInItsPlace) {
+TEST_F(Sdk, AllFilesAreInstalled) {
   for (const char *file :
        {"bin/bregma", "bin/bregmad", "bin/bregma-sim-room", "include/bregma/idl/dds.hpp",
         "include/bregma/algorithms/geometry/rigid3.hpp", "include/bregma/drivers/frame/program.hpp",
@@ -128,7 +128,7 @@ TEST_F(Sdk, EverythingIsInItsPlace) {
 }
 
 // The manual pages are made from --help during the installation. The test checks that they are complete.
-TEST_F(Sdk, TheManualSaysWhatHelpSays) {
+TEST_F(Sdk, TheManualAgreesWithHelp) {
   const std::string page = read_file(prefix() / "share/man/man1/bregma-register-points.1");
   EXPECT_TRUE(holds(page, ".TH BREGMA-REGISTER-POINTS \"1\"")) << page;
   for (const char *command : {"bregma register points", "bregma watch", "bregmad", "bregma-sim-room"}) {
@@ -190,7 +190,7 @@ TEST_F(Sdk, AnExampleDriverAndAnExampleClientWorkWithTheInstalledDaemon) {
   EXPECT_EQ(daemon.wait(20.0), 0) << daemon.log();
 }
 
-TEST_F(Sdk, TheExamplesSayHowTheyAreUsed) {
+TEST_F(Sdk, TheExamplesPrintTheirUsage) {
   Process help({example("new_driver", "my-force"), "--help"}, log("force-help").string());
   EXPECT_EQ(help.wait(30.0), 0);
   EXPECT_TRUE(holds(help.log(), "Examples:\n  my-force --set address=serial:///dev/ttyUSB0")) << help.log();

@@ -51,7 +51,7 @@ TEST_F(Bytes, GoBothWaysOverTcp) {
   EXPECT_EQ(device.receive(9), "rate 100\n");
 }
 
-TEST_F(Bytes, NothingHasComeIsNotAnError) {
+TEST_F(Bytes, ATimeoutWithoutBytesIsNotAnError) {
   TcpDevice device;
   ASSERT_TRUE(stream.open(device.address(), io));
   const auto bytes = stream.read(io, 50ms);
@@ -110,13 +110,13 @@ TEST_F(Bytes, GoBothWaysOverASerialLine) {
   EXPECT_FALSE(stream.read(io, 1s)); // unplugged
 }
 
-TEST_F(Bytes, ALineThatIsNotThereIsAnErrorThatNamesIt) {
+TEST_F(Bytes, AMissingSerialLineIsAnErrorWithItsName) {
   const auto opened = stream.open("serial:///dev/no-such-line", io);
   ASSERT_FALSE(opened);
   EXPECT_EQ(opened.error().message, "serial:///dev/no-such-line: No such file or directory");
 }
 
-TEST(Address, IsCheckedBeforeAnythingIsOpened) {
+TEST(Address, IsCheckedBeforeOpening) {
   for (const char *good :
        {"tcp://10.0.0.1:4000", "tcp://sensor.local:1", "serial:///dev/ttyUSB0", "serial:///dev/ttyS1?baud=9600"}) {
     EXPECT_TRUE(check_address("address", good)) << good;
@@ -136,7 +136,7 @@ std::vector<std::string> lines_of(LineSplitter &splitter, std::string_view bytes
   return out;
 }
 
-TEST(LineSplitter, PutsPiecesTogether) {
+TEST(LineSplitter, JoinsPieces) {
   LineSplitter splitter(10);
   EXPECT_TRUE(lines_of(splitter, "ab").empty());
   EXPECT_EQ(lines_of(splitter, "c\r\nd\n\nef"), (std::vector<std::string>{"abc", "d", ""}));

@@ -71,7 +71,7 @@ TEST_F(Samples, DeviceTimeIsMappedToTheHostsClock) {
   EXPECT_NEAR(status.values().clock_drift_ppm, -50.0, 10.0);
 }
 
-TEST_F(Samples, AClockThatWasSetIsFollowedOnceItIsCertainAndWhatIsDroppedIsCounted) {
+TEST_F(Samples, AfterAClockChangeSamplesAreDroppedAndCountedUntilItIsConfirmed) {
   send(2000);
   offset_ns += 60 * kSecond;
   send(1000);
@@ -92,7 +92,7 @@ TEST_F(Samples, ANewConnectionMayHaveANewClock) {
   EXPECT_NEAR(error_ms(bus.written.back()), 0.0, 2.0);
 }
 
-TEST_F(Samples, GoOutAsTheyAreWhereTheDriverSaysSo) {
+TEST_F(Samples, ArePublishedUnchangedIfTheDriverRequestsIt) {
   Io as_given(bus, host, status, {.device = "Range", .map_device_time = false});
   wire::RangeSample sample{};
   sample.device_time_ns = 42;
@@ -103,7 +103,7 @@ TEST_F(Samples, GoOutAsTheyAreWhereTheDriverSaysSo) {
   EXPECT_EQ(bus.written[1].device_time_ns, 41);
 }
 
-TEST_F(Samples, WhatIsDroppedIsToldInOneLine) {
+TEST_F(Samples, DroppedSamplesAreReportedInOneLine) {
   const StatusValues before = status.values();
   EXPECT_FALSE(dropped_text(before, status.values()));
   bus.refuses = true;
@@ -115,7 +115,7 @@ TEST_F(Samples, WhatIsDroppedIsToldInOneLine) {
             "dropped: 3 unreadable (last: wrong checksum); 1 out of step with the device's clock; 2 refused by DDS");
 }
 
-TEST_F(Samples, TopicsThatAreTakenReachTheDevice) {
+TEST_F(Samples, SubscribedTopicsReachTheDevice) {
   wire::CommandReply reply{};
   reply.id = 7;
   bus.replies = {reply};
@@ -126,7 +126,7 @@ TEST_F(Samples, TopicsThatAreTakenReachTheDevice) {
   EXPECT_EQ(io.matched<wire::RangeSample>(), 3U);
 }
 
-TEST(Health, SaysOnTheWireWhatWasCounted) {
+TEST(Health, PublishesTheCounts) {
   StatusValues values;
   values.state = State::kWaiting;
   values.failures = 3;

@@ -88,7 +88,7 @@ TEST(Program, PrintsTheParametersOfFrameAndDevice) {
   EXPECT_EQ(again.out, answer.out) << again.err;
 }
 
-TEST(Program, LaterSettingsWin) {
+TEST(Program, LaterSettingsHavePrecedence) {
   const bregma::test::TemporaryFolder folder;
   std::ofstream(folder / "sensor.toml") << "gain = 3.0\ndomain_id = 1\ndevice = \"File\"\n";
   Sensor sensor;
@@ -100,7 +100,7 @@ TEST(Program, LaterSettingsWin) {
   EXPECT_EQ(sensor.prepared.device, "File");
 }
 
-TEST(Program, BadInputIsAnsweredWithASentenceAndTwo) {
+TEST(Program, InvalidInputGivesATextAndExitCodeTwo) {
   const bregma::test::TemporaryFolder folder;
   std::ofstream(folder / "bad.toml") << "[reconnect]\nfirst_s = -1.0\n";
   const struct {
@@ -140,7 +140,7 @@ TEST(Program, EndsWithTheDevice) {
 }
 
 // What is dropped between two reports is in the log.
-TEST(Program, ReportsWhatWasSkipped) {
+TEST(Program, ReportsSkippedInput) {
   Sensor sensor;
   sensor.on_read = [](Io &io) {
     io.skipped(12, "wrong checksum");
@@ -196,7 +196,7 @@ TEST_P(Interrupted, WhileItWaitsForTheNextAttempt) {
   EXPECT_EXIT(expect_prompt_end(sensor), testing::ExitedWithCode(kExitDone), "no answer; next attempt in");
 }
 
-TEST_P(Interrupted, ADeviceThatDoesNotReturnIsLeftBehind) {
+TEST_P(Interrupted, ADeviceThatDoesNotReturnIsAbandoned) {
   Sensor sensor;
   sensor.on_read = [](Io &) -> Outcome<Progress> {
     interrupt();

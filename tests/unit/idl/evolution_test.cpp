@@ -106,7 +106,7 @@ TEST(Evolution, AnEarlierFrameHasZerosWhereItHasNoFields) {
   }
 }
 
-TEST(Evolution, ALaterFrameIsReadWithoutWhatItAdds) {
+TEST(Evolution, ALaterFrameIsReadWithoutItsAdditionalFields) {
   Bus<later_TrackerFrame, wire::TrackerFrame> bus;
   auto sent = frame_with_tools<later_TrackerFrame>();
   std::uint8_t notes[5] = {1, 2, 3, 4, 5};
@@ -173,7 +173,7 @@ TEST(Evolution, ACommandOfALaterRevisionArrivesWithItsKindSoThatItCanBeRefused) 
   EXPECT_EQ(wire::malformed(*read), "command 27 is not known");
 }
 
-TEST(Evolution, ACommandOfAnEarlierRevisionIsCarriedOut) {
+TEST(Evolution, ACommandOfAnEarlierRevisionIsExecuted) {
   Bus<earlier_Command, wire::Command> bus;
   earlier_Command sent{};
   (void)wire::set_name(sent.client, "old-client");
@@ -225,7 +225,7 @@ TEST(Evolution, AnAlarmInALaterStateArrives) {
 }
 
 // Such a change makes a new generation: both sides see no peer on the topic, and only the version gives the reason.
-TEST(Evolution, WhatCannotGrowDoesNotMatch) {
+TEST(Evolution, TypesThatCannotGrowDoNotMatch) {
   EXPECT_TRUE((Bus<earlier_FinalStruct, earlier_FinalStruct>().matched())) << "with itself it does";
   EXPECT_FALSE((Bus<later_FinalStruct, earlier_FinalStruct>().matched(500ms))) << "a field more in a @final struct";
   EXPECT_FALSE((Bus<earlier_FinalStruct, later_FinalStruct>().matched(500ms)));
@@ -247,7 +247,7 @@ TEST(WireVersion, IsAnnouncedAndReadBack) {
   EXPECT_FALSE(wire::version_from("2.0 "));
 }
 
-TEST(Peers, NameThoseOfAnotherGenerationAsLongAsTheyAreThere) {
+TEST(Peers, NameParticipantsOfAnotherGenerationWhileTheyArePresent) {
   const dds::Participant ours(own_domain());
   dds::Peers peers(ours);
   const auto text_becomes = [&](const std::string &wanted) {
@@ -298,7 +298,7 @@ TEST(Commands, EveryRowOfTheTableCanBeFilledCheckedAndNamed) {
   EXPECT_EQ(wire::kCommands.size(), std::size_t{bregma_wire_COMMAND_RESET_ROBOT}) << "the kinds of control.idl";
 }
 
-TEST(Commands, ValuesThatDoNotFitAreNamed) {
+TEST(Commands, InvalidValuesAreNamed) {
   wire::Command command{};
   EXPECT_EQ(wire::fill_command(command, 99, {}), "command 99 is not known");
   EXPECT_EQ(wire::fill_command(command, bregma_wire_COMMAND_CLOSE_CASE, {"x"}), "CLOSE_CASE takes 0 values, not 1");

@@ -98,7 +98,7 @@ TEST(Faults, AFloodMultipliesOneDevicesRate) {
   EXPECT_NEAR(static_cast<double>(run.all.robot_states.size()), 400, 2);
 }
 
-TEST(Faults, BadSamplesAreBadAsNamed) {
+TEST(Faults, FaultySamplesHaveTheNamedFault) {
   const auto run = [](const std::string &sample) {
     return run_with("[[faults]]\nkind = \"bad_samples\"\nsample = \"" + sample + "\"\ncount = 7\nafter_s = 1\n", 2.0);
   };
@@ -139,7 +139,7 @@ TEST(Faults, BadSamplesAreBadAsNamed) {
   all("unknown_device", n + 7, [](const Frame &f, const Frame &) { return wire::view(f.device) == "Stranger"; });
 }
 
-TEST(Faults, DoNotChangeWhatElseHappens) {
+TEST(Faults, DoNotChangeOtherEvents) {
   const Recording clean = run_with("");
   const Recording occluded =
       run_with("[[faults]]\nkind = \"occlusion\"\ntool = \"Stylus\"\nafter_s = 1\nduration_s = 0.5\n");

@@ -52,7 +52,7 @@ private:
 
 } // namespace
 
-TEST_F(Program, SaysThatNoDaemonCameAndEndsWithOne) {
+TEST_F(Program, WithoutADaemonItEndsWithExitCodeOne) {
   const auto process = start(room({"--timeout", "0.2"}));
   EXPECT_EQ(process->wait(60.0), 1) << process->log();
   EXPECT_NE(process->log().find("waiting for bregmad on domain"), std::string::npos) << process->log();
@@ -68,7 +68,7 @@ TEST_F(Program, EndsCleanlyByASignalWhileItWaits) {
   EXPECT_EQ(process->wait(60.0), 0) << process->log();
 }
 
-TEST_F(Program, RefusesBadInputWithTwoAndAReason) {
+TEST_F(Program, InvalidInputGivesExitCodeTwoAndAReason) {
   write("scenario.toml", "[tracker]\nrate_hz = 5\n[[steps]]\ndo = \"load_case\"\n");
   auto process = start(room());
   EXPECT_EQ(process->wait(60.0), 2);

@@ -103,7 +103,7 @@ private:
   std::int64_t now_ns_ = kStart_ns;
 };
 
-TEST(ForceSensor, FeelsADentThenACutThenFrictionBackwards) {
+TEST(ForceSensor, MeasuresIndentationCuttingAndReverseFriction) {
   const TissueParameters truth;
   BallOfBrain ball;
   EXPECT_NEAR(ball.drive(-20.0, 0.0), 0.0, 0.002);
@@ -116,7 +116,7 @@ TEST(ForceSensor, FeelsADentThenACutThenFrictionBackwards) {
   EXPECT_NEAR(ball.drive(39.0, 29.0), -slow * 34.0 * truth.friction_N_per_mm, 0.002);
 }
 
-TEST(ForceSensor, ABrokenSurfaceLetsTheProbeThroughAWholeOneDoesNot) {
+TEST(ForceSensor, ARupturedSurfaceHasNoResistanceAnIntactOneHas) {
   BallOfBrain ball;
   (void)ball.drive(-2.0, 20.0);
   (void)ball.drive(20.0, -2.0);
@@ -127,7 +127,7 @@ TEST(ForceSensor, ABrokenSurfaceLetsTheProbeThroughAWholeOneDoesNot) {
   EXPECT_NEAR(beside_N, hertz_N({}, 4.75 - 1.2), 0.01);
 }
 
-TEST(RangeSensor, MeasuresTheWayToTheSkin) {
+TEST(RangeSensor, MeasuresTheDistanceToTheSkin) {
   PatientParameters flat;
   flat.skin_sigma_mm = 0.0;
   const Patient patient(make_case(), flat, kRobotSeed);

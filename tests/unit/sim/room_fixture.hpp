@@ -44,7 +44,7 @@ struct Recording {
   RoomOutput all;
   std::vector<std::int64_t> frame_arrivals_ns; // when advance() gave frames[i]
   double seconds = 0.0;
-  [[nodiscard]] std::string told() const; // the events, one per line
+  [[nodiscard]] std::string events_text() const; // the events, one per line
 };
 
 // Runs until the script has ended, or for this number of seconds.

@@ -37,7 +37,7 @@ TEST(SimulatedRoom, SameSeedSameBytes) {
   EXPECT_FALSE(same_bytes(one.all.truths, other.all.truths));
 }
 
-TEST(SimulatedRoom, TheStepsInWhichTimeIsToldDoNotMatter) {
+TEST(SimulatedRoom, TheResultIsIndependentOfTheTimeSteps) {
   const auto alone = [](std::int64_t step_ns) {
     SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nduration_s = 3\n"), 4);
     return play_for(room, 2.0, step_ns);
@@ -106,7 +106,7 @@ TEST(SimulatedRoom, LosesTheStatedShareOfFrames) {
   EXPECT_EQ(run.all.frames.back().frame - run.all.frames.front().frame + 1 - lost, run.all.frames.size());
 }
 
-TEST(SimulatedRoom, KnowsWhenItHasSomethingToDoNext) {
+TEST(SimulatedRoom, GivesTheTimeOfTheNextEvent) {
   SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nduration_s = 9\n"), 4);
   RoomOutput out;
   std::size_t frames = 0;

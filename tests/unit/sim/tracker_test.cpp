@@ -111,7 +111,7 @@ TEST(OpticalTracker, LosesMarkersBehindTheHead) {
   EXPECT_EQ(bits(setting.tracker.look(*setting.patient.tool("Stylus"), free).seen), 4);
 }
 
-TEST(OpticalTracker, SaysWhichMarkersItUsed) {
+TEST(OpticalTracker, ReportsTheUsedMarkers) {
   Setting setting;
   const Vector3d camera = setting.patient.camera_mm();
   const Vector3d centre = setting.patient.head.centre_mm();
@@ -134,7 +134,7 @@ TEST(OpticalTracker, SaysWhichMarkersItUsed) {
   EXPECT_TRUE(partly) << "the edge of the head hides one marker after the other";
 }
 
-TEST(OpticalTracker, CoveringAToolDoesNotChangeTheNoiseOfWhatFollows) {
+TEST(OpticalTracker, CoveringAToolDoesNotChangeLaterNoise) {
   Setting one;
   Setting other;
   const auto T = one.stylus(10.0);
