@@ -21,7 +21,7 @@ TEST(ForceLine, AReadingIsParsed) {
   EXPECT_DOUBLE_EQ(good->force_N[2], 0.1);
 }
 
-// Worked by hand: F ^ R ^ C is 0x57, of five commas one remains (0x2C), of five zeros one (0x30).
+// Computed by hand: F ^ R ^ C is 0x57, of five commas one remains (0x2C), of five zeros one (0x30).
 TEST(ForceLine, TheChecksumFollowsNmea) { EXPECT_TRUE(parse("$FRC,0,0,0,0,0*4B")); }
 
 TEST(ForceLine, EveryDefectIsNamed) {

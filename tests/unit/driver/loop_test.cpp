@@ -124,7 +124,7 @@ TEST_F(Loop, ASilentConnectionCountsAsLost) {
       EXPECT_TRUE(io.publish(sample));
       return bus.written.size() == 30 ? Progress::kFinished : Progress::kContinue;
     }
-    return Progress::kContinue; // nothing came
+    return Progress::kContinue; // no bytes arrived
   };
   EXPECT_EQ(run({.silence_ns = 2 * kSecond}), Ending::kDone);
   EXPECT_EQ(status.values().connections, 2U);
