@@ -104,7 +104,7 @@ struct Peers::Impl {
   Entity publications;
   Entity subscriptions;
   std::map<Guid, std::optional<wire::Announcement>> announced; // per participant
-  std::map<Guid, Endpoint> endpoints;                          // of Bregma's topics
+  std::map<Guid, Endpoint> endpoints;                          // endpoints of Bregma's topics
 };
 
 Peers::Peers(const Participant &participant) : impl_(std::make_unique<Impl>(participant)) { update(); }

@@ -102,7 +102,7 @@ public:
         out.push_back(std::chrono::duration<double, std::micro>(Clock::now() - began).count());
         ++done;
       } else if (++lost > kMaxLost) { // best effort: some may be lost, at first until the echo process has matched
-        throw std::runtime_error("samples do not come back");
+        throw std::runtime_error("samples are not returned");
       }
     }
   }

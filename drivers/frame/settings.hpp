@@ -10,7 +10,7 @@ namespace bregma::driver {
 
 struct Settings {
   std::string device;         // on the wire
-  std::int64_t domain_id = 0; // of DDS
+  std::int64_t domain_id = 0; // DDS domain
   LogLevel log_level = LogLevel::kInfo;
   double first_delay_s = 0.5;
   double max_delay_s = 10.0;

@@ -26,7 +26,7 @@ struct StatusValues {
   std::uint64_t refused = 0;                   // samples that DDS refused
   std::uint64_t out_of_step = 0;               // samples whose device time contradicts the device's clock
   std::uint64_t skipped = 0;                   // parts of the input that the protocol could not read
-  std::string skip_reason;                     // of the latest
+  std::string skip_reason;                     // reason of the latest skip
   std::string failure;                         // the latest failure; empty if there was none
   double clock_offset_ms = geometry::kUnknown; // host minus device
   double clock_drift_ppm = geometry::kUnknown;

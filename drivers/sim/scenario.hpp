@@ -79,7 +79,7 @@ struct RobotParameters {
 // Parameters of the brain for the force on the probe.
 struct TissueParameters {
   double young_Pa = 3000.0;   // stiffer than in the daemon ([thesis]: 2100), to test its force correction
-  double tip_radius_mm = 3.0; // of the probe
+  double tip_radius_mm = 3.0; // radius of the probe's tip
   double rupture_N = 0.12;    // rupture force of the surface
   double cutting_N = 0.06;    // force at the tip after the rupture
   double friction_N_per_mm = 0.0006;
