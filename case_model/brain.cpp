@@ -35,8 +35,8 @@ std::optional<Eigen::Vector3d> centre_of(const casefile::Case &c, const surface:
   return trajectory == nullptr ? std::nullopt : std::optional(way_into(brain, *trajectory));
 }
 
-// Below this step the model makes tetrahedra heavier: what was refined then costs no more steps than the lattice, by a
-// few grams of mass at the entry.
+// Below this step the model adds mass to tetrahedra. The refinement then needs no more steps than the lattice, at the
+// cost of a few grams of mass at the entry.
 double min_step_s(const Brain &brain) {
   return kMinStepFraction * tissue::stable_step_s(brain.filled.lattice_stable_length_mm, brain.material);
 }

@@ -3,7 +3,7 @@ add_library(bregma_settings INTERFACE)
 target_include_directories(bregma_settings INTERFACE
   $<BUILD_INTERFACE:${CMAKE_SOURCE_DIR}> $<INSTALL_INTERFACE:${BREGMA_INCLUDE_DIR}>)
 target_compile_features(bregma_settings INTERFACE cxx_std_20)
-# x86-64-v2: every 64-bit machine a hospital may still have. Faster code is chosen by the release-v3 preset.
+# x86-64-v2 runs on every 64-bit machine in use. The release-v3 preset selects faster code.
 set(BREGMA_MARCH "x86-64-v2" CACHE STRING "Instruction set to build for")
 # Programs that link the package are built for it as well: Eigen's alignment depends on it.
 target_compile_options(bregma_settings INTERFACE -march=${BREGMA_MARCH})

@@ -45,7 +45,7 @@ constexpr std::array<std::span<const CommandField>, 14> kForms{
     {{}, {}, kFolder, kTool, kTouch, kPoint, kPlan, kAlarm, kDevice, kStep, kSeries, kCoils, kScan, kMotion}};
 static_assert(kForms.size() == bregma_wire_FORM_MOTION + 1);
 
-// The body's memory at a field: what the C compiler made of the union has standard layout.
+// The body's memory at a field. The union of the C compiler has standard layout.
 char *at(CommandBody &body, const CommandField &field) noexcept {
   return reinterpret_cast<char *>(&body) + field.offset;
 }

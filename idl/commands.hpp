@@ -1,8 +1,8 @@
-// The table of commands: what each is called and which body it carries. Whoever makes, checks, names or prints a
-// command reads it here: command line, session, simulator, tests. A new command is one constant and perhaps one form in
-// control.idl, one row below, and for a new form its fields in commands.cpp.
+// The table of commands with the name and body of each. Command line, session, simulator and tests use it to make,
+// check, name and print commands. A new command needs one constant and possibly one form in control.idl, one row below,
+// and for a new form its fields in commands.cpp.
 //
-// Threads: any. The functions that return a sentence return an empty one when nothing is wrong.
+// Threads: any. Functions that return an error sentence return an empty one on success.
 #pragma once
 
 #include <array>
@@ -21,7 +21,7 @@ inline constexpr std::string_view kDaemonName = "bregmad";
 
 struct CommandField {
   enum class Type : std::uint8_t { kName, kPath, kNumber, kCount }; // Name, string<1023>, double, unsigned long
-  const char *label;                                                // for a person
+  const char *label;                                                // shown to users
   Type type;
   std::size_t offset; // in CommandBody
   bool may_be_empty = false;
@@ -65,10 +65,10 @@ inline constexpr std::array kCommands{
     BREGMA_COMMAND(RESET_ROBOT, "reset the robot's stop", DEVICE)};
 #undef BREGMA_COMMAND
 
-// The fields of a form, in the order in which values are given. Empty also for a form that this program does not know.
+// The fields of a form, in the order of the values. Empty also for a form that is unknown to this program.
 [[nodiscard]] std::span<const CommandField> fields_of(CommandForm form) noexcept;
 
-// nullptr: this program does not know the kind.
+// nullptr if the kind is unknown to this program.
 [[nodiscard]] constexpr const CommandEntry *find_command(CommandKind kind) noexcept {
   for (const CommandEntry &entry : kCommands) {
     if (entry.kind == kind) {
@@ -78,21 +78,21 @@ inline constexpr std::array kCommands{
   return nullptr;
 }
 
-// "CAPTURE_FIDUCIAL"; "command 77" for a kind that this program does not know.
+// "CAPTURE_FIDUCIAL"; "command 77" for a kind that is unknown to this program.
 [[nodiscard]] std::string command_name(CommandKind kind);
 
 // The text of a name or a path.
 [[nodiscard]] std::string_view text_of(const CommandBody &body, const CommandField &field) noexcept;
 
-// Sets kind and body from values in the order of fields_of(); values that are left out are empty.
+// Sets kind and body from values in the order of fields_of(). Missing values are empty.
 [[nodiscard]] std::string fill_command(Command &out, CommandKind kind, std::span<const std::string_view> values);
 [[nodiscard]] inline std::string fill_command(Command &out, CommandKind kind,
                                               std::initializer_list<std::string_view> values) {
   return fill_command(out, kind, std::span(values.begin(), values.size()));
 }
 
-// What is wrong with a command of a known kind that came over the wire: the form of its body, a name without an end, a
-// number that is not finite. Whether the names exist is for the receiver to judge.
+// The error in a received command of a known kind: the form of its body, an unterminated name, a number that is not
+// finite. The receiver checks whether the names exist.
 [[nodiscard]] std::string malformed(const Command &command);
 
 } // namespace bregma::wire

@@ -21,7 +21,7 @@ using QosPtr = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
 
 QosPtr make_qos(const wire::Qos &qos) {
   QosPtr out(dds_create_qos(), &dds_delete_qos);
-  // Topics that keep the last value are written by loops: such a write never waits for a slow reader.
+  // Loops write the topics that keep the last value: such a write never waits for a slow reader.
   dds_qset_reliability(out.get(), qos.reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
                        qos.depth > 0 ? 0 : DDS_MSECS(100));
   dds_qset_durability(out.get(), qos.transient_local ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
@@ -36,12 +36,12 @@ QosPtr make_qos(const wire::Qos &qos) {
   if (qos.lease_ns > 0) {
     dds_qset_liveliness(out.get(), DDS_LIVELINESS_AUTOMATIC, qos.lease_ns);
   }
-  // Several writers of one instance must not hide each other, and a writer's end must not end what it said.
+  // Several writers of one instance must not hide each other, and samples must remain valid after their writer ends.
   dds_qset_writer_data_lifecycle(out.get(), false);
   return out;
 }
 
-// A domain's settings can be given only once a process, before its first participant.
+// A domain's settings can be set only once per process, before its first participant.
 void ensure_domain(std::uint32_t domain_id) {
   static std::mutex mutex;
   static std::map<std::uint32_t, Entity> domains;
@@ -140,7 +140,7 @@ ReaderStatus status(const Entity &reader) noexcept {
 
 void take(const Entity &reader, Batch &batch) noexcept {
   dds_sample_info_t infos[kBatch];
-  batch.samples[0] = nullptr; // asks for a loan
+  batch.samples[0] = nullptr; // requests a loan
   batch.count = dds_take(reader.handle(), batch.samples, infos, kBatch, kBatch);
   for (int i = 0; i < batch.count; ++i) {
     batch.infos[i] = {infos[i].source_timestamp, infos[i].publication_handle};

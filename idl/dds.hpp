@@ -23,7 +23,7 @@ public:
   using std::runtime_error::runtime_error;
 };
 
-// One handle of Cyclone's, deleted with its owner.
+// A Cyclone handle, deleted with its owner.
 class Entity {
 public:
   explicit Entity(std::int32_t handle = 0) noexcept : handle_(handle) {}
@@ -38,12 +38,12 @@ private:
   std::int32_t handle_;
 };
 
-// Cyclone's settings when CYCLONEDDS_URI names none: loopback only, discovery without multicast. A network is joined
-// only by saying so.
+// Cyclone's settings without CYCLONEDDS_URI: loopback only, discovery without multicast. A network must be configured
+// explicitly.
 [[nodiscard]] const char *default_configuration();
 
 // domain_id: 0 to 230; processes on different domains do not see each other.
-// announced: what the participant says of itself in its USER_DATA; tests alone say anything but the truth.
+// announced: the participant's USER_DATA. Only tests announce another version than their own.
 class Participant {
 public:
   explicit Participant(std::uint32_t domain_id, const wire::Announcement &announced = wire::own_announcement());
@@ -55,13 +55,13 @@ private:
 
 struct SampleInfo {
   std::int64_t source_time_ns; // the writer's host clock
-  std::uint64_t writer;        // differs between writers, so that a restarted driver is noticed
+  std::uint64_t writer;        // differs between writers, so that a restarted driver is detected
 };
 
 struct ReaderStatus {
-  std::uint32_t deadlines_missed; // in all
-  std::uint32_t writers_alive;    // now
-  std::uint32_t writers_lost;     // in all: by end of process or of its lease
+  std::uint32_t deadlines_missed; // in total
+  std::uint32_t writers_alive;    // currently
+  std::uint32_t writers_lost;     // in total: by end of the process or of its lease
 };
 
 namespace detail {
@@ -90,8 +90,8 @@ public:
   explicit Writer(const Participant &participant, const wire::Qos &qos = wire::Topic<T>::kQos)
       : entity_(detail::make_writer(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
 
-  // Serialises and sends on the caller's thread. False when Cyclone refused the sample (a malformed one, or a
-  // keep-all cache that stayed full): the caller counts it.
+  // Serialises and sends on the caller's thread. False if Cyclone refused the sample (a malformed one, or a full
+  // keep-all cache). The caller counts refused samples.
   [[nodiscard]] bool write(const T &sample) const noexcept { return detail::write(entity_, &sample); }
   [[nodiscard]] std::uint32_t matched_readers() const noexcept { return detail::matched_readers(entity_); }
 
@@ -105,7 +105,7 @@ public:
       : entity_(detail::make_reader(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
 
   // Calls visit(const T &, const SampleInfo &) for every sample that has arrived since the last call, oldest first.
-  // The samples are on loan: they are gone when visit returns. Returns their number.
+  // The samples are on loan and valid only during visit. Returns their number.
   template <class Visit> std::size_t take_each(Visit &&visit) {
     std::size_t total = 0;
     detail::Batch batch;
@@ -143,14 +143,14 @@ private:
   Entity entity_;
 };
 
-// Sleeps until data arrive, a deadline is missed, a writer is lost, a guard is raised, or time runs out.
+// Sleeps until data arrive, a deadline is missed, a writer is lost, a guard is raised, or the timeout expires.
 class WaitSet {
 public:
   explicit WaitSet(const Participant &participant);
   template <class T> void attach(const Reader<T> &reader) { attach(reader.entity()); }
   void attach(const Entity &reader);
   void attach(const Guard &guard);
-  // True when something happened, false when the timeout ran out. Negative timeouts return at once.
+  // True after an event, false after the timeout. Negative timeouts return at once.
   bool wait(std::chrono::nanoseconds timeout) const noexcept;
 
 private:

@@ -1,4 +1,4 @@
-// Names and poses as they stand on the wire, and their values in C++. The one border between the two.
+// Conversion between names and poses in DDS messages and their C++ values. No other file converts them.
 #pragma once
 
 #include <algorithm>
@@ -15,7 +15,7 @@ namespace bregma::wire {
 inline constexpr std::size_t kNameLength = sizeof(Name) - 1; // bytes, without the NUL
 using geometry::kUnknown;
 
-// False, and name untouched, when the text is too long: a name is never cut.
+// False, with name unchanged, if the text is too long: a name is never truncated.
 [[nodiscard]] inline bool set_name(Name &name, std::string_view text) noexcept {
   if (text.size() > kNameLength) {
     return false;
@@ -33,7 +33,7 @@ using geometry::kUnknown;
 [[nodiscard]] inline std::string_view view(const Name &name) noexcept { return {name, strnlen(name, sizeof(Name))}; }
 [[nodiscard]] inline std::string text(const Name &name) { return std::string(view(name)); }
 
-// A person's message in a bounded string; the end of a text that is too long is replaced by "...".
+// A message for users in a bounded string. A text that is too long ends with "...".
 template <std::size_t N> void set_text(char (&out)[N], std::string_view message) noexcept {
   static_assert(N > 4);
   const std::size_t length = std::min(message.size(), N - 1);
@@ -50,7 +50,7 @@ template <class Target, class Source> [[nodiscard]] Pose to_wire(const geometry:
   return {{q.w(), q.x(), q.y(), q.z()}, {t.x(), t.y(), t.z()}};
 }
 
-// The pose must have passed the border check: finite, unit quaternion. The caller states the frames.
+// Precondition: the pose has passed the input check (finite, unit quaternion). The caller states the frames.
 template <class Target, class Source>
 [[nodiscard]] geometry::Rigid3<Target, Source> from_wire(const Pose &pose) noexcept {
   const auto &q = pose.rotation_wxyz;
@@ -58,7 +58,7 @@ template <class Target, class Source>
   return {Eigen::Quaterniond(q[0], q[1], q[2], q[3]), Eigen::Vector3d(t[0], t[1], t[2])};
 }
 
-// Row and column of an entry of PoseCovariance are those of the upper triangle, row by row: 00 01 .. 05 11 12 .. 55.
+// Entries of PoseCovariance are those of the upper triangle, row by row: 00 01 .. 05 11 12 .. 55.
 [[nodiscard]] constexpr std::size_t upper_index(std::size_t row, std::size_t column) noexcept {
   return row * 6 - row * (row + 1) / 2 + column;
 }

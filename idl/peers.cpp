@@ -25,7 +25,7 @@ bool is_topic(std::string_view name) {
   return std::find(std::begin(kNames), std::end(kNames), name) != std::end(kNames);
 }
 
-// Keeps the texts that a stranger chose short and printable.
+// Keeps texts from unknown participants short and printable.
 std::string printable(std::string text) {
   constexpr std::size_t kLongest = 63;
   text.resize(std::min(text.size(), kLongest));
@@ -53,7 +53,7 @@ Entity make_reader(const Participant &participant, dds_entity_t topic) {
   return Entity(handle);
 }
 
-// Calls visit(sample, alive) for all that a reader of a built-in topic has got.
+// Calls visit(sample, alive) for all samples of a reader of a built-in topic.
 template <class Sample, class Visit> void take_builtin(const Entity &reader, Visit &&visit) {
   constexpr int kBatch = 32;
   int count = kBatch;
@@ -103,8 +103,8 @@ struct Peers::Impl {
   Entity participants;
   Entity publications;
   Entity subscriptions;
-  std::map<Guid, std::optional<wire::Announcement>> announced; // by participant
-  std::map<Guid, Endpoint> endpoints;                          // of Bregma's topics
+  std::map<Guid, std::optional<wire::Announcement>> announced; // per participant
+  std::map<Guid, Endpoint> endpoints;                          // endpoints of Bregma's topics
 };
 
 Peers::Peers(const Participant &participant) : impl_(std::make_unique<Impl>(participant)) { update(); }
@@ -129,7 +129,7 @@ std::vector<Peer> Peers::of_another_wire() const {
   for (const auto &[key, endpoint] : impl_->endpoints) {
     const auto found = impl_->announced.find(endpoint.participant);
     if (found == impl_->announced.end()) {
-      continue; // the participant itself has not been heard of yet, or is gone
+      continue; // the participant itself is not known yet, or has ended
     }
     const auto &announcement = found->second;
     if (announcement && announcement->version.generation == wire::kWireVersion.generation) {
@@ -153,7 +153,7 @@ std::string other_wire_text(const std::vector<Peer> &peers) {
   std::string out;
   for (const Peer &peer : peers) {
     const std::string text = peer.text();
-    if (out.find(text) == std::string::npos) { // several of one kind are said once
+    if (out.find(text) == std::string::npos) { // several of one kind are reported once
       out += text + ", ";
     }
   }

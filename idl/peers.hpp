@@ -1,8 +1,8 @@
-// Who else is on the domain, and which wire it speaks: from what every participant announces in its USER_DATA and from
-// the topics that its endpoints use. Types of another generation do not match, so that without this both sides would
-// see silence and no reason for it.
+// Other participants on the domain and their wire version, from their USER_DATA and the topics of their endpoints.
+// Types of another generation do not match, so without this check both sides would receive no data for no visible
+// reason.
 //
-// Threads: one at a time. Errors: the constructor throws dds::Error; update() never throws for what is on the wire.
+// Threads: one at a time. Errors: the constructor throws dds::Error. update() does not throw for any received data.
 #pragma once
 
 #include <map>
@@ -17,7 +17,7 @@ namespace bregma::dds {
 
 struct Peer {
   std::string program;                      // empty: not stated
-  std::optional<wire::WireVersion> version; // nothing: it states none
+  std::optional<wire::WireVersion> version; // empty: not stated
   bool is_daemon = false;                   // it writes SystemHealth
 
   // "bregmad speaks wire 3.0"; "a program that states no wire version is here".
@@ -31,7 +31,7 @@ public:
   Peers(const Peers &) = delete;
   Peers &operator=(const Peers &) = delete;
 
-  // Takes in who has come and gone.
+  // Updates the list of participants.
   void update();
   // Participants that write or read a topic of the table (idl/topics.hpp) but not in this program's generation.
   [[nodiscard]] std::vector<Peer> of_another_wire() const;

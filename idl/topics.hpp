@@ -1,4 +1,4 @@
-// The topic table: every topic of Bregma with its name, its type and its quality of service, in one place.
+// The topic table: name, type and quality of service of every topic of Bregma.
 #pragma once
 
 #include <cstdint>
@@ -51,22 +51,22 @@ struct Qos {
   bool reliable;
   bool transient_local;
   int depth;                // samples kept per instance; 0 keeps all
-  std::int64_t deadline_ns; // 0: none. A reader is told when an instance is silent for longer.
-  std::int64_t lease_ns;    // liveliness, automatic; 0: none. A dead process is noticed after this time.
+  std::int64_t deadline_ns; // 0: none. The reader is notified if an instance is silent for longer.
+  std::int64_t lease_ns;    // liveliness, automatic; 0: none. A dead process is detected after this time.
 };
 
 inline constexpr std::int64_t kMillisecond_ns = 1'000'000;
 
 namespace qos {
-// Streams: an old sample is worth nothing, so none is sent twice; a silent device is a lost device.
+// Streams: old samples are useless, so samples are not sent again. A silent device counts as lost.
 inline constexpr Qos kTracker{false, false, 8, 200 * kMillisecond_ns, 1'000 * kMillisecond_ns};
 inline constexpr Qos kSensor{false, false, 8, 500 * kMillisecond_ns, 1'000 * kMillisecond_ns};
 inline constexpr Qos kTruth{false, false, 64, 0, 0};
 inline constexpr Qos kBulkIn{true, false, 4, 0, 0};
-// State: the last value of each instance, also for those that come late. Depth 1 is what keeps a stalled client from
-// filling the writer's cache: the next value replaces the last.
+// State: the last value of each instance, also for readers that join late. With depth 1 a stalled client cannot fill
+// the writer's cache: the next value replaces the last one.
 inline constexpr Qos kState{true, true, 1, 0, 1'000 * kMillisecond_ns};
-// A late display can still draw the whole trace.
+// A display that joins late can draw the complete trace.
 inline constexpr Qos kCaptures{true, true, 1024, 0, 1'000 * kMillisecond_ns};
 inline constexpr Qos kControl{true, false, 0, 0, 0};
 } // namespace qos

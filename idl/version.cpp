@@ -9,7 +9,7 @@ namespace {
 constexpr std::string_view kWire = "bregma.wire=";
 constexpr std::string_view kProgram = ";program=";
 
-// Takes a number off the front of text.
+// Removes a number from the front of text.
 bool take_number(std::string_view &text, std::uint32_t &out) {
   const auto [end, code] = std::from_chars(text.data(), text.data() + text.size(), out);
   text.remove_prefix(static_cast<std::size_t>(end - text.data()));

@@ -1,5 +1,5 @@
-// The version of the wire, and how a participant announces it (docs/wire.md). Programs of one generation understand
-// each other; a later revision only adds.
+// The version of the wire and its announcement by participants (docs/wire.md). Programs of one generation are
+// compatible; a later revision only adds.
 #pragma once
 
 #include <compare>
@@ -22,16 +22,16 @@ inline constexpr WireVersion kWireVersion{bregma_wire_WIRE_GENERATION, bregma_wi
 [[nodiscard]] std::string text_of(const WireVersion &version); // "2.0"
 [[nodiscard]] std::optional<WireVersion> version_from(std::string_view text);
 
-// What a participant puts into its USER_DATA: "bregma.wire=2.0;program=bregmad".
+// A participant's USER_DATA: "bregma.wire=2.0;program=bregmad".
 struct Announcement {
   WireVersion version = kWireVersion;
   std::string program;
 };
 [[nodiscard]] std::string to_user_data(const Announcement &announcement);
-// Nothing for what is no announcement: another vendor's program, or a release before wire 2.0.
+// Empty if the text is not an announcement: another vendor's program, or a release before wire 2.0.
 [[nodiscard]] std::optional<Announcement> from_user_data(std::string_view data);
 
-// The program's own: this wire, under the name of its file.
+// The program's own announcement: this wire version and the name of its file.
 [[nodiscard]] Announcement own_announcement();
 
 } // namespace bregma::wire

@@ -32,9 +32,9 @@ struct Config {
   } realtime;
 };
 
-// The declaration of all of them; config must outlive the set.
+// Declares all parameters. config must outlive the set.
 [[nodiscard]] base::ParameterSet declare(Config &config);
-// What ranges alone cannot say; errors name key and value.
+// Checks beyond ranges. Errors name key and value.
 [[nodiscard]] base::Result<void> check(Config &config);
 
 } // namespace bregma::server

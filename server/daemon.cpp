@@ -60,7 +60,7 @@ private:
   asio::thread_pool workers_{1}; // pivot calibrations
   dds::Participant participant_;
   dds::Peers peers_;
-  std::string other_wire_; // as logged last
+  std::string other_wire_; // last logged value
   recording::Recorder recorder_;
   DdsTopics topics_;
   Wiring wiring_;
@@ -110,7 +110,7 @@ void Daemon::Impl::run() {
   watchdog.stopping();
   loops_.stop();
   workers_.join();
-  // The last word on the health topic, with what the loops counted to their end.
+  // The final message on the health topic, with the final counts of the loops.
   wiring_.find(HealthStage::kName)
       ->step({.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns(), .boot_ns = clock_.boot_ns()});
   if (const auto closed = recorder_.close(); !closed) {
@@ -118,7 +118,7 @@ void Daemon::Impl::run() {
   }
 }
 
-// The simulator's truth goes from the wire to the file on the recorder's own thread: no stage can see it.
+// Records the simulator's truth on the recorder's thread, so that no stage can read it.
 void Daemon::Impl::record_truth() {
   if (!config_.recorder.enabled || !config_.recorder.truth) {
     return;
@@ -157,7 +157,7 @@ base::Result<std::optional<std::filesystem::path>> Daemon::Impl::case_changed(co
   return file;
 }
 
-// The loops, and who speaks another wire; a change of the latter is logged.
+// Adds the loops and participants with another wire version; logs changes of the latter.
 void Daemon::Impl::complete(wire::SystemHealth &health) {
   loops_.add_health(health);
   peers_.update();

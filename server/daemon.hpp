@@ -1,5 +1,5 @@
-// bregmad: the stages (server/wiring.hpp) on their threads (server/loops.hpp) with their topics on DDS, the recorder,
-// and the main thread: signals and systemd, on one Asio context.
+// bregmad: the stages (server/wiring.hpp) on their threads (server/loops.hpp) with their DDS topics, the recorder, and
+// the main thread with signals and systemd on one Asio context.
 #pragma once
 
 #include <memory>
@@ -11,14 +11,14 @@ namespace bregma::server {
 
 class Daemon {
 public:
-  // config_toml: the complete configuration as text; it goes into every session file.
+  // config_toml: the complete configuration as text, stored in every session file.
   // Throws dds::Error, or std::invalid_argument for a configuration that check() refuses.
   Daemon(const Config &config, std::string config_toml);
   ~Daemon();
   Daemon(const Daemon &) = delete;
   Daemon &operator=(const Daemon &) = delete;
 
-  // Restores the last session, serves until SIGTERM or SIGINT, and ends cleanly. The calling thread is the main thread.
+  // Restores the last session, runs until SIGTERM or SIGINT, and ends cleanly. Call it on the main thread.
   void run();
 
 private:

@@ -23,11 +23,12 @@ public:
     }
   }
 
-  // Recorded when the stage is done with them: what it publishes does not wait for the copy.
+  // Recorded after the stage has processed them, so that its output does not wait for the copy.
   void give_back(dds::detail::Batch &batch, std::int64_t utc_ns) noexcept override {
     for (int i = 0; topic_.plain && i < batch.count; ++i) {
       if (batch.valid[i]) {
-        (void)channel_.push(topic_.name, utc_ns, bytes_of(batch.samples[i], topic_)); // counted where it is dropped
+        (void)channel_.push(topic_.name, utc_ns,
+                            bytes_of(batch.samples[i], topic_)); // dropped records are counted by the channel
       }
     }
     dds::detail::give_back(reader_, batch);
@@ -47,7 +48,7 @@ public:
       : writer_(std::move(writer)), channel_(channel), topic_(topic) {}
 
   void write(const void *sample, std::int64_t utc_ns) noexcept override {
-    (void)dds::detail::write(writer_, sample); // a sample that DDS refuses is one that the next replaces
+    (void)dds::detail::write(writer_, sample); // the next sample replaces one that DDS refused
     if (topic_.plain) {
       (void)channel_.push(topic_.name, utc_ns, bytes_of(sample, topic_));
     }

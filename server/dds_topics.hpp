@@ -1,10 +1,11 @@
-// The stages' topics in bregmad: DDS, with the recorder beside it. Everything that a stage takes or publishes goes to
-// its channel of the recorder, where it is plain bytes.
+// The stages' topics in bregmad: DDS and the recorder. All samples that a stage takes or publishes are also pushed to
+// its recorder channel, if their type is plain bytes.
 //
-// The stages write their topics themselves: handing a sample to a publisher thread costs one more wake-up, which costs
-// more than the write (docs/latency.md).
+// The stages write their topics themselves. A separate publisher thread would need another wake-up, which takes longer
+// than the write (docs/latency.md).
 //
-// Threads: made by the main thread; a link by its stage's. wake() by any.
+// Threads: the main thread constructs the topics; each link is used by the thread of its stage; any thread may call
+// wake().
 #pragma once
 
 #include <chrono>
@@ -26,8 +27,8 @@ public:
   [[nodiscard]] std::unique_ptr<Sink> sink(const TopicInfo &topic) override;
 
   [[nodiscard]] const std::string &stage() const { return stage_; }
-  // Sleeps until a sample arrives, a deadline is missed, a writer is lost, wake() is called or time runs out. True when
-  // something happened.
+  // Sleeps until a sample arrives, a deadline is missed, a writer is lost, wake() is called or the timeout expires.
+  // Returns false after the timeout.
   bool wait(std::chrono::nanoseconds timeout) const noexcept { return wait_.wait(timeout); }
   void wake() const noexcept { guard_.raise(); }
 
@@ -41,7 +42,7 @@ private:
 
 class DdsTopics final : public Topics {
 public:
-  // Both outlive the topics.
+  // Both must outlive the topics.
   DdsTopics(const dds::Participant &participant, recording::Recorder &recorder)
       : participant_(participant), recorder_(recorder) {}
   [[nodiscard]] DdsLink &link(const char *stage) override;

@@ -33,7 +33,7 @@ Loops::Loops(const std::vector<Stage *> &stages, const DdsTopics &topics, const 
                                    [stage](const DdsLink &one) { return one.stage() == stage->name(); });
     Loop &loop = loops_.emplace_back();
     loop.stage = stage;
-    loop.link = &*link; // the wiring has made one for every stage
+    loop.link = &*link; // the wiring has created one for every stage
     const Schedule &schedule = stage->schedule();
     if (!schedule.triggered) {
       loop.periodic = std::make_unique<runtime::PeriodicLoop>(
@@ -118,7 +118,7 @@ std::uint64_t Loops::overruns() const noexcept {
 }
 
 void Loops::add_health(wire::SystemHealth &health) const {
-  for (const Loop &loop : loops_) { // the wiring has refused more than there is room for
+  for (const Loop &loop : loops_) { // the wiring limits the number of loops
     const Schedule &schedule = loop.stage->schedule();
     health.loops[health.loop_count++] =
         loop.statistics().health(loop.stage->name(), schedule.triggered ? 0.0 : schedule.rate_hz);

@@ -1,10 +1,10 @@
-// The threads of the daemon: one for each stage, by its schedule.
+// The threads of the daemon: one per stage, according to its schedule.
 //
-// Deadlines of a rate are absolute; what was missed by a period or more is counted as overruns and skipped, never
-// caught up in a burst (server/runtime/loop.hpp). A triggered stage is also stepped when a sample arrives, and at its
-// wake_ns().
+// Deadlines of a rate are absolute. A deadline missed by a period or more is counted as an overrun and skipped, so that
+// there are no bursts of steps (server/runtime/loop.hpp). A triggered stage is also stepped when a sample arrives, and
+// at its wake_ns().
 //
-// Threads: construct, start and stop on the main thread; the readers from any.
+// Threads: the main thread constructs, starts and stops; any thread may read.
 #pragma once
 
 #include <atomic>
@@ -25,20 +25,20 @@ namespace bregma::server {
 
 class Loops {
 public:
-  // stages with their links among the topics'; all outlive the loops.
+  // The stages, and the topics with their links. All must outlive the loops.
   Loops(const std::vector<Stage *> &stages, const DdsTopics &topics, const runtime::Clock &clock);
   ~Loops() { stop(); }
   Loops(const Loops &) = delete;
   Loops &operator=(const Loops &) = delete;
 
-  // Begins every stage, then starts the threads. Returns when every triggered stage has made its first step.
+  // Blocks until every triggered stage, including the session, has made its first step.
   void start();
-  // Returns when every step under way is done.
+  // Blocks until all current steps are done.
   void stop();
 
-  [[nodiscard]] std::uint64_t overruns() const noexcept; // of all stages
+  [[nodiscard]] std::uint64_t overruns() const noexcept; // total of all stages
   void add_health(wire::SystemHealth &health) const;
-  // Of the stages that must advance by themselves, for a watchdog: name and count of steps.
+  // Name and number of steps of the stages that must advance by themselves, for a watchdog.
   [[nodiscard]] std::vector<std::pair<std::string, std::function<std::uint64_t()>>> heartbeats() const;
 
 private:

@@ -1,4 +1,4 @@
-// Which stage reads which output of which other stage: said here, and nowhere else.
+// Connections between the stages: which stage reads which output of which other stage.
 #include "server/wiring.hpp"
 
 #include <set>

@@ -1,5 +1,5 @@
-// All stages of the daemon, wired together (wiring.cpp). bregmad runs them on threads (server/loops.hpp); tests and
-// benchmarks run the same stages in virtual time (tests/support/virtual_loops.hpp).
+// All stages of the daemon and their connections (wiring.cpp). bregmad runs them on threads (server/loops.hpp). Tests
+// and benchmarks run the same stages in virtual time (tests/support/virtual_loops.hpp).
 #pragma once
 
 #include <memory>
@@ -15,25 +15,25 @@
 
 namespace bregma::server {
 
-// Declares the parameters of all stages; parameters outlives the set.
+// Declares the parameters of all stages. parameters must outlive the set.
 void declare_stages(base::ParameterSet &set, StageParameters &parameters);
-// What ranges alone cannot say: device names. Errors name key and value.
+// Checks beyond ranges: device names. Errors name key and value.
 [[nodiscard]] base::Result<void> check_stages(StageParameters &parameters);
 
 class Wiring {
 public:
-  // topics and host outlive the wiring. Throws std::invalid_argument for parameters that check_stages() refuses and for
-  // more stages than SystemHealth can show; dds::Error.
+  // topics and host must outlive the wiring. Throws std::invalid_argument for parameters that check_stages() refuses
+  // and for more stages than SystemHealth can contain, and dds::Error.
   Wiring(StageParameters &parameters, Topics &topics, Host &host);
   ~Wiring();
   Wiring(const Wiring &) = delete;
   Wiring &operator=(const Wiring &) = delete;
 
-  // Those that have a rate, in the order in which they are stepped where several are due at once.
+  // The stages with a rate, in the order of their steps if several are due at once.
   [[nodiscard]] const std::vector<Stage *> &stages() const { return stages_; }
-  // nullptr where there is no stage of that name.
+  // nullptr if there is no stage of that name.
   [[nodiscard]] Stage *find(std::string_view name) const;
-  // For tests: what the session's stage knows. Not while it runs on a thread.
+  // For tests: data of the session's stage. Not to be called while it runs on a thread.
   [[nodiscard]] const Session &session() const;
 
 private:

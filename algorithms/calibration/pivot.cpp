@@ -27,10 +27,10 @@ using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 // Median of |e| when each coordinate has sigma one (root of the median of chi-square with 3 degrees of freedom).
 const double kMedianOfNorm = std::sqrt(uncertainty::chi_square_upper_quantile(0.5, 3));
-// Where the biweight reaches zero, in sigmas of a coordinate. Wide on purpose: the errors of real pivots are systematic
-// (the tip creeps, the tracker errs by region), and an estimate that redescends at the usual 5 to 6 sigmas locks on to
-// one part of the recording; the halves of the public recording then disagree far beyond their covariance. At 14 only
-// what is grossly wrong loses its say.
+// Zero of the biweight, in sigmas of a coordinate. It is wide on purpose. The errors of real pivots are systematic: the
+// tip creeps, and the tracker's error depends on the region. An estimate that redescends at the usual 5 to 6 sigmas
+// locks on to one part of the recording; the halves of the public recording then disagree far beyond their covariance.
+// At 14 only gross errors lose their weight.
 constexpr double kBiweightReach = 14.0;
 constexpr double kOutlierReach = 4.0; // exceeded by 0.1 % of normal errors
 constexpr int kMaxIterations = 50;

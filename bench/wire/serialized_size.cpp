@@ -26,7 +26,7 @@ std::size_t serialized_size(const dds::Participant &participant, const dds_topic
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
-  throw dds::Error("the sample does not come back");
+  throw dds::Error("the sample was not returned");
 }
 
 } // namespace bregma::bench

@@ -1,4 +1,4 @@
-// How large a sample is on the wire. Asks Cyclone itself, by means that nothing but this benchmark needs.
+// Serialized size of a sample, from Cyclone's internal functions, which only this benchmark uses.
 #pragma once
 
 #include <cstddef>
@@ -7,7 +7,7 @@
 
 namespace bregma::bench {
 
-// Of the sample's own bytes with their encapsulation header, without RTPS and UDP headers. Throws dds::Error.
+// Bytes of the sample with its encapsulation header, without RTPS and UDP headers. Throws dds::Error.
 [[nodiscard]] std::size_t serialized_size(const dds::Participant &participant, const dds_topic_descriptor_t &descriptor,
                                           const void *sample);
 

@@ -1,5 +1,5 @@
-// What it costs that the wire's types can grow: TrackerFrame and NavigationState as they are (@appendable) beside the
-// same types as @final, in size and in the time of a round trip to another process and back, in turns within one run.
+// Cost of extensible types: TrackerFrame and NavigationState as they are (@appendable), compared with the same types as
+// @final. Size and time of a round trip to another process, measured alternately within one run.
 #include <chrono>
 #include <csignal>
 #include <cstdint>
@@ -21,10 +21,10 @@ namespace {
 
 enum Way : int { kThere, kBack };
 
-// A sample on its way to the other process or back: a type of its own, so that each has its topic.
+// A sample to the other process or from it: separate types, so that each direction has its own topic.
 template <class Sample, Way way> struct Going : Sample {};
 
-template <class Sample> struct Named; // kNames, by way
+template <class Sample> struct Named; // kNames, per direction
 #define BENCH_NAMED(Type, name)                                                                                        \
   template <> struct Named<Type> {                                                                                     \
     static constexpr const char *kNames[] = {name "There", name "Back"};                                               \
@@ -39,7 +39,7 @@ BENCH_NAMED(bregma_final_wire_NavigationState, "FinalNavigationState");
 
 template <class Sample, Way way> struct bregma::wire::Topic<Going<Sample, way>> {
   static constexpr const char *kName = Named<Sample>::kNames[way];
-  static constexpr Qos kQos = qos::kTruth; // best effort, nothing else
+  static constexpr Qos kQos = qos::kTruth; // best effort only
   static const dds_topic_descriptor_t &descriptor() { return Named<Sample>::descriptor(); }
 };
 
@@ -49,7 +49,7 @@ using namespace bregma;
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-// The other process: what comes goes back.
+// The other process returns every received sample.
 template <class Sample> class Echo {
 public:
   Echo(const dds::Participant &participant, dds::WaitSet &wait) : reader_(participant), writer_(participant) {
@@ -93,7 +93,7 @@ public:
     }
   }
 
-  // Microseconds of each of so many round trips, one after the other.
+  // Durations of `count` successive round trips, in microseconds.
   void measure(int trips, std::vector<double> &out) {
     int lost = 0;
     for (int done = 0; done < trips;) {
@@ -101,8 +101,8 @@ public:
       if (round_trip()) {
         out.push_back(std::chrono::duration<double, std::micro>(Clock::now() - began).count());
         ++done;
-      } else if (++lost > kMaxLost) { // best effort: some may be lost, and the first before the echo knows us
-        throw std::runtime_error("samples do not come back");
+      } else if (++lost > kMaxLost) { // best effort: some may be lost, at first until the echo process has matched
+        throw std::runtime_error("samples are not returned");
       }
     }
   }
@@ -129,7 +129,7 @@ private:
   dds::WaitSet wait_;
 };
 
-// No field is 0, so that nothing is cheap by chance.
+// No field is 0, so that no special case makes the copy cheaper.
 template <class Sample> Sample filled() {
   Sample out{};
   auto *bytes = reinterpret_cast<unsigned char *>(&out);
@@ -146,16 +146,16 @@ void compare(bench::Report &report, const dds::Participant &participant, const s
   const auto size = [&](const auto &descriptor, const void *sample) {
     return static_cast<double>(bench::serialized_size(participant, descriptor, sample));
   };
-  report.add(bench::beside(bench::figure(name + ", serialized", size(Named<Growing>::descriptor(), &growing), "B"),
-                           size(Named<Fixed>::descriptor(), &fixed), "@final"));
+  report.add(bench::with_peer(bench::figure(name + ", serialized", size(Named<Growing>::descriptor(), &growing), "B"),
+                              size(Named<Fixed>::descriptor(), &fixed), "@final"));
 
   Caller<Growing> growing_caller(participant, growing);
   Caller<Fixed> fixed_caller(participant, fixed);
-  const int turns = quick ? 50 : 800; // short, so that what else the machine does meets both alike
+  const int turns = quick ? 50 : 800; // short, so that other load affects both equally
   const int trips = 50;
   std::vector<double> growing_us;
   std::vector<double> fixed_us;
-  growing_caller.measure(trips, growing_us); // to warm up
+  growing_caller.measure(trips, growing_us); // warm-up
   fixed_caller.measure(trips, fixed_us);
   growing_us.clear();
   fixed_us.clear();
@@ -167,7 +167,7 @@ void compare(bench::Report &report, const dds::Participant &participant, const s
     const double peer = bench::percentile(fixed_us, p);
     bench::Record record = p < 0.6 ? bench::at_most(name + what, bench::percentile(growing_us, p), "us", 1.1 * peer)
                                    : bench::figure(name + what, bench::percentile(growing_us, p), "us");
-    report.add(bench::beside(std::move(record), peer, "@final"));
+    report.add(bench::with_peer(std::move(record), peer, "@final"));
   };
   add(0.5, ", round trip, median");
   add(0.99, ", round trip, 99 %");

@@ -1,4 +1,4 @@
-// SQLite for the session file: connections and prepared statements that close themselves, errors as sentences.
+// SQLite for the session file: owners of connections and prepared statements, errors as sentences.
 // Private to session_file/.
 #pragma once
 
@@ -19,9 +19,9 @@ namespace bregma::casefile::detail {
 
 inline constexpr int kApplicationId = 0x42524547; // "BREG"
 
-inline constexpr const char *kWireKey = "wire"; // in meta: the version of the wire that the bodies are of
+inline constexpr const char *kWireKey = "wire"; // in meta: the wire version of the bodies
 
-// What tells the layout of a topic's type from any other. Empty for a name that is no topic's.
+// Identifies the layout of a topic's type. Empty for an unknown topic name.
 [[nodiscard]] std::span<const std::byte> type_identity(std::string_view topic) noexcept;
 
 // A prepared statement. Bound values must live until the next step or reset.

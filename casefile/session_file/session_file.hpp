@@ -1,10 +1,10 @@
-// The session file: all input and output of a session in one SQLite database (WAL while it is written).
+// The session file: all inputs and outputs of a session in one SQLite database (WAL mode during recording).
 //
 // Tables: meta(key, value), topic(id, name, size, type), sample(id, topic, time_ns, body), attachment(name, body).
-// A body is the bytes of the wire struct. Its size and the identity of its type (a hash of all its members, made by
-// idlc) are recorded with the topic, and the version of the wire in meta; a file of another generation, and a topic of
-// another layout, are refused with both versions, never misread (docs/wire.md). Samples stand in the order in which
-// they were recorded; time_ns is the host's UTC.
+// A body is the bytes of the wire struct. The topic contains its size and the identity of its type (a hash of all its
+// members, made by idlc), and meta contains the wire version. A file of another generation, or a topic of another
+// layout, is refused with both versions and never misread (docs/wire.md). Samples are in the order of recording;
+// time_ns is the host's UTC.
 //
 // Threads: a SessionWriter or SessionReader belongs to one thread. A file may be read while it is written.
 // Errors: Result with a sentence that names the file; nothing throws.
@@ -27,7 +27,7 @@
 
 namespace bregma::casefile {
 
-inline constexpr int kSessionFileVersion = 2; // 1: enumerations had other numbers, and types no identity
+inline constexpr int kSessionFileVersion = 2; // 1: other numbers of enumerations, no identity of types
 
 // True for wire types that are plain bytes: a pointer is meaningless in a file.
 template <class T>
@@ -92,10 +92,10 @@ public:
   [[nodiscard]] base::Result<std::vector<MetaEntry>> meta() const;
   [[nodiscard]] base::Result<std::optional<std::string>> meta(std::string_view key) const; // nullopt: no such key
   [[nodiscard]] base::Result<std::vector<std::string>> attachments() const;                // their names
-  [[nodiscard]] base::Result<std::string> attachment(std::string_view name) const; // an error when there is none
+  [[nodiscard]] base::Result<std::string> attachment(std::string_view name) const;         // an error if there is none
 
-  // Calls visit(const T &, std::int64_t time_ns) for each sample of T's topic, as recorded; returns their number, 0
-  // when nothing was recorded on the topic. An error when the file's T has another layout than this program's.
+  // Calls visit(const T &, std::int64_t time_ns) for each sample of T's topic in the order of recording. Returns their
+  // number; 0 if nothing was recorded on the topic. An error if T has another layout in the file than in this program.
   template <class T, class Visit> [[nodiscard]] base::Result<std::size_t> each(Visit &&visit) const {
     static_assert(kIsRecordable<T>);
     T sample;

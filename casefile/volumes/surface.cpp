@@ -42,7 +42,7 @@ Step step_within(const Progress &progress, double from, double to) {
   };
 }
 
-// In the grid's own axes, mm: index times spacing.
+// In the axes of the grid, mm: index times spacing.
 vtkSmartPointer<vtkPolyData> isosurface(const Volume &grid) {
   vtkNew<vtkFloatArray> values;
   // Read only: VTK has no const arrays.

@@ -1,4 +1,4 @@
-// `bregma calibrate pivot`: where a tool's tip lies, from a recording or live by the daemon.
+// `bregma calibrate pivot`: finds the position of a tool's tip, from a recording or live through the daemon.
 #include <memory>
 #include <string>
 #include <vector>

@@ -21,7 +21,7 @@
 
 namespace bregma::cli {
 
-// The latest values that the daemon broadcasts. Empty where nothing has arrived.
+// The latest values published by the daemon. Empty if none has arrived.
 struct Snapshot {
   std::optional<wire::SystemHealth> health;
   std::optional<wire::RegistrationState> registration;
@@ -29,9 +29,9 @@ struct Snapshot {
   std::optional<wire::AccuracyState> accuracy;
   std::map<std::string, wire::NavigationState> tools;                // by tool
   std::map<std::string, wire::DeformationState> deformation;         // by point
-  std::map<std::string, wire::DriverHealth> drivers;                 // by device
+  std::map<std::string, wire::DriverHealth> drivers;                 // per device
   std::map<std::pair<std::string, std::string>, wire::Alarm> alarms; // by kind and subject
-  std::string other_wire; // who on the domain speaks another generation of the wire, as a sentence; empty: nobody
+  std::string other_wire; // participants with another wire generation, as a text; empty if there are none
 };
 
 // Health is broadcast twice per second by default. After this time without it the daemon has stopped or does not
@@ -44,16 +44,16 @@ public:
 
   explicit DaemonLink(std::uint32_t domain);
 
-  // Until a daemon is there and is known to hear commands and to reach us with replies. An error names the wire that a
-  // daemon of another release speaks, and ours.
+  // Waits until a daemon is present and connected in both directions. The error for a daemon of another release names
+  // both wire versions.
   [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout = std::chrono::seconds(3));
 
-  // Waits for the daemon if need be, sends, and waits for the reply to this very command. A refusal is a reply
-  // (see result and text), not an error.
+  // Waits for the daemon if necessary, sends, and waits for the reply to this command. A refusal is a reply (see result
+  // and text), not an error.
   [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command,
                                                       Duration timeout = std::chrono::seconds(5));
 
-  // Reads what has arrived; waits up to timeout if nothing has. True when something was new.
+  // Reads received samples; waits up to timeout if there are none. True if there were new ones.
   bool update(Duration timeout);
 
   // Waits until the state is complete after joining: every topic with a writer has delivered a sample, or the time has
@@ -64,7 +64,7 @@ public:
 
   // Time since the daemon's last sign of life, on this host's clock; empty before the first.
   [[nodiscard]] std::optional<Duration> silence(std::int64_t now_ns) const;
-  // False also when there has never been a daemon.
+  // False also if there has never been a daemon.
   [[nodiscard]] bool alive(std::int64_t now_ns) const;
 
   [[nodiscard]] std::uint32_t domain() const { return domain_; }
@@ -97,7 +97,7 @@ private:
   Snapshot snapshot_;
 };
 
-// A command of the table (idl/commands.hpp) from its values. One that does not fit is an error that shows it.
+// A command of the table (idl/commands.hpp) from its values. An invalid value is an error that names it.
 [[nodiscard]] base::Result<wire::Command> make_command(wire::CommandKind kind,
                                                        std::initializer_list<std::string_view> values = {});
 

@@ -33,7 +33,7 @@ struct DaemonView {
 struct ToolView {
   std::string tool;
   std::string status;
-  bool fresh = false;                                                              // the figures are the present
+  bool fresh = false;                                                              // the values are current
   double age_ms = geometry::kUnknown;                                              // since exposure, as of now
   double tip_mm[3] = {geometry::kUnknown, geometry::kUnknown, geometry::kUnknown}; // in Image (RAS)
   double speed_mm_s = geometry::kUnknown;

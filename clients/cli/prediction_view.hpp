@@ -9,11 +9,11 @@ namespace bregma::cli {
 
 // Values are NaN unless the answer is valid or extrapolating, and current.
 struct PredictionView {
-  std::string point;                                                                     // its name
+  std::string point;                                                                     // name
   std::string kind;                                                                      // target or landmark
   std::string status;                                                                    // with its reason
-  bool fresh = false;                                                                    // the figures are the present
-  std::string phase;                                                                     // of the probe
+  bool fresh = false;                                                                    // the values are current
+  std::string phase;                                                                     // phase of the probe
   double imaged_mm[3] = {geometry::kUnknown, geometry::kUnknown, geometry::kUnknown};    // in Image; known always
   double predicted_mm[3] = {geometry::kUnknown, geometry::kUnknown, geometry::kUnknown}; // in Image
   double motion_mm = geometry::kUnknown;                                                 // from the one to the other

@@ -25,7 +25,7 @@ constexpr std::string_view kTcp = "tcp://";
 constexpr std::string_view kSerial = "serial://";
 constexpr std::string_view kBaud = "?baud=";
 constexpr unsigned kDefaultBaud = 115'200;
-constexpr auto kSlice = std::chrono::milliseconds(20); // a wish to stop is seen within this time
+constexpr auto kSlice = std::chrono::milliseconds(20); // a request to stop is detected within this time
 
 struct TcpAddress {
   std::string host, port;
@@ -81,8 +81,8 @@ struct ByteStream::State {
     return retry_later(address + ": " + why);
   }
 
-  // Starts an operation and waits for its end. An operation that outlasts the time, or the driver, is cancelled; what
-  // it has done until then counts.
+  // Starts an operation and waits for its end. The operation is cancelled after the timeout or when the driver stops;
+  // its partial result counts.
   template <class Start> error_code wait_for(const Io &io, Duration timeout, Start &&start) {
     error_code result;
     bool ended = false;
@@ -147,7 +147,7 @@ struct ByteStream::State {
     return error ? Outcome<void>(failed(error.message())) : Outcome<void>();
   }
 
-  // Calls with the open socket or port.
+  // Calls the function with the open socket or port.
   template <class Call> auto with_stream(Call &&call) -> decltype(call(std::get<1>(stream))) {
     if (auto *socket = std::get_if<asio::ip::tcp::socket>(&stream)) {
       return call(*socket);

@@ -1,7 +1,7 @@
-// A stream of bytes to a device, over TCP or a serial line, that can be waited for without missing the driver's end.
+// A stream of bytes to a device, over TCP or a serial line. Waiting ends when the driver must stop.
 //
 // Addresses: tcp://HOST:PORT, or serial:///dev/ttyUSB0?baud=115200 (8 data bits, no parity, 1 stop bit; 115200 unless
-// given). A host that is not a number is looked up by the system's resolver, for as long as that takes.
+// given). A host name is resolved by the system's resolver, which may block.
 //
 // Threads: one. Errors are DeviceErrors that begin with the address; open() may be called again after any of them.
 #pragma once
@@ -28,10 +28,10 @@ public:
 
   [[nodiscard]] Outcome<void> open(const std::string &address, const Io &io,
                                    Duration timeout = std::chrono::seconds(3));
-  // What has come, as soon as something has; empty when the time is over or the driver is to stop. Valid until the next
-  // call.
+  // The received bytes, as soon as there are any; empty after the timeout or if the driver must stop. Valid until the
+  // next call.
   [[nodiscard]] Outcome<std::string_view> read(const Io &io, Duration timeout = std::chrono::milliseconds(200));
-  // All of it, or an error.
+  // Writes all bytes, or returns an error.
   [[nodiscard]] Outcome<void> write(std::string_view bytes, const Io &io, Duration timeout = std::chrono::seconds(1));
   void close() noexcept;
 

@@ -1,6 +1,6 @@
-// The bus over DDS: one writer or reader per topic of the device, made when the driver starts.
+// The bus over DDS: one writer or reader per topic of the device, created when the driver starts.
 //
-// Threads: one per topic. The loop has the device's topics, the supervisor has DriverHealth.
+// Threads: one per topic. The loop uses the device's topics, the supervisor uses DriverHealth.
 #pragma once
 
 #include <tuple>

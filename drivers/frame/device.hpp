@@ -1,4 +1,4 @@
-// What the author of a driver writes: a class that connects, reads and disconnects. It knows neither DDS nor threads.
+// Interface for the author of a driver: a class that connects, reads and disconnects, without DDS or threads.
 //
 //   class RangeSensor final : public driver::Device {
 //   public:
@@ -13,7 +13,7 @@
 //
 // Threads: the frame calls a device from one thread, and only that thread may use Io: a vendor's library with callbacks
 // fills a queue that read() empties. An exception derived from std::exception that leaves connect()
-// or read() counts as a failure that may be tried again.
+// or read() counts as a temporary failure.
 #pragma once
 
 #include <string>
@@ -29,8 +29,8 @@ class Io;
 struct Settings;
 
 struct DeviceError {
-  std::string message;    // for a person: names the device's address and says what is wrong
-  bool permanent = false; // another attempt cannot help: the program ends with exit code 1
+  std::string message;    // for users: the device's address and the problem
+  bool permanent = false; // no further attempts: the program ends with exit code 1
 };
 
 template <class T> using Outcome = tl::expected<T, DeviceError>;
@@ -44,10 +44,10 @@ template <class T> using Outcome = tl::expected<T, DeviceError>;
 
 enum class Progress {
   kContinue,
-  kFinished // a file or a script is at its end: the program ends with exit code 0
+  kFinished // end of a file or script: the program ends with exit code 0
 };
 
-// The wire types that a device publishes, or takes. A type may stand in one of the two lists only.
+// The wire types that a device publishes or takes. A type may be in only one of the two lists.
 template <class... Types> struct Topics {};
 
 class Device {
@@ -59,15 +59,15 @@ public:
 
   // Called once, before anything else: declares the device's own parameters.
   virtual void declare(base::ParameterSet & /*parameters*/) {}
-  // Called once when all parameters are known. An error is bad input: the program ends with exit code 2.
+  // Called once when all parameters are known. An error counts as invalid input: the program ends with exit code 2.
   [[nodiscard]] virtual base::Result<void> prepare(const Settings & /*settings*/) { return {}; }
 
   // Opens the connection. Should return within a second after io.stopping() becomes true.
   [[nodiscard]] virtual Outcome<void> connect(Io &io) = 0;
-  // Waits for samples, for some tenths of a second at most, and publishes those that came. An error ends the
+  // Waits for samples, at most for a few tenths of a second, and publishes the received ones. An error ends the
   // connection.
   [[nodiscard]] virtual Outcome<Progress> read(Io &io) = 0;
-  // Called after every connect(), also after one that failed.
+  // Called after every connect(), also after a failed one.
   virtual void disconnect() noexcept = 0;
 };
 

@@ -1,7 +1,7 @@
-// What a device is given to work with: its topics, the host's clock, and the wish to stop.
+// Environment of a device: its topics, the host's clock, and the request to stop.
 //
-// Two small interfaces keep DDS and the operating system out, so that devices and the driver's loop are tested without
-// either: a Bus carries samples, a Host has the clock. dds_bus.hpp and system_host.hpp are the real ones.
+// Two small interfaces hide DDS and the operating system, so that devices and the driver's loop are tested without
+// them: a Bus transfers samples, a Host has the clock. dds_bus.hpp and system_host.hpp implement them.
 #pragma once
 
 #include <cstdint>
@@ -21,9 +21,9 @@ namespace bregma::driver {
 class Bus {
 public:
   virtual ~Bus() = default;
-  // False when the sample was not taken, for example because the driver does not write this topic.
+  // False if the sample was refused, for example because the driver does not write this topic.
   [[nodiscard]] virtual bool write(std::string_view topic, const void *sample) = 0;
-  // Visits what has arrived since the last call, oldest first; samples are gone when visit returns.
+  // Visits samples received since the last call, oldest first. They are valid only during visit.
   virtual void take(std::string_view topic, const std::function<void(const void *)> &visit) = 0;
   // Readers of a topic that the driver writes, writers of a topic that it takes.
   [[nodiscard]] virtual std::uint32_t matched(std::string_view topic) const = 0;
@@ -33,20 +33,20 @@ public:
 class Host {
 public:
   virtual ~Host() = default;
-  // UTC in ns, taken once at the start and carried on by the monotonic clock: it never steps.
+  // UTC in ns, read once at the start and continued by the monotonic clock, so it never steps.
   [[nodiscard]] virtual std::int64_t now_ns() const = 0;
-  // True when that time has come; false at once when the driver is to stop.
+  // True at that time; false at once if the driver must stop.
   [[nodiscard]] virtual bool wait_until(std::int64_t time_ns) = 0;
   [[nodiscard]] virtual bool stopping() const = 0;
 };
 
 struct IoOptions {
-  std::string device;                  // name of samples that carry none; at most wire::kNameLength bytes
-  bool map_device_time = true;         // false: device_time_ns goes out as the device gave it
-  std::int64_t minimum_latency_ns = 0; // of the way from the device's exposure to its driver
+  std::string device;                  // name for samples without one; at most wire::kNameLength bytes
+  bool map_device_time = true;         // false: device_time_ns is published unchanged
+  std::int64_t minimum_latency_ns = 0; // minimum latency from the device's exposure to its driver
 };
 
-// A sample of a device: what the frame completes before it goes out.
+// Concept of a device's sample, with the fields that the frame completes.
 template <class T>
 concept DeviceSample = requires(T sample) {
   sample.device;
@@ -55,15 +55,15 @@ concept DeviceSample = requires(T sample) {
   sample.sent_time_ns;
 };
 
-// Threads: the loop's. Nothing here throws but the visitors of take().
+// Threads: the loop's. Only the visitors of take() may throw.
 class Io {
 public:
   Io(Bus &bus, Host &host, Status &status, IoOptions options);
 
   // Sends one sample. Of a device's sample the device fills frame (its own count, or one up per sample), device_time_ns
   // (its own clock; the time of arrival where it has none) and period_ns; the frame fills device, maps device_time_ns
-  // to this host's clock, and fills sent_time_ns. arrival_ns: when the bytes came, by now_ns(); 0 stands for now.
-  // False when the sample was dropped: out of step with the device's clock, or refused by DDS. Both are counted.
+  // to this host's clock, and fills sent_time_ns. arrival_ns: time of arrival of the bytes, by now_ns(); 0: now.
+  // False if the sample was dropped: inconsistent with the device's clock, or refused by DDS. Both are counted.
   template <class T> bool publish(T sample, std::int64_t arrival_ns = 0) {
     if constexpr (DeviceSample<T>) {
       std::int64_t period_ns = 0;
@@ -78,7 +78,7 @@ public:
     return write(wire::Topic<T>::kName, &sample);
   }
 
-  // visit(const T &) for every sample that has arrived since the last call.
+  // Calls visit(const T &) for every sample received since the last call.
   template <class T, class Visit> void take(Visit &&visit) {
     bus_->take(wire::Topic<T>::kName, [&visit](const void *sample) { visit(*static_cast<const T *>(sample)); });
   }
@@ -93,7 +93,7 @@ public:
   [[nodiscard]] bool wait_until(std::int64_t time_ns) { return host_->wait_until(time_ns); }
   [[nodiscard]] bool stopping() const { return host_->stopping(); }
 
-  // For the loop: the device's clock may be another one now.
+  // For the loop: the device's clock may have changed.
   void start_connection();
 
 private:
@@ -109,7 +109,7 @@ private:
   Host *host_;
   Status *status_;
   IoOptions options_;
-  std::map<std::string_view, base::DeviceClock> clocks_; // by topic: each must be in step with itself
+  std::map<std::string_view, base::DeviceClock> clocks_; // per topic: each must be consistent with itself
 };
 
 } // namespace bregma::driver

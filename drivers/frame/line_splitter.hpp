@@ -1,4 +1,4 @@
-// Cuts a stream of bytes into lines, for protocols of text. Pure, bounded, and safe with any bytes.
+// Splits a stream of bytes into lines, for text protocols. Pure, bounded, and safe for arbitrary bytes.
 #pragma once
 
 #include <cstddef>
@@ -9,10 +9,11 @@ namespace bregma::driver {
 
 class LineSplitter {
 public:
-  // A line that is longer is skipped up to its end.
+  // A longer line is skipped to its end.
   explicit LineSplitter(std::size_t max_length) : max_length_(max_length) {}
 
-  // visit(std::string_view line) for each complete line, without its \n or \r\n. Returns how many lines were too long.
+  // Calls visit(std::string_view line) for each complete line, without its \n or \r\n. Returns the number of lines that
+  // were too long.
   template <class Visit> std::size_t take(std::string_view bytes, Visit &&visit) {
     std::size_t too_long = 0;
     while (!bytes.empty()) {
@@ -36,7 +37,7 @@ public:
     return too_long;
   }
 
-  // Another connection: what was begun is no line.
+  // For a new connection: discards an incomplete line.
   void reset() {
     line_.clear();
     overflowed_ = false;

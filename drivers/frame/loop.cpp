@@ -14,7 +14,7 @@ std::string seconds_text(std::int64_t duration_ns) {
   return text;
 }
 
-// What a device throws is what it would have returned.
+// Converts an exception of a device to an error.
 template <class Call> auto guarded(Call &&call) -> decltype(call()) {
   try {
     return call();
@@ -96,7 +96,7 @@ Outcome<Progress> DriverLoop::read_until_it_ends() {
   while (outcome && *outcome == Progress::kContinue && !io_->stopping()) {
     outcome = read_once();
   }
-  // A connection that breaks at once, again and again, must not bring the delay back to its start.
+  // A connection that repeatedly breaks at once must not reset the delay.
   if (io_->now_ns() - connected_ns_ > options_.backoff.max_ns) {
     backoff_.reset();
   }

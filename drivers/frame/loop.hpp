@@ -1,7 +1,7 @@
-// The driver's loop: connect, read until something fails, disconnect, wait, and again, until the driver is to stop.
+// The driver's loop: connect, read until a failure, disconnect, wait, and repeat until the driver must stop.
 //
-// Threads: run() is one thread's; the Status may be read by others meanwhile. Time comes from the Host, so that a test
-// runs hours of failures at once.
+// Threads: one thread calls run(); others may read the Status meanwhile. The time comes from the Host, so that tests
+// simulate hours of failures quickly.
 #pragma once
 
 #include <functional>
@@ -18,14 +18,14 @@ enum class LogLevel { kDebug, kInfo, kWarning, kError };
 using Log = std::function<void(LogLevel, const std::string &)>;
 
 enum class Ending {
-  kDone,  // the device has finished, or the driver was to stop
-  kFailed // for good: the error has been logged
+  kDone,  // the device has finished, or the driver had to stop
+  kFailed // permanently: the error has been logged
 };
 
 struct LoopOptions {
   BackoffOptions backoff = {};
   std::uint64_t backoff_seed = 1;
-  std::int64_t silence_ns = 0; // a connection without a sample for longer is taken for lost; 0: never
+  std::int64_t silence_ns = 0; // a connection without a sample for this time counts as lost; 0: never
 };
 
 class DriverLoop {

@@ -38,7 +38,7 @@ void add_options(CLI::App &app, const Program &program, CommandLine &given) {
   app.add_option("-s,--set", given.assignments, "override one parameter: key=value; may be repeated");
   app.add_option("--domain", given.domain, "DDS domain of the daemon, instead of parameter domain_id")
       ->check(CLI::Range(0, 230));
-  // They end the parsing, so that no required option is missed.
+  // These options end the parsing, so that required options are not needed.
   const auto print = [&app](const char *name, bool &flag, const char *text) {
     app.add_flag_callback(
         name,
@@ -136,7 +136,7 @@ int run_on_bus(int argc, char **argv, const Program &program, Device &device, co
       return kExitDone;
     }
     return serve(program, settings, device, make_bus);
-  } catch (const std::exception &error) { // DDS, or a device that throws while it prepares
+  } catch (const std::exception &error) { // from DDS, or from a device's prepare()
     return complain(program, error.what());
   }
 }

@@ -10,7 +10,7 @@
 //   }
 //
 // Options of every driver: --config FILE, --set key=value, --domain N, --print-config, --print-config-table, --help.
-// Later ones win in this order: defaults, --config, --domain, --set. Exit codes: supervisor.hpp.
+// Precedence, lowest first: defaults, --config, --domain, --set. Exit codes: supervisor.hpp.
 #pragma once
 
 #include <cstdint>
@@ -28,11 +28,11 @@ class App;
 namespace bregma::driver {
 
 struct Program {
-  std::string name;        // of the executable
+  std::string name;        // name of the executable
   std::string description; // the device, in a line
   std::string examples;    // command lines for --help, one per line
   Settings defaults;
-  std::function<void(CLI::App &)> add_options = {}; // options of its own
+  std::function<void(CLI::App &)> add_options = {}; // additional options
 };
 
 using MakeBus = std::function<std::unique_ptr<Bus>(std::uint32_t domain)>;

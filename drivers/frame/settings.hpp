@@ -1,4 +1,4 @@
-// The parameters that every driver has.
+// Parameters of every driver.
 #pragma once
 
 #include <string>
@@ -10,17 +10,17 @@ namespace bregma::driver {
 
 struct Settings {
   std::string device;         // on the wire
-  std::int64_t domain_id = 0; // of DDS
+  std::int64_t domain_id = 0; // DDS domain
   LogLevel log_level = LogLevel::kInfo;
   double first_delay_s = 0.5;
   double max_delay_s = 10.0;
   double silence_s = 2.0;
-  bool map_device_time = true; // not a parameter: false where the samples must go out as the device made them
+  bool map_device_time = true; // not a parameter; false if samples must be published unchanged
   double minimum_latency_ms = 0.0;
 };
 
 void declare(base::ParameterSet &parameters, Settings &settings);
-// What the ranges of the single parameters cannot say.
+// Checks beyond the ranges of single parameters.
 [[nodiscard]] base::Result<void> check(const Settings &settings);
 
 [[nodiscard]] LoopOptions loop_options(const Settings &settings);

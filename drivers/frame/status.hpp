@@ -1,4 +1,4 @@
-// What a driver is doing and what it has counted: written by the loop, read by the thread that reports it.
+// State and counts of a driver, written by the loop and read by the reporting thread.
 #pragma once
 
 #include <cstdint>
@@ -20,14 +20,14 @@ enum class State : wire::DriverState {
 
 struct StatusValues {
   State state = State::kConnecting;
-  std::uint64_t connections = 0; // that were made
-  std::uint64_t failures = 0;    // attempts that failed, and connections that were lost
+  std::uint64_t connections = 0; // number of connections made
+  std::uint64_t failures = 0;    // failed attempts and lost connections
   std::uint64_t published = 0;
-  std::uint64_t refused = 0;                   // samples that DDS did not take
+  std::uint64_t refused = 0;                   // samples that DDS refused
   std::uint64_t out_of_step = 0;               // samples whose device time contradicts the device's clock
-  std::uint64_t skipped = 0;                   // pieces of input that the protocol could not read
-  std::string skip_reason;                     // of the latest
-  std::string failure;                         // the latest; empty while there was none
+  std::uint64_t skipped = 0;                   // parts of the input that the protocol could not read
+  std::string skip_reason;                     // reason of the latest skip
+  std::string failure;                         // the latest failure; empty if there was none
   double clock_offset_ms = geometry::kUnknown; // host minus device
   double clock_drift_ppm = geometry::kUnknown;
   std::uint64_t clock_resyncs = 0; // how often the device's clock was set
@@ -35,7 +35,7 @@ struct StatusValues {
   std::int64_t last_return_ns = 0; // when the device last returned to the frame
 };
 
-// Threads: any. The lock is held for a copy at most.
+// Threads: any. The lock is held only for a copy.
 class Status {
 public:
   template <class Change> void update(Change &&change) {
@@ -52,7 +52,7 @@ private:
   StatusValues values_;
 };
 
-// A line for the log about what was dropped between two readings; nothing when nothing was.
+// Log line about samples dropped between two readings; empty if there were none.
 [[nodiscard]] std::optional<std::string> dropped_text(const StatusValues &before, const StatusValues &now);
 
 // For the topic DriverHealth.

@@ -15,7 +15,7 @@
 namespace bregma::driver {
 namespace {
 
-constexpr int kTick_ms = 100; // a change of state reaches the health topic within this time
+constexpr int kTick_ms = 100; // a change of state is published within this time
 
 sigset_t ending_signals() {
   sigset_t set;
@@ -25,13 +25,13 @@ sigset_t ending_signals() {
   return set;
 }
 
-// Also when the loop ends by an exception, which the future carries to the caller.
-struct SaysThatItEnded {
+// Also if the loop ends with an exception, which the future passes to the caller.
+struct EndNotifier {
   int descriptor;
-  ~SaysThatItEnded() { (void)eventfd_write(descriptor, 1); }
+  ~EndNotifier() { (void)eventfd_write(descriptor, 1); }
 };
 
-// What the watching thread does on every tick.
+// Work of the watching thread per tick.
 class Reporter {
 public:
   Reporter(const Status &status, Bus &bus, const Log &log, const SupervisorOptions &options, std::int64_t now_ns)
@@ -101,11 +101,11 @@ int supervise(DriverLoop &loop, const Signals &signals, SystemHost &host, const 
     throw std::system_error(errno, std::generic_category(), "cannot make an event");
   }
   auto ending = std::async(std::launch::async, [&loop, ended] {
-    const SaysThatItEnded says{ended};
+    const EndNotifier notifier{ended};
     return loop.run();
   });
   Reporter reporter(status, bus, log, options, host.now_ns());
-  std::int64_t stop_ns = 0; // when the signal came
+  std::int64_t stop_ns = 0; // time of the signal
   for (;;) {
     reporter.tick(host.now_ns());
     pollfd events[] = {{ended, POLLIN, 0}, {signals.descriptor(), POLLIN, 0}};

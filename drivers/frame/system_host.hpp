@@ -1,4 +1,4 @@
-// The real host: its clock, and a stop that wakes the thread that waits.
+// The real host: its clock, and a stop that wakes the waiting thread.
 #pragma once
 
 #include <atomic>
@@ -10,7 +10,7 @@ namespace bregma::driver {
 
 class SystemHost final : public Host {
 public:
-  SystemHost(); // throws std::system_error when the process has no file descriptor left
+  SystemHost(); // throws std::system_error if no file descriptor is available
   ~SystemHost() override;
   SystemHost(const SystemHost &) = delete;
   SystemHost &operator=(const SystemHost &) = delete;

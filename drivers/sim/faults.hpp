@@ -1,4 +1,4 @@
-// What goes wrong, and when. Times of faults count from the start of the run or from the first start of a named step.
+// Faults and their times, which count from the start of the run or from the first start of a named step.
 #pragma once
 
 #include <cstdint>
@@ -20,9 +20,9 @@ public:
 
   [[nodiscard]] bool occluded(std::string_view tool, std::int64_t time_ns) const;
   [[nodiscard]] bool tracker_silent(std::int64_t time_ns) const;
-  // By how much faster than stated the device samples; 1 without a flood.
+  // Factor on the device's stated rate; 1 without a flood.
   [[nodiscard]] double rate_factor(std::string_view device, std::int64_t time_ns) const;
-  // The next fault that happens at one moment (bump, clock jump, bad samples) and is due; each is given out once.
+  // The next due instantaneous fault (bump, clock jump, bad samples). Each is returned once.
   [[nodiscard]] const Fault *take_due(std::int64_t time_ns);
 
 private:
@@ -35,9 +35,9 @@ private:
   std::vector<Entry> entries_;
 };
 
-// True for kinds that spoil the frame itself; the others put a sample beside it that should not be there.
+// True for kinds that modify the frame itself; the others add a sample that should not exist.
 [[nodiscard]] bool replaces(BadSample kind);
-// A frame as a broken or hostile driver would send it, made from a good one.
+// A faulty frame, like that of a broken or hostile driver, made from a valid one.
 [[nodiscard]] wire::TrackerFrame spoiled(const wire::TrackerFrame &good, BadSample kind);
 
 } // namespace bregma::sim

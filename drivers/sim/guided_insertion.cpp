@@ -7,11 +7,11 @@ namespace bregma::sim {
 
 namespace {
 
-constexpr double kSpeedUp_s = 0.5; // from rest to full speed
+constexpr double kSpeedUp_s = 0.5; // time from rest to full speed
 constexpr double kArrived_mm = 0.01;
 constexpr double kMaxCorrection_mm_s = 4.0;
-constexpr double kMaxStep_s = 0.05; // of steering: what a gap in the display leaves undone stays undone
-constexpr double kAlignTimes = 3.0; // steering time constants until what is left is a twentieth
+constexpr double kMaxStep_s = 0.05; // maximal steering step after a gap in the display
+constexpr double kAlignTimes = 3.0; // steering time constants until the remainder is a twentieth
 constexpr double kSettleTimes = 2.0;
 constexpr double kWithdrawFaster = 2.0;
 
@@ -70,7 +70,7 @@ void GuidedInsertion::see(const wire::NavigationState &state, std::int64_t now_n
   }
 }
 
-// Accelerates evenly, brakes so as to stop where it should.
+// Accelerates at a constant rate and brakes to stop at the goal.
 void GuidedInsertion::drive(double to_mm, double speed_mm_s, double elapsed_s, bool may_move) {
   const double acceleration = speed_mm_s / kSpeedUp_s;
   const double left = to_mm - advance_mm_;
@@ -131,7 +131,7 @@ void GuidedInsertion::advance(std::int64_t now_ns) {
   tip_ = aim() + correction_;
 }
 
-// One call of advance() behind: so the way is continuous between them.
+// Delayed by one call of advance(), so that the path is continuous between calls.
 HandPose GuidedInsertion::pose(std::int64_t time_ns) const {
   const double between =
       before_ns_ == 0 ? 1.0 : std::clamp(seconds(now_ns_, time_ns) / seconds(before_ns_, now_ns_), 0.0, 1.0);

@@ -25,8 +25,8 @@ Vector3d unit(const Direction &d) {
   return {std::sin(azimuth) * std::cos(elevation), std::cos(azimuth) * std::cos(elevation), std::sin(elevation)};
 }
 
-// One round over a supine head: forehead to and fro, the nose, over the top from side to side, and back. The nose is
-// where it is: kNose stands for its tip.
+// One round over a supine head: forehead back and forth, the nose, over the top from side to side, and back. kNose
+// represents the tip of the nose.
 constexpr Direction kNose{0, -90};
 constexpr Direction kRound[] = {{-45, 28}, {0, 30},   {45, 28},  {45, 48}, {0, 42},  {0, 15},  kNose,   {0, 15},
                                 {-50, 20}, {-80, 40}, {-85, 62}, {0, 85},  {85, 62}, {80, 40}, {55, 22}};
@@ -113,7 +113,7 @@ std::vector<HandPose> HandPlanning::scalp_path(const TrueTool &tool, double leng
     if (direction.elevation_deg == kNose.elevation_deg) {
       return head.nose_mm();
     }
-    direction.elevation_deg += 9.0 * static_cast<double>(target / std::size(kRound) % 3); // another line each round
+    direction.elevation_deg += 9.0 * static_cast<double>(target / std::size(kRound) % 3); // another line per round
     const Vector3d outward = unit(direction);
     const auto hit = head.first_hit(head.centre_mm() + 2.0 * head.radius_mm() * outward, -outward);
     return hit.value_or(head.closest(head.centre_mm() + head.radius_mm() * outward).point_mm);
@@ -121,7 +121,8 @@ std::vector<HandPose> HandPlanning::scalp_path(const TrueTool &tool, double leng
   skin.push_back(head.skin(stop(0)));
   for (std::size_t target = 1; length < length_mm; ++target) {
     const Vector3d goal = stop(target);
-    // Along the tangent towards the goal and back onto the skin; a nose may be in the way, so steps are bounded.
+    // Moves along the tangent towards the goal and projects to the skin. The nose may be in between, so steps are
+    // bounded.
     for (int step = 0; step < 100 && length < length_mm; ++step) {
       const Head::Skin &here = skin.back();
       const Vector3d to_goal = goal - here.point_mm;

@@ -61,12 +61,12 @@ bool Head::blocks(const Vector3d &from, const Vector3d &to) const {
   const Vector3d way = to - from;
   const double along = std::clamp((centre_ - from).dot(way) / way.squaredNorm(), 0.0, 1.0);
   if ((from + along * way - centre_).squaredNorm() > radius_ * radius_) {
-    return false; // passes by the sphere around the head: nearly every line of sight does
+    return false; // misses the sphere around the head, like nearly every line of sight
   }
   return surface_.segment_hits(from, to);
 }
 
-// Sphere tracing: a step as long as the distance to the surface cannot pass through it.
+// Sphere tracing: a step of the distance to the surface cannot pass through it.
 std::optional<Vector3d> Head::first_hit(const Vector3d &origin, const Vector3d &direction) const {
   const Vector3d to_centre = centre_ - origin;
   const double middle = to_centre.dot(direction);

@@ -1,4 +1,4 @@
-// bregma-sim-room: the simulated operating room as a process beside the daemon.
+// bregma-sim-room: the simulated operating room as a separate process.
 #include <cstdio>
 #include <map>
 #include <string>
@@ -35,7 +35,7 @@ const char *name_of(sim::StepEvent::Kind kind) {
   return "failed";
 }
 
-// Prints one line per event, and flushes it: a script may be reading.
+// Prints one line per event and flushes it, because a script may read it.
 class Narrator {
 public:
   explicit Narrator(const bool &json) : json_(&json) {}
@@ -56,7 +56,7 @@ public:
     std::fflush(stdout);
   }
 
-  // At the end: what each device has given to the wire.
+  // At the end: published samples per device.
   void account(const std::map<std::string, sim::RoomOnTheWire::Sent> &sent) const {
     for (const auto &[device, s] : sent) {
       if (*json_) {
@@ -72,7 +72,7 @@ public:
   }
 
 private:
-  const bool *json_; // known once the command line is read
+  const bool *json_; // valid after the command line was parsed
   std::int64_t start_ns_ = 0;
 };
 
@@ -94,7 +94,7 @@ driver::Program program(Options &options) {
   driver::Settings defaults;
   defaults.device = "Room";
   defaults.silence_s = 0.0;         // the script may pause
-  defaults.map_device_time = false; // the simulated devices' clocks err on purpose: bregmad must see it
+  defaults.map_device_time = false; // the simulated clocks have errors, which bregmad must receive
   defaults.log_level = driver::LogLevel::kWarning;
   return {"bregma-sim-room", "a simulated operating room: optical tracker, robot, sensors and an operator",
           "bregma-sim-room --case case/colin27 --scenario demo/colin27/scenario.toml\n"

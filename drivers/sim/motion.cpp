@@ -19,7 +19,7 @@ double mix(double a, double b, double way) { return a + (b - a) * way; }
 
 double bowed_length(const Vector3d &from, const Vector3d &to, const Vector3d &bow) {
   const double straight = (to - from).norm();
-  // Arc of a half sine, near enough for a duration.
+  // Length of a half sine, accurate enough for a duration.
   return std::hypot(straight, 2.2 * bow.norm());
 }
 
@@ -53,19 +53,19 @@ Glide::Glide(std::vector<HandPose> knots, double speed_mm_s) : knots_(std::move(
   for (std::size_t i = 1; i < knots_.size(); ++i) {
     length_mm_ += (knots_[i].tip_mm - knots_[i - 1].tip_mm).norm();
     if (knots_[i].rotation.dot(knots_[i - 1].rotation) < 0.0) {
-      knots_[i].rotation.coeffs() *= -1.0; // the same rotation, on the near side for a weighted mean
+      knots_[i].rotation.coeffs() *= -1.0; // the same rotation, with the sign that a weighted mean needs
     }
   }
   knots_.insert(knots_.begin(), 2, HandPose(knots_.front()));
   knots_.insert(knots_.end(), 2, HandPose(knots_.back()));
   ramp_s_ = std::min(kRamp_s, length_mm_ / speed_mm_s);
-  duration_s_ = length_mm_ / speed_mm_s + ramp_s_; // each ramp covers half of what even speed would
+  duration_s_ = length_mm_ / speed_mm_s + ramp_s_; // each ramp covers half the distance of constant speed
 }
 
 HandPose Glide::at(double since_start_s) const {
   const double t = std::clamp(since_start_s, 0.0, duration_s_);
   const double from_end = duration_s_ - t;
-  const double even_s = duration_s_ - ramp_s_; // time of the way at even speed
+  const double even_s = duration_s_ - ramp_s_; // time at constant speed
   double way = (t - 0.5 * ramp_s_) / even_s;
   if (t < ramp_s_) {
     way = ramp_s_ * ramp_way(t / ramp_s_) / even_s;

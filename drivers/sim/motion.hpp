@@ -1,8 +1,8 @@
-// How a hand moves a tool: smooth paths, with tremor on top.
+// Motion of a hand-held tool: smooth paths plus tremor.
 //
-// A movement says where the hand means the tip to be at a time since its start. It begins and ends at rest, so that
-// movements can be strung together; positions and orientations are at least once continuously differentiable.
-// Poses are of the tool's tip (axes of the tool, origin at the true tip) in Image, mm. No randomness but the Tremor's.
+// A movement gives the intended pose of the tip at a time since its start. It begins and ends at rest, so that
+// movements can be concatenated. Positions and orientations are at least once continuously differentiable. Poses are
+// those of the tool's tip (axes of the tool, origin at the true tip) in Image, mm. Only Tremor is random.
 #pragma once
 
 #include <array>
@@ -18,8 +18,8 @@ namespace bregma::sim {
 using Eigen::Quaterniond;
 using geometry::Vector3d;
 
-// freedom: how much of the hand's unrest reaches the tool. 1 in the air; less of position where the tip rests on
-// something, nothing in a stand.
+// freedom: fraction of the hand's tremor that reaches the tool. 1 in the air; less for the position if the tip rests on
+// a surface; 0 in a stand.
 struct HandPose {
   Vector3d tip_mm = Vector3d::Zero();
   Quaterniond rotation = Quaterniond::Identity();
@@ -35,11 +35,11 @@ public:
   [[nodiscard]] virtual HandPose at(double since_start_s) const = 0;
 };
 
-// Fraction of the way of a minimum-jerk movement at the fraction u of its time: 10 u^3 - 15 u^4 + 6 u^5
+// Fraction of the path of a minimum-jerk movement at the fraction u of its time: 10 u^3 - 15 u^4 + 6 u^5
 // [Flash 1985].
 [[nodiscard]] double minimum_jerk(double u);
 
-// A bowed way from one pose to another. The bow keeps clear of what stands between.
+// A curved path from one pose to another, around an obstacle.
 class Reach final : public Movement {
 public:
   Reach(const HandPose &from, const HandPose &to, double mean_speed_mm_s, const Vector3d &bow_mm = Vector3d::Zero());
@@ -53,8 +53,8 @@ private:
   double duration_s_;
 };
 
-// Even progress along a uniform cubic B-spline through poses that stand close together, with a soft start and stop. A
-// B-spline approximates: between knots h apart on a radius R it cuts the corner by h^2 / 6R.
+// Constant speed along a uniform cubic B-spline of closely spaced poses, with a smooth start and stop. A B-spline
+// approximates: with knots h apart on a radius R the deviation is h^2 / 6R.
 class Glide final : public Movement {
 public:
   Glide(std::vector<HandPose> knots, double speed_mm_s);
@@ -69,7 +69,8 @@ private:
   double duration_s_ = 0.0;
 };
 
-// Swings about a tip that rests in a dimple: two axes across the tool's, with different frequencies, and a little spin.
+// Rotates about a tip that rests in a dimple: two axes normal to the tool's with different frequencies, and slight
+// spin.
 class Swing final : public Movement {
 public:
   struct Amplitude {
@@ -87,12 +88,12 @@ private:
   double duration_s_;
 };
 
-// Physiological tremor (8 to 12 Hz) and slow wander (below 0.7 Hz) of six coordinates, each a sum of sines: stationary,
-// smooth, and the same for a time however often it is asked for.
+// Physiological tremor (8 to 12 Hz) and slow wander (below 0.7 Hz) of six coordinates. Each is a sum of sines, which is
+// stationary, smooth and a function of time only.
 class Tremor {
 public:
   struct Strength {
-    double tremor_mm, tremor_rad, wander_mm, wander_rad; // 1-sigma a coordinate
+    double tremor_mm, tremor_rad, wander_mm, wander_rad; // standard deviation per coordinate
   };
   Tremor(const Strength &strength, std::uint64_t seed, std::string_view hand);
   [[nodiscard]] HandPose applied(const HandPose &meant, double time_s) const;
@@ -101,7 +102,7 @@ private:
   struct Sine {
     double amplitude, frequency_rad_s, phase;
   };
-  static constexpr std::size_t kSines = 6; // a coordinate: three of tremor, three of wander
+  static constexpr std::size_t kSines = 6; // per coordinate: three of tremor, three of wander
   std::array<std::array<Sine, kSines>, 6> coordinates_;
 };
 

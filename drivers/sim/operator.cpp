@@ -104,7 +104,7 @@ void Operator::tick(std::int64_t now_ns, RoomOutput &out) {
     hands_.begin(now_ns);
     started_ = true;
   }
-  // As many actions as are over within this tick: planning and judging take no time.
+  // Executes all actions that end within this tick: planning and evaluation take no time.
   while (!failed()) {
     if (in_action_) {
       if (action_.done && !action_.done()) {

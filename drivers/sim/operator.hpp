@@ -1,8 +1,8 @@
-// The person at the table: goes through the scenario's steps, moves the tools, says commands and waits for the answers,
-// tries a refused touch again, and steers by the display.
+// The simulated operator: executes the scenario's steps, moves the tools, sends commands and waits for replies, repeats
+// refused touches, and steers by the display.
 //
-// A step becomes a list of actions (move, wait, ask, judge) that are done one after the other; an action may put others
-// before those that are left, which is how a retry comes about. Called every kTick_ns of room time. Not thread-safe.
+// A step becomes a list of actions (move, wait, ask, judge) that are executed in order. An action may insert others
+// before the remaining ones, for example for a retry. Called every kTick_ns of room time. Not thread-safe.
 #pragma once
 
 #include <cstdint>
@@ -26,7 +26,8 @@ class Operator {
 public:
   static constexpr std::int64_t kTick_ns = 5'000'000;
 
-  // Throws std::invalid_argument where a step names what the case does not have. All references must outlive it.
+  // Throws std::invalid_argument if a step names an object that the case does not contain. All references must outlive
+  // it.
   Operator(const casefile::Case &a_case, const Scenario &scenario, const Patient &patient, RobotArm &arm,
            std::uint64_t seed);
 
@@ -36,7 +37,7 @@ public:
   void continue_with(std::vector<Step> steps);
 
   [[nodiscard]] T_ImageTip true_tip(std::size_t tool, std::int64_t time_ns) const;
-  // The step's name, with ":hold" behind it while a tip is held at its target; "done" after the last.
+  // The step's name, with the suffix ":hold" while a tip is held at its target; "done" after the last step.
   [[nodiscard]] const std::string &label() const { return label_; }
   [[nodiscard]] bool finished() const {
     return failed() || (step_ >= steps_.size() && actions_.empty() && !in_action_);
@@ -59,16 +60,16 @@ private:
     std::int64_t attempt;
   };
 
-  // What an action can be.
+  // Kinds of actions.
   [[nodiscard]] Action call(std::function<void()> what) const;
   [[nodiscard]] Action move(std::size_t tool, std::function<std::unique_ptr<Movement>()> plan);
   [[nodiscard]] Action reach(std::size_t tool, const HandPose &to);
   [[nodiscard]] Action wait(double seconds);
   [[nodiscard]] Action ask(wire::CommandKind kind, std::vector<std::string> values = {});
-  [[nodiscard]] Action judge(); // fails the step unless the last command was done
+  [[nodiscard]] Action judge(); // fails the step unless the last command succeeded
   [[nodiscard]] Action guide(std::size_t tool, const GuidedInsertion &insertion);
 
-  // What a step, or a part of it, is made of.
+  // Actions of a step or of a part of it.
   [[nodiscard]] Actions actions_of(const Step &step);
   [[nodiscard]] Actions take(std::size_t tool);
   [[nodiscard]] Actions pivot(const Step &step);
@@ -82,7 +83,7 @@ private:
   void check(const Step &step) const;
   [[nodiscard]] std::size_t index_of(const std::string &tool) const;
   [[nodiscard]] const TrueTool &true_tool(std::size_t index) const { return patient_->tools[index]; }
-  void now_do(Actions actions); // before all that are left
+  void now_do(Actions actions); // inserts before the remaining actions
   void start_step();
   void end_step();
   void fail(const std::string &why);
@@ -101,8 +102,8 @@ private:
   std::vector<Step> steps_;
   std::size_t step_ = 0;
   bool in_step_ = false;
-  std::deque<Action> actions_; // that are left
-  Action action_;              // under way; never replaced while one of its functions runs
+  std::deque<Action> actions_; // remaining actions
+  Action action_;              // current action; not replaced while one of its functions runs
   bool in_action_ = false;
   std::int64_t action_ns_ = 0;
   std::int64_t now_ns_ = 0;
@@ -113,10 +114,10 @@ private:
 
   std::optional<std::size_t> held_;
   std::uint64_t last_command_ = 0;
-  std::optional<wire::CommandReply> reply_; // to last_command_
+  std::optional<wire::CommandReply> reply_; // reply to last_command_
   std::optional<GuidedInsertion> insertion_;
   std::size_t inserted_ = 0; // the tool of insertion_
-  T_ImageFlange guide_;      // where the guide stands for insertion_, before corrections
+  T_ImageFlange guide_;      // pose of the guide for insertion_, before corrections
 };
 
 } // namespace bregma::sim

@@ -11,9 +11,9 @@ namespace bregma::sim {
 
 namespace {
 
-constexpr double kTouchSpeed_mm_s = 110.0; // onto the skin and off it
-constexpr double kFarOut_mm = 60.0;        // above where an insertion begins
-constexpr double kStandoff_mm = 20.0;      // of the probe's tip over the entry while it is aligned
+constexpr double kTouchSpeed_mm_s = 110.0; // speed onto the skin and off it
+constexpr double kFarOut_mm = 60.0;        // above the start of an insertion
+constexpr double kStandoff_mm = 20.0;      // height of the probe's tip above the entry during the alignment
 
 std::string reply_text(const wire::CommandReply &reply) {
   return {reply.text, strnlen(reply.text, sizeof(reply.text))};
@@ -101,7 +101,7 @@ Operator::Actions Operator::actions_of(const Step &step) {
   return {};
 }
 
-// One hand: what it holds goes back to its stand first.
+// There is only one hand: it first returns a held tool to its stand.
 Operator::Actions Operator::take(std::size_t tool) {
   Actions out;
   if (held_ && *held_ != tool) {
@@ -117,7 +117,7 @@ Operator::Actions Operator::pivot(const Step &step) {
   const Vector3d shaft = rest.rotation * true_tool(tool).model.axis.normalized();
   const Vector3d line_of_sight = (patient_->camera_mm() - rest.tip_mm).normalized();
   const Vector3d across = (line_of_sight - line_of_sight.dot(shaft) * shaft).normalized();
-  // Wide about the line of sight, where no marker is lost by it; less towards the camera and about the shaft.
+  // Large rotation about the line of sight, which hides no marker; smaller towards the camera and about the shaft.
   const std::array<Swing::Amplitude, 3> amplitudes{
       {{across, 0.65, 0.53}, {shaft.cross(across).normalized(), 0.52, 0.37}, {shaft, 0.25, 0.23}}};
   Actions out = take(tool);
@@ -150,7 +150,7 @@ Operator::Actions Operator::touches(const Step &step) {
   return out;
 }
 
-// The placement error is drawn once a touch: the tip then rests where it came down.
+// The placement error is drawn once per touch: the tip rests at the touched point.
 Operator::Actions Operator::touch(const Touch &touch) {
   const Vector3d aimed = touch.position_mm + placing_.normal3(touch.sigma_mm);
   const Vector3d normal = patient_->head.skin(touch.position_mm).normal;

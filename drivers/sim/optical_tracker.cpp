@@ -61,7 +61,7 @@ OpticalTracker::Sight OpticalTracker::look(const TrueTool &tool, const T_Tracker
 
 wire::TrackedTool OpticalTracker::measure(const TrueTool &tool, const T_TrackerTool &T_tracker_tool, bool covered) {
   wire::TrackedTool out{};
-  (void)wire::set_name(out.tool, tool.model.name); // the case's names fit, or it could not be loaded
+  (void)wire::set_name(out.tool, tool.model.name); // a loaded case has names of valid length
   out.T_tracker_tool = wire::unknown_pose();
   out.marker_rms_mm = wire::kUnknown;
 

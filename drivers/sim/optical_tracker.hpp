@@ -1,12 +1,11 @@
-// An optical tracker that errs like one: markers err, poses are fitted to them.
+// An optical tracker with realistic errors: markers have noise, and poses are fitted to them.
 //
-// Each seen marker is measured with normal noise in the tracker's frame, across and along the line of sight; the pose
-// is the plain least-squares fit [Arun 1987] to those that were seen. So rotation and translation errors are
-// correlated, and grow when markers are lost, as in reality. A marker is lost when the tool is turned too far from the
-// camera, when the head is in the way, when it is outside the measuring volume, or when somebody holds a hand before
-// the tool.
+// Each visible marker is measured with normal noise in the tracker's frame, across and along the line of sight. The
+// pose is the unweighted least-squares fit [Arun 1987] to the visible markers. So rotation and translation errors are
+// correlated and increase when markers are lost, as in real trackers. A marker is lost if the tool is turned too far
+// from the camera, if the head occludes it, if it is outside the measuring volume, or if a hand covers the tool.
 //
-// Noise is drawn for every marker, seen or not: an occlusion does not change the noise of what is seen.
+// Noise is drawn for every marker, visible or not, so that an occlusion does not change the noise of the others.
 // No allocation while measuring. Times ns.
 #pragma once
 
@@ -41,12 +40,12 @@ class OpticalTracker {
 public:
   OpticalTracker(const Patient &patient, const TrackerParameters &parameters, std::uint64_t seed);
 
-  // Measures one tool. covered: something stands before it.
+  // Measures one tool. covered: a hand covers it.
   [[nodiscard]] wire::TrackedTool measure(const TrueTool &tool, const T_TrackerTool &T_tracker_tool, bool covered);
 
   struct Sight {
     std::uint32_t in_volume = 0; // bit i: marker i
-    std::uint32_t seen = 0;      // in the volume, turned to the camera, nothing between
+    std::uint32_t seen = 0;      // in the volume, facing the camera, not occluded
   };
   [[nodiscard]] Sight look(const TrueTool &tool, const T_TrackerTool &T_tracker_tool) const;
   [[nodiscard]] bool in_volume(const Vector3d &in_tracker) const;

@@ -69,7 +69,7 @@ Patient::Patient(const casefile::Case &a_case, const PatientParameters &paramete
   for (auto &landmark : landmarks) {
     landmark.position_mm += finding.normal3(parameters.landmark_error_scale * a_case.limits.landmark_sigma_mm);
   }
-  // The clamp's arm comes from below the head; its markers look at the camera, roughly, as somebody screwed it on.
+  // The clamp's arm is below the head. Its markers face the camera approximately.
   const Vector3d position = head.centre_mm() + parameters.reference_offset_mm;
   const auto &model = tools[reference].model;
   const Vector3d facing = (camera_mm() - position).normalized();

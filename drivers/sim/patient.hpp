@@ -1,9 +1,9 @@
-// Where everything truly is: the head before the camera, the reference clamped beside it, the tools as they were made,
-// the fiducials where they really stick. All that the navigation system has to find out, and never sees.
+// The true geometry: the head in front of the camera, the reference clamped next to it, the tools as manufactured, and
+// the fiducials at their true positions. The navigation system must estimate it and does not receive it.
 //
-// Image is the head's anatomy. The error with which points were placed in the image is put on fiducials and landmarks:
-// planned positions are the case's, true ones differ by limits.fle_image_mm and limits.landmark_sigma_mm (1-sigma a
-// coordinate) times the scenario's scales. Every touch then errs by limits.fle_touch_mm on top.
+// Image is the head's anatomy. The placement error of points in the image is applied to fiducials and landmarks:
+// planned positions are those of the case. True ones differ by limits.fle_image_mm and limits.landmark_sigma_mm
+// (standard deviations per coordinate) times the scenario's scales. Every touch adds an error of limits.fle_touch_mm.
 #pragma once
 
 #include <cstdint>
@@ -27,7 +27,7 @@ using T_ImageReference = geometry::Rigid3<frame::Image, frame::Reference>;
 
 struct TrueTool {
   casefile::ToolModel model;
-  Vector3d tip_mm = Vector3d::Zero(); // as made, in the body; the nominal tip is the model's
+  Vector3d tip_mm = Vector3d::Zero(); // as manufactured, in the body; the nominal tip is that of the model
 
   [[nodiscard]] T_ImageTool body(const T_ImageTip &T_image_tip) const {
     return {T_image_tip.rotation(), T_image_tip * Vector3d(-tip_mm)};
@@ -37,7 +37,8 @@ struct TrueTool {
   }
 };
 
-// The rotation that points a tool's axis along the direction and turns its markers towards facing as far as that lets.
+// The rotation that aligns a tool's axis with the direction and then turns its markers towards `facing` as far as
+// possible.
 [[nodiscard]] Quaterniond point_tool(const casefile::ToolModel &tool, const Vector3d &axis_direction,
                                      const Vector3d &facing);
 
@@ -47,7 +48,7 @@ struct Patient {
 
   [[nodiscard]] const TrueTool *tool(std::string_view name) const;
   [[nodiscard]] Vector3d camera_mm() const { return T_tracker_image.inverse() * Vector3d::Zero(); } // in Image
-  // The reference is knocked: it moves against the head by this, in the image's axes.
+  // Displaces the reference relative to the head by this, in the image's axes.
   void bump_reference(const Vector3d &by_mm);
 
   Head head;

@@ -8,7 +8,7 @@ namespace bregma::sim {
 namespace {
 
 constexpr double kPoisson = 0.45;
-constexpr double kSlow_mm_s = 0.5; // below it cutting and friction fade: sticking is not modelled
+constexpr double kSlow_mm_s = 0.5; // below this speed cutting and friction decrease to zero: sticking is not modelled
 
 } // namespace
 

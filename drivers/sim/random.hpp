@@ -1,5 +1,5 @@
-// Random numbers in named streams: what one source draws does not depend on how often another one did, so that adding a
-// fault or a device leaves the rest of a seed's run as it was.
+// Random numbers in named streams. The numbers of one source do not depend on the draws of others, so an added fault or
+// device does not change the rest of a seed's run.
 #pragma once
 
 #include <cstdint>

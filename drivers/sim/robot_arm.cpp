@@ -84,7 +84,7 @@ bool RobotArm::inverse(const T_BaseFlange &wanted, Joints &joints) {
       return true;
     }
     const Jacobian J = scale.asDiagonal() * now.jacobian;
-    // Damping grows with the error: safe while far away, Newton's step when near.
+    // Damping increases with the error: robust far away, Newton's method near the solution.
     const double damping = 1e-3 + std::min(1.0, error.norm() * 1e-2) * 10.0;
     Eigen::Matrix<double, 6, 6> A = J * J.transpose();
     A.diagonal().array() += damping * damping;

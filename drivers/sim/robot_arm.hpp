@@ -1,7 +1,7 @@
-// A six-axis arm beside the head that holds the biopsy guide at its flange.
+// A six-axis arm next to the head that holds the biopsy guide at its flange.
 //
-// Its joints follow the guide's wanted pose by damped least squares [Wampler 1986], so that joints and flange always
-// agree: the flange it reports is what its joints give, encoder noise included. Base: z up in the room (anterior of the
+// The joints follow the guide's desired pose by damped least squares [Wampler 1986]. Joints and flange are consistent:
+// the reported flange pose follows from the joints, including encoder noise. Base: z up in the room (anterior of the
 // supine patient). Flange: z towards the head, along the guide. mm, rad, ns.
 #pragma once
 
@@ -22,23 +22,23 @@ public:
   static constexpr int kJoints = 6;
   using Joints = Eigen::Matrix<double, kJoints, 1>;
 
-  // Parked above the head, looking at its centre.
+  // Parked above the head, directed at its centre.
   RobotArm(const Patient &patient, const RobotParameters &parameters, std::uint64_t seed);
 
-  // Moves to the pose over a smooth way that starts now; called again before the end or after it, shifts the goal.
+  // Moves to the pose on a smooth path that starts now. Another call, before or after the end, changes the goal.
   void go(const T_ImageFlange &goal, std::int64_t now_ns);
   void shift_goal(const T_ImageFlange &goal) { goal_ = goal; }
   [[nodiscard]] bool arrived(std::int64_t now_ns) const { return now_ns >= arrival_ns_; }
-  // Flange z along the direction, turned from the present pose as little as that needs.
+  // Flange z along the direction, with the smallest rotation from the current pose.
   [[nodiscard]] T_ImageFlange looking(const Vector3d &position, const Vector3d &direction) const;
 
-  // Times must not go back.
+  // Times must not decrease.
   [[nodiscard]] wire::RobotState sample(std::int64_t time_ns);
-  // Where the flange is since the last sample.
+  // Pose of the flange at the last sample.
   [[nodiscard]] const T_ImageFlange &flange() const { return T_image_flange_; }
 
   [[nodiscard]] static T_BaseFlange forward(const Joints &joints);
-  // False when the pose is out of reach; joints are then as near as they came.
+  // False if the pose is out of reach; the joints are then the closest solution found.
   [[nodiscard]] static bool inverse(const T_BaseFlange &wanted, Joints &joints);
 
 private:

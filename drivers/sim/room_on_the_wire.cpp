@@ -12,20 +12,20 @@ namespace {
 
 constexpr std::int64_t kMillisecond_ns = 1'000'000;
 
-// What --live repeats: the script from the first start of navigation on.
+// Steps repeated by --live: the script from the first start of navigation on.
 std::vector<Step> live_part(const Scenario &scenario) {
   const auto first = std::find_if(scenario.steps.begin(), scenario.steps.end(),
                                   [](const Step &step) { return step.kind == StepKind::kStartNavigation; });
   std::vector<Step> out(first, scenario.steps.end());
   std::erase_if(out, [](const Step &step) { return step.kind == StepKind::kCloseCase; });
-  // A navigation that was never stopped would refuse to be started again.
+  // A navigation that was not stopped cannot be started again.
   if (!out.empty() && out.back().kind != StepKind::kStopNavigation) {
     out.push_back({StepKind::kStopNavigation, "stop_navigation", {}, {}, {}});
   }
   return out;
 }
 
-// True when a daemon takes commands and frames; false when none came in time or the driver is to stop.
+// True if a daemon reads commands and frames; false after the timeout or if the driver must stop.
 bool wait_for_daemon(driver::Io &io, std::int64_t timeout_ns) {
   const std::int64_t end_ns = io.now_ns() + timeout_ns;
   const auto present = [&io] {
@@ -83,7 +83,7 @@ driver::Outcome<void> RoomOnTheWire::connect(driver::Io &io) {
   return {};
 }
 
-// A device that was stopped comes back with the present, not with what it missed: the gap shows in the numbers.
+// A device that was stopped continues with current samples. The missed ones appear as a gap in the numbers.
 template <class T> void RoomOnTheWire::write_all(driver::Io &io, const char *device, const std::vector<T> &samples) {
   Sent &sent = sent_[device];
   for (const T &sample : samples) {
@@ -99,7 +99,7 @@ template <class T> void RoomOnTheWire::write_all(driver::Io &io, const char *dev
 }
 
 void RoomOnTheWire::write(driver::Io &io) {
-  write_all(io, kTrackerDevice, out_.frames); // first: their latency is measured
+  write_all(io, kTrackerDevice, out_.frames); // first, because their latency is measured
   write_all(io, kRobotDevice, out_.robot_states);
   write_all(io, kForceDevice, out_.force_samples);
   write_all(io, kRangeDevice, out_.range_samples);

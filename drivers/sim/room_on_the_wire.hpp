@@ -1,5 +1,5 @@
-// The simulated room as a device of the driver frame: samples are published when they fall due (absolute deadlines on
-// the host's clock), commands go out, replies and states come back.
+// The simulated room as a device of the driver frame. Samples are published when they are due (absolute deadlines on
+// the host's clock). Commands are sent, replies and states are received.
 #pragma once
 
 #include <cstdint>
@@ -20,8 +20,8 @@ struct RoomOptions {
   std::filesystem::path case_folder;
   std::filesystem::path scenario;
   std::uint64_t seed = 1;
-  double rate_hz = 0.0;    // of the tracker; 0: the scenario's
-  double timeout_s = 30.0; // to wait for a daemon
+  double rate_hz = 0.0;    // tracker rate; 0: that of the scenario
+  double timeout_s = 30.0; // time to wait for a daemon
   bool live = false;       // repeat the navigation until the driver is stopped
 };
 
@@ -32,24 +32,24 @@ public:
   using Reads = driver::Topics<wire::CommandReply, wire::NavigationState>;
   using Tell = std::function<void(const StepEvent &)>;
 
-  // The options may change until prepare(). tell is called for every event of the script.
+  // The options may change until prepare(). `tell` is called for every event of the script.
   RoomOnTheWire(const RoomOptions &options, Tell tell) : options_(&options), tell_(std::move(tell)) {}
 
-  // Throws std::invalid_argument where the scenario does not fit the case.
+  // Throws std::invalid_argument if the scenario does not match the case.
   [[nodiscard]] base::Result<void> prepare(const driver::Settings &settings) override;
-  // Waits for a daemon that takes commands and frames; that none comes in time is an error for good.
+  // Waits for a daemon that reads commands and frames. The timeout is a permanent error.
   [[nodiscard]] driver::Outcome<void> connect(driver::Io &io) override;
   [[nodiscard]] driver::Outcome<driver::Progress> read(driver::Io &io) override;
   void disconnect() noexcept override {}
 
-  // What one device has given to the wire. Numbers up to last_number that are not among `written` are lost samples:
-  // the device lost them itself, or they fell due more than kTooOld ago (the process was stopped or starved).
+  // Published samples of one device. Numbers up to last_number that are not among `written` are lost samples: the
+  // device lost them itself, or they were due more than kTooOld ago (the process was stopped or starved).
   struct Sent {
-    std::uint64_t written = 0; // samples, hostile ones and copies among them
+    std::uint64_t written = 0; // samples, including faulty ones and copies
     std::uint64_t last_number = 0;
   };
   [[nodiscard]] const std::map<std::string, Sent> &sent() const { return sent_; }
-  // Samples, truths and commands that were too old or that DDS did not take.
+  // Samples, truths and commands that were too old or refused by DDS.
   [[nodiscard]] std::uint64_t dropped() const { return dropped_; }
 
 private:

@@ -46,7 +46,7 @@ constexpr std::array<std::pair<std::string_view, BadSample>, 8> kBadSampleNames{
      {"duplicate", BadSample::kDuplicate},
      {"malformed", BadSample::kMalformed}}};
 
-// The step's name goes out with the truth, ":hold" behind it while the target is held.
+// The step's name is published with the truth, with the suffix ":hold" while the target is held.
 constexpr std::size_t kMaxStepName = wire::kNameLength - std::string_view(":hold").size();
 
 template <class Enum, std::size_t N>

@@ -7,13 +7,13 @@ namespace {
 
 using base::TableReader;
 
-// One table of numbers: a key is declared with its field, unit and range; the field's value is the default.
+// One table of numbers. A key is declared with its field, unit and range. The field's value is the default.
 class Numbers {
 public:
   Numbers(TableReader &root, std::string_view name) : table_(root.table(name)) {}
   ~Numbers() {
     if (table_) {
-      (void)table_->finish(); // what is wrong is kept for the document's last check
+      (void)table_->finish(); // errors are kept for the document's last check
     }
   }
   Numbers(const Numbers &) = delete;

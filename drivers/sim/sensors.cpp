@@ -9,8 +9,8 @@ namespace bregma::sim {
 
 namespace {
 
-constexpr double kSmoothing_s = 0.03; // of the speed: the tip trembles
-constexpr double kArm_mm = 12.0;      // of the sensor's bridges: force noise to torque noise
+constexpr double kSmoothing_s = 0.03; // smoothing of the speed, because of tremor
+constexpr double kArm_mm = 12.0;      // lever of the sensor's bridges, from force noise to torque noise
 
 } // namespace
 

@@ -12,13 +12,13 @@
 
 namespace bregma::sim {
 
-// What the brain does to the probe, and noise. Forces in the probe's body frame, on the probe.
+// Force of the brain on the probe, plus noise, in the probe's body frame.
 class ForceSensor {
 public:
   ForceSensor(const surface::TriangleMesh &brain, const TissueParameters &tissue, const SensorParameters &parameters,
               std::uint64_t seed)
       : brain_(brain, tissue), noise_N_(parameters.force_noise_N), noise_(seed, "force") {}
-  // probe may be null: then there is noise only. Times must not go back.
+  // probe may be null, which gives noise only. Times must not decrease.
   [[nodiscard]] wire::ForceSample sample(const TrueTool *probe, const T_ImageTip &T_image_tip, std::int64_t time_ns);
 
 private:
@@ -30,7 +30,7 @@ private:
   double speed_mm_s_ = 0.0; // into the tissue, smoothed
 };
 
-// A beam along the flange's z onto the true skin. Without an echo there is no sample.
+// A beam along the flange's z to the true skin. Without an echo there is no sample.
 class RangeSensor {
 public:
   RangeSensor(const Patient &patient, const SensorParameters &parameters, std::uint64_t seed)

@@ -19,7 +19,7 @@ namespace {
 
 std::int64_t nanoseconds(double milliseconds) { return std::llround(milliseconds * 1e6); }
 
-// Moments a period apart, without drift from rounding.
+// Times with a constant period, without drift from rounding.
 class Ticker {
 public:
   explicit Ticker(double rate_hz) : period_ns_(1e9 / rate_hz) {}
@@ -34,7 +34,7 @@ private:
   std::int64_t origin_ns_ = 0;
 };
 
-// What the operator needs of the case; meshes other than the scalp are not looked at by him.
+// The part of the case that the operator needs, without meshes other than the scalp.
 casefile::Case without_structures(const casefile::Case &a_case) {
   casefile::Case out = a_case;
   out.brain = {};
@@ -96,8 +96,8 @@ struct SimulatedRoom::State {
   Ticker tracker_ticker, operator_ticker, robot_ticker, force_ticker, range_ticker;
   bool started = false;
   std::uint64_t tracker_frame = 0, robot_frame = 0, force_frame = 0, range_frame = 0;
-  std::deque<wire::TrackerFrame> in_flight;           // in the order of delivery; sent_time_ns is when
-  std::deque<std::pair<BadSample, std::int64_t>> bad; // kinds and how many are left
+  std::deque<wire::TrackerFrame> in_flight;           // in the order of delivery, at sent_time_ns
+  std::deque<std::pair<BadSample, std::int64_t>> bad; // kinds and remaining counts
 };
 
 template <class Sample>
@@ -175,7 +175,7 @@ void SimulatedRoom::State::expose(std::int64_t time_ns, RoomOutput &out) {
     return;
   }
   frame.sent_time_ns = time_ns + delay_ns;
-  if (!in_flight.empty()) { // one line: nothing overtakes
+  if (!in_flight.empty()) { // one line: samples keep their order
     frame.sent_time_ns = std::max(frame.sent_time_ns, in_flight.back().sent_time_ns);
   }
   deliver(frame);
@@ -212,7 +212,7 @@ void SimulatedRoom::advance(std::int64_t now_ns, RoomOutput &out) {
                                         &s.range_ticker};
   for (;;) {
     Ticker *const next = *std::min_element(tickers.begin(), tickers.end(), [](const Ticker *a, const Ticker *b) {
-      return a->next_ns() < b->next_ns(); // of equals the first: the hand moves before it is measured
+      return a->next_ns() < b->next_ns(); // the first of equal ones: the hand moves before it is measured
     });
     const std::int64_t time_ns = next->next_ns();
     if (time_ns > now_ns) {

@@ -1,25 +1,25 @@
-// An operating room that does not exist: a head in front of an optical tracker, a person with two tools, a robot that
-// holds the biopsy guide, a force and a range sensor. It errs as real ones do and knows the truth.
+// A simulated operating room: a head in front of an optical tracker, an operator with two tools, a robot that holds the
+// biopsy guide, a force sensor and a range sensor. It has realistic errors and provides the ground truth.
 //
-// Deterministic and without threads, DDS or a clock: the caller says what time it is and gets everything that has
-// fallen due since. The same case, scenario, seed and replies give the same bytes, whatever the steps in which time is
-// told. The noise of each source is drawn from a stream of its own, so that a fault does not change what else happens.
+// Deterministic, without threads, DDS or a clock: the caller passes the time and receives all samples due since the
+// last call. The same case, scenario, seed and replies give the same bytes for any steps of the time. The noise of each
+// source has a separate random stream, so that a fault does not change other sources.
 //
 //   SimulatedRoom room(a_case, scenario, seed);
 //   for (now_ns = start; !room.finished(); now_ns = room.next_due_ns()) {
 //     room.advance(now_ns, out);            // out is cleared, then filled
-//     ... hand out.frames, out.commands, ... to the daemon's pipelines; give its replies and states back:
+//     ... pass out.frames, out.commands, ... to the daemon; return its replies and states:
 //     room.on_reply(reply); room.on_navigation(state, now_ns);
 //   }
 //
 // Devices: "Tracker", "Robot", "Force", "Range". Tools: those of the case. The client of the commands is
-// kOperatorClient. Times are host time, ns UTC; sent_time_ns of a sample is the time at which it fell due, to be
-// overwritten by who writes it later.
+// kOperatorClient. Times are host time, ns UTC. sent_time_ns of a sample is its due time; a later writer must overwrite
+// it.
 //
-// SimulatedTruth::step is the name of the step under way; while a tip is held at its target, with ":hold" behind it.
+// SimulatedTruth::step is the name of the current step, with the suffix ":hold" while a tip is held at its target.
 //
-// Frames: Tracker has z along the line of sight, away from the camera, y down. Truth is T_image_*: the head lies still
-// in the tracker's frame, and what is called Image is the head's anatomy, free of the errors of planning.
+// Frames: Tracker has z along the line of sight, away from the camera, y down. The truth is T_image_*. The head does
+// not move in the tracker's frame, and Image is the head's anatomy, without planning errors.
 #pragma once
 
 #include <cstdint>
@@ -44,12 +44,12 @@ struct StepEvent {
   Kind kind = Kind::kStarted;
   std::int64_t time_ns = 0;
   std::string step;
-  std::string text; // what was done, the daemon's figure, or why it failed
+  std::string text; // the action, the daemon's figure, or the reason of a failure
 };
 
 struct RoomOutput {
   std::vector<wire::TrackerFrame> frames;   // in the order of delivery
-  std::vector<wire::SimulatedTruth> truths; // one a measured frame, with the same number
+  std::vector<wire::SimulatedTruth> truths; // one per measured frame, with the same number
   std::vector<wire::RobotState> robot_states;
   std::vector<wire::ForceSample> force_samples;
   std::vector<wire::RangeSample> range_samples;
@@ -60,23 +60,23 @@ struct RoomOutput {
 
 class SimulatedRoom {
 public:
-  // The case must have passed load_case (a scalp, a reference); throws std::invalid_argument with a sentence where the
-  // scenario names a tool, a point or a trajectory that the case does not have.
+  // The case must have passed load_case (a scalp, a reference). Throws std::invalid_argument if the scenario names a
+  // tool, a point or a trajectory that the case does not contain.
   SimulatedRoom(const casefile::Case &a_case, const Scenario &scenario, std::uint64_t seed);
   ~SimulatedRoom();
   SimulatedRoom(SimulatedRoom &&) noexcept;
   SimulatedRoom &operator=(SimulatedRoom &&) noexcept;
 
-  // Time must not go back. The first call starts the room.
+  // Times must not decrease. The first call starts the room.
   void advance(std::int64_t now_ns, RoomOutput &out);
-  // When advance() has something to do next.
+  // Time of the next due event.
   [[nodiscard]] std::int64_t next_due_ns() const;
 
-  // What the operator hears and sees.
+  // Input of the operator.
   void on_reply(const wire::CommandReply &reply);
   void on_navigation(const wire::NavigationState &state, std::int64_t now_ns);
 
-  // The script has come to its end or to a step that failed. The devices go on.
+  // The script has ended or a step has failed. The devices continue.
   [[nodiscard]] bool finished() const;
   [[nodiscard]] bool failed() const;
   [[nodiscard]] std::string failure() const; // step and reason; empty unless failed

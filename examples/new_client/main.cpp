@@ -1,4 +1,4 @@
-// my-client: shows what bregmad says, once per second: its devices, and the tip of each tool while it is live.
+// my-client: prints the state of bregmad once per second: its devices, and the tip of each live tool.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>

@@ -13,7 +13,7 @@
 
 namespace force_line {
 
-inline constexpr std::size_t kMaxLength = 120; // of a line, without its end
+inline constexpr std::size_t kMaxLength = 120; // maximal length of a line, without its end
 
 struct Reading {
   std::uint64_t counter;
@@ -21,7 +21,7 @@ struct Reading {
   std::array<double, 3> force_N;
 };
 
-// The error says what is wrong with the line.
+// The error states the problem of the line.
 [[nodiscard]] tl::expected<Reading, std::string_view> parse(std::string_view line);
 
 } // namespace force_line

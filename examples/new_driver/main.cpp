@@ -58,7 +58,7 @@ private:
     for (std::size_t i = 0; i < 3; ++i) {
       sample.force_N[i] = reading->force_N[i];
     }
-    (void)io.publish(sample, arrival_ns); // a sample that is dropped is counted there
+    (void)io.publish(sample, arrival_ns); // publish() counts dropped samples
   }
 
   std::string address_ = "tcp://127.0.0.1:4600";

@@ -21,8 +21,8 @@ namespace bregma::inputs {
 
 struct DeviceOptions {
   base::DeviceClockOptions clock;
-  std::int64_t deadline_ns = 0;                 // silent for longer: lost. 0: the deadline of the stream's topic
-  std::int64_t sent_tolerance_ns = 100'000'000; // the driver's host clock may be ahead of ours by so much
+  std::int64_t deadline_ns = 0;                 // a longer silence means lost; 0: the deadline of the stream's topic
+  std::int64_t sent_tolerance_ns = 100'000'000; // maximal lead of the driver's host clock over ours
 };
 
 // The fields common to all streams.
@@ -70,7 +70,7 @@ private:
   void count_rate(std::int64_t now_ns) noexcept;
 
   DeviceOptions options_;
-  wire::DeviceHealth health_{}; // the counts live here
+  wire::DeviceHealth health_{}; // contains the counts
   base::DeviceClock clock_;
   FrameCounter frames_;
   runtime::Histogram latency_;

@@ -48,7 +48,7 @@ std::vector<std::string> split_names(std::string_view list) {
     const std::size_t comma = list.find(',');
     std::string_view name = list.substr(0, comma);
     name.remove_prefix(std::min(name.find_first_not_of(kBlank), name.size()));
-    name = name.substr(0, name.find_last_not_of(kBlank) + 1); // npos + 1 == 0: nothing but blanks
+    name = name.substr(0, name.find_last_not_of(kBlank) + 1); // npos + 1 == 0: only blanks
     names.emplace_back(name);
     if (comma == std::string_view::npos) {
       return names;

@@ -10,7 +10,7 @@ namespace {
 
 using wire::RejectReason;
 
-// No constant of the wire is negative; a positive value that this program does not know is one of a later revision.
+// No constant of the wire is negative. An unknown positive value belongs to a later revision.
 bool is_constant(std::int32_t value) noexcept { return value >= 0; }
 
 bool is_name(const wire::Name &name) noexcept { return name[0] != '\0' && wire::is_terminated(name); }
@@ -41,8 +41,7 @@ Rejection check_pose(const wire::Pose &pose) noexcept {
   return std::nullopt;
 }
 
-// A covariance that is stated at all is one: finite, and by its diagonal a bound of what stands beside it. All 0 states
-// none.
+// A stated covariance must be finite, with non-negative variances and correlations of at most 1. All 0: not stated.
 Rejection check_covariance(const wire::PoseCovariance &upper) noexcept {
   for (const float entry : upper) {
     if (!std::isfinite(entry)) {
@@ -156,7 +155,7 @@ Rejection check_payload(const wire::RangeSample &sample, const KnownTools & /*to
     return bregma_wire_REJECT_MALFORMED;
   }
   if (sample.status != bregma_wire_RANGE_VALID) {
-    return std::nullopt; // no reading: its figures are not looked at
+    return std::nullopt; // no reading: its values are not checked
   }
   if (!std::isfinite(sample.range_mm) || !std::isfinite(sample.sigma_mm)) {
     return bregma_wire_REJECT_NOT_FINITE;

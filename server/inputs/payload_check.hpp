@@ -17,7 +17,7 @@ namespace bregma::inputs {
 inline constexpr double kRotationTolerance = 1e-3;
 // A covariance in single precision may claim a correlation a little beyond 1: of its square.
 inline constexpr double kCorrelationTolerance = 1.001;
-// Positions beyond are no room's.
+// Maximal coordinate inside an operating room.
 inline constexpr double kMaxPosition_mm = 20'000.0;
 inline constexpr std::int64_t kMinPeriod_ns = 200'000; // 5 kHz
 inline constexpr std::int64_t kMaxPeriod_ns = 60'000'000'000;

@@ -13,7 +13,7 @@ public:
   virtual ~Clock() = default;
   [[nodiscard]] virtual std::int64_t now_ns() const noexcept = 0;       // UTC, since the Unix epoch
   [[nodiscard]] virtual std::int64_t monotonic_ns() const noexcept = 0; // never steps; for durations and deadlines
-  [[nodiscard]] virtual std::int64_t boot_ns() const noexcept = 0;      // never steps, and goes on during suspend
+  [[nodiscard]] virtual std::int64_t boot_ns() const noexcept = 0;      // never steps, and continues during suspend
 };
 
 class SystemClock final : public Clock {
@@ -23,8 +23,8 @@ public:
   [[nodiscard]] std::int64_t boot_ns() const noexcept override;
 };
 
-// Identity of this run of the machine: two times of boot_ns() can be compared only where it is equal. All 0 where the
-// system does not tell.
+// Identity of the machine's current boot: times of boot_ns() are comparable only for equal identities. All 0 if the
+// system does not provide it.
 [[nodiscard]] std::array<std::uint8_t, 16> boot_id();
 
 class ManualClock final : public Clock {

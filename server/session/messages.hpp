@@ -117,7 +117,7 @@ struct SurfaceSample {
 
 // ---- to the monitoring loop ----
 
-// A check touch, as measured and as judged against the accepted registration.
+// A check touch: the measurement and its comparison with the accepted registration.
 struct JudgedCheck {
   wire::Name tool;
   wire::Name landmark;

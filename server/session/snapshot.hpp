@@ -35,7 +35,7 @@ struct SessionData {
   std::map<std::string, FiducialSample> fiducials; // per fiducial
   std::vector<SurfaceSample> surface;
   std::optional<RegistrationAccepted> accepted;
-  std::map<std::string, JudgedCheck> checks; // by landmark, the last touch of each since acceptance
+  std::map<std::string, JudgedCheck> checks; // the last touch per landmark since acceptance
 };
 
 [[nodiscard]] std::string to_json(const SessionData &data);

@@ -23,7 +23,7 @@ constexpr SessionState kSame = bregma_wire_SESSION_FAULT; // as a row's next sta
 
 struct Row {
   CommandKind kind;
-  SessionState first, last; // the stages it fits, both included
+  SessionState first, last; // first and last stage in which it is allowed
   SessionState next;
   bool needs_tracking;  // needs current measurements: refused while Degraded
   const char *too_late; // advice if the stage is past `last`

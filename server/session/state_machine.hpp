@@ -16,7 +16,7 @@
 namespace bregma::server {
 
 [[nodiscard]] std::string_view state_name(wire::SessionState state); // "Registering"
-// Idle .. Navigating by its name; nothing for any other text.
+// A stage, Idle to Navigating, from its name; empty for any other text.
 [[nodiscard]] std::optional<wire::SessionState> stage_named(std::string_view name);
 
 class StateMachine {
@@ -27,10 +27,9 @@ public:
   [[nodiscard]] wire::SessionState stage() const { return stage_; }
   [[nodiscard]] bool verified() const;
 
-  // False for a command that is no session's, such as one to a robot.
+  // False for a command that is not for a session, such as one for a robot.
   [[nodiscard]] static bool carries_out(wire::CommandKind kind);
-  // Only for commands that a session carries out. Nothing when the command fits, else the sentence that refuses it and
-  // says what to do.
+  // Only for commands of a session. Empty if the command is allowed, otherwise the reason of the refusal with advice.
   [[nodiscard]] std::optional<std::string> refusal(wire::CommandKind kind) const;
   // The command was executed: moves to the next state. Precondition: refusal() was empty.
   void done(wire::CommandKind kind);

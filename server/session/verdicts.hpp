@@ -25,7 +25,7 @@ struct TargetTre {
 // Precondition: not refused.
 [[nodiscard]] RegistrationAccepted accept(const wire::RegistrationState &estimate);
 
-// A touch of the landmark with this index in the case, against the accepted registration.
+// Evaluates a touch of the landmark with this index in the case, by the accepted registration.
 [[nodiscard]] JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccepted &registration,
                                       std::size_t landmark_index, const wire::Name &tool, const CaptureResult &touch);
 

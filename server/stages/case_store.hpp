@@ -1,15 +1,15 @@
-// The case on its way to the stages and back: the session's stage adds cases, each stage holds a lease on the one that
-// it works with, and a case is freed when no stage holds it or an earlier one any more.
+// Shares cases between the stages. The session's stage adds cases, each stage holds a lease on the one that it uses,
+// and a case is freed when no stage holds it or an earlier one.
 //
 //   lease_.connect(store);                                // at wiring
 //   if (const auto change = lease_.newer()) {             // in a step of a stage that only follows the case ...
 //     pipeline_.handle(*change);
 //     lease_.take(*change);
 //   }
-//   inbox.take_each([&](const Message &m) { ... });       // ... or, where messages about the case come with it, in
-//                                                         // their order: CaseChanged is one of them, then lease_.take
+//   inbox.take_each([&](const Message &m) { ... });       // ... or in the order of messages about the case, one of
+//                                                         // which is CaseChanged, then lease_.take
 //
-// Threads: add and free_unused by the session's; a lease by its stage's, wait-free.
+// Threads: the session's calls add and free_unused; a stage's thread uses its lease, wait-free.
 #pragma once
 
 #include <atomic>
@@ -27,27 +27,27 @@ namespace bregma::server {
 
 class CaseStore {
 public:
-  // nullptr: no case any more.
+  // nullptr: the case was closed.
   CaseChanged add(std::unique_ptr<LoadedCase> loaded);
-  // Frees the cases that every lease has left behind.
+  // Frees the cases that no lease holds any more.
   void free_unused();
-  [[nodiscard]] std::size_t held() const noexcept { return cases_.size(); } // the present one included
+  [[nodiscard]] std::size_t held() const noexcept { return cases_.size(); } // including the current one
 
 private:
   friend class CaseLease;
   std::uint64_t generation_ = 0;
-  std::vector<std::pair<std::uint64_t, std::unique_ptr<LoadedCase>>> cases_; // by generation, the present one last
+  std::vector<std::pair<std::uint64_t, std::unique_ptr<LoadedCase>>> cases_; // per generation, the current one last
   runtime::LatestValue<CaseChanged> latest_;
   std::deque<std::atomic<std::uint64_t>> taken_; // generation that each lease holds
 };
 
 class CaseLease {
 public:
-  // store: outlives the lease. Before the stages run.
+  // store must outlive the lease. To be called before the stages run.
   void connect(CaseStore &store);
-  // The latest case if it is not the one that is held.
+  // The latest case if it is not the held one.
   [[nodiscard]] std::optional<CaseChanged> newer() const noexcept;
-  // From now on this case is held. Nothing of an earlier one may be used any more.
+  // Holds this case from now on. Earlier cases must not be used any more.
   void take(const CaseChanged &change) noexcept;
   [[nodiscard]] std::uint64_t generation() const noexcept { return held_; }
 

@@ -1,4 +1,4 @@
-// A case as the stages use it: made by the session's stage, read by the others, freed when no stage holds it any more
+// A case for the stages: made by the session's stage, read by the others, freed when no stage holds it any more
 // (case_store.hpp).
 #pragma once
 
@@ -19,7 +19,7 @@ class BrainModel;
 namespace bregma::server {
 
 struct LoadedCase {
-  // Throws std::invalid_argument that names the surface or tool that cannot be used.
+  // Throws std::invalid_argument with the name of an unusable surface or tool.
   LoadedCase(std::shared_ptr<const casefile::Case> loaded, double correlation_length_mm, int max_surface_samples);
   ~LoadedCase();
   LoadedCase(const LoadedCase &) = delete;
@@ -29,13 +29,13 @@ struct LoadedCase {
   surface::SurfaceModel scalp;
   planning::CriticalStructures structures;
   inputs::KnownTools tools;
-  registration::RegistrationEstimator estimator; // the registration stage's alone
-  // Made by the stage tissue model, then the deformation stage's alone.
+  registration::RegistrationEstimator estimator; // used only by the registration stage
+  // Made by the stage tissue model, then used only by the deformation stage.
   std::unique_ptr<tissue::BrainModel> tissue_model;
   std::vector<float> field_mm; // x, y, z per node of the model, for the topic DeformationField
 };
 
-// Tells a stage which case to use from now on; loaded is null when the case was closed. Generations count up.
+// Gives a stage its current case. loaded is null if the case was closed. Generations increase.
 struct CaseChanged {
   std::uint64_t generation;
   LoadedCase *loaded;

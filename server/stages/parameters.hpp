@@ -1,5 +1,5 @@
-// The parameters of all stages, by the type of their struct. A stage declares its own beside itself; wiring.cpp
-// declares those of all stages to the program's ParameterSet.
+// The parameters of all stages, indexed by the type of their struct. Each stage declares its own; wiring.cpp declares
+// those of all stages to the program's ParameterSet.
 //
 //   StageParameters parameters;
 //   parameters.of<NavigationParameters>().filter_hz = 0.0;
@@ -15,7 +15,7 @@ namespace bregma::server {
 
 class StageParameters {
 public:
-  // With its defaults where nobody has touched it. The reference holds as long as these parameters.
+  // Default values unless changed. The reference is valid as long as these parameters.
   template <class Parameters> [[nodiscard]] Parameters &of() {
     std::any &slot = slots_[std::type_index(typeid(Parameters))];
     if (!slot.has_value()) {

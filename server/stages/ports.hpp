@@ -1,8 +1,8 @@
-// The topics of a stage. In bregmad their ends are DDS with the recorder beside it (server/dds_topics.hpp), in tests
-// and benchmarks memory (tests/support/memory_topics.hpp).
+// The topics of a stage. In bregmad they are implemented by DDS and the recorder (server/dds_topics.hpp), in tests and
+// benchmarks by memory (tests/support/memory_topics.hpp).
 //
-// Threads: a link and its ports belong to one stage's thread once the stages run; making ports is for the main thread
-// before that. Reading and writing never throw and never wait.
+// Threads: the main thread makes links and ports; then only the stage's thread uses them. Reading and writing never
+// throw and never wait.
 #pragma once
 
 #include <cstddef>
@@ -20,8 +20,8 @@ struct TopicInfo {
   const char *name;
   const dds_topic_descriptor_t *descriptor;
   wire::Qos qos;
-  std::size_t bytes; // of a sample
-  bool plain;        // a sample is its bytes: no pointers in it
+  std::size_t bytes; // size of a sample
+  bool plain;        // a sample contains no pointers
 };
 
 template <class T> [[nodiscard]] TopicInfo topic_info() {
@@ -32,8 +32,7 @@ template <class T> [[nodiscard]] TopicInfo topic_info() {
 class Source {
 public:
   virtual ~Source() = default;
-  // Up to Batch's capacity of samples, on loan until they are given back. Without a sample it resets what wakes the
-  // stage for a missed deadline or a lost writer. utc_ns: the time of taking.
+  // Up to Batch's capacity of samples, on loan until they are returned. utc_ns: time of the call.
   virtual void take(dds::detail::Batch &batch) noexcept = 0;
   virtual void give_back(dds::detail::Batch &batch, std::int64_t utc_ns) noexcept = 0;
   [[nodiscard]] virtual std::uint32_t writers_alive() noexcept = 0;
@@ -42,12 +41,12 @@ public:
 class Sink {
 public:
   virtual ~Sink() = default;
-  // What is not taken is counted by DDS or the recorder; the next sample replaces it.
+  // DDS or the recorder counts a refused sample; the next one replaces it.
   virtual void write(const void *sample, std::int64_t utc_ns) noexcept = 0;
   [[nodiscard]] virtual std::uint32_t matched_readers() const noexcept = 0;
 };
 
-// Where one stage's topics begin and end.
+// The link of one stage to its topics.
 class Link {
 public:
   virtual ~Link() = default;
@@ -60,8 +59,8 @@ template <class T> class Subscriber {
 public:
   explicit Subscriber(Link &link) : source_(link.source(topic_info<T>())) {}
 
-  // Calls visit(const T &, std::uint64_t writer) for every sample since the last call, oldest first; a sample is gone
-  // when visit returns. Returns their number.
+  // Calls visit(const T &, std::uint64_t writer) for every sample since the last call, oldest first. A sample is valid
+  // only during visit. Returns their number.
   template <class Visit> std::size_t take_each(std::int64_t utc_ns, Visit &&visit) noexcept {
     std::size_t total = 0;
     dds::detail::Batch batch;
@@ -77,6 +76,7 @@ public:
     } while (batch.count == static_cast<int>(dds::detail::kBatch));
     return total;
   }
+  // Also resets the status that wakes the stage for a missed deadline or a lost writer.
   [[nodiscard]] std::uint32_t writers_alive() noexcept { return source_->writers_alive(); }
 
 private:
@@ -97,7 +97,7 @@ private:
 class Topics {
 public:
   virtual ~Topics() = default;
-  // stage: its name. The link lives as long as the topics.
+  // stage: its name. The link is valid as long as the topics.
   [[nodiscard]] virtual Link &link(const char *stage) = 0;
 };
 

@@ -1,4 +1,4 @@
-// What the parameters of stages have in common.
+// Common parts of the stages' parameters.
 #pragma once
 
 #include <cstdint>

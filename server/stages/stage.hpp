@@ -1,16 +1,15 @@
-// A stage is one part of the daemon with a thread of its own: it owns its inputs, parameters, outputs and state, and
-// has one step. What a stage reads from others is said in server/wiring.cpp and nowhere else. docs/new-stage.md shows
-// how to write one.
+// A stage is one part of the daemon with its own thread. It owns its inputs, parameters, outputs and state, and has one
+// step. Only server/wiring.cpp defines what a stage reads from others. docs/new-stage.md shows how to write one.
 //
-// A stage class has, beside the members below:
+// A stage class has, in addition to the members below:
 //   static constexpr const char *kName;            // at most 15 bytes; thread, health, recorder channel
 //   using Parameters = ...;                        // a struct with defaults, and next to it
 //                                                  // void declare(base ParameterSet &, Parameters &)
 //   Stage(const Parameters &, const StageContext &) // throws std::invalid_argument, dds::Error
-//   void connect(outputs of other stages...);      // when it reads any
+//   void connect(outputs of other stages...);      // if it reads any
 //   public outputs: runtime::LatestValue, runtime::SpscRing, runtime::Mailbox, CaseStore
 //
-// Threads: constructed and connected by the main thread; then step() and wake_ns() by the stage's thread alone.
+// Threads: the main thread constructs and connects; then only the stage's thread calls step() and wake_ns().
 #pragma once
 
 #include <cstdint>
@@ -21,16 +20,16 @@ namespace bregma::server {
 class Host;
 class Link;
 
-// When a step is made.
+// Times of a step.
 struct Moment {
   std::int64_t utc_ns = 0;       // since the Unix epoch, host clock
   std::int64_t monotonic_ns = 0; // never steps; rates and deadlines
-  std::int64_t boot_ns = 0;      // never steps, and goes on during suspend
-  bool tick = true;              // the rate has fallen due; false: a sample or wake_ns() asked for this step
+  std::int64_t boot_ns = 0;      // never steps, and continues during suspend
+  bool tick = true;              // the step is due by the rate; false: triggered by a sample or wake_ns()
 };
 
 enum class ThreadClass : std::uint8_t {
-  kFifo,  // SCHED_FIFO with the stage's priority (0: the ordinary scheduler). step() never allocates, locks or logs.
+  kFifo,  // SCHED_FIFO with the stage's priority (0: the default scheduler). step() never allocates, locks or logs.
   kBatch, // computes for most of its period: SCHED_BATCH. step() never allocates, locks or logs.
   kWorker // may allocate, lock, log and wait for the disk
 };
@@ -41,11 +40,11 @@ struct Schedule {
   double rate_hz = 0.0; // absolute deadlines, overruns counted and skipped; 0: the stage is not started
   // Also stepped when a sample arrives on a topic that it reads.
   bool triggered = false;
-  // A worker that may be busy for seconds: SCHED_BATCH, and no watchdog waits for it.
+  // A worker that may be busy for seconds: SCHED_BATCH, without a watchdog.
   bool long_work = false;
 };
 
-// What a stage is given when it is made.
+// Environment of a stage, passed to its constructor.
 struct StageContext {
   Link &link; // its topics (server/stages/ports.hpp)
   Host &host; // the process around it (server/stages/host.hpp)
@@ -67,9 +66,9 @@ public:
   virtual void begin(const Moment & /*now*/) {}
   // Takes in what has arrived, brings the state up to now, and publishes.
   virtual void step(const Moment &now) noexcept = 0;
-  // Monotonic time at which the passing of time alone changes what this stage shows, so that it is stepped then.
+  // Monotonic time at which the stage must be stepped because its output changes without a sample.
   [[nodiscard]] virtual std::int64_t wake_ns(const Moment & /*now*/) const noexcept { return kNever; }
-  // A step that takes longer is an overrun; 0: no limit but that of the rate.
+  // A longer step is an overrun; 0: only the limit of the rate.
   [[nodiscard]] virtual std::int64_t budget_ns() const noexcept { return 0; }
 
 private:

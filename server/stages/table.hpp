@@ -3,8 +3,8 @@
 //   using Wiring = StageTable<Reads<SensorStage>,
 //                             Reads<DeformationStage, &NavigationStage::probe, &SensorStage::force>>;
 //
-// Making a table makes every stage and then calls connect() of each that reads something, with the outputs in the order
-// of its row; what does not fit does not compile.
+// The constructor of a table makes every stage and then calls connect() of each stage that reads outputs, in the order
+// of its row. A mismatch does not compile.
 #pragma once
 
 #include <memory>
@@ -34,7 +34,7 @@ public:
     (declare(set, parameters.of<typename Rows::Type::Parameters>()), ...);
   }
 
-  // host and topics outlive the table.
+  // host and topics must outlive the table.
   StageTable(StageParameters &parameters, Topics &topics, Host &host)
       : stages_(std::make_unique<typename Rows::Type>(parameters.of<typename Rows::Type::Parameters>(),
                                                       StageContext{topics.link(Rows::Type::kName), host})...) {

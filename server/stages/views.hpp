@@ -1,5 +1,5 @@
-// What stages show each other of their work, as far as others need it: plain data for latest values. Lengths in mm, in
-// Image where nothing else is said; times ns UTC.
+// Data exchanged between stages: plain structs for latest values. Lengths in mm, in Image unless stated otherwise;
+// times ns UTC.
 #pragma once
 
 #include <cstdint>
@@ -12,10 +12,9 @@ class BrainModel;
 
 namespace bregma::server {
 
-// The probe as navigation shows it: what the tissue model is driven by. The sensor in the probe's grip measures in the
-// probe's body.
+// The navigated probe, input of the tissue model. The sensor in the probe's grip measures in the probe's body frame.
 struct ProbeView {
-  bool live = false; // a pose that may be navigated by
+  bool live = false; // a pose that is valid for navigation
   std::int64_t acquired_ns = 0;
   double tip_mm[3] = {};
   double shaft[3] = {};         // unit, in Image, from the tip up the shaft
@@ -28,7 +27,7 @@ struct ForceView {
   double force_N[3] = {};
 };
 
-// What navigation last showed, as far as monitoring needs it.
+// The latest navigation states, for monitoring.
 struct TrackingView {
   bool reference_visible = false;
   std::uint32_t tool_count = 0;
@@ -40,16 +39,16 @@ struct TrackingView {
   } tools[bregma_wire_MAX_TOOLS];
 };
 
-// A tissue model, or that none can be made (nullptr); of the case with this generation, which owns it.
+// A tissue model, or nullptr if it cannot be made, for the case with this generation, which owns it.
 struct TissueModelReady {
   std::uint64_t generation = 0;
   tissue::BrainModel *model = nullptr;
-  float *field_mm = nullptr; // room for x, y, z per node
+  float *field_mm = nullptr; // buffer for x, y, z per node
 };
 
-// Where the tissue model predicts the targets of the case, in its order.
+// Predicted positions of the case's targets, in its order.
 struct PredictedTargets {
-  std::uint64_t generation = 0; // of the case
+  std::uint64_t generation = 0; // generation of the case
   std::int64_t time_ns = 0;
   wire::DeformationStatus status[bregma_wire_MAX_TARGETS] = {};
   double position_mm[bregma_wire_MAX_TARGETS][3] = {};

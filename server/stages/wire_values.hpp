@@ -1,4 +1,4 @@
-// Small conversions between the wire's arrays and Eigen, shared by the pipelines. No allocation.
+// Conversions between arrays of DDS messages and Eigen, common to the pipelines. No allocation.
 #pragma once
 
 #include <algorithm>
@@ -14,7 +14,7 @@ using geometry::Matrix6d;
 using geometry::Vector3d;
 namespace frame = geometry::frame;
 
-// The wire and the messages hold matrices row by row.
+// Matrices in DDS and stage messages are row-major.
 template <int N> using RowMajor = Eigen::Matrix<double, N, N, Eigen::RowMajor>;
 
 [[nodiscard]] inline Vector3d vector_of(const Array3 &values) { return Vector3d::Map(values.data()); }

@@ -1,4 +1,4 @@
-// bregma, the program, against the real daemon with the simulated room's devices: what an operator types.
+// The program bregma with the real daemon and the simulated room's devices.
 #include <string>
 
 #include <gtest/gtest.h>
@@ -22,7 +22,7 @@ protected:
   tests::Outcome bregma(const std::string &words) {
     return tests::run_bregma(folder, words + " --domain " + std::to_string(operation.domain()));
   }
-  // SystemHealth says it a moment later.
+  // SystemHealth contains it a moment later.
   bool comes_to(wire::SessionState state) {
     return operation.observe_until([this, state] { return operation.health.session == state; });
   }
@@ -64,7 +64,7 @@ TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
   EXPECT_TRUE(comes_to(bregma_wire_SESSION_IDLE));
 }
 
-TEST_F(CommandLine, WhatCannotBeDoneYetIsRefusedInWords) {
+TEST_F(CommandLine, UnsupportedCommandsAreRefusedWithAText) {
   operation.start_room("[[steps]]\ndo = \"wait\"\nduration_s = 120.0\n");
   ASSERT_EQ(bregma("case load " + operation.case_folder().loaded().folder.string()).exit_code, 0) << operation.logs();
   ASSERT_TRUE(operation.observe_until([this] {
@@ -85,7 +85,7 @@ TEST_F(CommandLine, WhatCannotBeDoneYetIsRefusedInWords) {
   const auto navigate = bregma("target navigate Probe Biopsy");
   EXPECT_EQ(navigate.exit_code, kRefused);
 
-  // The tool lies still: the daemon collects its poses, and refuses the calibration for that.
+  // The tool does not move: the daemon collects its poses and therefore refuses the calibration.
   ASSERT_EQ(bregma("calibrate pivot --live Stylus start").exit_code, 0);
   operation.observe_for(2.0);
   const auto pivot = bregma("calibrate pivot --live Stylus finish");

@@ -1,4 +1,4 @@
-// The real daemon and the real simulated room, as processes over DDS: what happens when one of them fails.
+// The real daemon and the simulated room as processes over DDS, and failures of either.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -17,7 +17,7 @@ namespace bregma::test {
 namespace {
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true; // several times slower: what a person waits for is not judged
+constexpr bool kSanitized = true; // several times slower: waiting times are not tested
 #else
 constexpr bool kSanitized = false;
 #endif
@@ -33,7 +33,7 @@ bool is_shown(const wire::NavigationState &state) {
   return state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
 }
 
-// What must hold for every state that was ever published.
+// Conditions on every published state.
 void expect_no_pose_that_is_not_live(const std::vector<wire::NavigationState> &states) {
   constexpr std::int64_t kLatency_ns = 4'000'000;
   constexpr std::int64_t kPeriod_ns = 4'000'000;
@@ -55,7 +55,7 @@ std::size_t count(const std::vector<wire::NavigationState> &states, wire::PoseSt
       std::count_if(states.begin(), states.end(), [status](const auto &state) { return state.status == status; }));
 }
 
-// Registered in virtual time; then daemon and room as processes until the probe is navigated.
+// Registers in virtual time, then runs daemon and room as processes until the probe is navigated.
 void start_navigating(Operation &operation) {
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
   operation.start_daemon();
@@ -64,7 +64,7 @@ void start_navigating(Operation &operation) {
       << operation.logs();
 }
 
-TEST(Daemon, TrackerStoppedKilledAndRestartedIsNeverShownAsLiveAndComesBackByItself) {
+TEST(Daemon, AStoppedKilledAndRestartedTrackerIsNeverShownAsLiveAndRecoversAutomatically) {
   Operation operation;
   ASSERT_NO_FATAL_FAILURE(start_navigating(operation));
   operation.observe_for(1.0);
@@ -81,7 +81,7 @@ TEST(Daemon, TrackerStoppedKilledAndRestartedIsNeverShownAsLiveAndComesBackByIts
   operation.room().signal(SIGSTOP);
   ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_LOST); })) << operation.logs();
   EXPECT_GE(count(operation.probe, bregma_wire_POSE_STALE), 1U) << "a silent tracker is stale before it is lost";
-  // The first states after the last live one: stale as soon as three periods are over, lost when the deadline is.
+  // The first states after the last live one: stale after three periods, lost after the deadline.
   const auto last_live =
       std::find_if(operation.probe.rbegin(), operation.probe.rend(), [](const auto &state) { return is_shown(state); });
   ASSERT_NE(last_live, operation.probe.rend());
@@ -102,7 +102,7 @@ TEST(Daemon, TrackerStoppedKilledAndRestartedIsNeverShownAsLiveAndComesBackByIts
     ASSERT_FALSE(is_shown(operation.probe[i])) << "a pose was shown while there was no tracker";
   }
 
-  // The same patient in the same room: the driver is started again, and nobody tells the daemon.
+  // The same patient in the same room: the driver is restarted without a message to the daemon.
   operation.probe.clear();
   operation.start_room(R"(
 [[steps]]
@@ -120,7 +120,7 @@ duration_s = 60.0
   expect_no_pose_that_is_not_live(operation.probe);
 }
 
-TEST(Daemon, KilledDuringNavigationComesBackAsRegisteredWithTheSameRegistration) {
+TEST(Daemon, KilledDuringNavigationRestartsAsRegisteredWithTheSameRegistration) {
   Operation operation;
   ASSERT_NO_FATAL_FAILURE(start_navigating(operation));
   ASSERT_TRUE(operation.observe_until([&] { return operation.registration.accepted_revision != 0; }));
@@ -148,13 +148,13 @@ TEST(Daemon, KilledDuringNavigationComesBackAsRegisteredWithTheSameRegistration)
   EXPECT_EQ(bits_of(pose.rotation_wxyz), bits_of(before.accepted_T_image_reference.rotation_wxyz));
   EXPECT_EQ(bits_of(pose.translation_mm), bits_of(before.accepted_T_image_reference.translation_mm));
   EXPECT_EQ(bits_of(operation.registration.accepted_covariance), bits_of(before.accepted_covariance));
-  // It asks for verification: poses are computed for check touches, and none is live.
+  // It asks for verification: poses are computed for check touches, but none is live.
   ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_UNVERIFIED); }))
       << operation.logs();
   EXPECT_EQ(count(operation.probe, bregma_wire_POSE_LIVE), 0U);
 }
 
-TEST(Daemon, ASessionFileHoldsTheCaseThatItIsAbout) {
+TEST(Daemon, ASessionFileContainsItsCase) {
   Operation operation;
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
   operation.start_daemon();
@@ -180,7 +180,7 @@ TEST(Daemon, EndsCleanlyOnSigterm) {
   EXPECT_EQ(operation.daemon().wait(10.0), 0) << operation.logs();
 }
 
-TEST(Daemon, HostileSamplesAndAFloodAreCountedAndDisturbNobodyElse) {
+TEST(Daemon, FaultySamplesAndAFloodAreCountedAndDoNotAffectOtherDevices) {
   Operation operation;
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
   operation.start_daemon();
@@ -208,7 +208,7 @@ TEST(Daemon, HostileSamplesAndAFloodAreCountedAndDisturbNobodyElse) {
   }
   EXPECT_GE(operation.health.unknown_device_samples, 5U);
   EXPECT_TRUE(operation.alarm_raised(server::alarm::kRejected));
-  // The flood is refused at the border, and the others are taken as before.
+  // The input check rejects the flood and accepts the others as before.
   std::uint64_t refused = 0;
   for (const std::uint64_t number : force->rejected) {
     refused += number;

@@ -1,5 +1,5 @@
-// A reference that is bumped by 2 mm is noticed, and one that is not is left in peace: whole operations in virtual
-// time.
+// Drift alarms for a reference displaced by 2 mm, and no false alarms without a displacement: complete operations in
+// virtual time.
 #include <algorithm>
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ const wire::Alarm *drift_alarm(const VirtualOperation &operation) {
   return found != operation.alarms().end() ? &*found : nullptr;
 }
 
-// The operation up to a verified registration, and then three more check touches.
+// The operation up to a verified registration, followed by three check touches.
 std::string checked_twice(const std::string &fault) {
   return std::string(kRegisterSteps) + R"(
 [[steps]]
@@ -36,7 +36,7 @@ tool = "Stylus"
 }
 
 int touches_since(const VirtualOperation &operation, const std::string &step, std::int64_t until_ns) {
-  // Landmarks of the step that were answered before the time: one note an answer.
+  // Number of the step's landmarks answered before the time: one note per answer.
   return static_cast<int>(
       std::count_if(operation.events().begin(), operation.events().end(), [&](const sim::StepEvent &event) {
         return event.step == step && event.kind == sim::StepEvent::Kind::kNote && event.time_ns < until_ns;

@@ -1,5 +1,5 @@
-// No step of a stage allocates, unless it is a worker: all stages of the daemon run through a whole operation with
-// malloc interposed.
+// No step of a stage allocates, except workers: all stages of the daemon run a complete operation with malloc
+// interposed.
 #include <map>
 #include <string>
 
@@ -12,7 +12,7 @@
 namespace bregma::test {
 namespace {
 
-TEST(LoopStep, NoStepOfAnyLoopAllocatesThroughAWholeOperation) {
+TEST(LoopStep, NoStepOfAnyLoopAllocatesInACompleteOperation) {
   if (!AllocationScope::available()) {
     GTEST_SKIP() << "a sanitizer has malloc";
   }

@@ -16,7 +16,7 @@
 namespace bregma::test {
 namespace {
 
-// The head again, smaller, about a point.
+// A scaled copy of the head about a point.
 casefile::Surface shrunk_head(const std::string &name, double scale, const Eigen::Vector3d &about) {
   casefile::Surface out{name, make_head(3)};
   for (Eigen::Vector3d &vertex : out.mesh.vertices_mm) {

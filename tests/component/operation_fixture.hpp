@@ -1,5 +1,5 @@
-// What the component tests share: a case in a folder of its own, a session that was brought to Registered in virtual
-// time, and the real daemon and the real simulated room as processes on a DDS domain of their own.
+// Fixtures of the component tests: a case in a temporary folder, a session that reached Registered in virtual time, and
+// the real daemon and simulated room as processes on a separate DDS domain.
 #pragma once
 
 #include <functional>
@@ -13,9 +13,9 @@
 
 namespace bregma::test {
 
-inline constexpr std::uint64_t kSeed = 11; // of every operation here, unless a test says otherwise
+inline constexpr std::uint64_t kSeed = 11; // seed of every operation unless a test states another
 
-// An ellipsoid of a head with a brain and one critical structure, saved and loaded again.
+// An ellipsoidal head with a brain and one critical structure, saved and loaded again.
 class CaseFolder {
 public:
   CaseFolder();
@@ -32,11 +32,11 @@ extern const char *const kNavigateSteps;
 
 [[nodiscard]] sim::Scenario scenario_of(const std::string &toml);
 
-// Runs kRegisterSteps in virtual time and leaves the snapshot in state_folder: a daemon started there comes back as
-// Registered, for the patient of this seed.
+// Runs kRegisterSteps in virtual time and writes the snapshot to state_folder. A daemon started there restores the
+// session as Registered, for the patient of this seed.
 void register_in_virtual_time(const CaseFolder &folder, const std::string &state_folder, std::uint64_t seed = kSeed);
 
-// bregmad and bregma-sim-room, and an observer of what they say.
+// bregmad and bregma-sim-room, and an observer of their samples.
 class Operation {
 public:
   Operation();
@@ -45,10 +45,9 @@ public:
   // steps: scenario text; the room's log is kept.
   void start_room(const std::string &scenario_toml, const std::vector<std::string> &options = {});
 
-  // Takes in what has arrived until done() holds; false when that took longer than the time (which is generous: it
-  // bounds a hang, it measures nothing).
+  // Reads received samples until done() is true; false after the timeout, which only limits a hang.
   [[nodiscard]] bool observe_until(const std::function<bool()> &done, double seconds = 60.0);
-  // Takes in what arrives for so long.
+  // Reads samples for this time.
   void observe_for(double seconds);
 
   [[nodiscard]] const CaseFolder &case_folder() const { return case_; }
@@ -56,15 +55,15 @@ public:
   [[nodiscard]] Process &daemon() { return *daemon_; }
   [[nodiscard]] Process &room() { return *room_; }
   [[nodiscard]] std::uint32_t domain() const { return domain_; }
-  [[nodiscard]] std::string logs() const; // of both, for messages
+  [[nodiscard]] std::string logs() const; // logs of both, for messages
 
-  // The latest of each, and all states of the tool Probe since they were last cleared.
+  // The latest sample of each type, and all states of the tool Probe since the last clear.
   wire::SystemHealth health{};
   wire::RegistrationState registration{};
   wire::AccuracyState accuracy{};
   std::vector<wire::NavigationState> probe;
   std::vector<wire::Alarm> alarms;
-  std::vector<wire::CommandReply> replies; // to the operator
+  std::vector<wire::CommandReply> replies; // replies to the operator
   [[nodiscard]] bool alarm_raised(std::string_view kind) const;
   [[nodiscard]] const wire::DeviceHealth *device(std::string_view name) const;
   [[nodiscard]] bool probe_is(wire::PoseStatus status) const;

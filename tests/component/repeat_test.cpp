@@ -1,4 +1,4 @@
-// Virtual time repeats: the same case, scenario and seed publish the same bytes on every topic.
+// Reproducibility in virtual time: the same case, scenario and seed publish the same bytes on every topic.
 #include <cstddef>
 #include <cstring>
 #include <string>
@@ -18,7 +18,7 @@ struct Published {
   bool operator==(const Published &) const = default;
 };
 
-// The fields that hold what the processor, and not the operation, did. There are no others.
+// The only fields that depend on the processor and not on the operation.
 void mask_wall_time(wire::RegistrationState &state) { state.duration_ms = 0.0; }
 void mask_wall_time(wire::SystemHealth &health) {
   health.resident_bytes = 0;
@@ -76,7 +76,7 @@ TEST(VirtualTime, AnOperationPublishesTheSameBytesTwice) {
   expect_same(first, operate(folder, steps, quick_config()));
 }
 
-TEST(VirtualTime, SoDoesOneWithTheTissueModel) {
+TEST(VirtualTime, AnOperationWithTheTissueModelPublishesTheSameBytesTwice) {
   const CaseFolder folder;
   const std::string steps = std::string(kRegisterSteps) + kNavigateSteps;
   server::Config config = quick_config();

@@ -1,5 +1,5 @@
-// A registration without fiducials: the skin is traced, the daemon searches the head's pose from anywhere, and says
-// when it cannot know.
+// A registration without fiducials: the skin is traced, and the daemon searches the head's pose from any start and
+// reports if it is undetermined.
 #include <string>
 
 #include <gtest/gtest.h>
@@ -21,7 +21,7 @@ duration_s = 6.0
 do = "start_registration"
 )";
 
-// Waits for the search before the estimate is accepted, and for the loop to say so afterwards.
+// Waits for the search before the estimate is accepted, and then for the loop's state.
 std::string traced(double length_mm) {
   const std::string wait = "[[steps]]\ndo = \"wait\"\nduration_s = 2.0\n";
   return std::string(kPivotAndStart) +
@@ -29,8 +29,8 @@ std::string traced(double length_mm) {
          "[[steps]]\ndo = \"accept_registration\"\n" + wait;
 }
 
-// This head is as smooth as an egg with a nose: a trace of the scalp may slide on it, and the search says so.
-TEST(SkinAlone, IsRefusedWithTheSpotToTouchWhereItCannotFixThePose) {
+// This head is a smooth ellipsoid with a nose: a trace of the scalp may slide on it, which the search reports.
+TEST(SkinAlone, IsRefusedWithTheNextPointIfItDoesNotDetermineThePose) {
   const CaseFolder folder;
   VirtualOperation operation(folder.loaded(), scenario_of(traced(1800.0)), kSeed);
   EXPECT_FALSE(operation.run());
@@ -41,7 +41,7 @@ TEST(SkinAlone, IsRefusedWithTheSpotToTouchWhereItCannotFixThePose) {
       << operation.registration().text;
 }
 
-TEST(SkinAlone, TooLittleOfItIsRefusedWithAdvice) {
+TEST(SkinAlone, TooFewSamplesAreRefusedWithAdvice) {
   const CaseFolder folder;
   VirtualOperation operation(folder.loaded(), scenario_of(traced(150.0)), kSeed);
   EXPECT_FALSE(operation.run());

@@ -1,5 +1,5 @@
-// Any bytes from the force sensor of examples/new_driver: cut into lines and read, nothing crashes, and what is read is
-// within what the protocol promises.
+// Arbitrary bytes from the force sensor of examples/new_driver, split into lines and read: nothing crashes, and
+// readings satisfy the guarantees of the protocol.
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -23,7 +23,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
       }
     }
   };
-  // In pieces, as they come: the first byte of each says how long it is.
+  // In pieces, like received data: the first byte of each piece is its length.
   while (!bytes.empty()) {
     const auto length = std::min<std::size_t>(static_cast<unsigned char>(bytes.front()), bytes.size() - 1);
     lines.take(bytes.substr(1, length), read);

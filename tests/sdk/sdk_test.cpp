@@ -1,5 +1,5 @@
-// The package, as another project sees it: installed into a folder of its own; a driver and a client are built from the
-// installed examples, outside the tree, and run against the installed daemon.
+// The installed package in another project: installed to a separate folder. A driver and a client are built from the
+// installed examples, outside the tree, and run with the installed daemon.
 #include <atomic>
 #include <chrono>
 #include <csignal>
@@ -34,7 +34,7 @@ std::string read_file(const fs::path &file) {
 
 bool holds(const std::string &text, const std::string &part) { return text.find(part) != std::string::npos; }
 
-// The force sensor: 200 lines per second, of which every tenth has a wrong checksum.
+// The force sensor: 200 lines per second, every tenth with a wrong checksum.
 class ForceSensor {
 public:
   ForceSensor()
@@ -71,7 +71,7 @@ private:
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
   std::uint64_t count_ = 0;
   std::atomic<bool> stop_{false};
-  std::thread thread_; // last: it uses the others
+  std::thread thread_; // last, because it uses the others
 };
 
 class Sdk : public testing::Test {
@@ -111,7 +111,7 @@ private:
 TemporaryFolder *Sdk::folder_ = nullptr;
 std::string Sdk::failed_;
 
-TEST_F(Sdk, EverythingIsInItsPlace) {
+TEST_F(Sdk, AllFilesAreInstalled) {
   for (const char *file :
        {"bin/bregma", "bin/bregmad", "bin/bregma-sim-room", "include/bregma/idl/dds.hpp",
         "include/bregma/algorithms/geometry/rigid3.hpp", "include/bregma/drivers/frame/program.hpp",
@@ -127,8 +127,8 @@ TEST_F(Sdk, EverythingIsInItsPlace) {
   EXPECT_EQ(doctor.wait(30.0), 0) << doctor.log();
 }
 
-// The pages are made from --help when the package is installed; this asks whether nothing was lost on the way.
-TEST_F(Sdk, TheManualSaysWhatHelpSays) {
+// The manual pages are made from --help during the installation. The test checks that they are complete.
+TEST_F(Sdk, TheManualAgreesWithHelp) {
   const std::string page = read_file(prefix() / "share/man/man1/bregma-register-points.1");
   EXPECT_TRUE(holds(page, ".TH BREGMA-REGISTER-POINTS \"1\"")) << page;
   for (const char *command : {"bregma register points", "bregma watch", "bregmad", "bregma-sim-room"}) {
@@ -178,7 +178,7 @@ TEST_F(Sdk, AnExampleDriverAndAnExampleClientWorkWithTheInstalledDaemon) {
   Process driver({example("new_driver", "my-force"), "--domain", domain, "--set", "address=" + sensor.address()},
                  log("my-force").string());
   Process client({example("new_client", "my-client"), domain, "60"}, log("my-client").string());
-  const auto end = std::chrono::steady_clock::now() + 50s; // bounds a hang, measures nothing
+  const auto end = std::chrono::steady_clock::now() + 50s; // limits a hang; not a measurement
   while (!holds(client.log(), "Force: live") && std::chrono::steady_clock::now() < end) {
     std::this_thread::sleep_for(100ms);
   }
@@ -190,7 +190,7 @@ TEST_F(Sdk, AnExampleDriverAndAnExampleClientWorkWithTheInstalledDaemon) {
   EXPECT_EQ(daemon.wait(20.0), 0) << daemon.log();
 }
 
-TEST_F(Sdk, TheExamplesSayHowTheyAreUsed) {
+TEST_F(Sdk, TheExamplesPrintTheirUsage) {
   Process help({example("new_driver", "my-force"), "--help"}, log("force-help").string());
   EXPECT_EQ(help.wait(30.0), 0);
   EXPECT_TRUE(holds(help.log(), "Examples:\n  my-force --set address=serial:///dev/ttyUSB0")) << help.log();
@@ -202,7 +202,7 @@ TEST_F(Sdk, TheExamplesSayHowTheyAreUsed) {
   EXPECT_EQ(client.wait(30.0), 2);
 }
 
-// The first line is what a foreign program needs to be heard at all.
+// The first line is required for communication with other programs.
 TEST_F(Sdk, ThePageOnDriversBeginsWithTheSettingsOfCyclone) {
   const std::string page = read_file(doc() / "docs/new-driver.md");
   EXPECT_TRUE(holds(page.substr(0, page.find('\n')), "CYCLONEDDS_URI=file:///usr/share/bregma/cyclonedds-local.xml"));

@@ -106,7 +106,7 @@ Recorded read_sessions(const std::filesystem::path &folder) {
   return out;
 }
 
-TEST(Soak, EverySampleIsAccountedForAndMemoryIsFlat) {
+TEST(Soak, EverySampleIsCountedAndMemoryIsConstant) {
   const double seconds = 60.0 * minutes_asked_for();
   Operation operation;
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());

@@ -1,4 +1,4 @@
-// The bytes that the force sensor of examples/new_driver sends; written apart from the parser that reads them.
+// Lines of the force sensor of examples/new_driver, independent of its parser.
 #pragma once
 
 #include <cstdio>
@@ -6,7 +6,7 @@
 
 namespace bregma::test {
 
-// Without the line's end.
+// Without the line end.
 inline std::string force_line_of(const std::string &content) {
   unsigned sum = 0;
   for (const char c : content) {

@@ -8,19 +8,19 @@ namespace {
 
 using server::TopicInfo;
 
-constexpr std::size_t kReserved = 64; // samples of a topic that fit between two deliveries without an allocation
+constexpr std::size_t kReserved = 64; // samples per topic between two deliveries without an allocation
 constexpr std::uint64_t kWriter = 1;
 
-// What waits for a stage, and what it has on loan.
+// Samples that wait for a stage, and those that it has on loan.
 struct Queue {
   TopicInfo topic;
   std::deque<std::vector<std::byte>> samples;
 };
 
-// What a stage has published since the last delivery.
+// Samples published by a stage since the last delivery.
 struct Outgoing {
   TopicInfo topic;
-  std::vector<std::byte> bytes; // samples one after the other
+  std::vector<std::byte> bytes; // concatenated samples
 };
 
 class MemorySource final : public server::Source {

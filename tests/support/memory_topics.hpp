@@ -1,5 +1,5 @@
-// The stages' topics in memory: what a stage publishes is kept until deliver(), which hands it to the stages that read
-// the topic and to observers. So no step allocates because of its topics, and a run repeats byte for byte.
+// The stages' topics in memory. Published samples are kept until deliver(), which passes them to the reading stages and
+// to observers. So topics cause no allocation in a step, and runs are reproducible byte for byte.
 //
 // One thread.
 #pragma once
@@ -22,7 +22,7 @@ class MemoryLink;
 
 class MemoryTopics final : public server::Topics {
 public:
-  // A published sample, known by its topic; gone when the observer returns.
+  // A published sample and its topic; valid during the call of the observer.
   using Observer = std::function<void(const server::TopicInfo &, const void *sample)>;
 
   MemoryTopics();
@@ -30,9 +30,9 @@ public:
 
   [[nodiscard]] server::Link &link(const char *stage) override;
 
-  // Puts a sample from outside before every stage that reads its topic.
+  // Passes an external sample to every stage that reads its topic.
   template <class T> void put(const T &sample) { put(server::topic_info<T>(), &sample); }
-  // Of every topic, in the order of publication.
+  // For all topics, in the order of publication.
   void observe(Observer observer) { observers_.push_back(std::move(observer)); }
   template <class T, class Visit> void observe(Visit visit) {
     observe([visit](const server::TopicInfo &topic, const void *sample) {
@@ -41,7 +41,7 @@ public:
       }
     });
   }
-  // What was published since the last call.
+  // Samples published since the last call.
   void deliver();
   // Whether samples wait for this stage.
   [[nodiscard]] bool waiting(const char *stage) const;

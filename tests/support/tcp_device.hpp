@@ -1,5 +1,5 @@
-// A device at the other end of a TCP connection: listens on a free port of the loopback interface and sends what the
-// test says.
+// A device at the other end of a TCP connection: listens on a free port of the loopback interface and sends the bytes
+// given by the test.
 #pragma once
 
 #include <algorithm>
@@ -38,7 +38,7 @@ public:
 
   [[nodiscard]] std::string address() const { return "tcp://127.0.0.1:" + std::to_string(port_); }
 
-  // True when a driver has connected within the time. A driver that was there before is hung up on.
+  // True if a driver connects within the time. An earlier connection is closed.
   bool accept(std::chrono::milliseconds timeout = std::chrono::seconds(10)) {
     hang_up();
     pollfd waiting{listener_, POLLIN, 0};
@@ -47,7 +47,7 @@ public:
     }
     return connection_ >= 0;
   }
-  // False when the driver has gone.
+  // False if the driver has disconnected.
   bool send(std::string_view bytes) const {
     return ::send(connection_, bytes.data(), bytes.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(bytes.size());
   }

@@ -1,4 +1,4 @@
-// A new empty folder for a test, removed with its content at the end of the object's life.
+// A new empty folder for a test, removed with its content by the destructor.
 #pragma once
 
 #include <unistd.h>
@@ -14,7 +14,7 @@ namespace bregma::test {
 
 class TemporaryFolder {
 public:
-  // Throws std::runtime_error where no folder can be made.
+  // Throws std::runtime_error if no folder can be created.
   TemporaryFolder() {
     std::string name = (std::filesystem::temp_directory_path() / "bregma-test-XXXXXX").string();
     if (mkdtemp(name.data()) == nullptr) {
@@ -32,7 +32,7 @@ public:
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }
   [[nodiscard]] std::filesystem::path operator/(const std::filesystem::path &name) const { return path_ / name; }
 
-  // Writes a file, replacing one of that name; makes the folders on its path.
+  // Writes or replaces a file; creates the folders on its path.
   std::filesystem::path write(const std::filesystem::path &name, std::string_view content) const {
     std::filesystem::path file = path_ / name;
     std::filesystem::create_directories(file.parent_path());

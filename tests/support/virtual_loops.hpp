@@ -1,5 +1,5 @@
-// The daemon's stages in virtual time: one thread, the schedule that bregmad's loops keep (server/loops.hpp), and no
-// waiting. Stages that are due at the same time are stepped in the order of the wiring.
+// The daemon's stages in virtual time: one thread, the schedule of bregmad's loops (server/loops.hpp), and no waiting.
+// Stages that are due at the same time are stepped in the order of the wiring.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@ namespace bregma::test {
 
 class VirtualLoops {
 public:
-  // Makes the step that it is given, for a test that wants to know something of it.
+  // Executes the given step; for tests that measure it.
   using Around = std::function<void(const server::Stage &, const std::function<void()> &step)>;
 
   VirtualLoops(const std::vector<server::Stage *> &stages, MemoryTopics &topics, std::int64_t start_utc_ns);

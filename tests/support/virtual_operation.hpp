@@ -1,6 +1,6 @@
-// A whole operation in virtual time: the simulated operating room and the daemon's stages, in one thread, as fast as
-// the processor allows. What runs is what bregmad runs, with its schedule and rates, but for threads and DDS; the same
-// seed publishes the same bytes (tests/component/repeat_test.cpp).
+// A complete operation in virtual time: the simulated operating room and the daemon's stages in one thread, as fast as
+// the processor allows. The stages, schedule and rates are those of bregmad, without threads and DDS. Equal seeds
+// publish equal bytes (tests/component/repeat_test.cpp).
 #pragma once
 
 #include <cstdint>
@@ -21,25 +21,25 @@
 
 namespace bregma::test {
 
-// bregmad's defaults without a tissue model, which would take longer than all the rest.
+// bregmad's defaults without a tissue model, which would dominate the computing time.
 [[nodiscard]] server::Config quick_config();
 
 class VirtualOperation final : private server::Host {
 public:
-  // Called for every state that navigation publishes, with the truth of the same frame where the room told it.
+  // Called for every published navigation state, with the truth of the same frame if available.
   using Observer = std::function<void(const wire::NavigationState &, const wire::SimulatedTruth *)>;
 
-  // a_case: as loaded from its folder; the scenario's load_case step loads it again by that folder. The session's
-  // snapshot goes to the configured state directory, or to a folder that goes with the operation when that is empty.
+  // a_case: as loaded from its folder; the scenario's load_case step loads it again from there. The session's snapshot
+  // is written to the configured state directory, or to a temporary folder if that is empty.
   VirtualOperation(const casefile::Case &a_case, const sim::Scenario &scenario, std::uint64_t seed,
                    server::Config config = quick_config());
   ~VirtualOperation() override;
 
   void observe(Observer observer) { observer_ = std::move(observer); }
-  // For what is published on other topics, and for what is to be known of steps.
+  // For observers of other topics and of steps.
   [[nodiscard]] MemoryTopics &topics() { return topics_; }
   [[nodiscard]] VirtualLoops &loops() { return loops_; }
-  // Runs the script to its end; false when a step failed (see failure()) or more than limit_s of virtual time went by.
+  // Runs the script to its end. False if a step failed (see failure()) or the virtual time exceeds limit_s.
   bool run(double limit_s = 600.0);
 
   [[nodiscard]] std::string failure() const;
@@ -47,7 +47,7 @@ public:
   [[nodiscard]] const std::vector<wire::Alarm> &alarms() const { return alarms_; }
   [[nodiscard]] const std::vector<wire::CommandReply> &replies() const { return replies_; }
   [[nodiscard]] const std::vector<sim::StepEvent> &events() const { return events_; }
-  // The latest of each.
+  // The latest message of each type.
   [[nodiscard]] const wire::RegistrationState &registration() const { return registration_; }
   [[nodiscard]] const wire::FiducialReport &fiducials() const { return fiducials_; }
   [[nodiscard]] const wire::AccuracyState &accuracy() const { return accuracy_; }

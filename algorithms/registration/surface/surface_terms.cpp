@@ -13,7 +13,7 @@ namespace {
 constexpr double kTukey = 4.685; // 95 % efficient for normal errors
 const double kMadToSigma =
     1.0 / uncertainty::normal_quantile(0.75); // median of |x| to standard deviation, normal errors
-constexpr double kOnSurface_mm = 1e-6;        // nearer than this, only the surface knows its normal
+constexpr double kOnSurface_mm = 1e-6;        // nearer than this, the surface's own normal is used
 } // namespace
 
 SurfaceTerms::SurfaceTerms(const surface::SurfaceModel *surface, double sigma_mm, double correlation_length_mm,

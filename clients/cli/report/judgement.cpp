@@ -13,7 +13,7 @@ double worst_target_tre_mm(const RegistrationSummary &registration) {
   double worst = geometry::kUnknown;
   for (const auto &target : registration.targets) {
     if (!std::isfinite(target.tre_rms_mm)) {
-      return geometry::kUnknown; // one that is not known may be the worst
+      return geometry::kUnknown; // an unknown error may be the largest one
     }
     worst = std::isfinite(worst) ? std::max(worst, target.tre_rms_mm) : target.tre_rms_mm;
   }

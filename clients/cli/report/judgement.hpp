@@ -12,8 +12,8 @@ namespace bregma::cli::report {
 
 struct Judgement {
   std::string name;                  // the limit's key in the scenario file
-  std::string text;                  // what is measured, for a person
-  double value = geometry::kUnknown; // NaN: the file does not say, and then the limit does not hold
+  std::string text;                  // description of the figure
+  double value = geometry::kUnknown; // NaN: not in the file; the limit then counts as exceeded
   double limit = geometry::kUnknown;
   std::string unit;    // empty for counts and yes (1) or no (0)
   bool at_most = true; // false: at least

@@ -19,7 +19,7 @@
 
 namespace bregma::cli::report {
 
-// A sample counts as held at the target when the tip is shown so near to it (mm).
+// A sample counts as held at the target when the shown tip is within these distances (mm).
 inline constexpr double kAtTargetDepth_mm = 1.0;    // along the trajectory
 inline constexpr double kAtTargetDistance_mm = 3.0; // in all
 
@@ -38,7 +38,7 @@ struct TipSample {
   bool at_target = false;
   double predicted_rms_mm = geometry::kUnknown; // TRE at the tip
   double true_error_mm = geometry::kUnknown;    // |shown tip - true tip|
-  double ellipsoid = geometry::kUnknown; // of the true error, squared, in semi-axes: inside the 95 % region up to 1
+  double ellipsoid = geometry::kUnknown; // squared true error in units of the semi-axes: up to 1 inside the 95 % region
 };
 
 // Figures while the tip was held at the target of the navigated plan.
@@ -49,8 +49,8 @@ struct AtTarget {
   double shown_distance_mm = geometry::kUnknown; // median, shown tip to target
   Distribution true_error_mm;                    // empty without truth
   double predicted_rms_mm = geometry::kUnknown;  // median
-  double inside_share = geometry::kUnknown;      // of the samples with truth, those inside the predicted 95 % ellipsoid
-  std::optional<bool> inside;                    // most of them are
+  double inside_share = geometry::kUnknown; // fraction of the samples with truth inside the predicted 95 % ellipsoid
+  std::optional<bool> inside;               // more than half of them are inside
   double registration_error_mm = geometry::kUnknown; // true error of the accepted registration at the true tip
 };
 
@@ -73,7 +73,7 @@ struct RegistrationSummary { // the last accepted registration
   std::uint64_t revision = 0;
   std::uint32_t fiducials = 0;
   std::uint32_t surface_points = 0;
-  double fre_mm = geometry::kUnknown; // how well the fiducials agree; says nothing about the target
+  double fre_mm = geometry::kUnknown; // consistency of the fiducials, not the error at the target
   double surface_rms_mm = geometry::kUnknown;
   std::vector<TargetPrediction> targets;
   std::vector<FiducialFigure> residuals;
@@ -93,7 +93,7 @@ struct Approach {
   std::string tool;
   std::int64_t time_ns = 0;
   double shown_mm = geometry::kUnknown;
-  double true_at_least_mm = geometry::kUnknown; // shown distance less the true error of the tip, at its smallest
+  double true_at_least_mm = geometry::kUnknown; // minimum of the shown distance less the true error of the tip
 };
 
 // One answer of the tissue model about a target, while the probe touched the tissue.
@@ -106,26 +106,26 @@ struct TissueSample {
   double shaft_force_N = geometry::kUnknown;
   double measured_force_N = geometry::kUnknown;
   double von_mises_Pa = geometry::kUnknown;   // at the target
-  double motion_mm = geometry::kUnknown;      // of the target, as predicted
-  double error_bound_mm = geometry::kUnknown; // of that
+  double motion_mm = geometry::kUnknown;      // predicted motion of the target
+  double error_bound_mm = geometry::kUnknown; // bound of its error
 };
 
 struct FollowedLandmark {
-  std::string landmark; // in the brain
+  std::string landmark; // name of a landmark in the brain
   double largest_motion_mm = geometry::kUnknown;
-  double error_bound_mm = geometry::kUnknown; // of it
+  double error_bound_mm = geometry::kUnknown; // bound of the motion's error
 };
 
-// Of the probe into the brain, as the tissue model followed it; of the target that it moved most.
+// The probe's insertion as followed by the tissue model, with the target that moved most.
 struct InsertionAnalysis {
   std::string target;
   std::uint32_t elements = 0;
   std::vector<TissueSample> samples; // in the order of publication
   std::uint32_t ruptures = 0;
-  double rupture_force_N = geometry::kUnknown;  // of the first, as the model has it
-  double rupture_depth_mm = geometry::kUnknown; // of the dent before it
+  double rupture_force_N = geometry::kUnknown;  // modelled force at the first rupture
+  double rupture_depth_mm = geometry::kUnknown; // depth of the indentation before the first rupture
   double largest_motion_mm = geometry::kUnknown;
-  double stiffness_scale = geometry::kUnknown; // at the end: measured against modelled force
+  double stiffness_scale = geometry::kUnknown; // at the end: measured over modelled force
   std::map<std::string, std::size_t> states;   // samples by status
   std::map<std::string, std::size_t> reasons;
   std::vector<FollowedLandmark> landmarks; // by name
@@ -149,7 +149,7 @@ struct StateSpan {
 struct DeviceSummary {
   std::string device;
   std::string kind;
-  double rate_hz = geometry::kUnknown; // the last that was stated while it was live
+  double rate_hz = geometry::kUnknown; // last rate while the device was live
   std::uint64_t taken = 0;
   std::uint64_t lost = 0;
   std::uint64_t late = 0;
@@ -184,13 +184,13 @@ struct SessionAnalysis {
   std::vector<TipSample> tips;           // in the order of publication
   Distribution exposure_to_published_ms; // states of a new frame only, not their repetitions at the floor rate
   Distribution sent_to_published_ms;
-  double navigation_rate_hz = geometry::kUnknown; // of the navigated tool's states, while navigating
+  double navigation_rate_hz = geometry::kUnknown; // rate of the navigated tool's states while navigating
   bool navigated = false;
   bool verified_before_navigation = false;
 
   std::optional<RegistrationSummary> registration;
   std::optional<AtTarget> at_target;
-  std::vector<Approach> approaches; // one a structure, nearest first
+  std::vector<Approach> approaches; // one per structure, nearest first
   std::optional<InsertionAnalysis> insertion;
   std::vector<CheckRecord> checks;
   std::vector<AlarmChange> alarms;

@@ -12,7 +12,7 @@ using Value = double (*)(const TissueSample &);
 
 double all_force_N(const TissueSample &sample) { return sample.tip_force_N + sample.shaft_force_N; }
 
-// Against depth, broken where the model's answer is invalid or the phase is another.
+// Curve over depth, interrupted where the model's answer is invalid or the phase changes.
 base::Series course(const InsertionAnalysis &insertion, const char *name, const char *paint, Value value,
                     bool backwards) {
   base::Series out;
@@ -38,7 +38,7 @@ base::Plot plot_of(const InsertionAnalysis &insertion, const char *title, const 
   return plot;
 }
 
-// What the model says of the target, from zero, on the way in and on the way out.
+// Predicted motion of the target, from zero, during insertion and withdrawal.
 base::Plot in_and_out(const InsertionAnalysis &insertion, const char *title, const char *unit_label, Value value) {
   base::Plot plot = plot_of(insertion, title, unit_label);
   plot.y.from = 0.0;

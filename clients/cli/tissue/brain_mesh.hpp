@@ -32,8 +32,8 @@ void add_mesh_options(CLI::App &command, MeshRequest &request);
 // --entry-edge, with the daemon's default.
 void add_entry_option(CLI::App &command, MeshRequest &request);
 
-// Blocks for about a second. Refuses a lattice's edge that gives fewer or more tetrahedra than above, and says which
-// ones do not.
+// Blocks for about a second. Refuses an edge that gives fewer or more tetrahedra than the limits, and states the range
+// of edges.
 [[nodiscard]] base::Result<case_model::Brain> fill_brain(const casefile::Case &c, const MeshRequest &request);
 
 struct MeshReport {

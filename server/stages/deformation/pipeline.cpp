@@ -6,9 +6,9 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kProbeAge_ns = 100'000'000; // an older pose is no pose
+constexpr std::int64_t kProbeAge_ns = 100'000'000; // older poses are ignored
 constexpr std::int64_t kForceAge_ns = 100'000'000;
-constexpr double kMaxStep_s = 0.25; // after a pause of the loop the model does not make up for all of it
+constexpr double kMaxStep_s = 0.25; // maximal simulated time after a pause of the loop
 
 // The model's reasons follow "none" on the wire in the order of tissue::ModelReason.
 wire::DeformationReason reason_of(tissue::ModelReason reason) {
@@ -62,7 +62,7 @@ void DeformationPipeline::handle(const CaseChanged &change) noexcept {
 }
 
 void DeformationPipeline::follow(const std::vector<casefile::NamedPoint> &points, wire::FollowedKind kind) noexcept {
-  // load_case has refused cases with more points than there is room for.
+  // load_case rejects cases with more points.
   const std::size_t room = std::min(points.size(), states_.size() - count_);
   for (const casefile::NamedPoint &point : std::span(points).first(room)) {
     wire::DeformationState &state = states_[count_++];
@@ -76,7 +76,7 @@ void DeformationPipeline::follow(const std::vector<casefile::NamedPoint> &points
 
 void DeformationPipeline::handle(const TissueModelReady &ready) noexcept {
   if (ready.generation != generation_) {
-    return; // of a case that is closed
+    return; // model of a closed case
   }
   model_ = ready.model;
   stepped_ns_ = 0;
@@ -94,7 +94,7 @@ void DeformationPipeline::step(const ProbeView &probe, const ForceView &force, s
     seen.seen = probe.live && now_ns - probe.acquired_ns < kProbeAge_ns;
     seen.pose = {Vector3d::Map(probe.tip_mm), Vector3d::Map(probe.shaft)};
     if (seen.seen && now_ns - force.arrived_ns < kForceAge_ns) {
-      // What presses the probe up its shaft is what the tissue pushes back with.
+      // A force up the shaft is the force with which the tissue pushes back.
       measured_N = Vector3d::Map(force.force_N).dot(Vector3d::Map(probe.shaft_in_tool));
       seen.force_N = measured_N;
     }

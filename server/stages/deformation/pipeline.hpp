@@ -1,8 +1,8 @@
-// The deformation pipeline: drives the tissue model with the navigated probe and the force sensor, and says for every
-// target, and every landmark in the brain, where it was imaged, where it is predicted, and what that is worth. Without
-// a model it says so and makes nothing up.
+// The deformation pipeline: drives the tissue model with the navigated probe and the force sensor. For every target and
+// every landmark in the brain it reports the imaged position, the predicted position and the validity. Without a model
+// it reports that and predicts nothing.
 //
-// The model comes ready from the stage tissue_model. One thread; no allocation in step(). Time is passed in: ns UTC.
+// The stage tissue_model builds the model. One thread; no allocation in step(). The caller passes the time: ns UTC.
 #pragma once
 
 #include <array>
@@ -22,14 +22,14 @@ public:
   void handle(const CaseChanged &change) noexcept;
   void handle(const TissueModelReady &ready) noexcept;
 
-  // max_steps: of the solver, that there is time for.
+  // max_steps: maximal number of solver steps.
   void step(const ProbeView &probe, const ForceView &force, std::int64_t now_ns, int max_steps) noexcept;
 
-  // Of the case's targets, then of the landmarks in its brain, both in the case's order.
+  // States of the case's targets, then of the landmarks in its brain, both in the case's order.
   [[nodiscard]] std::span<const wire::DeformationState> states() const noexcept { return {states_.data(), count_}; }
   [[nodiscard]] const PredictedTargets &predicted() const noexcept { return predicted_; }
   [[nodiscard]] const tissue::BrainModel *model() const noexcept { return model_; }
-  [[nodiscard]] int steps_made() const noexcept { return steps_made_; } // by the solver, in the last step()
+  [[nodiscard]] int steps_made() const noexcept { return steps_made_; } // solver steps in the last step()
   [[nodiscard]] std::uint64_t case_generation() const noexcept { return generation_; }
 
 private:
@@ -37,7 +37,7 @@ private:
   void fill(wire::DeformationState &state, const tissue::PointPrediction &prediction, double measured_N) noexcept;
 
   std::array<wire::DeformationState, bregma_wire_MAX_TARGETS + bregma_wire_MAX_BRAIN_LANDMARKS> states_{};
-  std::size_t count_ = 0, targets_ = 0; // of states; the first of them
+  std::size_t count_ = 0, targets_ = 0; // number of states, and of targets among them
   std::uint64_t generation_ = 0;
   tissue::BrainModel *model_ = nullptr;
   PredictedTargets predicted_;

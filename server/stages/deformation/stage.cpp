@@ -8,7 +8,7 @@
 namespace bregma::server {
 namespace {
 
-constexpr double kSolverFraction = 0.7; // of the period
+constexpr double kSolverFraction = 0.7; // fraction of the period
 constexpr double kStepSmoothing = 0.1;
 
 } // namespace
@@ -70,7 +70,7 @@ void DeformationStage::step(const Moment &now) noexcept {
   publish_field(now);
 }
 
-// A model may come before this stage has taken its case, and is void when it comes after the case was closed.
+// A model may arrive before this stage has taken its case. It is void if it arrives after the case was closed.
 void DeformationStage::take_model() noexcept {
   model_waits_ = model_.refresh() || model_waits_;
   if (model_waits_ && model_.value().generation <= lease_.generation()) {
@@ -86,7 +86,7 @@ void DeformationStage::publish_field(const Moment &now) noexcept {
     return;
   }
   field_ns_ = now.monotonic_ns;
-  float *field_mm = model_.value().field_mm; // of the model that the pipeline has
+  float *field_mm = model_.value().field_mm; // field of the pipeline's model
   const int nodes = model->solver().nodes();
   for (int i = 0; i < nodes; ++i) {
     Eigen::Vector3f::Map(field_mm + 3 * static_cast<std::ptrdiff_t>(i)) =

@@ -1,5 +1,5 @@
-// Stage deformation: steps the tissue model with the navigated probe and the force sensor, and publishes where targets
-// and landmarks are predicted (pipeline.hpp).
+// Stage deformation: steps the tissue model with the navigated probe and the force sensor, and publishes the predicted
+// positions of targets and landmarks (pipeline.hpp).
 #pragma once
 
 #include <cstdint>
@@ -18,15 +18,15 @@ namespace bregma::server {
 
 struct DeformationParameters {
   double rate_hz = 60.0;
-  double field_rate_hz = 10.0; // 0: the displacements of the nodes are not published
-  std::int64_t priority = 0;   // above it, the solver would take a core from DDS' own threads
+  double field_rate_hz = 10.0; // 0: nodal displacements are not published
+  std::int64_t priority = 0;   // with SCHED_FIFO the solver would block a core needed by DDS threads
 };
 void declare(base::ParameterSet &set, DeformationParameters &parameters);
 
-// How many solver steps fit into a period. One thread.
+// Number of solver steps per period. One thread.
 class SolverBudget {
 public:
-  // fixed: as many in every period, whatever they cost; nullopt: as the time of earlier steps tells.
+  // fixed: constant number per period; nullopt: from the measured time of earlier steps.
   SolverBudget(std::int64_t period_ns, std::optional<int> fixed) : period_ns_(period_ns), fixed_(fixed) {}
   [[nodiscard]] int steps() const noexcept;
   void spent(std::int64_t duration_ns, int steps) noexcept;
@@ -34,7 +34,7 @@ public:
 private:
   std::int64_t period_ns_;
   std::optional<int> fixed_;
-  double step_ns_ = 0.0; // what one step takes, smoothed
+  double step_ns_ = 0.0; // smoothed time of one step
 };
 
 class DeformationStage final : public Stage {
@@ -60,11 +60,11 @@ private:
   Publisher<wire::DeformationField> fields_;
   CaseLease lease_;
   runtime::LatestInput<TissueModelReady> model_;
-  bool model_waits_ = false; // for its case
+  bool model_waits_ = false; // a model waits for its case
   runtime::LatestInput<ProbeView> probe_;
   runtime::LatestInput<ForceView> force_;
   std::int64_t field_period_ns_; // 0: never
-  std::int64_t field_ns_ = 0;    // monotonic, of the last one
+  std::int64_t field_ns_ = 0;    // monotonic time of the last field
 };
 
 } // namespace bregma::server

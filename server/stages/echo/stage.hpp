@@ -1,5 +1,5 @@
-// Stage echo: hands on what it reads, the example of docs/new-stage.md. It is off unless it is given a rate; then its
-// output beside its input shows what one hop between two stages costs.
+// Stage echo: passes on its input; the example of docs/new-stage.md. It is off without a rate. Its output compared with
+// its input shows the delay of one hop between two stages.
 #pragma once
 
 #include "base/parameters.hpp"
@@ -31,7 +31,7 @@ public:
     }
   }
 
-  runtime::LatestValue<ProbeView> probe; // what was read, a step later
+  runtime::LatestValue<ProbeView> probe; // the input, one step later
 
 private:
   runtime::LatestInput<ProbeView> probe_;

@@ -1,5 +1,5 @@
-// Stage health: what the daemon says of its devices, loops, recorder and memory. A worker: it asks the kernel for the
-// memory.
+// Stage health: publishes the state of devices, loops, recorder and memory. A worker, because it reads the memory use
+// from the kernel.
 #pragma once
 
 #include <cstdint>
@@ -42,7 +42,7 @@ private:
   runtime::LatestInput<SessionView> session_;
   const NavigationEvents *events_ = nullptr;
   const AlarmEvents *conditions_ = nullptr;
-  std::int64_t started_ns_ = 0; // UTC, of the first step
+  std::int64_t started_ns_ = 0; // UTC of the first step
 };
 
 } // namespace bregma::server

@@ -20,7 +20,7 @@ void AlarmConditions::update(const Kind &kind, std::string_view subject, bool ho
     if (!holds) {
       return;
     }
-    // Full: more conditions than devices, tools and kinds can have. An alarm without its delay is better than none.
+    // Table full, with more conditions than devices, tools and kinds can have. An alarm without its delay is raised.
     if (count_ == watched_.size()) {
       send(kind, subject, true, text, now_ns);
       return;
@@ -68,7 +68,7 @@ void AlarmConditions::send(const Kind &kind, std::string_view subject, bool acti
   condition.effect = kind.effect;
   condition.time_ns = now_ns;
   wire::set_text(condition.text, text);
-  (void)events_.try_push(condition); // a full ring counts what it drops
+  (void)events_.try_push(condition); // a full ring counts dropped values
 }
 
 } // namespace bregma::server

@@ -1,4 +1,4 @@
-// The conditions that monitoring watches, each with its hysteresis; what changes goes to the session as AlarmCondition.
+// The conditions that monitoring watches, each with its hysteresis. Changes are sent to the session as AlarmCondition.
 // One thread; no allocation, no exceptions.
 #pragma once
 
@@ -21,17 +21,17 @@ public:
     wire::AlarmSeverity severity;
     SessionEffect effect;
     std::int64_t raise_after_ns;
-    std::int64_t clear_after_ns; // below 0: only forget() clears it
+    std::int64_t clear_after_ns; // negative: only forget() clears it
   };
 
   explicit AlarmConditions(AlarmEvents &events) : events_(events) {}
 
-  // text is for a person and is sent when the alarm is raised.
+  // text: for the operator, sent when the alarm is raised.
   void update(const Kind &kind, std::string_view subject, bool holds, std::string_view text,
               std::int64_t now_ns) noexcept;
-  // The conditions of this kind have become void, for every subject: those that are raised are cleared at once.
+  // The conditions of this kind are void for every subject. Raised ones are cleared at once.
   void forget(const char *kind, std::int64_t now_ns) noexcept;
-  // Conditions that hold or are raised; only these take a place in the table.
+  // Number of conditions that hold or are raised; only these are in the table.
   [[nodiscard]] std::size_t watched() const noexcept { return count_; }
 
   // Every kind for every device, tool and reference of one case at the same time.
@@ -43,7 +43,7 @@ private:
     wire::Name subject{};
     monitoring::AlarmLatch latch{0, 0};
   };
-  [[nodiscard]] std::size_t find(const char *kind, std::string_view subject) const noexcept; // count_: not there
+  [[nodiscard]] std::size_t find(const char *kind, std::string_view subject) const noexcept; // count_ if not found
   void remove(std::size_t index) noexcept { watched_[index] = watched_[--count_]; }
   void send(const Kind &kind, std::string_view subject, bool active, std::string_view text,
             std::int64_t now_ns) noexcept;

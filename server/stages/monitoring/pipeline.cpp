@@ -7,7 +7,7 @@
 namespace bregma::server {
 namespace {
 
-// Joins the pieces of a sentence without allocating; what does not fit is left out.
+// Joins the parts of a sentence without allocation; truncates the text if it does not fit.
 struct Sentence {
   char text[256] = {};
   std::size_t length = 0;
@@ -44,7 +44,7 @@ void MonitoringPipeline::handle(const MonitoringInput &input) noexcept {
 }
 
 void MonitoringPipeline::on(const CaseChanged &change) noexcept {
-  // What was watched of the tools and the reference of an earlier case is void.
+  // Conditions about tools and reference of an earlier case are void.
   for (const char *kind : {alarm::kToolHidden, alarm::kLatency, alarm::kReferenceHidden, alarm::kDrift}) {
     alarms_.forget(kind, accuracy_.time_ns);
   }
@@ -99,7 +99,7 @@ void MonitoringPipeline::add(const JudgedCheck &touch) noexcept {
   accuracy_.last_check_limit_mm = touch.limit_mm;
 }
 
-// Traced after the registration was accepted: does the skin still lie where it did?
+// Skin traced after acceptance: tests whether it is still at its registered position.
 void MonitoringPipeline::add(const SurfaceSample &sample) noexcept {
   if (!accepted_ || case_ == nullptr) {
     return;
@@ -147,7 +147,7 @@ void MonitoringPipeline::step(const MonitoringView &view, std::int64_t now_ns) n
   watch_devices(view, now_ns);
   watch_tracking(view.tracking, now_ns);
   watch_system(view, now_ns);
-  // The test itself decides when; its verdict stays until it is begun anew.
+  // The test itself decides the time; its verdict is kept until the test is restarted.
   alarms_.update({alarm::kDrift, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kDemote, 0, 0},
                  wire::view(accuracy_.reference), drift_.detected(),
                  "the reference has moved against the head: register again, or check the landmarks", now_ns);
@@ -167,9 +167,9 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
                      name, device.status == bregma_wire_DEVICE_LOST, lost.text, now_ns);
 
       Sentence refused;
-      refused << name << " sends samples that are refused: bregma status says for what reason";
+      refused << name << " sends samples that are rejected: see bregma status for the reasons";
       const std::uint64_t count = rejected(device);
-      // Bad samples come one by one: an alarm at the first, cleared when none has come for a while.
+      // Faulty samples are single events: the first one raises an alarm, which clears after a time without any.
       alarms_.update(
           {alarm::kRejected, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0, settings_.clear_after_ns}, name,
           count != std::exchange(rejected_seen_[index], count), refused.text, now_ns);
@@ -179,7 +179,7 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
 
 void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept {
   const bool navigating = session_.state == bregma_wire_SESSION_NAVIGATING;
-  bool tracked = false; // frames come: a hidden body is hidden, not silent with all others
+  bool tracked = false; // frames arrive: a missing body is hidden, not silent like all others
   for (std::uint32_t i = 0; i < tracking.tool_count; ++i) {
     const TrackingView::Tool &tool = tracking.tools[i];
     const std::string_view name = wire::view(tool.tool);
@@ -208,7 +208,7 @@ void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t n
                  view.recorder.failing, disk.text, now_ns);
   alarms_.update({alarm::kOverrun, bregma_wire_SEVERITY_INFO, SessionEffect::kNone, 0, settings_.clear_after_ns}, "",
                  view.overruns != std::exchange(overruns_seen_, view.overruns),
-                 "a loop took longer than its period: bregma status says which", now_ns);
+                 "a loop took longer than its period: see bregma status", now_ns);
 }
 
 } // namespace bregma::server

@@ -1,5 +1,5 @@
-// The monitoring pipeline: how far the registration can be trusted (FRE as a consistency figure, predicted TRE at every
-// target, drift), whether the devices, the loops and the recorder do their work, and the alarms that follow.
+// The monitoring pipeline: accuracy of the registration (FRE as a consistency figure, predicted TRE at every target,
+// drift), state of devices, loops and recorder, and the resulting alarms.
 //
 // One thread; a step does not allocate, throw, lock or log.
 #pragma once
@@ -19,26 +19,26 @@ namespace bregma::server {
 
 using MonitoringInput = std::variant<CaseChanged, MonitoringMessage>;
 
-// What the other stages last said.
+// Latest outputs of the other stages.
 struct MonitoringView {
   const TrackingView &tracking;
   const inputs::StreamHealth &trackers;
   const inputs::StreamHealth &sensors;
   const wire::RegistrationState &registration;
   recording::RecorderStatus recorder;
-  std::uint64_t overruns = 0; // of all stages
+  std::uint64_t overruns = 0; // total of all stages
 };
 
 struct MonitoringSettings {
   double false_alarm_rate = 1e-4;
   std::int64_t raise_after_ns = 200'000'000;
   std::int64_t clear_after_ns = 1'000'000'000;
-  std::int64_t max_age_ns = 50'000'000; // of a pose that is shown
+  std::int64_t max_age_ns = 50'000'000; // maximal age of a displayed pose
 };
 
 class MonitoringPipeline {
 public:
-  // alarms: to the control thread; outlives the pipeline.
+  // alarms: to the control thread; must outlive the pipeline.
   MonitoringPipeline(const MonitoringSettings &settings, AlarmEvents &alarms);
 
   void handle(const MonitoringInput &input) noexcept;

@@ -6,9 +6,9 @@
 
 namespace bregma::server {
 
-// A touch counts when the tool was seen in at least half of the window's frames.
+// A touch is valid if the tool was seen in at least half of the window's frames.
 constexpr double kMinSeenShare = 0.5;
-// How far the markers' noise alone moves the mean of a part, in RMS distances: 1 in 1,000 is further.
+// Limit for the motion of a part's mean by marker noise, in RMS distances: exceeded with probability 0.001.
 constexpr double kNoiseReach = 2.5;
 
 void TouchCapture::start(const CaptureRequest &request) noexcept {
@@ -74,7 +74,7 @@ std::optional<CaptureResult> TouchCapture::finish(std::int64_t now_ns) noexcept 
   result.motion_mm = motion_mm(mean);
   result.status = result.motion_mm <= request_.max_motion_mm ? CaptureStatus::kOk : CaptureStatus::kMoved;
   result.position_mm = array_of(mean);
-  // The markers' noise averages out over the frames, the error of the tip does not.
+  // Averaging over frames reduces the markers' noise, but not the error of the tip.
   result.covariance_mm2 = array_of(Matrix3d(marker_sum_ / (count * count) + tip_covariance_));
   return result;
 }

@@ -1,5 +1,5 @@
-// What a person records with a tool: the mean of a touch, a trace over the skin, the poses of a pivot.
-// Used on the navigation thread only; no allocation, no exceptions.
+// Recordings with a tool: the mean of a touch, a trace of the skin, the poses of a pivot calibration.
+// Used only on the navigation thread; no allocation, no exceptions.
 #pragma once
 
 #include <array>
@@ -11,8 +11,8 @@
 
 namespace bregma::server {
 
-// The tip of one tool in one frame, in Reference, with its two kinds of error: that of the markers, fresh in every
-// frame, and that of the tip's calibration, the same in all of them.
+// The tip of one tool in one frame, in Reference, with two errors: that of the markers, independent per frame, and that
+// of the tip's calibration, common to all frames.
 struct TipInReference {
   geometry::Vector3d position_mm;
   geometry::Matrix3d marker_covariance;
@@ -30,12 +30,12 @@ public:
 
   // tip is read only with FrameContent::kTip.
   void add(FrameContent content, const TipInReference &tip, std::uint64_t frame, std::int64_t acquired_ns) noexcept;
-  // The answer, once, when the window is over at the given time.
+  // The answer, once, if the window has ended at the given time.
   [[nodiscard]] std::optional<CaptureResult> finish(std::int64_t now_ns) noexcept;
 
 private:
-  // Stillness is judged on the means of the parts of the window: a single frame's tip scatters by the markers' noise,
-  // which its long lever enlarges, without the hand having moved.
+  // The motion test uses the means of parts of the window. The tip of a single frame scatters by the markers' noise,
+  // which the long lever enlarges, even if the hand does not move.
   static constexpr std::int64_t kParts = 5;
   struct Part {
     geometry::Vector3d sum = geometry::Vector3d::Zero();
@@ -56,7 +56,7 @@ private:
   geometry::Matrix3d tip_covariance_;
 };
 
-// Takes a sample wherever the tip has moved on by the spacing.
+// Takes a sample whenever the tip has moved by the spacing.
 class SurfaceTrace {
 public:
   void request(const TraceRequest &request) noexcept;

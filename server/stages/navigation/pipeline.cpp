@@ -10,10 +10,10 @@ namespace {
 
 constexpr std::int64_t kStaleAfterPeriods = 3;
 constexpr std::int64_t kPredictionAge_ns = 250'000'000;
-constexpr double kSameTarget_mm = 0.01;    // a plan leads to the target that lies where it ends
-constexpr double kVelocityFilter_hz = 3.0; // where the shown position is not filtered
+constexpr double kSameTarget_mm = 0.01;    // tolerance between the end of a plan and its target
+constexpr double kVelocityFilter_hz = 3.0; // for the velocity if the displayed position is not filtered
 
-// Everything that is only known with a live pose.
+// Fields that are known only with a live pose.
 void clear_pose(wire::NavigationState &state) noexcept {
   state.T_image_tip = wire::unknown_pose();
   put_unknown(state.velocity_mm_s);
@@ -60,7 +60,7 @@ void NavigationPipeline::on(const CaseChanged &change) noexcept {
     Tool &tool = tools_[tool_count_];
     tool = Tool{};
     tool.model = &model;
-    (void)wire::set_name(tool.name, model.name); // load_case has refused names that are too long
+    (void)wire::set_name(tool.name, model.name); // load_case rejects names that are too long
     states_[tool_count_] = wire::NavigationState{};
     copy_name(states_[tool_count_].tool, tool.name);
     clear_pose(states_[tool_count_]);
@@ -182,7 +182,7 @@ NavigationPipeline::TipPose NavigationPipeline::tip_in_reference(const Tool &too
   return T_reference_tracker * tool.body.T_tracker_body * T_tool_tip;
 }
 
-// Hands what this frame shows to whoever is recording: a touch, a trace, a pivot.
+// Passes this frame to the active recordings: touch, trace, pivot.
 void NavigationPipeline::record(Tool &tool, std::int64_t acquired_ns) noexcept {
   const bool touching = touch_.busy() && same(touch_.tool(), tool.name);
   const bool tracing = trace_.on(tool.name);
@@ -206,7 +206,7 @@ void NavigationPipeline::record(Tool &tool, std::int64_t acquired_ns) noexcept {
     }
     if (tracing && content == FrameContent::kTip) {
       if (const auto sample = trace_.add(tip, frame_, acquired_ns)) {
-        (void)events_.try_push(*sample); // a full ring counts what it drops
+        (void)events_.try_push(*sample); // a full ring counts dropped values
       }
     }
   }
@@ -277,11 +277,11 @@ void NavigationPipeline::publish(Tool &tool, wire::NavigationState &state, std::
   }
 }
 
-// The frame's pose with the filter's position, or as it is where that is wished; the velocity is the filter's either
-// way. Rotation and its error are the frame's own, the position's error is that of the filter, and what the two have in
-// common shrinks by the filter's gain.
+// The frame's pose with the filter's position, or unfiltered if configured. The velocity always comes from the filter.
+// Rotation and its error are those of the frame, the position's error is that of the filter, and their
+// cross-covariance is reduced by the filter's gain.
 NavigationPipeline::TipPose NavigationPipeline::filtered(Tool &tool, const TipPose &T_reference_tip) const noexcept {
-  // From a perturbation about Reference's origin to one about the tip, and back.
+  // Conversion between perturbations about Reference's origin and about the tip.
   Matrix6d about_tip = Matrix6d::Identity();
   about_tip.bottomLeftCorner<3, 3>() = -geometry::skew(T_reference_tip.pose.translation());
   Matrix6d covariance = about_tip * T_reference_tip.covariance * about_tip.transpose();
@@ -300,7 +300,7 @@ NavigationPipeline::TipPose NavigationPipeline::filtered(Tool &tool, const TipPo
 
 void NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noexcept {
   TipPose T_reference_tip = filtered(tool, tip_in_reference(tool));
-  // The tip's calibration error, in the axes of Reference, moves the tip and nothing else.
+  // The tip's calibration error, in the axes of Reference, affects only the tip's position.
   const Matrix3d R = T_reference_tip.pose.rotation_matrix();
   T_reference_tip.covariance.bottomRightCorner<3, 3>() += R * tool.tip_covariance * R.transpose();
   const auto T_image_tip = *registration_ * T_reference_tip;
@@ -332,7 +332,7 @@ void NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noe
   state.nearest_structure_mm = nearest.index >= 0 ? nearest.distance_mm : wire::kUnknown;
 }
 
-// Of the target that the plan leads to, as long as the tissue model has one there.
+// Fields about the predicted position of the plan's target, if the tissue model provides it.
 void NavigationPipeline::fill_prediction(const Tool &tool, wire::NavigationState &state) const noexcept {
   state.prediction = bregma_wire_DEFORMATION_NO_MODEL;
   put_unknown(state.predicted_target_mm);
@@ -348,7 +348,7 @@ void NavigationPipeline::fill_prediction(const Tool &tool, wire::NavigationState
       continue;
     }
     state.prediction = predicted_.status[i];
-    const Vector3d target = Vector3d::Map(predicted_.position_mm[i]); // NaN where it is not to be shown
+    const Vector3d target = Vector3d::Map(predicted_.position_mm[i]); // NaN if it must not be shown
     put(target, state.predicted_target_mm);
     state.distance_to_predicted_target_mm = (target - Vector3d::Map(state.T_image_tip.translation_mm)).norm();
     return;

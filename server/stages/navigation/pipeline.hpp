@@ -1,12 +1,12 @@
-// The navigation pipeline: from a tracker frame to where each tool's tip is in the image, how far that can be trusted,
-// and where it stands against the plan and the critical structures.
+// The navigation pipeline: from a tracker frame to each tool's tip in the image, its accuracy, and its position
+// relative to the plan and the critical structures.
 //
-// T_image_tip = T_image_reference (T_tracker_reference)^-1 T_tracker_tool T_tool_tip, all of the same frame; its
-// motion of the tip in Reference is filtered (tip_filter.hpp), and the
-// covariance is propagated to first order from the markers of both bodies, the tip's calibration and the registration
-// (algorithms/geometry/pose_covariance.hpp), each taken as independent.
+// T_image_tip = T_image_reference (T_tracker_reference)^-1 T_tracker_tool T_tool_tip, all of the same frame. The motion
+// of the tip in Reference is filtered (tip_filter.hpp). The covariance is propagated to first order from the markers of
+// both bodies, the tip's calibration and the registration (algorithms/geometry/pose_covariance.hpp), assumed
+// independent.
 //
-// One thread at a time. Nothing here allocates, throws, locks or logs. Time is passed in: ns UTC, host clock.
+// One thread at a time. No allocation, exceptions, locks or logging. The caller passes the time: ns UTC, host clock.
 #pragma once
 
 #include <array>
@@ -31,30 +31,30 @@ using NavigationEvents = runtime::SpscRing<NavigationEvent, 4096>;
 struct NavigationSettings {
   double marker_sigma_lateral_mm = 0.10;
   double marker_sigma_depth_mm = 0.25;
-  std::int64_t latency_ns = 4'000'000; // exposure to arrival that is normal: a frame is stale three periods after it
+  std::int64_t latency_ns = 4'000'000; // normal latency from exposure to arrival; a frame is stale three periods later
   std::int64_t lost_after_ns = wire::qos::kTracker.deadline_ns;
-  double filter_hz = 3.0; // up to which motions of a tip are followed; 0: each frame stands for itself
+  double filter_hz = 3.0; // bandwidth of the tip filter; 0: no filter
 };
 
 class NavigationPipeline {
 public:
-  // events: to the control thread; outlives the pipeline. What does not fit is counted there.
+  // events: to the control thread; must outlive the pipeline. It counts dropped events.
   NavigationPipeline(const NavigationSettings &settings, NavigationEvents &events);
 
   void handle(const NavigationInput &input) noexcept;
-  // A frame that has passed the border check; acquired_ns: its exposure on the host's clock.
+  // A frame that has passed the input check. acquired_ns: its exposure on the host's clock.
   void on_frame(const wire::TrackerFrame &frame, std::int64_t acquired_ns, std::int64_t now_ns) noexcept;
-  // Where the tissue model predicts the targets; what is older than a quarter of a second is not shown.
+  // Predicted positions of the targets; predictions older than 0.25 s are not shown.
   void on(const PredictedTargets &predicted) noexcept { predicted_ = predicted; }
-  // Without a frame: what the passing of time alone has done.
+  // Updates the states without a frame, for the elapsed time.
   void on_tick(std::int64_t now_ns) noexcept;
-  // When a tick will change what is shown (a pose grows stale, the tracker is lost), if no frame comes before.
+  // Time at which a tick changes the states without a frame (a pose becomes stale, the tracker is lost).
   [[nodiscard]] std::int64_t next_change_ns() const noexcept;
 
-  // One a tool of the case that can be navigated, in the order of the case. As of the last frame or tick.
+  // One per navigable tool of the case, in the case's order, at the last frame or tick.
   [[nodiscard]] std::span<const wire::NavigationState> states() const noexcept { return {states_.data(), tool_count_}; }
   [[nodiscard]] bool reference_visible() const noexcept { return reference_.visible; }
-  // The probe as of the last frame or tick: what the tissue model is driven by.
+  // The probe at the last frame or tick, input of the tissue model.
   [[nodiscard]] ProbeView probe() const noexcept;
 
 private:
@@ -113,7 +113,7 @@ private:
   wire::Name source_{}; // the tracker
   std::int64_t acquired_ns_ = 0;
   std::int64_t period_ns_ = 0;
-  std::int64_t evaluated_ns_ = 0; // when states_ were last brought up to date
+  std::int64_t evaluated_ns_ = 0; // time of the last update of states_
 };
 
 } // namespace bregma::server

@@ -1,4 +1,4 @@
-// Stage navigation: tracker frames in, NavigationState out, with every frame and at a floor rate where none comes.
+// Stage navigation: reads tracker frames and publishes NavigationState per frame, and at a minimum rate without frames.
 #pragma once
 
 #include <array>
@@ -19,12 +19,12 @@ namespace bregma::server {
 
 struct NavigationParameters {
   std::string trackers = "Tracker"; // names, separated by commas
-  // The noise that poses are believed to have, 1 sigma of a marker's coordinate.
+  // Assumed noise of the poses: standard deviation per marker coordinate.
   double marker_sigma_lateral_mm = 0.10;
   double marker_sigma_depth_mm = 0.25;
-  double latency_ms = 4.0; // exposure to the driver's write, as the manufacturer states it
+  double latency_ms = 4.0; // exposure to the driver's write, as stated by the manufacturer
   double floor_rate_hz = 50.0;
-  double filter_hz = 3.0; // motions of a tip up to this are followed; 0: no filter
+  double filter_hz = 3.0; // bandwidth of the tip filter; 0: no filter
   std::int64_t priority = 70;
 };
 void declare(base::ParameterSet &set, NavigationParameters &parameters);
@@ -43,7 +43,7 @@ public:
   [[nodiscard]] std::int64_t budget_ns() const noexcept override { return frame_period_ns_; }
 
   NavigationEvents events;                            // captures, traces, pivots; for the session
-  runtime::LatestValue<ProbeView> probe;              // with every frame
+  runtime::LatestValue<ProbeView> probe;              // per frame
   runtime::LatestValue<TrackingView> tracking;        // a few times per second, like the next
   runtime::LatestValue<inputs::StreamHealth> devices; // trackers
 

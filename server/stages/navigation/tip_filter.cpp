@@ -13,8 +13,8 @@ namespace {
 using geometry::Matrix3d;
 using geometry::Vector3d;
 
-constexpr double kStartSpeed_mm_s = 300.0;       // 1-sigma: a hand may be on its way when it is first seen
-constexpr std::int64_t kMaxGap_ns = 100'000'000; // longer, and what was known of the motion is void
+constexpr double kStartSpeed_mm_s = 300.0;       // standard deviation: a hand may be moving when it is first seen
+constexpr std::int64_t kMaxGap_ns = 100'000'000; // after a longer gap the known motion is void
 constexpr double kMemory = 0.2;                  // weight of the newest innovation in the running mean
 constexpr double kLost = 21.1;                   // chi-square, 3 degrees of freedom, 99.99 %
 constexpr std::int64_t kFramesForVelocity = 5;

@@ -1,11 +1,10 @@
-// Where a tip is and how fast it moves, from the positions of successive frames: a Kalman filter of constant velocity
-// in Reference, with each frame's own marker noise.
+// Position and velocity of a tip from successive frames: a Kalman filter with constant velocity in Reference and each
+// frame's own marker noise [Bar-Shalom 2001, sections 5.4 and 6.2].
 //
-// A single frame's tip scatters by the markers' noise, enlarged by the lever from the markers to the tip; a hand does
-// not move like that. The filter follows motions up to its bandwidth and averages what is faster. What it cannot follow
-// shows as innovations that keep to one side: their running mean is the bias that the filter may have at that moment,
-// so its square is added to the covariance, and a filter that has lost the hand starts again at the frame's own
-// position. [Bar-Shalom 2001, sections 5.4 and 6.2].
+// The tip of a single frame scatters by the markers' noise, enlarged by the lever from the markers to the tip. The
+// filter follows motions up to its bandwidth and averages faster ones. A motion that it cannot follow appears as
+// innovations on one side. Their running mean estimates the filter's bias, so its square is added to the covariance. A
+// filter that has lost the hand restarts at the frame's position.
 //
 // One thread. No allocation, no exceptions.
 #pragma once
@@ -20,16 +19,16 @@ class TipFilter {
 public:
   void reset() noexcept { frames_ = 0; }
 
-  // noise: covariance of this frame's position by its markers alone; positive definite. A time that is not after the
-  // last one changes nothing; a gap starts anew.
+  // noise: covariance of this frame's position from its markers only; positive definite. A time that is not after the
+  // last one has no effect. After a gap the filter restarts.
   void add(const geometry::Vector3d &position_mm, const geometry::Matrix3d &noise, std::int64_t time_ns,
            double bandwidth_hz) noexcept;
 
   [[nodiscard]] const geometry::Vector3d &position_mm() const noexcept { return position_; }
   [[nodiscard]] geometry::Matrix3d covariance() const noexcept { return P_pp_ + bias_ * bias_.transpose(); }
-  // How the estimate's error follows the frame's own: its covariance with an error e of the frame is cov(e, frame) K'.
+  // Relation of the estimate's error to the frame's: its covariance with an error e of the frame is cov(e, frame) K'.
   [[nodiscard]] const geometry::Matrix3d &gain() const noexcept { return gain_; }
-  // mm/s; NaN until there are frames enough to tell: what is not known is not zero.
+  // mm/s; NaN until enough frames have arrived.
   [[nodiscard]] geometry::Vector3d velocity_mm_s() const noexcept;
 
 private:

@@ -8,7 +8,7 @@
 namespace bregma::server {
 namespace {
 
-// Cut to what fits, and ended.
+// Truncated and NUL-terminated.
 template <std::size_t Size> void put_text(std::string_view text, std::array<char, Size> &out) noexcept {
   out = {};
   std::copy_n(text.begin(), std::min(text.size(), Size - 1), out.begin());

@@ -1,5 +1,5 @@
-// Stage pose search: the worker that answers the registration stage's searches (pose_search.hpp). It looks for a
-// request at its rate, and a search takes as long as it takes; nothing waits for it.
+// Stage pose search: the worker for the registration stage's searches (pose_search.hpp). It checks for a request at its
+// rate. A search has no time limit, and no stage waits for it.
 #pragma once
 
 #include "base/parameters.hpp"
@@ -29,7 +29,7 @@ private:
   PoseSearch search_;
   CaseLease lease_;
   runtime::LatestInput<PoseSearchRequest> request_;
-  bool waiting_ = false; // the request waits for the case that it is about
+  bool waiting_ = false; // the request waits for its case
 };
 
 } // namespace bregma::server

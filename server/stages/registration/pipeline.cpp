@@ -66,7 +66,7 @@ void RegistrationPipeline::handle(const RegistrationInput &input) noexcept {
 void RegistrationPipeline::on(const CaseChanged &change) noexcept {
   case_ = change.loaded;
   generation_ = change.generation;
-  searching_ = false; // what is under way will be about another case
+  searching_ = false; // a running search belongs to another case
   revision_ = 0;
   target_count_ = 0;
   const casefile::ToolModel *reference = case_ != nullptr ? case_->data->reference() : nullptr;
@@ -152,7 +152,7 @@ void RegistrationPipeline::step(std::int64_t now_ns) noexcept {
 
 const PoseSearchRequest *RegistrationPipeline::wanted_search() noexcept {
   const bool needed = case_ != nullptr && sample_count_ < 3 && !located_ && surface_.size() >= kMinSearchSamples;
-  // After a search that found nothing, a tenth more skin has to be there for another.
+  // After an unsuccessful search, another one needs 10 % more skin samples.
   if (!needed || searching_ || 10 * surface_.size() < 11 * searched_count_) {
     return nullptr;
   }
@@ -170,7 +170,7 @@ const PoseSearchRequest *RegistrationPipeline::wanted_search() noexcept {
 
 void RegistrationPipeline::on(const PoseSearchAnswer &answer) noexcept {
   searching_ = false;
-  // Of another case, or of a registration that was begun anew since.
+  // For another case, or for a registration that was restarted since.
   if (answer.generation != generation_ || surface_.size() < searched_count_ || searched_count_ == 0) {
     return;
   }
@@ -189,7 +189,7 @@ void RegistrationPipeline::estimate() noexcept {
   const Matrix3d planning = Matrix3d::Identity() * limits.fle_image_mm * limits.fle_image_mm;
   for (std::size_t i = 0; i < sample_count_; ++i) {
     const casefile::NamedPoint *planned = case_->data->fiducial(wire::view(samples_[i].point));
-    // The session takes samples only of fiducials that the case has.
+    // The session accepts samples only of the case's fiducials.
     observations_[i] = {vector_of(samples_[i].position_mm), matrix_of(samples_[i].covariance_mm2) + placement,
                         planned != nullptr ? planned->position_mm : Vector3d::Constant(wire::kUnknown), planning};
   }
@@ -200,7 +200,7 @@ void RegistrationPipeline::estimate() noexcept {
   const auto &result = by_skin_alone ? case_->estimator.estimate_located(fiducials, surface_, targets,
                                                                          start != nullptr ? *start : *located_)
                                      : case_->estimator.estimate(fiducials, surface_, targets, start);
-  // A refused estimate is no start for the next one: it may be what is wrong.
+  // A refused estimate is not used as a start, because it may be wrong.
   if (result.refusal == Refusal::kNone) {
     previous_ = result.T_image_reference;
   } else {

@@ -1,8 +1,8 @@
-// The registration pipeline: keeps the set of samples that the session sends, and re-estimates the pose of the head
-// when the set has changed, from the last estimate on. The method is algorithms/registration/registration.hpp.
+// The registration pipeline: stores the samples from the session and re-estimates the pose of the head when they have
+// changed, starting from the last estimate. The method is algorithms/registration/registration.hpp.
 //
-// It proposes; only a person accepts (RegistrationAccepted). What was accepted stays what it is, bit for bit, whatever
-// the estimate does afterwards. One thread; a step does not allocate, throw, lock or log.
+// It only proposes; the operator accepts (RegistrationAccepted). The accepted registration does not change with later
+// estimates, bit for bit. One thread; a step does not allocate, throw, lock or log.
 #pragma once
 
 #include <array>
@@ -20,7 +20,7 @@ namespace bregma::server {
 
 using RegistrationInput = std::variant<CaseChanged, RegistrationMessage>;
 
-inline constexpr std::size_t kMaxSurfaceSamples = kMaxSearchSamples; // that are kept of a trace
+inline constexpr std::size_t kMaxSurfaceSamples = kMaxSearchSamples; // maximal number of samples of a trace
 
 class RegistrationPipeline {
 public:
@@ -30,14 +30,14 @@ public:
   void on(const PoseSearchAnswer &answer) noexcept;
   void step(std::int64_t now_ns) noexcept;
 
-  // After a step: what has to be searched for, because there are too few fiducials and no pose to start from; null
-  // when nothing has, or a search is under way.
+  // After a step: the request for a search, if there are too few fiducials and no start pose; null if there is none or
+  // a search is running.
   [[nodiscard]] const PoseSearchRequest *wanted_search() noexcept;
 
-  // As of the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
+  // State after the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
   [[nodiscard]] const wire::RegistrationState &state() const noexcept { return state_; }
   [[nodiscard]] const wire::FiducialReport &fiducials() const noexcept { return report_; }
-  // True when the last step made a new estimate: the fiducial report has changed.
+  // True if the last step made a new estimate: the fiducial report has changed.
   [[nodiscard]] bool estimated() const noexcept { return estimated_; }
 
 private:
@@ -48,7 +48,7 @@ private:
   void remove(const wire::Name &point) noexcept;
   void estimate() noexcept;
   void show(const registration::RegistrationResult &result) noexcept;
-  // Their names, NUL-terminated and cut at the end of out.
+  // Their names, NUL-terminated and truncated to the size of out.
   void list_suspects(const registration::RegistrationResult &result, std::span<char> out) const noexcept;
   void show_fiducials(const registration::RegistrationResult &result) noexcept;
 
@@ -66,7 +66,7 @@ private:
   std::size_t target_count_ = 0;
   std::optional<registration::ImageFromReference> previous_;
 
-  // The pose at which the skin alone was found; what the last search said when it was not; how many samples it had.
+  // The pose found from the skin alone; the text of the last unsuccessful search; its number of samples.
   std::optional<registration::ImageFromReference> located_;
   std::array<char, 256> search_text_{};
   std::size_t searched_count_ = 0;

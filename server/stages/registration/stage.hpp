@@ -1,4 +1,4 @@
-// Stage registration: estimates the pose of the head at its rate when the samples have changed (pipeline.hpp).
+// Stage registration: estimates the pose of the head at its rate if the samples have changed (pipeline.hpp).
 #pragma once
 
 #include <cstdint>
@@ -31,7 +31,7 @@ public:
   void step(const Moment &now) noexcept override;
 
   runtime::LatestValue<wire::RegistrationState> estimate;
-  runtime::LatestValue<PoseSearchRequest> search; // what is to be searched for, where no pose is there to start from
+  runtime::LatestValue<PoseSearchRequest> search; // request for a search without a start pose
 
 private:
   RegistrationPipeline pipeline_;

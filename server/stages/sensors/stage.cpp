@@ -7,7 +7,7 @@
 namespace bregma::server {
 namespace {
 
-constexpr double kShareRate_hz = 10.0; // of device health towards monitoring and the health topic
+constexpr double kShareRate_hz = 10.0; // rate of device health for monitoring and the health topic
 
 } // namespace
 
@@ -26,7 +26,7 @@ SensorStage::SensorStage(const SensorParameters &parameters, const StageContext 
 
 void SensorStage::step(const Moment &now) noexcept {
   std::size_t taken = robots_.take_each(now.utc_ns, [&](const wire::RobotState &sample, std::uint64_t writer) noexcept {
-    (void)robot_guard_.check(sample, writer, now.utc_ns); // what is refused is counted there
+    (void)robot_guard_.check(sample, writer, now.utc_ns); // the guard counts rejected samples
   });
   taken += ranges_.take_each(now.utc_ns, [&](const wire::RangeSample &sample, std::uint64_t writer) noexcept {
     (void)range_guard_.check(sample, writer, now.utc_ns);

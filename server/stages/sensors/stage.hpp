@@ -1,5 +1,5 @@
-// Stage sensors: robot, range and force samples in, on a thread of their own, so that a sensor that floods costs the
-// navigation stage nothing.
+// Stage sensors: reads robot, range and force samples on a separate thread, so that a flooding sensor does not delay
+// the navigation stage.
 #pragma once
 
 #include <string>
@@ -29,8 +29,8 @@ public:
 
   void step(const Moment &now) noexcept override;
 
-  runtime::LatestValue<ForceView> force;              // with every sample
-  runtime::LatestValue<inputs::StreamHealth> devices; // robots, ranges, forces; with every tick
+  runtime::LatestValue<ForceView> force;              // per sample
+  runtime::LatestValue<inputs::StreamHealth> devices; // robots, ranges, forces; per tick
 
 private:
   inputs::InputGuard<wire::RobotState> robot_guard_;

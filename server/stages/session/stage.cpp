@@ -11,7 +11,7 @@
 namespace bregma::server {
 namespace {
 
-constexpr double kPollRate_hz = 200.0; // of what the other stages say, and of answers that wait
+constexpr double kPollRate_hz = 200.0; // rate of polling other stages and pending answers
 
 SessionConfig config_of(const SessionParameters &parameters) {
   SessionConfig out;
@@ -26,7 +26,7 @@ SessionConfig config_of(const SessionParameters &parameters) {
   return out;
 }
 
-// The alarm when no session file could be begun.
+// The alarm if no session file could be created.
 AlarmCondition not_recording(const std::string &why, std::int64_t now_ns) {
   AlarmCondition out{};
   (void)wire::set_name(out.kind, alarm::kDisk);

@@ -1,5 +1,5 @@
-// Stage session: commands in, replies out; the session decides (server/session/session.hpp), the other stages are told
-// through their inboxes. A worker: it waits for the disk.
+// Stage session: reads commands and publishes replies. The session decides (server/session/session.hpp), and the other
+// stages receive messages in their inboxes. A worker, because it waits for the disk.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +31,7 @@ struct SessionParameters {
   std::int64_t pivot_max_samples = 3000;
   std::int64_t min_checks = 3;
   std::string state_directory; // empty: $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/bregma or ~/.local/state/bregma
-  double correlation_length_mm = 12.0; // of the surface error: neighbouring samples share it
+  double correlation_length_mm = 12.0; // correlation of the surface error between neighbouring samples
 };
 void declare(base::ParameterSet &set, SessionParameters &parameters);
 
@@ -83,7 +83,7 @@ private:
   // The file of a case that the session has just taken, for when the session is done with the command that brought it.
   std::optional<base::Result<std::optional<std::filesystem::path>>> recording_;
   std::string case_folder_;
-  Session session_; // last: it calls the ports
+  Session session_; // last, because it calls the ports
 };
 
 } // namespace bregma::server

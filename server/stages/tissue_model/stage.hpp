@@ -1,5 +1,5 @@
-// Stage tissue model: the worker that makes the tissue model when a case is loaded. The deformation stage goes on
-// meanwhile and says that the model is being built.
+// Stage tissue model: the worker that makes the tissue model after a case was loaded. Meanwhile the deformation stage
+// continues and reports that the model is being built.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Makes the tissue model of a case: fills its brain with tetrahedra, which takes about a second. One thread.
+// Makes the tissue model of a case: meshes its brain with tetrahedra, which takes about a second. One thread.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ namespace bregma::server {
 struct TissueSettings {
   bool model_wanted = true;
   case_model::BrainSettings brain;
-  tissue::BrainModelOptions model; // without what the brain says
+  tissue::BrainModelOptions model; // without the parameters of the brain
 };
 
 class TissueBuilder {
@@ -23,8 +23,8 @@ public:
   explicit TissueBuilder(const TissueSettings &settings) : settings_(settings) {}
 
   void handle(const CaseChanged &change) noexcept;
-  // Builds when a case waits for it and puts the model there; nothing when there is nothing to do. Its why() says what
-  // stood against a model.
+  // Builds the model of a waiting case and stores it there; empty if no case waits. why() states the reason if no model
+  // could be built.
   [[nodiscard]] std::optional<TissueModelReady> build();
   [[nodiscard]] const std::string &why() const noexcept { return why_; }
 

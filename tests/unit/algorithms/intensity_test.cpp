@@ -54,7 +54,7 @@ TEST(Similarity, FiguresOfSeveralWarpsAreOverTheirCommonOverlap) {
 }
 
 TEST(Warp, LinearImagesAreMovedExactly) {
-  // Intensity = a linear function of the place in mm: linear interpolation has no error.
+  // The intensity is a linear function of the position in mm, so linear interpolation has no error.
   bregma::image::Grid<3> grid;
   grid.size = {12, 9, 7};
   grid.T_image_index.topLeftCorner<3, 3>() =

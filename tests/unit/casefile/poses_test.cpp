@@ -122,7 +122,7 @@ TEST(TransformSequence, ErrorsNameFileLineAndFrame) {
   EXPECT_NE(error_of(kHeader).find("holds no frames"), std::string::npos);
 }
 
-// What the tracker calls invalid may hold anything.
+// Transforms that the tracker marks as invalid may have any content.
 TEST(TransformSequence, InvalidFramesAreNotLookedInto) {
   TemporaryFolder folder;
   const auto sequence = read_transform_sequence(

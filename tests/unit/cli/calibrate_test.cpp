@@ -9,7 +9,7 @@ namespace {
 using bregma::test::TemporaryFolder;
 using bregma::tests::run_bregma;
 
-// A tool with its tip at (0, 100, 0) that swings about the origin without errors; turn_rad about both axes.
+// A tool with its tip at (0, 100, 0) that rotates about the origin without errors, by turn_rad about both axes.
 void write_poses(const TemporaryFolder &folder, int count, double turn_rad) {
   for (int i = 0; i < count; ++i) {
     const double a = turn_rad * std::sin(0.37 * i);

@@ -249,7 +249,7 @@ TEST(RegisterCurves, WhatIsNoPairIsNamed) {
   EXPECT_EQ(flat.err.rfind("bregma: refused: ", 0), 0U) << flat.err;
 }
 
-// A slice: the spline is that of the plane, and what it cannot do it says.
+// A slice: the spline is two-dimensional, and options that it does not support are reported.
 TEST(RegisterCurves, MarksOnASliceAreRegisteredInThePlane) {
   const TemporaryFolder folder;
   folder.write("target.csv", "A,0,0,7\nA,50,0,7\nA,60,40,7\nB,0,10,7\nB,-20,50,7\nB,0,80,7\n");

@@ -1,4 +1,4 @@
-// Bytes over real sockets and a pseudo-terminal; how a connection fails, and that the driver's end is never missed.
+// Bytes over real sockets and a pseudo-terminal: failures of a connection, and the end of the driver.
 #include <array>
 #include <cstdlib>
 #include <string>
@@ -21,7 +21,7 @@ using bregma::test::TcpDevice;
 
 class Bytes : public testing::Test {
 protected:
-  // Reads until `size` bytes have come, or nothing came for a second.
+  // Reads until `size` bytes have arrived, or no byte arrived for 1 s.
   std::string read(std::size_t size) {
     std::string out;
     while (out.size() < size) {
@@ -51,7 +51,7 @@ TEST_F(Bytes, GoBothWaysOverTcp) {
   EXPECT_EQ(device.receive(9), "rate 100\n");
 }
 
-TEST_F(Bytes, NothingHasComeIsNotAnError) {
+TEST_F(Bytes, ATimeoutWithoutBytesIsNotAnError) {
   TcpDevice device;
   ASSERT_TRUE(stream.open(device.address(), io));
   const auto bytes = stream.read(io, 50ms);
@@ -59,7 +59,7 @@ TEST_F(Bytes, NothingHasComeIsNotAnError) {
   EXPECT_EQ(*bytes, "");
   device.accept();
   device.send("late");
-  EXPECT_EQ(read(4), "late"); // the reading that was given up has taken none of it
+  EXPECT_EQ(read(4), "late"); // the abandoned read has consumed no bytes
 }
 
 TEST_F(Bytes, ADeviceThatClosesOrRefusesIsNamedWithTheReason) {
@@ -100,7 +100,7 @@ TEST_F(Bytes, GoBothWaysOverASerialLine) {
   std::array<char, 64> path{};
   ASSERT_EQ(ptsname_r(terminal, path.data(), path.size()), 0);
   ASSERT_TRUE(stream.open("serial://" + std::string(path.data()) + "?baud=57600", io));
-  ASSERT_EQ(write(terminal, "\x01\x03\n\r", 4), 4); // no byte has a meaning to the line
+  ASSERT_EQ(write(terminal, "\x01\x03\n\r", 4), 4); // no byte is interpreted by the line
   EXPECT_EQ(read(4), "\x01\x03\n\r");
   ASSERT_TRUE(stream.write("go", io));
   std::array<char, 8> received{};
@@ -110,13 +110,13 @@ TEST_F(Bytes, GoBothWaysOverASerialLine) {
   EXPECT_FALSE(stream.read(io, 1s)); // unplugged
 }
 
-TEST_F(Bytes, ALineThatIsNotThereIsAnErrorThatNamesIt) {
+TEST_F(Bytes, AMissingSerialLineIsAnErrorWithItsName) {
   const auto opened = stream.open("serial:///dev/no-such-line", io);
   ASSERT_FALSE(opened);
   EXPECT_EQ(opened.error().message, "serial:///dev/no-such-line: No such file or directory");
 }
 
-TEST(Address, IsCheckedBeforeAnythingIsOpened) {
+TEST(Address, IsCheckedBeforeOpening) {
   for (const char *good :
        {"tcp://10.0.0.1:4000", "tcp://sensor.local:1", "serial:///dev/ttyUSB0", "serial:///dev/ttyS1?baud=9600"}) {
     EXPECT_TRUE(check_address("address", good)) << good;
@@ -136,7 +136,7 @@ std::vector<std::string> lines_of(LineSplitter &splitter, std::string_view bytes
   return out;
 }
 
-TEST(LineSplitter, PutsPiecesTogether) {
+TEST(LineSplitter, JoinsPieces) {
   LineSplitter splitter(10);
   EXPECT_TRUE(lines_of(splitter, "ab").empty());
   EXPECT_EQ(lines_of(splitter, "c\r\nd\n\nef"), (std::vector<std::string>{"abc", "d", ""}));

@@ -1,4 +1,4 @@
-// The bus over DDS: samples of the device's topics and the driver's own health, on a domain of its own.
+// The bus over DDS: samples of the device's topics and the driver's health, on a separate domain.
 #include <chrono>
 #include <thread>
 

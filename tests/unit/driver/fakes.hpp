@@ -1,4 +1,4 @@
-// Stand-ins for DDS, the host and a device: the driver's loop runs without any of them, in virtual time.
+// Fakes of DDS, host and device, with which the driver's loop runs in virtual time.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ inline constexpr std::int64_t kMs = 1'000'000;
 inline constexpr std::int64_t kSecond = 1'000 * kMs;
 inline constexpr std::int64_t kStart_ns = 1'700'000'000 * kSecond;
 
-// Takes range samples only; refuses all while `refuses` is set.
+// Accepts only range samples; refuses all while `refuses` is set.
 class FakeBus final : public Bus {
 public:
   bool write(std::string_view topic, const void *sample) override {
@@ -43,7 +43,7 @@ public:
   std::vector<wire::CommandReply> replies;
 };
 
-// Waiting costs no time. The driver is to stop when stop_ns has come.
+// Waiting takes no real time. The driver must stop at stop_ns.
 class FakeHost final : public Host {
 public:
   [[nodiscard]] std::int64_t now_ns() const override { return now; }
@@ -59,7 +59,7 @@ public:
   std::vector<std::int64_t> waits_ns;
 };
 
-// Does what the test says.
+// A device controlled by the test.
 class FakeDevice final : public Device {
 public:
   Outcome<void> connect(Io &io) override {

@@ -9,7 +9,7 @@ namespace {
 
 using bregma::test::force_line_of;
 
-TEST(ForceLine, AReadingIsUnderstood) {
+TEST(ForceLine, AReadingIsParsed) {
   const auto reading = parse("$FRC,7,1234567,12.5,-3,1e2*1D");
   ASSERT_FALSE(reading); // the checksum of another line
   const auto good = parse(force_line_of("FRC,7,1234567,12.5,-3,1e2"));
@@ -21,8 +21,8 @@ TEST(ForceLine, AReadingIsUnderstood) {
   EXPECT_DOUBLE_EQ(good->force_N[2], 0.1);
 }
 
-// Worked by hand: F ^ R ^ C is 0x57, of five commas one remains (0x2C), of five zeros one (0x30).
-TEST(ForceLine, TheChecksumIsThatOfNmea) { EXPECT_TRUE(parse("$FRC,0,0,0,0,0*4B")); }
+// Computed by hand: F ^ R ^ C is 0x57, of five commas one remains (0x2C), of five zeros one (0x30).
+TEST(ForceLine, TheChecksumFollowsNmea) { EXPECT_TRUE(parse("$FRC,0,0,0,0,0*4B")); }
 
 TEST(ForceLine, EveryDefectIsNamed) {
   const struct {

@@ -1,4 +1,4 @@
-// What the frame completes in a sample, and how it maps a device's clock to the host's.
+// Fields that the frame completes in a sample, and the mapping of a device's clock to the host's.
 #include <cmath>
 #include <random>
 
@@ -17,7 +17,7 @@ constexpr double kDrift = 50e-6;
 
 class Samples : public testing::Test {
 protected:
-  // Sends `count` samples of a device whose clock is off and drifts; they arrive after an exponential delay.
+  // Sends `count` samples of a device with clock offset and drift, with an exponential delay.
   void send(int count) {
     for (int i = 0; i < count; ++i, ++number_) {
       const std::int64_t exposed_ns = kStart_ns + number_ * kPeriod_ns;
@@ -71,7 +71,7 @@ TEST_F(Samples, DeviceTimeIsMappedToTheHostsClock) {
   EXPECT_NEAR(status.values().clock_drift_ppm, -50.0, 10.0);
 }
 
-TEST_F(Samples, AClockThatWasSetIsFollowedOnceItIsCertainAndWhatIsDroppedIsCounted) {
+TEST_F(Samples, AfterAClockChangeSamplesAreDroppedAndCountedUntilItIsConfirmed) {
   send(2000);
   offset_ns += 60 * kSecond;
   send(1000);
@@ -92,18 +92,18 @@ TEST_F(Samples, ANewConnectionMayHaveANewClock) {
   EXPECT_NEAR(error_ms(bus.written.back()), 0.0, 2.0);
 }
 
-TEST_F(Samples, GoOutAsTheyAreWhereTheDriverSaysSo) {
+TEST_F(Samples, ArePublishedUnchangedIfTheDriverRequestsIt) {
   Io as_given(bus, host, status, {.device = "Range", .map_device_time = false});
   wire::RangeSample sample{};
   sample.device_time_ns = 42;
   EXPECT_TRUE(as_given.publish(sample));
-  sample.device_time_ns = 41; // backwards: the daemon's affair
+  sample.device_time_ns = 41; // backwards: checked by the daemon
   EXPECT_TRUE(as_given.publish(sample));
   EXPECT_EQ(bus.written[0].device_time_ns, 42);
   EXPECT_EQ(bus.written[1].device_time_ns, 41);
 }
 
-TEST_F(Samples, WhatIsDroppedIsToldInOneLine) {
+TEST_F(Samples, DroppedSamplesAreReportedInOneLine) {
   const StatusValues before = status.values();
   EXPECT_FALSE(dropped_text(before, status.values()));
   bus.refuses = true;
@@ -115,7 +115,7 @@ TEST_F(Samples, WhatIsDroppedIsToldInOneLine) {
             "dropped: 3 unreadable (last: wrong checksum); 1 out of step with the device's clock; 2 refused by DDS");
 }
 
-TEST_F(Samples, TopicsThatAreTakenReachTheDevice) {
+TEST_F(Samples, SubscribedTopicsReachTheDevice) {
   wire::CommandReply reply{};
   reply.id = 7;
   bus.replies = {reply};
@@ -126,7 +126,7 @@ TEST_F(Samples, TopicsThatAreTakenReachTheDevice) {
   EXPECT_EQ(io.matched<wire::RangeSample>(), 3U);
 }
 
-TEST(Health, SaysOnTheWireWhatWasCounted) {
+TEST(Health, PublishesTheCounts) {
   StatusValues values;
   values.state = State::kWaiting;
   values.failures = 3;

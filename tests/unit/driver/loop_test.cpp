@@ -1,4 +1,4 @@
-// The loop of a driver against a device that fails in every way: what is tried again, when, and what is counted.
+// The loop of a driver with a device that fails in all ways: retries, their times, and counts.
 #include <algorithm>
 #include <stdexcept>
 
@@ -49,14 +49,14 @@ TEST_F(Loop, ConnectsAgainAfterFailuresAndCountsThem) {
   };
   EXPECT_EQ(run(), Ending::kDone);
   EXPECT_EQ(device.connects, 4);
-  EXPECT_EQ(device.disconnects, 4); // also after an attempt that failed
+  EXPECT_EQ(device.disconnects, 4); // also after a failed attempt
   EXPECT_EQ(status.values().failures, 3U);
   EXPECT_EQ(status.values().failure, "tcp://10.0.0.9:1: Connection refused");
   EXPECT_TRUE(logged(LogLevel::kWarning, "Connection refused; next attempt in 0."));
   EXPECT_TRUE(logged(LogLevel::kInfo, "connected"));
 }
 
-TEST_F(Loop, ALostConnectionIsMadeAgain) {
+TEST_F(Loop, ALostConnectionIsReopened) {
   device.on_read = [this](Io &) -> Outcome<Progress> {
     return device.connects == 1 ? Outcome<Progress>(retry_later("closed by the device")) : Progress::kFinished;
   };
@@ -79,7 +79,7 @@ TEST_F(Loop, WaitsLongerAfterEachFailureUpToTheLimit) {
   }
 }
 
-TEST_F(Loop, AConnectionThatLastedBringsTheDelayBack) {
+TEST_F(Loop, ALastingConnectionResetsTheDelay) {
   device.on_read = [this](Io &) -> Outcome<Progress> {
     host.now += device.connects == 3 ? 11 * kSecond : kSecond;
     return device.connects == 4 ? Outcome<Progress>(Progress::kFinished) : retry_later("gone");
@@ -88,7 +88,7 @@ TEST_F(Loop, AConnectionThatLastedBringsTheDelayBack) {
   EXPECT_EQ(host.waits_ns, (std::vector<std::int64_t>{kSecond, 2 * kSecond, kSecond}));
 }
 
-TEST_F(Loop, WhatADeviceThrowsIsAFailureThatMayBeTriedAgain) {
+TEST_F(Loop, AnExceptionOfADeviceIsATemporaryFailure) {
   device.on_connect = [this](Io &) -> Outcome<void> {
     if (device.connects == 1) {
       throw std::runtime_error("the vendor's library is not ready");
@@ -107,7 +107,7 @@ TEST_F(Loop, WhatADeviceThrowsIsAFailureThatMayBeTriedAgain) {
   EXPECT_TRUE(logged(LogLevel::kWarning, "a field is missing"));
 }
 
-TEST_F(Loop, AFailureForGoodEndsIt) {
+TEST_F(Loop, APermanentFailureEndsIt) {
   device.on_connect = [](Io &) -> Outcome<void> { return give_up("this tracker has no license"); };
   EXPECT_EQ(run(), Ending::kFailed);
   EXPECT_EQ(device.connects, 1);
@@ -115,7 +115,7 @@ TEST_F(Loop, AFailureForGoodEndsIt) {
   EXPECT_TRUE(logged(LogLevel::kError, "this tracker has no license"));
 }
 
-TEST_F(Loop, ASilentConnectionIsTakenForLost) {
+TEST_F(Loop, ASilentConnectionCountsAsLost) {
   device.on_read = [this](Io &io) -> Outcome<Progress> {
     host.now += 200 * kMs;
     if (device.connects == 2) {
@@ -124,7 +124,7 @@ TEST_F(Loop, ASilentConnectionIsTakenForLost) {
       EXPECT_TRUE(io.publish(sample));
       return bus.written.size() == 30 ? Progress::kFinished : Progress::kContinue;
     }
-    return Progress::kContinue; // nothing came
+    return Progress::kContinue; // no bytes arrived
   };
   EXPECT_EQ(run({.silence_ns = 2 * kSecond}), Ending::kDone);
   EXPECT_EQ(status.values().connections, 2U);
@@ -150,7 +150,7 @@ TEST_F(Loop, AFailureThatTheStopCausedIsNotReported) {
   EXPECT_EQ(status.values().failures, 0U);
 }
 
-TEST(Backoff, DiffersBetweenDriversAndRepeatsWithItsSeed) {
+TEST(Backoff, DiffersBetweenDriversAndIsReproducibleWithItsSeed) {
   const BackoffOptions options{.first_ns = kSecond, .max_ns = 10 * kSecond};
   Backoff one(options, 1);
   Backoff same(options, 1);

@@ -1,4 +1,4 @@
-// A driver as a program: its command line, what it answers to bad input, and how it ends by a signal.
+// A driver as a program: command line, invalid input, and end by a signal.
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
@@ -21,7 +21,7 @@ struct Answer {
   std::string out, err;
 };
 
-// A device with a parameter of its own.
+// A device with an additional parameter.
 class Sensor final : public Device {
 public:
   void declare(base::ParameterSet &parameters) override {
@@ -88,7 +88,7 @@ TEST(Program, PrintsTheParametersOfFrameAndDevice) {
   EXPECT_EQ(again.out, answer.out) << again.err;
 }
 
-TEST(Program, LaterSettingsWin) {
+TEST(Program, LaterSettingsHavePrecedence) {
   const bregma::test::TemporaryFolder folder;
   std::ofstream(folder / "sensor.toml") << "gain = 3.0\ndomain_id = 1\ndevice = \"File\"\n";
   Sensor sensor;
@@ -100,7 +100,7 @@ TEST(Program, LaterSettingsWin) {
   EXPECT_EQ(sensor.prepared.device, "File");
 }
 
-TEST(Program, BadInputIsAnsweredWithASentenceAndTwo) {
+TEST(Program, InvalidInputGivesATextAndExitCodeTwo) {
   const bregma::test::TemporaryFolder folder;
   std::ofstream(folder / "bad.toml") << "[reconnect]\nfirst_s = -1.0\n";
   const struct {
@@ -139,8 +139,8 @@ TEST(Program, EndsWithTheDevice) {
   EXPECT_TRUE(holds(answer.err, "error my-range: no license")) << answer.err;
 }
 
-// What is dropped between two reports is in the log.
-TEST(Program, ReportsWhatWasSkipped) {
+// Samples dropped between two reports are in the log.
+TEST(Program, ReportsSkippedInput) {
   Sensor sensor;
   sensor.on_read = [](Io &io) {
     io.skipped(12, "wrong checksum");
@@ -150,12 +150,12 @@ TEST(Program, ReportsWhatWasSkipped) {
   EXPECT_TRUE(holds(answer.err, "dropped: 12 unreadable (last: wrong checksum)")) << answer.err;
 }
 
-// In processes of their own. The signal is sent by the device's thread, when it is where the test wants it.
+// In separate processes. The device's thread sends the signal at the point that the test selects.
 class Interrupted : public testing::TestWithParam<int> {
 protected:
   void SetUp() override { GTEST_FLAG_SET(death_test_style, "threadsafe"); }
   static void interrupt() { (void)kill(getpid(), GetParam()); }
-  // Ends with 40 in place of 0 when the device was not disconnected, and with 50 when it took longer than a second.
+  // Ends with 40 instead of 0 if the device was not disconnected, and with 50 if it took longer than 1 s.
   static void expect_prompt_end(Sensor &sensor) {
     const auto begin = std::chrono::steady_clock::now();
     const int code = start(sensor, {"--set", "reconnect.first_s=60", "--set", "reconnect.max_s=60"});
@@ -196,7 +196,7 @@ TEST_P(Interrupted, WhileItWaitsForTheNextAttempt) {
   EXPECT_EXIT(expect_prompt_end(sensor), testing::ExitedWithCode(kExitDone), "no answer; next attempt in");
 }
 
-TEST_P(Interrupted, ADeviceThatDoesNotReturnIsLeftBehind) {
+TEST_P(Interrupted, ADeviceThatDoesNotReturnIsAbandoned) {
   Sensor sensor;
   sensor.on_read = [](Io &) -> Outcome<Progress> {
     interrupt();

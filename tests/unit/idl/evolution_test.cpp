@@ -1,5 +1,5 @@
 // Programs of different revisions on one bus: samples of an earlier and of a later revision, read with the types of
-// this program and the other way round, and what happens where a type cannot grow. The rules are in docs/wire.md.
+// this program and vice versa, and types that cannot be extended. The rules are in docs/wire.md.
 #include <chrono>
 #include <optional>
 
@@ -39,7 +39,7 @@ using namespace std::chrono_literals;
 
 std::uint32_t own_domain() { return 100 + static_cast<std::uint32_t>(getpid()) % 100; }
 
-// Two programs on one topic, each with its own types.
+// Two programs on one topic, with different types.
 template <class Written, class Read> struct Bus {
   dds::Participant out{own_domain()};
   dds::Participant in{own_domain()};
@@ -64,7 +64,7 @@ template <class Written, class Read> struct Bus {
     }
     for (int i = 0; i < 300 && !out_sample; ++i) {
       usleep(10'000);
-      reader.take_each([&](const Read &read, const auto &) { out_sample = read; }); // without what it points to
+      reader.take_each([&](const Read &read, const auto &) { out_sample = read; }); // a shallow copy
     }
     return out_sample;
   }
@@ -106,7 +106,7 @@ TEST(Evolution, AnEarlierFrameHasZerosWhereItHasNoFields) {
   }
 }
 
-TEST(Evolution, ALaterFrameIsReadWithoutWhatItAdds) {
+TEST(Evolution, ALaterFrameIsReadWithoutItsAdditionalFields) {
   Bus<later_TrackerFrame, wire::TrackerFrame> bus;
   auto sent = frame_with_tools<later_TrackerFrame>();
   std::uint8_t notes[5] = {1, 2, 3, 4, 5};
@@ -173,7 +173,7 @@ TEST(Evolution, ACommandOfALaterRevisionArrivesWithItsKindSoThatItCanBeRefused) 
   EXPECT_EQ(wire::malformed(*read), "command 27 is not known");
 }
 
-TEST(Evolution, ACommandOfAnEarlierRevisionIsCarriedOut) {
+TEST(Evolution, ACommandOfAnEarlierRevisionIsExecuted) {
   Bus<earlier_Command, wire::Command> bus;
   earlier_Command sent{};
   (void)wire::set_name(sent.client, "old-client");
@@ -201,7 +201,7 @@ TEST(Evolution, OurCommandIsReadByBothOthers) {
   EXPECT_EQ(wire::view(later->body._u.tool.tool), "Stylus");
   EXPECT_EQ(later->body._u.tool.speed, 0.0);
 
-  // A form that the earlier one does not have.
+  // A form that the earlier revision does not contain.
   ASSERT_EQ(wire::fill_command(sent, bregma_wire_COMMAND_CHECK_TOUCH, {"Stylus", "Nasion"}), "");
   const auto unknown = to_earlier.pass(sent);
   ASSERT_TRUE(unknown);
@@ -224,8 +224,8 @@ TEST(Evolution, AnAlarmInALaterStateArrives) {
   EXPECT_STREQ(read->text, "moved");
 }
 
-// Such a change makes a new generation: both sides see nobody on the topic, and are told why by the version alone.
-TEST(Evolution, WhatCannotGrowDoesNotMatch) {
+// Such a change makes a new generation: both sides see no peer on the topic, and only the version gives the reason.
+TEST(Evolution, TypesThatCannotGrowDoNotMatch) {
   EXPECT_TRUE((Bus<earlier_FinalStruct, earlier_FinalStruct>().matched())) << "with itself it does";
   EXPECT_FALSE((Bus<later_FinalStruct, earlier_FinalStruct>().matched(500ms))) << "a field more in a @final struct";
   EXPECT_FALSE((Bus<earlier_FinalStruct, later_FinalStruct>().matched(500ms)));
@@ -247,7 +247,7 @@ TEST(WireVersion, IsAnnouncedAndReadBack) {
   EXPECT_FALSE(wire::version_from("2.0 "));
 }
 
-TEST(Peers, NameThoseOfAnotherGenerationAsLongAsTheyAreThere) {
+TEST(Peers, NameParticipantsOfAnotherGenerationWhileTheyArePresent) {
   const dds::Participant ours(own_domain());
   dds::Peers peers(ours);
   const auto text_becomes = [&](const std::string &wanted) {
@@ -264,7 +264,7 @@ TEST(Peers, NameThoseOfAnotherGenerationAsLongAsTheyAreThere) {
   };
   const std::string end = ", this program speaks wire 2.0: install one release on both";
   {
-    // A revision of our generation is no stranger, and neither is a program without a topic of ours.
+    // A revision of the same generation is not reported, and neither is a program without a topic of Bregma.
     const dds::Participant revision(own_domain(), {{2, 9}, "newer"});
     const dds::Writer<wire::SystemHealth> understood(revision);
     const dds::Participant bystander(own_domain(), {{1, 0}, "bystander"});
@@ -298,7 +298,7 @@ TEST(Commands, EveryRowOfTheTableCanBeFilledCheckedAndNamed) {
   EXPECT_EQ(wire::kCommands.size(), std::size_t{bregma_wire_COMMAND_RESET_ROBOT}) << "the kinds of control.idl";
 }
 
-TEST(Commands, ValuesThatDoNotFitAreNamed) {
+TEST(Commands, InvalidValuesAreNamed) {
   wire::Command command{};
   EXPECT_EQ(wire::fill_command(command, 99, {}), "command 99 is not known");
   EXPECT_EQ(wire::fill_command(command, bregma_wire_COMMAND_CLOSE_CASE, {"x"}), "CLOSE_CASE takes 0 values, not 1");

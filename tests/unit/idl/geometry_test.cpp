@@ -37,7 +37,7 @@ TEST(Rigid3, RotationVectorRoundTripsFromTinyToHalfATurn) {
   }
 }
 
-// First-order propagation against the sampled covariance of the same perturbations.
+// First-order propagation compared with the sampled covariance of the same perturbations.
 TEST(UncertainPose, CompositionInverseAndPointsAgreeWithSampling) {
   std::mt19937 rng(kSeed);
   const Pose T = random_pose(rng);

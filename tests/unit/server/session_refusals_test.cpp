@@ -227,7 +227,7 @@ TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
     EXPECT_EQ(reply->text, text);
   };
   auto command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
-  command.kind = 77; // of a later revision, with a body of its own
+  command.kind = 77; // a command of a later revision with another body
   command.body._d = 40;
   expect(command, "command kind 77 is not known: this daemon speaks wire 2.0");
   command.kind = bregma_wire_COMMAND_UNKNOWN;

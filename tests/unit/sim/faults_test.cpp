@@ -1,4 +1,4 @@
-// Every fault does what its name says, when it should, and nothing else.
+// Every fault has its effect at its time, and no other effect.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -64,7 +64,7 @@ TEST(Faults, ABumpMovesTheReferenceAgainstTheHead) {
   EXPECT_EQ(reference(0), reference(99));
   EXPECT_NEAR((reference(101) - reference(98)).norm(), 2.0, 1e-9) << "magnitude by default, direction of the seed";
   EXPECT_NEAR((reference(201) - reference(150) - Vector3d(0, 3, 0)).norm(), 0.0, 1e-9);
-  // The tracker sees the same: the reference's body moved by as much in its frame.
+  // The tracker measures the same displacement of the reference's body in its frame.
   Vector3d before = Vector3d::Zero();
   Vector3d after = Vector3d::Zero();
   for (const auto &frame : run.all.frames) {
@@ -98,12 +98,12 @@ TEST(Faults, AFloodMultipliesOneDevicesRate) {
   EXPECT_NEAR(static_cast<double>(run.all.robot_states.size()), 400, 2);
 }
 
-TEST(Faults, BadSamplesAreBadAsNamed) {
+TEST(Faults, FaultySamplesHaveTheNamedFault) {
   const auto run = [](const std::string &sample) {
     return run_with("[[faults]]\nkind = \"bad_samples\"\nsample = \"" + sample + "\"\ncount = 7\nafter_s = 1\n", 2.0);
   };
   const Recording clean = run_with("", 2.0);
-  const auto differing = [&clean](const Recording &bad) { // frames that are not, byte for byte, frames of the clean run
+  const auto differing = [&clean](const Recording &bad) { // frames that differ from those of the run without faults
     std::vector<wire::TrackerFrame> out;
     std::map<std::uint64_t, int> seen;
     for (const auto &frame : bad.all.frames) {
@@ -139,7 +139,7 @@ TEST(Faults, BadSamplesAreBadAsNamed) {
   all("unknown_device", n + 7, [](const Frame &f, const Frame &) { return wire::view(f.device) == "Stranger"; });
 }
 
-TEST(Faults, DoNotChangeWhatElseHappens) {
+TEST(Faults, DoNotChangeOtherEvents) {
   const Recording clean = run_with("");
   const Recording occluded =
       run_with("[[faults]]\nkind = \"occlusion\"\ntool = \"Stylus\"\nafter_s = 1\nduration_s = 0.5\n");

@@ -1,4 +1,4 @@
-// A hand's paths: where they lead, how smooth they are, how clear of the head.
+// Paths of the hand: end points, smoothness, distance from the head.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -46,7 +46,7 @@ TEST(Reach, IsTheMinimumJerkMovement) {
   EXPECT_NEAR(acceleration, 10.0 / std::sqrt(3.0) * 200.0, 15.0);
 }
 
-TEST(Glide, GoesThroughTheKnotsEvenlyAndSoftly) {
+TEST(Glide, PassesTheKnotsAtConstantSpeedWithSmoothEnds) {
   std::vector<HandPose> knots;
   for (int i = 0; i <= 100; ++i) { // a quarter of a circle of 100 mm
     const double angle = 0.5 * std::numbers::pi * i / 100.0;

@@ -1,4 +1,4 @@
-// The whole script against a daemon that answers by script.
+// The complete script with a scripted daemon.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -88,7 +88,7 @@ const Recording &whole_run() {
 
 } // namespace
 
-TEST(Operator, GoesThroughTheWholeScriptInOrder) {
+TEST(Operator, ExecutesTheCompleteScriptInOrder) {
   const Recording &run = whole_run();
   std::vector<std::string> done;
   for (const auto &event : run.all.events) {
@@ -101,7 +101,7 @@ TEST(Operator, GoesThroughTheWholeScriptInOrder) {
             (std::vector<std::string>{"load_case", "pivot", "start_registration", "touch_fiducials", "trace_scalp",
                                       "accept_registration", "check_landmarks", "confirm_verification",
                                       "start_navigation", "follow_trajectory", "stop_navigation", "close_case"}))
-      << run.told();
+      << run.events_text();
   EXPECT_LT(run.seconds, 120.0) << "a person watches this";
   std::map<int, int> count;
   std::uint64_t id = 0;
@@ -136,11 +136,11 @@ TEST(Operator, TouchesTheTrueFiducialsWithTheStatedErrors) {
     ++touches;
   }
   ASSERT_EQ(touches, 8);
-  // Image localisation 0.5 mm and touch 0.3 mm: 0.58 mm a coordinate. 24 values: within 30 % at 98 %.
+  // Image localisation 0.5 mm and touch 0.3 mm: 0.58 mm per coordinate. 24 values: within 30 % at 98 %.
   EXPECT_NEAR(std::sqrt(sum_squared.sum() / 24.0), 0.583, 0.583 * 0.33);
 }
 
-TEST(Operator, TracesOnTheSkinAndIsSeen) {
+TEST(Operator, TracesOnTheSkinAndStaysVisible) {
   const auto a_case = make_case();
   const surface::SurfaceModel scalp(a_case.scalp.mesh);
   const Recording &run = whole_run();
@@ -201,8 +201,8 @@ TEST(Operator, KeepsToolsOutOfTheHeadBeforeTheInsertion) {
 }
 
 // A hand: no jumps, bounded speed and acceleration, in every step of the script.
-// Up to the force at which the brain breaks, and on the way back against the other direction.
-TEST(Operator, TheProbesSensorFeelsTheBrain) {
+// Up to the rupture force, and during withdrawal in the opposite direction.
+TEST(Operator, TheProbesSensorMeasuresTheBrainsForce) {
   double pushed_N = 0.0;
   double held_N = 0.0;
   const casefile::Case the_case = make_case();
@@ -233,8 +233,8 @@ TEST(Operator, MovesSmoothly) {
   }
 }
 
-TEST(Operator, TremblesInTheAirBetweenEightAndTwelveHertz) {
-  // Mean zero crossings of the tip's motion about its slow part while the stylus waits beside the head.
+TEST(Operator, HasTremorBetweenEightAndTwelveHertzInTheAir) {
+  // Mean zero crossings of the tip's motion about its slow part while the stylus waits next to the head.
   auto scenario = scenario_of("[operator]\ntremor_mm = 0.2\nwander_mm = 0.0\n[tracker]\nrate_hz = 500\n"
                               "[[steps]]\ndo = \"touch_fiducials\"\ntool = \"Stylus\"\npoints = [\"F5\"]\n"
                               "[[steps]]\ndo = \"wait\"\nduration_s = 10\n");
@@ -262,7 +262,7 @@ TEST(Operator, TremblesInTheAirBetweenEightAndTwelveHertz) {
   EXPECT_LT(crossings / 20.0, 12.5);
 }
 
-TEST(Operator, TriesARefusedTouchAgainAndThenGivesUp) {
+TEST(Operator, RepeatsARefusedTouchAndThenGivesUp) {
   const auto scenario =
       scenario_of("[[steps]]\ndo = \"touch_fiducials\"\ntool = \"Stylus\"\npoints = [\"F2\", \"F5\"]\n");
   {
@@ -272,8 +272,8 @@ TEST(Operator, TriesARefusedTouchAgainAndThenGivesUp) {
     const Recording run = play(room, daemon, 60.0);
     EXPECT_TRUE(room.finished());
     EXPECT_FALSE(room.failed()) << room.failure();
-    EXPECT_EQ(daemon.commands.size(), 4U) << run.told();
-    EXPECT_NE(run.told().find("F2: tip moved 1.4 mm; once more"), std::string::npos) << run.told();
+    EXPECT_EQ(daemon.commands.size(), 4U) << run.events_text();
+    EXPECT_NE(run.events_text().find("F2: tip moved 1.4 mm; once more"), std::string::npos) << run.events_text();
   }
   SimulatedRoom room(make_case(), scenario, kOperatorSeed);
   ScriptedDaemon daemon;
@@ -294,11 +294,11 @@ TEST(Operator, AStepThatMayFailDoesNotEndTheScript) {
   const Recording run = play(room, daemon, 10.0);
   EXPECT_TRUE(room.finished());
   EXPECT_FALSE(room.failed());
-  EXPECT_EQ(run.told(), "accept_registration 0 \naccept_registration 3 no registration yet\n"
-                        "load_case 0 \nload_case 1 done\nload_case 2 \n");
+  EXPECT_EQ(run.events_text(), "accept_registration 0 \naccept_registration 3 no registration yet\n"
+                               "load_case 0 \nload_case 1 done\nload_case 2 \n");
 }
 
-TEST(Operator, SaysWhenNobodyAnswers) {
+TEST(Operator, ReportsMissingReplies) {
   SimulatedRoom room(make_case(), scenario_of("[operator]\nreply_timeout_s = 2\n[[steps]]\ndo = \"load_case\"\n"),
                      kOperatorSeed);
   ScriptedDaemon daemon;
@@ -308,7 +308,7 @@ TEST(Operator, SaysWhenNobodyAnswers) {
   EXPECT_LT(run.seconds, 3.0);
 }
 
-TEST(Operator, SteersTheShownTipNotTheTrueOne) {
+TEST(Operator, SteersTheDisplayedTipNotTheTrueOne) {
   SimulatedRoom room(make_case(),
                      scenario_of("[[steps]]\ndo = \"follow_trajectory\"\ntool = \"Probe\"\ntrajectory = \"Biopsy\"\n"),
                      kOperatorSeed);
@@ -357,7 +357,7 @@ TEST(Operator, StopsWhereTheDisplayIsNotLive) {
   EXPECT_LT(last_depth - depth_at_loss, 4.0) << "8 mm/s, seen within the next state, stopped within half a second";
 }
 
-TEST(Operator, RefusesAScenarioThatDoesNotFitTheCase) {
+TEST(Operator, RefusesAScenarioThatDoesNotMatchTheCase) {
   const auto message = [](const std::string &toml) -> std::string {
     try {
       SimulatedRoom room(make_case(), scenario_of(toml), kOperatorSeed);

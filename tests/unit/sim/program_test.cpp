@@ -1,4 +1,4 @@
-// The program: what it says and how it ends when it is not given what it needs. With a daemon: tests/component.
+// The program: messages and exit codes for missing or invalid input. With a daemon: tests/component.
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -41,7 +41,7 @@ protected:
   [[nodiscard]] std::vector<std::string> room(std::vector<std::string> more = {}) const {
     std::vector<std::string> out{"--case",     path("case"),
                                  "--scenario", path("scenario.toml"),
-                                 "--domain",   std::to_string(100 + getpid() % 100)}; // nobody else's
+                                 "--domain",   std::to_string(100 + getpid() % 100)}; // not used by others
     out.insert(out.end(), more.begin(), more.end());
     return out;
   }
@@ -52,7 +52,7 @@ private:
 
 } // namespace
 
-TEST_F(Program, SaysThatNoDaemonCameAndEndsWithOne) {
+TEST_F(Program, WithoutADaemonItEndsWithExitCodeOne) {
   const auto process = start(room({"--timeout", "0.2"}));
   EXPECT_EQ(process->wait(60.0), 1) << process->log();
   EXPECT_NE(process->log().find("waiting for bregmad on domain"), std::string::npos) << process->log();
@@ -68,7 +68,7 @@ TEST_F(Program, EndsCleanlyByASignalWhileItWaits) {
   EXPECT_EQ(process->wait(60.0), 0) << process->log();
 }
 
-TEST_F(Program, RefusesBadInputWithTwoAndAReason) {
+TEST_F(Program, InvalidInputGivesExitCodeTwoAndAReason) {
   write("scenario.toml", "[tracker]\nrate_hz = 5\n[[steps]]\ndo = \"load_case\"\n");
   auto process = start(room());
   EXPECT_EQ(process->wait(60.0), 2);

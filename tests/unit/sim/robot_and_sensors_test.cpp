@@ -40,7 +40,7 @@ TEST(RobotArm, JointsAndFlangeAgree) {
   EXPECT_TRUE(joints.allFinite());
 }
 
-// To entries all over the front and both sides of the head: the guide stands where it should, the way there is smooth.
+// Entries all over the front and both sides of the head: the guide reaches its pose on a smooth path.
 TEST(RobotArm, HoldsTheGuideOnThePlannedLine) {
   const Patient patient(make_case(), {}, kRobotSeed);
   RobotParameters parameters;
@@ -76,14 +76,14 @@ double hertz_N(const TissueParameters &tissue, double depth_mm) {
          std::pow(depth_mm, 1.5);
 }
 
-// A probe pushed along a line into a ball of brain, and drawn back; forces up its shaft.
+// A probe pushed along a line into a ball of brain and withdrawn; forces along its shaft.
 class BallOfBrain {
 public:
   static constexpr double kRadius_mm = 60.0;
   ForceSensor sensor{bregma::test::make_sphere(4, kRadius_mm, Vector3d::Zero()), {}, {}, kRobotSeed};
   TrueTool probe{*Patient(make_case(), {}, kRobotSeed).tool("Probe")};
 
-  // Mean force from one depth to the other, at 8 mm/s.
+  // Mean force between two depths, at 8 mm/s.
   double drive(double from_mm, double to_mm, double aside_mm = 0.0) {
     const Vector3d along(0, 0, -1);
     const auto rotation = point_tool(probe.model, along, Vector3d::UnitX());
@@ -103,31 +103,31 @@ private:
   std::int64_t now_ns_ = kStart_ns;
 };
 
-TEST(ForceSensor, FeelsADentThenACutThenFrictionBackwards) {
+TEST(ForceSensor, MeasuresIndentationCuttingAndReverseFriction) {
   const TissueParameters truth;
   BallOfBrain ball;
   EXPECT_NEAR(ball.drive(-20.0, 0.0), 0.0, 0.002);
   EXPECT_NEAR(ball.drive(0.0, 3.5), 0.4 * hertz_N(truth, 3.5), 0.003) << "the mean of d^1.5";
   EXPECT_NEAR(ball.drive(3.5, 4.5), hertz_N(truth, 4.0), 0.003);
   (void)ball.drive(4.5, 30.0);
-  const double slow = 8.0 / 8.5; // a little of it is lost to slowness
+  const double slow = 8.0 / 8.5; // reduced slightly at low speed
   EXPECT_NEAR(ball.drive(30.0, 40.0), slow * (truth.cutting_N + 35.0 * truth.friction_N_per_mm), 0.002);
   (void)ball.drive(40.0, 39.0); // the sensor smooths the speed
   EXPECT_NEAR(ball.drive(39.0, 29.0), -slow * 34.0 * truth.friction_N_per_mm, 0.002);
 }
 
-TEST(ForceSensor, ABrokenSurfaceLetsTheProbeThroughAWholeOneDoesNot) {
+TEST(ForceSensor, ARupturedSurfaceHasNoResistanceAnIntactOneHas) {
   BallOfBrain ball;
   (void)ball.drive(-2.0, 20.0);
   (void)ball.drive(20.0, -2.0);
   const double again_N = ball.drive(4.5, 5.0);
   (void)ball.drive(5.0, -2.0);
   const double beside_N = ball.drive(4.5, 5.0, 12.0); // there the ball's surface lies 1.2 mm lower
-  EXPECT_LT(again_N, 0.065) << "through the hole: cutting, no dent";
+  EXPECT_LT(again_N, 0.065) << "through the hole: cutting, no indentation";
   EXPECT_NEAR(beside_N, hertz_N({}, 4.75 - 1.2), 0.01);
 }
 
-TEST(RangeSensor, MeasuresTheWayToTheSkin) {
+TEST(RangeSensor, MeasuresTheDistanceToTheSkin) {
   PatientParameters flat;
   flat.skin_sigma_mm = 0.0;
   const Patient patient(make_case(), flat, kRobotSeed);

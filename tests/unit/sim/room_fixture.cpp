@@ -99,7 +99,7 @@ void ScriptedDaemon::give(SimulatedRoom &room, std::int64_t now_ns) {
   }
 }
 
-std::string Recording::told() const {
+std::string Recording::events_text() const {
   std::string out;
   for (const auto &event : all.events) {
     out += event.step + " " + std::to_string(static_cast<int>(event.kind)) + " " + event.text + "\n";

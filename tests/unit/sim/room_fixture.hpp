@@ -1,4 +1,4 @@
-// For tests of the simulated room: a case made in code, a daemon that answers by script, and a run in virtual time.
+// Fixtures for tests of the simulated room: a case made in code, a scripted daemon, and a run in virtual time.
 #pragma once
 
 #include <map>
@@ -17,7 +17,7 @@ inline constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
 
 [[nodiscard]] Scenario scenario_of(const std::string &toml); // throws with the reader's message
 
-// Answers every command after a delay; DONE unless told otherwise. Shows the tip it is told plus a bias.
+// Answers every command after a delay, DONE by default. Displays the true tip plus a bias.
 class ScriptedDaemon {
 public:
   void refuse(wire::CommandKind kind, const std::string &point, int times, const std::string &text);
@@ -25,7 +25,7 @@ public:
   void take(const RoomOutput &out, std::int64_t now_ns);
   void give(SimulatedRoom &room, std::int64_t now_ns);
 
-  Eigen::Vector3d bias_mm = Eigen::Vector3d::Zero(); // of the shown tip of every tool
+  Eigen::Vector3d bias_mm = Eigen::Vector3d::Zero(); // error of the displayed tip of every tool
   bool live = true;
   std::vector<wire::Command> commands;
 
@@ -44,10 +44,10 @@ struct Recording {
   RoomOutput all;
   std::vector<std::int64_t> frame_arrivals_ns; // when advance() gave frames[i]
   double seconds = 0.0;
-  [[nodiscard]] std::string told() const; // the events, a line each
+  [[nodiscard]] std::string events_text() const; // the events, one per line
 };
 
-// Until the script is over, or for so many seconds.
+// Runs until the script has ended, or for this number of seconds.
 [[nodiscard]] Recording play(SimulatedRoom &room, ScriptedDaemon &daemon, double max_seconds,
                              std::int64_t step_ns = 2'000'000);
 [[nodiscard]] Recording play_for(SimulatedRoom &room, double seconds, std::int64_t step_ns = 2'000'000);

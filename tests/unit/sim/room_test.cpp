@@ -1,4 +1,4 @@
-// The room as a whole: same seed same bytes, rates, delays, losses.
+// The complete room: equal bytes for equal seeds, rates, delays, losses.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -37,7 +37,7 @@ TEST(SimulatedRoom, SameSeedSameBytes) {
   EXPECT_FALSE(same_bytes(one.all.truths, other.all.truths));
 }
 
-TEST(SimulatedRoom, TheStepsInWhichTimeIsToldDoNotMatter) {
+TEST(SimulatedRoom, TheResultIsIndependentOfTheTimeSteps) {
   const auto alone = [](std::int64_t step_ns) {
     SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nduration_s = 3\n"), 4);
     return play_for(room, 2.0, step_ns);
@@ -106,7 +106,7 @@ TEST(SimulatedRoom, LosesTheStatedShareOfFrames) {
   EXPECT_EQ(run.all.frames.back().frame - run.all.frames.front().frame + 1 - lost, run.all.frames.size());
 }
 
-TEST(SimulatedRoom, KnowsWhenItHasSomethingToDoNext) {
+TEST(SimulatedRoom, GivesTheTimeOfTheNextEvent) {
   SimulatedRoom room(make_case(), scenario_of("[[steps]]\ndo = \"wait\"\nduration_s = 9\n"), 4);
   RoomOutput out;
   std::size_t frames = 0;
@@ -124,7 +124,7 @@ TEST(SimulatedRoom, KnowsWhenItHasSomethingToDoNext) {
   EXPECT_LT(calls, 1100);
 }
 
-// Truth and measurement agree: nothing but the stated noise lies between them.
+// Truth and measurement differ only by the stated noise.
 TEST(SimulatedRoom, TruthIsWhatTheTrackerMeasures) {
   const Recording run = short_run(4, 2'000'000);
   std::map<std::uint64_t, const wire::SimulatedTruth *> truth;

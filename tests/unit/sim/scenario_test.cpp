@@ -1,4 +1,4 @@
-// What a person reads when a scenario file is wrong, and what the reader makes of one that is right.
+// Errors for invalid scenario files, and the values of a valid one.
 #include <gtest/gtest.h>
 
 #include "drivers/sim/scenario.hpp"
@@ -72,7 +72,7 @@ require_verified = true
   EXPECT_TRUE(scenario->limits.require_verified);
 }
 
-TEST(Scenario, NamesFileLineKeyValueAndWhatIsWrong) {
+TEST(Scenario, NamesFileLineKeyValueAndProblem) {
   EXPECT_EQ(message("[tracker]\nrate_hz = 5000\n" + kStep),
             "room.toml:2: tracker.rate_hz = 5000: must be between 20 and 1000 Hz");
   EXPECT_EQ(message("[tracker]\nrate_hz = \"fast\"\n" + kStep),
@@ -102,7 +102,7 @@ TEST(Scenario, NamesFileLineKeyValueAndWhatIsWrong) {
   EXPECT_NE(message("[[steps]\n").find("room.toml:1"), std::string::npos) << message("[[steps]\n");
 }
 
-TEST(Scenario, SaysWhichFileIsMissing) {
+TEST(Scenario, NamesAMissingFile) {
   const auto scenario = load_scenario("/no/such/room.toml");
   ASSERT_FALSE(scenario);
   EXPECT_NE(scenario.error().message.find("/no/such/room.toml"), std::string::npos) << scenario.error().message;

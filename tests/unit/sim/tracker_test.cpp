@@ -1,4 +1,4 @@
-// The tracker errs as stated: the statistics of its poses, what hides a marker, its clock, its losses.
+// Errors of the tracker: statistics of its poses, occlusion of markers, clock, losses.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -21,7 +21,7 @@ struct Setting {
   explicit Setting(const TrackerParameters &parameters = {})
       : patient(make_case(), {}, kTrackerSeed), tracker(patient, parameters, kTrackerSeed) {}
 
-  // Stylus beside the head, turned away from the camera by the angle.
+  // Stylus next to the head, turned away from the camera by the angle.
   [[nodiscard]] T_TrackerTool stylus(double turned_deg, const Vector3d &at = Vector3d(300, 50, 1600)) const {
     const auto &model = patient.tool("Stylus")->model;
     const Vector3d to_camera = -at.normalized();
@@ -73,7 +73,7 @@ TEST(OpticalTracker, PoseErrorsHaveTheSandwichCovariance) {
           << found[k];
       EXPECT_LT(mean[k].norm(), 0.01) << "unbiased";
     }
-    // Four markers give twelve coordinates, the fit takes six: half of the noise is left.
+    // Four markers give twelve coordinates and the fit uses six degrees of freedom: half of the noise remains.
     EXPECT_NEAR(rms, 0.5 * (2 * 0.01 + 0.0625), 0.02);
   }
 }
@@ -106,12 +106,12 @@ TEST(OpticalTracker, LosesMarkersBehindTheHead) {
   EXPECT_EQ(bits(sight.in_volume), 4);
   EXPECT_EQ(bits(sight.seen), 0);
   EXPECT_EQ(setting.measure(hidden).status, bregma_wire_TOOL_HIDDEN);
-  // As far beside the line of sight as the head is wide: all free again.
+  // At a distance of the head's width from the line of sight: all visible again.
   const auto free = setting.stylus(0.0, T_tracker_image * behind + Vector3d(220, 0, 0));
   EXPECT_EQ(bits(setting.tracker.look(*setting.patient.tool("Stylus"), free).seen), 4);
 }
 
-TEST(OpticalTracker, SaysWhichMarkersItUsed) {
+TEST(OpticalTracker, ReportsTheUsedMarkers) {
   Setting setting;
   const Vector3d camera = setting.patient.camera_mm();
   const Vector3d centre = setting.patient.head.centre_mm();
@@ -134,7 +134,7 @@ TEST(OpticalTracker, SaysWhichMarkersItUsed) {
   EXPECT_TRUE(partly) << "the edge of the head hides one marker after the other";
 }
 
-TEST(OpticalTracker, CoveringAToolDoesNotChangeTheNoiseOfWhatFollows) {
+TEST(OpticalTracker, CoveringAToolDoesNotChangeLaterNoise) {
   Setting one;
   Setting other;
   const auto T = one.stylus(10.0);

@@ -132,7 +132,7 @@ TEST(PayloadCheck, RobotStates) {
   auto unused = robot_state(1);
   unused.joint_position_rad[6] = wire::kUnknown; // beyond joint_count
   EXPECT_EQ(check_payload(unused, {}), std::nullopt);
-  unused.mode = 99; // of a later revision: as unknown
+  unused.mode = 99; // a value of a later revision counts as unknown
   EXPECT_EQ(check_payload(unused, {}), std::nullopt);
 }
 

@@ -23,7 +23,7 @@ std::vector<AlarmCondition> taken(AlarmEvents &events) {
   return out;
 }
 
-TEST(AlarmConditions, AConditionTakesAPlaceOnlyWhileItHoldsOrIsRaised) {
+TEST(AlarmConditions, AConditionIsInTheTableOnlyWhileItHoldsOrIsRaised) {
   AlarmEvents events;
   AlarmConditions conditions(events);
   conditions.update(kHidden, "Probe", false, "", 0);
@@ -46,7 +46,7 @@ TEST(AlarmConditions, AConditionTakesAPlaceOnlyWhileItHoldsOrIsRaised) {
   EXPECT_FALSE(changes[1].active);
 }
 
-TEST(AlarmConditions, MoreSubjectsThanEverExistAreAllReported) {
+TEST(AlarmConditions, AllOfTooManySubjectsAreReported) {
   AlarmEvents events;
   AlarmConditions conditions(events);
   const std::size_t subjects = AlarmConditions::kCapacity + 20;
@@ -65,7 +65,7 @@ TEST(AlarmConditions, MoreSubjectsThanEverExistAreAllReported) {
   EXPECT_EQ(raised, subjects);
 }
 
-TEST(AlarmConditions, AnEarlierCasesToolsAreForgottenAndTheirAlarmsCleared) {
+TEST(AlarmConditions, ConditionsOfAnEarlierCasesToolsAreClearedAndRemoved) {
   AlarmEvents events;
   AlarmConditions conditions(events);
   for (const char *tool : {"Stylus", "Probe"}) {

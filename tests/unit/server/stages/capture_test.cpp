@@ -61,14 +61,14 @@ TEST(TouchCapture, AveragesTheMarkersNoiseAndKeepsTheErrorOfTheTip) {
   EXPECT_EQ(result->used_frames, result->window_frames);
 }
 
-TEST(TouchCapture, ATipThatWasDrawnAwayWasNotHeldStill) {
+TEST(TouchCapture, AMovedTipWasNotHeldStill) {
   const auto result = capture(kSeen, [](std::uint64_t i) { return Vector3d(0.08 * static_cast<double>(i), 0, 0); });
   ASSERT_TRUE(result.has_value());
   EXPECT_EQ(result->status, CaptureStatus::kMoved);
   EXPECT_GT(result->motion_mm, 1.0);
 }
 
-TEST(TouchCapture, SaysWhetherToolOrReferenceWasHidden) {
+TEST(TouchCapture, ReportsWhetherToolOrReferenceWasHidden) {
   const auto nowhere = [](std::uint64_t) { return Vector3d(0, 0, 0); };
   const auto mostly = [](FrameContent hidden) {
     return [hidden](std::uint64_t i) { return i % 3 == 0 ? FrameContent::kTip : hidden; };
@@ -78,7 +78,7 @@ TEST(TouchCapture, SaysWhetherToolOrReferenceWasHidden) {
   EXPECT_EQ(capture([](auto) { return FrameContent::kNotCalibrated; }, nowhere)->status, CaptureStatus::kNotCalibrated);
 }
 
-TEST(TouchCapture, ASilentTrackerIsNamedAsThat) {
+TEST(TouchCapture, ASilentTrackerIsReported) {
   TouchCapture touch;
   touch.start(request());
   const auto result = touch.finish(kStart_ns + kWindow_ns + 1);
@@ -86,7 +86,7 @@ TEST(TouchCapture, ASilentTrackerIsNamedAsThat) {
   EXPECT_EQ(result->status, CaptureStatus::kNoFrames);
 }
 
-TEST(SurfaceTrace, TakesASampleWhereTheTipHasMovedOnByTheSpacing) {
+TEST(SurfaceTrace, TakesASampleWhenTheTipHasMovedByTheSpacing) {
   SurfaceTrace trace;
   TraceRequest on{};
   (void)wire::set_name(on.tool, "Stylus");

@@ -30,7 +30,7 @@ TEST(CaseStore, ACaseIsFreedWhenEveryLeaseHasTakenTheNextOne) {
   const CaseChanged second = store.add(a_case());
   quick.take(second);
   store.free_unused();
-  EXPECT_EQ(store.held(), 2U); // slow still works with the first
+  EXPECT_EQ(store.held(), 2U); // `slow` still uses the first case
   slow.take(second);
   store.free_unused();
   EXPECT_EQ(store.held(), 1U);
@@ -44,13 +44,13 @@ TEST(CaseStore, AStageMayMissCasesInBetween) {
   (void)store.add(a_case());
   const CaseChanged closed = store.add(nullptr);
   store.free_unused();
-  EXPECT_EQ(store.held(), 3U); // the lease holds none of them yet, and could take any
+  EXPECT_EQ(store.held(), 3U); // the lease holds none of them yet and could take any of them
   ASSERT_TRUE(lease.newer());
   EXPECT_EQ(lease.newer()->generation, closed.generation);
   EXPECT_EQ(lease.newer()->loaded, nullptr);
   lease.take(closed);
   store.free_unused();
-  EXPECT_EQ(store.held(), 1U); // that there is none
+  EXPECT_EQ(store.held(), 1U); // the entry for no case
 }
 
 } // namespace

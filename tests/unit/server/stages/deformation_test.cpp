@@ -65,7 +65,7 @@ protected:
   std::int64_t now_ns_ = kStart_ns;
 };
 
-TEST_F(Deformation, WithoutAModelItSaysWhyAndPredictsNothing) {
+TEST_F(Deformation, WithoutAModelItReportsTheReasonAndNoPrediction) {
   const auto &building = step(probe_at(0.0));
   EXPECT_EQ(building.status, bregma_wire_DEFORMATION_NO_MODEL);
   EXPECT_EQ(building.reason, bregma_wire_DEFORMATION_REASON_BUILDING);
@@ -91,11 +91,11 @@ TEST_F(Deformation, ABrainThatCannotBeMeshedIsRefusedWithItsFile) {
 
 TEST_F(Deformation, AnInsertionMovesTheTargetThroughItsPhases) {
   build(3000);
-  bool dented = false;
+  bool indented = false;
   double furthest_mm = 0.0;
   for (double before_mm = 75.0; before_mm > 5.0; before_mm -= 0.15) { // 9 mm/s
     const auto &state = step(probe_at(before_mm));
-    dented = dented || (state.phase == bregma_wire_PROBE_INDENTATION && state.ruptures == 0);
+    indented = indented || (state.phase == bregma_wire_PROBE_INDENTATION && state.ruptures == 0);
     if (state.status == bregma_wire_DEFORMATION_INVALID) {
       ASSERT_TRUE(std::isnan(state.displaced_mm[0]));
       continue;
@@ -106,7 +106,7 @@ TEST_F(Deformation, AnInsertionMovesTheTargetThroughItsPhases) {
     ASSERT_EQ(pipeline_.predicted().position_mm[0][1], state.displaced_mm[1]);
   }
   const auto &state = pipeline_.states().front();
-  EXPECT_TRUE(dented);
+  EXPECT_TRUE(indented);
   EXPECT_EQ(state.phase, bregma_wire_PROBE_PENETRATION);
   EXPECT_EQ(state.ruptures, 1U);
   EXPECT_NEAR(state.rupture_force_N, 0.12, 0.03);
@@ -137,7 +137,7 @@ TEST_F(Deformation, AnInsertionMovesTheTargetThroughItsPhases) {
   EXPECT_TRUE(pipeline_.states().empty());
 }
 
-TEST_F(Deformation, TheForceIsThatAlongTheShaftAndOnlyAFreshOne) {
+TEST_F(Deformation, TheForceIsTheAxialComponentOfARecentSample) {
   build(2000);
   ForceView force;
   Vector3d::Map(force.force_N) = Vector3d(0.07, 5.0, -3.0); // the probe's body: x is up the shaft

@@ -8,7 +8,7 @@
 namespace bregma::server {
 namespace {
 
-TEST(EchoStage, HandsOnWhatItReads) {
+TEST(EchoStage, PassesOnItsInput) {
   test::MemoryTopics topics;
   Host host;
   EchoStage echo({.rate_hz = 100.0}, {topics.link(EchoStage::kName), host});

@@ -52,19 +52,19 @@ Result follow(const std::function<Vector3d(double)> &path, double seconds, doubl
   return out;
 }
 
-TEST(TipFilter, HeldStillTheTipScattersAThirdAsMuchAndItsCovarianceSaysSo) {
+TEST(TipFilter, AtRestTheTipsScatterIsAThirdAndMatchesItsCovariance) {
   const Result held = follow([](double) { return Vector3d(1, 2, 3); }, 40.0, 1.0);
   EXPECT_LT(held.rms_mm, 0.4 * held.raw_rms_mm);
   EXPECT_GT(held.inside_95, 0.93);
 }
 
-TEST(TipFilter, AnInsertionAtConstantSpeedIsNotShownLate) {
+TEST(TipFilter, AnInsertionAtConstantSpeedHasNoLag) {
   const Result pushed = follow([](double t) { return Vector3d(0, 0, 10.0 * t); }, 40.0, 1.0);
   EXPECT_LT(pushed.rms_mm, 0.4 * pushed.raw_rms_mm);
   EXPECT_GT(pushed.inside_95, 0.93);
 }
 
-TEST(TipFilter, AQuickHandIsNeverShownWorseThanItSaysItMayBe) {
+TEST(TipFilter, TheCovarianceBoundsTheErrorOfAFastHand) {
   // From rest to 350 mm/s and back within 1 s, repeatedly.
   const Result quick =
       follow([](double t) { return Vector3d(100.0 * std::sin(2.0 * std::numbers::pi * 0.55 * t), 0, 0); }, 40.0, 1.0);
@@ -72,7 +72,7 @@ TEST(TipFilter, AQuickHandIsNeverShownWorseThanItSaysItMayBe) {
   EXPECT_GT(quick.inside_95, 0.90);
 }
 
-TEST(TipFilter, AfterAGapNothingOldIsLeft) {
+TEST(TipFilter, AGapResetsTheFilter) {
   TipFilter filter;
   for (int i = 1; i <= 100; ++i) {
     filter.add(Vector3d::Zero(), marker_noise(), i * kPeriod_ns, kBandwidth_hz);
@@ -85,7 +85,7 @@ TEST(TipFilter, AfterAGapNothingOldIsLeft) {
   EXPECT_TRUE(std::isnan(filter.velocity_mm_s().x())) << "a velocity that is not known is not zero";
 }
 
-TEST(TipFilter, TheSameFrameTwiceChangesNothing) {
+TEST(TipFilter, ARepeatedFrameHasNoEffect) {
   TipFilter filter;
   filter.add(Vector3d(1, 0, 0), marker_noise(), kPeriod_ns, kBandwidth_hz);
   filter.add(Vector3d(9, 0, 0), marker_noise(), kPeriod_ns, kBandwidth_hz);

@@ -54,7 +54,7 @@ private:
   tissue::BrainModel *model_ = nullptr;
 };
 
-TEST(TissueBuilder, WithoutTablesItDoesAsItIsConfigured) {
+TEST(TissueBuilder, WithoutTablesTheConfigurationApplies) {
   BuiltTissue built(tests::sample_case("somewhere"));
   EXPECT_EQ(built.model().solver().material().name, "linear");
   EXPECT_TRUE(built.open_at({2.0, 30.9, 67.8})) << "where the trajectory enters";
@@ -64,7 +64,7 @@ TEST(TissueBuilder, WithoutTablesItDoesAsItIsConfigured) {
   EXPECT_TRUE(built.model().points()[0].inside);
 }
 
-TEST(TissueBuilder, TheCaseSaysWhereTheSkullIsOpenAndWhatTheBrainIsMadeOf) {
+TEST(TissueBuilder, CraniotomyAndMaterialComeFromTheCase) {
   casefile::Case c = tests::sample_case("somewhere");
   c.craniotomy = {.trajectory = "", .centre_mm = {80.0, 0.0, 5.0}, .radius_mm = 25.0};
   c.tissue = {.material = "thesis",
@@ -79,7 +79,7 @@ TEST(TissueBuilder, TheCaseSaysWhereTheSkullIsOpenAndWhatTheBrainIsMadeOf) {
   EXPECT_FALSE(built.open_at({2.0, 30.9, 67.8}));
 }
 
-TEST(TissueBuilder, TheConfiguredRadiusHoldsWhereTheTableHasNone) {
+TEST(TissueBuilder, TheConfiguredRadiusIsTheDefaultOfTheTable) {
   casefile::Case c = tests::sample_case("somewhere");
   c.craniotomy = {.trajectory = "Biopsy", .radius_mm = std::nullopt};
   server::TissueSettings settings = small_model();

@@ -31,7 +31,7 @@ TEST(Wiring, HasEveryStageOnceAndStartsThoseWithARate) {
   EXPECT_EQ(wiring.find("no such stage"), nullptr);
 }
 
-TEST(Wiring, AStageThatIsGivenARateIsStarted) {
+TEST(Wiring, AStageWithARateIsStarted) {
   test::MemoryTopics topics;
   Host host;
   Config config;
