@@ -41,14 +41,14 @@ std::string text(const char *format, double value) {
   return buffer;
 }
 
-std::string quoted(const std::string &name) { return "\"" + name + "\""; }
+std::string in_quotes(const std::string &name) { return "\"" + name + "\""; }
 
 std::optional<std::string> name_problem(const std::string &name) {
   if (name.find_first_not_of(" \t") == std::string::npos) {
     return "has no name";
   }
   if (name.size() > kNameBytes) {
-    return "name " + quoted(name) + " has " + std::to_string(name.size()) + " bytes, at most " +
+    return "name " + in_quotes(name) + " has " + std::to_string(name.size()) + " bytes, at most " +
            std::to_string(kNameBytes) + " are allowed";
   }
   const bool control = std::any_of(name.begin(), name.end(), [](char c) { return static_cast<unsigned char>(c) < 32; });
@@ -63,7 +63,7 @@ template <class Item> Problem names_problem(const std::vector<Item> &items, cons
       return CaseProblem{key, which + *what};
     }
     if (!seen.insert(items[i].name).second) {
-      return CaseProblem{key, which + "has the name " + quoted(items[i].name) + ", which is already taken"};
+      return CaseProblem{key, which + "has the name " + in_quotes(items[i].name) + ", which is already taken"};
     }
   }
   return std::nullopt;
@@ -81,7 +81,7 @@ Problem on_head_problem(const Case &c, const std::vector<NamedPoint> &points, co
   for (const NamedPoint &point : points) {
     const double distance = distance_to_vertices(c.scalp.mesh, point.position_mm);
     if (!(distance <= kMaxScalpDistance_mm)) {
-      return CaseProblem{key, quoted(point.name) + " lies " + text("%.1f mm", distance) +
+      return CaseProblem{key, in_quotes(point.name) + " lies " + text("%.1f mm", distance) +
                                   " from the scalp: is it in the coordinates of this image (RAS or LPS)?"};
     }
   }
@@ -97,7 +97,7 @@ Problem box_problem(const Surface &surface, const char *called, const std::strin
   if (box.contains(point)) {
     return std::nullopt;
   }
-  return CaseProblem{key, quoted(name) + " lies outside the " + called};
+  return CaseProblem{key, in_quotes(name) + " lies outside the " + called};
 }
 
 Problem brain_landmarks_problem(const Case &c) {
@@ -111,7 +111,7 @@ Problem brain_landmarks_problem(const Case &c) {
   for (const NamedPoint &landmark : c.brain_landmarks) {
     const auto has_its_name = [&](const NamedPoint &target) { return target.name == landmark.name; };
     if (std::any_of(c.targets.begin(), c.targets.end(), has_its_name)) {
-      return CaseProblem{"brain_landmarks", quoted(landmark.name) + " is also a target"};
+      return CaseProblem{"brain_landmarks", in_quotes(landmark.name) + " is also a target"};
     }
     if (auto problem = box_problem(c.brain, "brain", landmark.name, landmark.position_mm, "brain_landmarks")) {
       return problem;
@@ -152,7 +152,7 @@ Problem points_problem(const Case &c) {
   }
   for (const NamedPoint &landmark : c.landmarks) {
     if (c.fiducial(landmark.name) != nullptr) {
-      return CaseProblem{"landmarks", quoted(landmark.name) + " is also a fiducial: a check must be independent"};
+      return CaseProblem{"landmarks", in_quotes(landmark.name) + " is also a fiducial: a check must be independent"};
     }
   }
   if (auto problem = on_head_problem(c, c.landmarks, "landmarks")) {
@@ -180,7 +180,7 @@ Problem trajectories_problem(const Case &c) {
   for (const Trajectory &t : c.trajectories) {
     const double length = (t.target_mm - t.entry_mm).norm();
     if (!(length >= kMinTrajectory_mm)) {
-      return CaseProblem{"trajectories", quoted(t.name) + " is " + text("%.2f mm", length) + " long"};
+      return CaseProblem{"trajectories", in_quotes(t.name) + " is " + text("%.2f mm", length) + " long"};
     }
     const NamedPoint *nearest = nullptr;
     double distance = std::numeric_limits<double>::infinity();
@@ -191,11 +191,11 @@ Problem trajectories_problem(const Case &c) {
       }
     }
     if (nearest == nullptr) {
-      return CaseProblem{"trajectories", quoted(t.name) + " has no target: the case names none"};
+      return CaseProblem{"trajectories", in_quotes(t.name) + " has no target: the case names none"};
     }
     if (distance > kMaxTargetMismatch_mm) {
-      return CaseProblem{"trajectories", quoted(t.name) + " ends " + text("%.1f mm", distance) +
-                                             " from the nearest target, " + quoted(nearest->name)};
+      return CaseProblem{"trajectories", in_quotes(t.name) + " ends " + text("%.1f mm", distance) +
+                                             " from the nearest target, " + in_quotes(nearest->name)};
     }
   }
   return std::nullopt;
@@ -264,7 +264,7 @@ Problem tools_problem(const Case &c) {
     if (c.tools[i].role == ToolRole::kReference) {
       if (reference != nullptr) {
         return CaseProblem{key + ".role",
-                           "there is already a reference, " + quoted(reference->name) + "; a case has exactly one"};
+                           "there is already a reference, " + in_quotes(reference->name) + "; a case has exactly one"};
       }
       reference = &c.tools[i];
     }

@@ -38,12 +38,12 @@ Parsed<std::vector<double>> gifti_array(const XmlElement &array, const std::stri
   const auto wrong_here = [&array](const std::string &text) { return wrong_line(array.line, text); };
   const auto type = gifti_type(array.attribute("DataType"));
   if (!type) {
-    return wrong_here(what + ": DataType = " + quoted(array.attribute("DataType")) + ": is not a type that is read");
+    return wrong_here(what + ": DataType = " + in_quotes(array.attribute("DataType")) + ": is not a type that is read");
   }
   const auto rows = base::parsed_number<std::uint32_t>(array.attribute("Dim0"));
   if (!rows || array.attribute("Dim1") != "3" || array.attribute("Dimensionality") != "2") {
-    return wrong_here(what + ": Dim0 = " + quoted(array.attribute("Dim0")) +
-                      ", Dim1 = " + quoted(array.attribute("Dim1")) + ": must be rows of 3");
+    return wrong_here(what + ": Dim0 = " + in_quotes(array.attribute("Dim0")) +
+                      ", Dim1 = " + in_quotes(array.attribute("Dim1")) + ": must be rows of 3");
   }
   const XmlElement *data = array.child("Data");
   if (data == nullptr) {
@@ -75,7 +75,7 @@ Parsed<std::vector<double>> gifti_array(const XmlElement &array, const std::stri
     }
     out = numbers_of(decoded, *type, big_endian);
   } else {
-    return wrong_here(what + ": Encoding = " + quoted(encoding) + ": only data in the file itself are read");
+    return wrong_here(what + ": Encoding = " + in_quotes(encoding) + ": only data in the file itself are read");
   }
   if (array.attribute("ArrayIndexingOrder") == "ColumnMajorOrder") {
     std::vector<double> by_rows(out.size());
@@ -95,7 +95,7 @@ Parsed<RawSurface> parse_gifti(std::string_view content) {
     return tl::unexpected(document.error());
   }
   if (document->name != "GIFTI") {
-    return wrong_line(document->line, quoted(document->name) + " where GIFTI is expected");
+    return wrong_line(document->line, in_quotes(document->name) + " where GIFTI is expected");
   }
   RawSurface out;
   out.format = "GIFTI";

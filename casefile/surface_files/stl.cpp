@@ -49,7 +49,7 @@ Parsed<void> expect_word(TextCursor &cursor, std::string_view expected) {
   if (found != expected) {
     return wrong_line(cursor.line(), found.empty()
                                          ? "the file ends where \"" + std::string(expected) + "\" must stand"
-                                         : quoted(found) + " where \"" + std::string(expected) + "\" is expected");
+                                         : in_quotes(found) + " where \"" + std::string(expected) + "\" is expected");
   }
   return {};
 }
@@ -104,7 +104,7 @@ Parsed<RawSurface> ascii_stl(std::string_view content) {
       continue;
     }
     if (word != "facet") {
-      return wrong_line(cursor.line(), quoted(word) + " where \"facet\" or \"endsolid\" is expected");
+      return wrong_line(cursor.line(), in_quotes(word) + " where \"facet\" or \"endsolid\" is expected");
     }
     const auto corners = ascii_facet(cursor, "triangle " + std::to_string(out.mesh.triangles.size()), vertices);
     if (!corners) {

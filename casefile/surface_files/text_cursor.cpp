@@ -16,7 +16,7 @@ constexpr std::size_t kShownLength = 40;
 
 } // namespace
 
-std::string quoted(std::string_view word) {
+std::string in_quotes(std::string_view word) {
   std::string out(word.substr(0, kShownLength));
   std::replace_if(
       out.begin(), out.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20U || c == 0x7F; }, '?');
@@ -55,7 +55,7 @@ Parsed<double> TextCursor::number(const std::string &what) {
   // from_chars does not accept a leading plus.
   const auto value = base::parsed_number<double>(text.front() == '+' ? text.substr(1) : text);
   if (!value || !std::isfinite(*value)) {
-    return wrong_line(line_, what + " = " + quoted(text) + ": must be a finite number");
+    return wrong_line(line_, what + " = " + in_quotes(text) + ": must be a finite number");
   }
   return *value;
 }
@@ -64,7 +64,7 @@ Parsed<std::size_t> TextCursor::count(const std::string &what, std::size_t min_b
   const std::string_view text = word();
   const auto value = base::parsed_number<std::uint32_t>(text);
   if (!value) {
-    return wrong_line(line_, what + " = " + quoted(text) + ": must be a whole number");
+    return wrong_line(line_, what + " = " + in_quotes(text) + ": must be a whole number");
   }
   if (*value > left() / min_bytes_each) {
     return wrong_line(line_, what + " = " + std::string(text) + ": the file is too short for this number");
@@ -91,7 +91,7 @@ Parsed<int> TextCursor::corner(const std::string &what, std::size_t vertices) {
   }
   const auto value = base::parsed_number<std::int64_t>(text);
   if (!value || *value < 0 || *value >= static_cast<std::int64_t>(vertices)) {
-    return wrong_line(line_, what + ": corner = " + quoted(text) + ": " + range_text(vertices));
+    return wrong_line(line_, what + ": corner = " + in_quotes(text) + ": " + range_text(vertices));
   }
   return static_cast<int>(*value);
 }

@@ -39,6 +39,6 @@ private:
 };
 
 // As much of a word as a message can hold, without control characters.
-[[nodiscard]] std::string quoted(std::string_view word);
+[[nodiscard]] std::string in_quotes(std::string_view word);
 
 } // namespace bregma::casefile::detail

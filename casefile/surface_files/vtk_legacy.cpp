@@ -52,14 +52,14 @@ public:
     surface_.format = "VTK";
     const std::string_view encoding = cursor_.word();
     if (encoding != "ASCII" && encoding != "BINARY") {
-      return wrong_line(cursor_.line(), quoted(encoding) + " where ASCII or BINARY is expected");
+      return wrong_line(cursor_.line(), in_quotes(encoding) + " where ASCII or BINARY is expected");
     }
     binary_ = encoding == "BINARY";
     if (const auto word = cursor_.word(); word != "DATASET") {
-      return wrong_line(cursor_.line(), quoted(word) + " where DATASET is expected");
+      return wrong_line(cursor_.line(), in_quotes(word) + " where DATASET is expected");
     }
     if (const auto kind = cursor_.word(); kind != "POLYDATA") {
-      return wrong_line(cursor_.line(), "the dataset is " + quoted(kind) + ", only POLYDATA is read");
+      return wrong_line(cursor_.line(), "the dataset is " + in_quotes(kind) + ", only POLYDATA is read");
     }
     static_cast<void>(cursor_.rest_of_line());
     while (!done_) {
@@ -101,7 +101,7 @@ private:
     if (keyword == "TRIANGLE_STRIPS") {
       return wrong_line(cursor_.line(), "the surface is made of triangle strips, only triangles are read");
     }
-    return wrong_line(cursor_.line(), quoted(keyword) + " is not a section of polydata");
+    return wrong_line(cursor_.line(), in_quotes(keyword) + " is not a section of polydata");
   }
 
   // The next `count` numbers, in either encoding.
@@ -134,7 +134,7 @@ private:
     const std::string_view name = cursor_.word();
     const auto known = legacy_type(name);
     if (!known) {
-      return wrong_line(cursor_.line(), "type " + quoted(name) + " is not one of numbers");
+      return wrong_line(cursor_.line(), "type " + in_quotes(name) + " is not one of numbers");
     }
     static_cast<void>(cursor_.rest_of_line());
     return *known;
@@ -190,7 +190,7 @@ private:
         return tl::unexpected(offsets.error());
       }
       if (const auto word = cursor_.word(); word != "CONNECTIVITY") {
-        return wrong_line(cursor_.line(), quoted(word) + " where CONNECTIVITY is expected");
+        return wrong_line(cursor_.line(), in_quotes(word) + " where CONNECTIVITY is expected");
       }
       const auto corner_type = type();
       const auto corners =

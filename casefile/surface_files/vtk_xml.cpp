@@ -67,14 +67,14 @@ public:
   Parsed<RawSurface> read(const XmlElement &file) {
     if (file.name != "VTKFile" || file.attribute("type") != "PolyData") {
       return wrong_line(file.line,
-                        file.name + " of type " + quoted(file.attribute("type")) + ": only PolyData is read");
+                        file.name + " of type " + in_quotes(file.attribute("type")) + ": only PolyData is read");
     }
     big_endian_ = file.attribute("byte_order") == "BigEndian";
     header_type_ = file.attribute("header_type") == "UInt64" ? NumberType::kUint64 : NumberType::kUint32;
     const std::string_view compressor = file.attribute("compressor");
     compressed_ = !compressor.empty();
     if (compressed_ && compressor != "vtkZLibDataCompressor") {
-      return wrong_line(file.line, "compressor = " + quoted(compressor) + ": only vtkZLibDataCompressor is read");
+      return wrong_line(file.line, "compressor = " + in_quotes(compressor) + ": only vtkZLibDataCompressor is read");
     }
     const XmlElement *data = file.child("PolyData");
     const XmlElement *piece = data == nullptr ? nullptr : data->child("Piece");
@@ -114,7 +114,7 @@ private:
       }
       surface_.space = space_named(name);
       if (!surface_.space) {
-        return wrong_line(array.line, "SPACE = " + quoted(name) + ": must be RAS or LPS");
+        return wrong_line(array.line, "SPACE = " + in_quotes(name) + ": must be RAS or LPS");
       }
     }
     return {};
@@ -134,8 +134,8 @@ private:
     const XmlElement *polygon_list = piece.child("Polys");
     if (points == 0 || polygons == 0 || point_array == nullptr || polygon_list == nullptr) {
       return wrong_line(piece.line,
-                        "the surface is empty: NumberOfPoints = " + quoted(piece.attribute("NumberOfPoints")) +
-                            ", NumberOfPolys = " + quoted(piece.attribute("NumberOfPolys")));
+                        "the surface is empty: NumberOfPoints = " + in_quotes(piece.attribute("NumberOfPoints")) +
+                            ", NumberOfPolys = " + in_quotes(piece.attribute("NumberOfPolys")));
     }
     const auto coordinates = typed_numbers(*point_array, 3 * points, "the points");
     if (!coordinates) {
@@ -179,7 +179,8 @@ private:
   Parsed<std::vector<double>> typed_numbers(const XmlElement &array, std::size_t count, const std::string &what) const {
     const auto type = xml_type(array.attribute("type"));
     if (!type) {
-      return wrong_line(array.line, what + ": type = " + quoted(array.attribute("type")) + ": is not one of numbers");
+      return wrong_line(array.line,
+                        what + ": type = " + in_quotes(array.attribute("type")) + ": is not one of numbers");
     }
     return numbers(array, *type, count, what);
   }
@@ -195,13 +196,13 @@ private:
     if (format == "appended") {
       const auto offset = base::parsed_number<std::uint64_t>(array.attribute("offset"));
       if (!offset || *offset > parts_.appended.size()) {
-        return wrong_line(array.line, what + ": offset = " + quoted(array.attribute("offset")) + ": " +
+        return wrong_line(array.line, what + ": offset = " + in_quotes(array.attribute("offset")) + ": " +
                                           std::to_string(parts_.appended.size()) + " bytes are appended");
       }
       source = parts_.appended.substr(*offset);
       base64 = parts_.appended_in_base64;
     } else if (format != "binary") {
-      return wrong_line(array.line, what + ": format = " + quoted(format) + ": must be ascii, binary or appended");
+      return wrong_line(array.line, what + ": format = " + in_quotes(format) + ": must be ascii, binary or appended");
     }
     auto bytes = block(source, base64, count * size_of(type));
     if (!bytes) {

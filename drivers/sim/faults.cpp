@@ -9,7 +9,7 @@ namespace bregma::sim {
 
 namespace {
 
-std::int64_t nanoseconds(double seconds) { return std::llround(seconds * 1e9); }
+std::int64_t ns_of_s(double seconds) { return std::llround(seconds * 1e9); }
 
 bool momentary(FaultKind kind) {
   return kind == FaultKind::kReferenceBump || kind == FaultKind::kClockJump || kind == FaultKind::kBadSamples;
@@ -28,13 +28,13 @@ void FaultSchedule::start(std::int64_t now_ns) { step_started("", now_ns); }
 void FaultSchedule::step_started(std::string_view step, std::int64_t now_ns) {
   for (Entry &entry : entries_) {
     if (!entry.start_ns && entry.fault.step == step) {
-      entry.start_ns = now_ns + nanoseconds(entry.fault.after_s);
+      entry.start_ns = now_ns + ns_of_s(entry.fault.after_s);
     }
   }
 }
 
 bool FaultSchedule::Entry::lasts(std::int64_t time_ns) const {
-  return start_ns && time_ns >= *start_ns && time_ns < *start_ns + nanoseconds(fault.duration_s);
+  return start_ns && time_ns >= *start_ns && time_ns < *start_ns + ns_of_s(fault.duration_s);
 }
 
 bool FaultSchedule::occluded(std::string_view tool, std::int64_t time_ns) const {

@@ -17,7 +17,7 @@ namespace bregma::sim {
 
 namespace {
 
-std::int64_t nanoseconds(double milliseconds) { return std::llround(milliseconds * 1e6); }
+std::int64_t ns_of_ms(double milliseconds) { return std::llround(milliseconds * 1e6); }
 
 // Times with a constant period, without drift from rounding.
 class Ticker {
@@ -133,7 +133,7 @@ void SimulatedRoom::State::apply_faults(std::int64_t time_ns) {
     if (fault->kind == FaultKind::kReferenceBump) {
       patient.bump_reference(fault->vector_mm.value_or(fault->magnitude_mm * bumps.direction()));
     } else if (fault->kind == FaultKind::kClockJump) {
-      clock.jump(nanoseconds(fault->jump_ms));
+      clock.jump(ns_of_ms(fault->jump_ms));
     } else {
       bad.emplace_back(fault->sample, fault->count);
     }
@@ -169,7 +169,7 @@ void SimulatedRoom::State::expose(std::int64_t time_ns, RoomOutput &out) {
     frame.tools[frame.tool_count++] = tracker.measure(patient.tools[i], T_tracker_tool, covered);
   }
   const TrackerParameters &p = scenario.tracker;
-  const std::int64_t delay_ns = nanoseconds(p.delay_ms + delays.exponential(p.delay_jitter_ms));
+  const std::int64_t delay_ns = ns_of_ms(p.delay_ms + delays.exponential(p.delay_jitter_ms));
   const bool lost = losses.uniform(0.0, 1.0) < p.missing_share;
   if (lost || faults.tracker_silent(time_ns)) {
     return;

@@ -8,6 +8,8 @@
 
 namespace bregma::server {
 
+inline constexpr double kLookRate_hz = 20.0; // at which a worker with long work looks for some
+
 [[nodiscard]] constexpr std::int64_t ns_of_ms(double milliseconds) {
   return static_cast<std::int64_t>(milliseconds * 1e6);
 }

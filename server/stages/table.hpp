@@ -39,7 +39,7 @@ public:
       : stages_(std::make_unique<typename Rows::Type>(parameters.of<typename Rows::Type::Parameters>(),
                                                       StageContext{topics.link(Rows::Type::kName), host})...) {
     const auto find = [this]<class Output, class Owner>(Output Owner::*output) -> Output & {
-      return stage<Owner>().*output;
+      return this->template stage<Owner>().*output;
     };
     (Rows::connect(stage<typename Rows::Type>(), find), ...);
   }

@@ -16,7 +16,7 @@ constexpr int kSphereIterations = 10;
 constexpr int kSpheroidIterations = 25;
 constexpr std::size_t kMaxFittedPoints = 400; // maximum number of points for a spheroid; more are thinned evenly
 constexpr double kMinRadius_mm = 5.0, kMaxRadius_mm = 500.0;
-constexpr double kDamping = 1e-3; // relative to the diagonal of the normal matrix
+constexpr double kRelativeDamping = 1e-3; // relative to the diagonal of the normal matrix
 
 // The robust loss r^2 / (reach^2 + r^2): its weight in least squares, and the loss itself.
 double weight_of(double r, double sigma) {
@@ -96,7 +96,7 @@ Spheroid robust_spheroid(std::span<const Eigen::Vector3d> points, double sigma, 
       loss = sum;
       best = now;
     }
-    A.diagonal() *= 1.0 + kDamping;
+    A.diagonal() *= 1.0 + kRelativeDamping;
     A.diagonal().array() += 1e-9;
     const Eigen::Matrix<double, 7, 1> step = -A.ldlt().solve(b);
     if (!step.allFinite()) {

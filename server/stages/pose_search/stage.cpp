@@ -1,11 +1,8 @@
 #include "server/stages/pose_search/stage.hpp"
 
+#include "server/stages/schedules.hpp"
+
 namespace bregma::server {
-namespace {
-
-constexpr double kLookRate_hz = 20.0;
-
-} // namespace
 
 PoseSearchStage::PoseSearchStage(const PoseSearchParameters & /*none*/, const StageContext & /*context*/)
     : Stage(kName, {.thread = ThreadClass::kWorker, .rate_hz = kLookRate_hz, .long_work = true}) {}

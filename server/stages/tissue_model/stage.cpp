@@ -4,10 +4,10 @@
 #include <string>
 #include <vector>
 
+#include "server/stages/schedules.hpp"
+
 namespace bregma::server {
 namespace {
-
-constexpr double kLookRate_hz = 20.0;
 
 TissueSettings settings_of(const TissueModelParameters &from) {
   TissueSettings out;
