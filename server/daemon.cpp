@@ -44,7 +44,7 @@ private:
   [[nodiscard]] recording::RecorderStatus recorder() const noexcept override { return recorder_.status(); }
   [[nodiscard]] std::uint64_t overruns() const noexcept override { return loops_.overruns(); }
   void log(LogLevel level, const std::string &line) override { spdlog::log(spdlog_level(level), "{}", line); }
-  void run(const std::function<void()> &job) override { asio::post(workers_, job); }
+  void run_elsewhere(const std::function<void()> &job) override { asio::post(workers_, job); }
   [[nodiscard]] base::Result<std::optional<std::filesystem::path>> case_changed(const casefile::Case *loaded,
                                                                                 std::int64_t utc_ns) override;
   [[nodiscard]] std::array<std::uint8_t, 16> boot_id() const override { return runtime::boot_id(); }

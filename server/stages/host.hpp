@@ -34,7 +34,7 @@ public:
   [[nodiscard]] virtual std::array<std::uint8_t, 16> boot_id() const { return {}; }
   virtual void log(LogLevel, const std::string & /*line*/) {}
   // Runs the job on another thread; the base class runs it at once.
-  virtual void run(const std::function<void()> &job) { job(); }
+  virtual void run_elsewhere(const std::function<void()> &job) { job(); }
   // A case was loaded or closed (nullptr). Returns the file of the new recording, empty if there is none; nullopt if
   // recording is disabled.
   [[nodiscard]] virtual base::Result<std::optional<std::filesystem::path>>

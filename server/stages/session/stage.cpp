@@ -74,7 +74,7 @@ SessionStage::SessionStage(const SessionParameters &parameters, const StageConte
       parameters_(parameters), host_(context.host), commands_(context.link), replies_(context.link),
       alarms_(context.link), captures_(context.link),
       session_(config_of(parameters), static_cast<SessionPorts &>(*this),
-               [this](const std::function<void()> &job) { host_.run(job); }) {}
+               [this](const std::function<void()> &job) { host_.run_elsewhere(job); }) {}
 
 void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
                            const runtime::LatestValue<wire::RegistrationState> &estimate) {
