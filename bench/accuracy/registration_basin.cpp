@@ -14,7 +14,7 @@ namespace {
 
 constexpr unsigned kBasinSeed = 20260302;
 constexpr std::size_t kBasinSamples = 150;
-constexpr double kSuccess_mm = 2.0;
+constexpr double kBasinSuccess_mm = 2.0;
 constexpr int kAngles = 19;    // 0 to 180 degrees
 constexpr int kDistances = 11; // 0 to 100 mm
 constexpr double kStepAngle = 10.0;
@@ -50,7 +50,7 @@ void draw_basin(Report &report, const Head &head, const surface::SurfaceField &f
         const Trace trace = take_trace(side_of(head, kBasinSamples, run % 2 == 0, rng), 1.0, Noise::kAll, rng);
         const PairedPose start = perturbed_start(trace.T_target_source, field.surface().centre_mm(),
                                                  a * kStepAngle * geometry::kRadiansPerDegree, d * kStep_mm, rng);
-        successes += trace.rmse_mm(local.fit(trace.source_mm, start).T_target_source) <= kSuccess_mm ? 1 : 0;
+        successes += trace.rmse_mm(local.fit(trace.source_mm, start).T_target_source) <= kBasinSuccess_mm ? 1 : 0;
       }
       const double fraction = static_cast<double>(successes) / runs;
       if (a <= 3 && d <= 3) {
