@@ -25,10 +25,27 @@ sigset_t ending_signals() {
   return set;
 }
 
+class Event {
+public:
+  Event() : descriptor_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+    if (descriptor_ < 0) {
+      throw std::system_error(errno, std::generic_category(), "cannot make an event");
+    }
+  }
+  ~Event() { close(descriptor_); }
+  Event(const Event &) = delete;
+  Event &operator=(const Event &) = delete;
+  [[nodiscard]] int descriptor() const { return descriptor_; }
+  void signal() const { (void)eventfd_write(descriptor_, 1); }
+
+private:
+  int descriptor_;
+};
+
 // Also if the loop ends with an exception, which the future passes to the caller.
 struct EndNotifier {
-  int descriptor;
-  ~EndNotifier() { (void)eventfd_write(descriptor, 1); }
+  const Event &ended;
+  ~EndNotifier() { ended.signal(); }
 };
 
 // Work of the watching thread per tick.
@@ -96,11 +113,8 @@ bool Signals::taken() const {
 
 int supervise(DriverLoop &loop, const Signals &signals, SystemHost &host, const Status &status, Bus &bus,
               const Log &log, const SupervisorOptions &options) {
-  const int ended = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-  if (ended < 0) {
-    throw std::system_error(errno, std::generic_category(), "cannot make an event");
-  }
-  auto ending = std::async(std::launch::async, [&loop, ended] {
+  const Event ended; // outlives the thread that signals it
+  auto ending = std::async(std::launch::async, [&loop, &ended] {
     const EndNotifier notifier{ended};
     return loop.run();
   });
@@ -108,7 +122,7 @@ int supervise(DriverLoop &loop, const Signals &signals, SystemHost &host, const 
   std::int64_t stop_ns = 0; // time of the signal
   for (;;) {
     reporter.tick(host.now_ns());
-    pollfd events[] = {{ended, POLLIN, 0}, {signals.descriptor(), POLLIN, 0}};
+    pollfd events[] = {{ended.descriptor(), POLLIN, 0}, {signals.descriptor(), POLLIN, 0}};
     (void)poll(events, 2, kTick_ms);
     if ((events[0].revents & POLLIN) != 0) {
       break;
@@ -124,7 +138,6 @@ int supervise(DriverLoop &loop, const Signals &signals, SystemHost &host, const 
     }
   }
   reporter.tick(host.now_ns());
-  close(ended);
   return ending.get() == Ending::kDone ? kExitDone : kExitFailed;
 }
 
