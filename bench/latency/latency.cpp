@@ -141,6 +141,7 @@ public:
     });
     scenario->steps.erase(std::next(accepted), scenario->steps.end());
     const std::string state_directory = (folder_.path() / "state").string();
+    std::filesystem::remove_all(state_directory); // else the operation would begin with the last one, restored
     server::Config config = test::quick_config();
     config.stages.of<server::SessionParameters>().state_directory = state_directory;
     test::VirtualOperation registering(*a_case, *scenario, kSeed, config);
