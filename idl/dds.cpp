@@ -97,7 +97,7 @@ Participant::Participant(std::uint32_t domain_id, const wire::Announcement &anno
                            "cannot join domain " + std::to_string(domain_id)));
 }
 
-namespace detail {
+namespace untyped {
 
 Entity make_writer(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *topic_name,
                    const wire::Qos &qos) {
@@ -154,7 +154,7 @@ void give_back(const Entity &reader, Batch &batch) noexcept {
   }
 }
 
-} // namespace detail
+} // namespace untyped
 
 Guard::Guard(const Participant &participant)
     : entity_(checked(dds_create_guardcondition(participant.handle()), "cannot create a guard condition")) {}

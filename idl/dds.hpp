@@ -64,7 +64,8 @@ struct ReaderStatus {
   std::uint32_t writers_lost;     // in total: by end of the process or of its lease
 };
 
-namespace detail {
+// The same without the type of the topic: for Writer and Reader below, and for server/dds_topics.cpp.
+namespace untyped {
 [[nodiscard]] Entity make_writer(const Participant &participant, const dds_topic_descriptor_t &descriptor,
                                  const char *topic_name, const wire::Qos &qos);
 [[nodiscard]] Entity make_reader(const Participant &participant, const dds_topic_descriptor_t &descriptor,
@@ -83,17 +84,17 @@ struct Batch { // samples on loan from Cyclone
 };
 void take(const Entity &reader, Batch &batch) noexcept;
 void give_back(const Entity &reader, Batch &batch) noexcept;
-} // namespace detail
+} // namespace untyped
 
 template <class T> class Writer {
 public:
   explicit Writer(const Participant &participant, const wire::Qos &qos = wire::Topic<T>::kQos)
-      : entity_(detail::make_writer(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
+      : entity_(untyped::make_writer(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
 
   // Serialises and sends on the caller's thread. False if Cyclone refused the sample (a malformed one, or a full
   // keep-all cache). The caller counts refused samples.
-  [[nodiscard]] bool write(const T &sample) const noexcept { return detail::write(entity_, &sample); }
-  [[nodiscard]] std::uint32_t matched_readers() const noexcept { return detail::matched_readers(entity_); }
+  [[nodiscard]] bool write(const T &sample) const noexcept { return untyped::write(entity_, &sample); }
+  [[nodiscard]] std::uint32_t matched_readers() const noexcept { return untyped::matched_readers(entity_); }
 
 private:
   Entity entity_;
@@ -102,29 +103,29 @@ private:
 template <class T> class Reader {
 public:
   explicit Reader(const Participant &participant, const wire::Qos &qos = wire::Topic<T>::kQos)
-      : entity_(detail::make_reader(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
+      : entity_(untyped::make_reader(participant, wire::Topic<T>::descriptor(), wire::Topic<T>::kName, qos)) {}
 
   // Calls visit(const T &, const SampleInfo &) for every sample that has arrived since the last call, oldest first.
   // The samples are on loan and valid only during visit. Returns their number.
   template <class Visit> std::size_t take_each(Visit &&visit) {
     std::size_t total = 0;
-    detail::Batch batch;
+    untyped::Batch batch;
     do {
-      detail::take(entity_, batch);
+      untyped::take(entity_, batch);
       for (int i = 0; i < batch.count; ++i) {
         if (batch.valid[i]) {
           visit(*static_cast<const T *>(batch.samples[i]), batch.infos[i]);
           ++total;
         }
       }
-      detail::give_back(entity_, batch);
-    } while (batch.count == static_cast<int>(detail::kBatch));
+      untyped::give_back(entity_, batch);
+    } while (batch.count == static_cast<int>(untyped::kBatch));
     return total;
   }
 
-  [[nodiscard]] std::uint32_t matched_writers() const noexcept { return detail::matched_writers(entity_); }
+  [[nodiscard]] std::uint32_t matched_writers() const noexcept { return untyped::matched_writers(entity_); }
   // Also resets the state that wakes a WaitSet for a missed deadline or a lost writer.
-  [[nodiscard]] ReaderStatus status() const noexcept { return detail::status(entity_); }
+  [[nodiscard]] ReaderStatus status() const noexcept { return untyped::status(entity_); }
   [[nodiscard]] const Entity &entity() const noexcept { return entity_; }
 
 private:

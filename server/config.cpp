@@ -14,12 +14,7 @@ base::ParameterSet declare(Config &c) {
              "Records are committed to disk this often; a killed daemon loses at most twice as much.");
   set.flag("recorder.truth", &c.recorder.truth, "Record the truth too when a simulator publishes it.");
   set.string("log.file", &c.log.file, "Log file in addition to the console; empty: none.");
-  set.choice("log.level", &c.log.level,
-             {{"debug", LogLevel::kDebug},
-              {"info", LogLevel::kInfo},
-              {"warning", LogLevel::kWarning},
-              {"error", LogLevel::kError}},
-             "Minimum severity of log messages.");
+  base::declare_log_level(set, &c.log.level, "Minimum severity of log messages.");
   set.flag("realtime.lock_memory", &c.realtime.lock_memory,
            "Lock the process in memory. Without the right to do so the daemon logs it and continues.");
   return set;

@@ -16,25 +16,25 @@ public:
   DdsSource(dds::Entity reader, recording::Channel &channel, const TopicInfo &topic)
       : reader_(std::move(reader)), channel_(channel), topic_(topic) {}
 
-  void take(dds::detail::Batch &batch) noexcept override {
-    dds::detail::take(reader_, batch);
+  void take(dds::untyped::Batch &batch) noexcept override {
+    dds::untyped::take(reader_, batch);
     if (batch.count <= 0) {
-      (void)dds::detail::status(reader_); // else the wait set would wake for the same event again and again
+      (void)dds::untyped::status(reader_); // else the wait set would wake for the same event again and again
     }
   }
 
   // Recorded after the stage has processed them, so that its output does not wait for the copy.
-  void give_back(dds::detail::Batch &batch, std::int64_t utc_ns) noexcept override {
+  void give_back(dds::untyped::Batch &batch, std::int64_t utc_ns) noexcept override {
     for (int i = 0; topic_.plain && i < batch.count; ++i) {
       if (batch.valid[i]) {
         (void)channel_.push(topic_.name, utc_ns,
                             bytes_of(batch.samples[i], topic_)); // dropped records are counted by the channel
       }
     }
-    dds::detail::give_back(reader_, batch);
+    dds::untyped::give_back(reader_, batch);
   }
 
-  [[nodiscard]] std::uint32_t writers_alive() noexcept override { return dds::detail::status(reader_).writers_alive; }
+  [[nodiscard]] std::uint32_t writers_alive() noexcept override { return dds::untyped::status(reader_).writers_alive; }
 
 private:
   dds::Entity reader_;
@@ -48,14 +48,14 @@ public:
       : writer_(std::move(writer)), channel_(channel), topic_(topic) {}
 
   void write(const void *sample, std::int64_t utc_ns) noexcept override {
-    (void)dds::detail::write(writer_, sample); // the next sample replaces one that DDS refused
+    (void)dds::untyped::write(writer_, sample); // the next sample replaces one that DDS refused
     if (topic_.plain) {
       (void)channel_.push(topic_.name, utc_ns, bytes_of(sample, topic_));
     }
   }
 
   [[nodiscard]] std::uint32_t matched_readers() const noexcept override {
-    return dds::detail::matched_readers(writer_);
+    return dds::untyped::matched_readers(writer_);
   }
 
 private:
@@ -73,13 +73,13 @@ DdsLink::DdsLink(const dds::Participant &participant, recording::Recorder &recor
 }
 
 std::unique_ptr<Source> DdsLink::source(const TopicInfo &topic) {
-  dds::Entity reader = dds::detail::make_reader(participant_, *topic.descriptor, topic.name, topic.qos);
+  dds::Entity reader = dds::untyped::make_reader(participant_, *topic.descriptor, topic.name, topic.qos);
   wait_.attach(reader);
   return std::make_unique<DdsSource>(std::move(reader), recorder_.channel(stage_), topic);
 }
 
 std::unique_ptr<Sink> DdsLink::sink(const TopicInfo &topic) {
-  return std::make_unique<DdsSink>(dds::detail::make_writer(participant_, *topic.descriptor, topic.name, topic.qos),
+  return std::make_unique<DdsSink>(dds::untyped::make_writer(participant_, *topic.descriptor, topic.name, topic.qos),
                                    recorder_.channel(stage_), topic);
 }
 

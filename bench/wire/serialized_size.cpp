@@ -11,11 +11,11 @@ namespace bregma::bench {
 std::size_t serialized_size(const dds::Participant &participant, const dds_topic_descriptor_t &descriptor,
                             const void *sample) {
   constexpr const char *kTopic = "SerializedSize";
-  const dds::Entity writer = dds::detail::make_writer(participant, descriptor, kTopic, wire::qos::kState);
-  if (!dds::detail::write(writer, sample)) {
+  const dds::Entity writer = dds::untyped::make_writer(participant, descriptor, kTopic, wire::qos::kState);
+  if (!dds::untyped::write(writer, sample)) {
     throw dds::Error("the sample cannot be written");
   }
-  const dds::Entity reader = dds::detail::make_reader(participant, descriptor, kTopic, wire::qos::kState);
+  const dds::Entity reader = dds::untyped::make_reader(participant, descriptor, kTopic, wire::qos::kState);
   for (int i = 0; i < 100; ++i) {
     ddsi_serdata *data = nullptr;
     dds_sample_info_t info;

@@ -7,6 +7,7 @@
 #include <functional>
 #include <string>
 
+#include "base/log_level.hpp"
 #include "drivers/frame/backoff.hpp"
 #include "drivers/frame/device.hpp"
 #include "drivers/frame/io.hpp"
@@ -14,7 +15,7 @@
 
 namespace bregma::driver {
 
-enum class LogLevel { kDebug, kInfo, kWarning, kError };
+using base::LogLevel;
 using Log = std::function<void(LogLevel, const std::string &)>;
 
 enum class Ending {

@@ -20,13 +20,8 @@ void declare(base::ParameterSet &parameters, Settings &settings) {
               "Delay before the second attempt to connect; doubled after each further failure")
       .number("reconnect.max_s", &settings.max_delay_s, "s", 0.01, 600.0, "The delay is never longer than this")
       .number("reconnect.silence_s", &settings.silence_s, "s", 0.0, 3600.0,
-              "A connection that brings no sample for longer is taken for lost and made again; 0: never")
-      .choice("log.level", &settings.log_level,
-              {{"debug", LogLevel::kDebug},
-               {"info", LogLevel::kInfo},
-               {"warning", LogLevel::kWarning},
-               {"error", LogLevel::kError}},
-              "Lines of this level and above go to standard error");
+              "A connection that brings no sample for longer is taken for lost and made again; 0: never");
+  base::declare_log_level(parameters, &settings.log_level, "Lines of this level and above go to standard error");
   if (settings.map_device_time) {
     parameters.number("clock.minimum_latency_ms", &settings.minimum_latency_ms, "ms", 0.0, 10'000.0,
                       "Time from the device's exposure to its arrival here at best, from the data sheet");

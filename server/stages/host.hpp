@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 
+#include "base/log_level.hpp"
 #include "base/result.hpp"
 #include "casefile/case.hpp"
 #include "idl/topics.hpp"
@@ -16,7 +17,7 @@
 
 namespace bregma::server {
 
-enum class LogLevel : std::uint8_t { kDebug, kInfo, kWarning, kError };
+using base::LogLevel;
 
 class Host {
 public:

@@ -33,8 +33,8 @@ class Source {
 public:
   virtual ~Source() = default;
   // Up to Batch's capacity of samples, on loan until they are returned. utc_ns: time of the call.
-  virtual void take(dds::detail::Batch &batch) noexcept = 0;
-  virtual void give_back(dds::detail::Batch &batch, std::int64_t utc_ns) noexcept = 0;
+  virtual void take(dds::untyped::Batch &batch) noexcept = 0;
+  virtual void give_back(dds::untyped::Batch &batch, std::int64_t utc_ns) noexcept = 0;
   [[nodiscard]] virtual std::uint32_t writers_alive() noexcept = 0;
 };
 
@@ -63,7 +63,7 @@ public:
   // only during visit. Returns their number.
   template <class Visit> std::size_t take_each(std::int64_t utc_ns, Visit &&visit) noexcept {
     std::size_t total = 0;
-    dds::detail::Batch batch;
+    dds::untyped::Batch batch;
     do {
       source_->take(batch);
       for (int i = 0; i < batch.count; ++i) {
@@ -73,7 +73,7 @@ public:
         }
       }
       source_->give_back(batch, utc_ns);
-    } while (batch.count == static_cast<int>(dds::detail::kBatch));
+    } while (batch.count == static_cast<int>(dds::untyped::kBatch));
     return total;
   }
   // Also resets the status that wakes the stage for a missed deadline or a lost writer.

@@ -3,8 +3,8 @@
 //   using Wiring = StageTable<Reads<SensorStage>,
 //                             Reads<DeformationStage, &NavigationStage::probe, &SensorStage::force>>;
 //
-// The constructor of a table makes every stage and then calls connect() of each stage that reads outputs, in the order
-// of its row. A mismatch does not compile.
+// The constructor of a table makes every stage and then calls connect() of each stage that has a rate and reads
+// outputs, in the order of its row. A mismatch does not compile.
 #pragma once
 
 #include <memory>
@@ -41,7 +41,7 @@ public:
     const auto find = [this]<class Output, class Owner>(Output Owner::*output) -> Output & {
       return this->template stage<Owner>().*output;
     };
-    (Rows::connect(stage<typename Rows::Type>(), find), ...);
+    (connect_if_on<Rows>(find), ...);
   }
 
   template <class StageType> [[nodiscard]] StageType &stage() { return *std::get<std::unique_ptr<StageType>>(stages_); }
@@ -49,6 +49,13 @@ public:
   [[nodiscard]] std::vector<Stage *> all() { return {&stage<typename Rows::Type>()...}; }
 
 private:
+  // A stage that is off reads nothing: its lease would keep every case.
+  template <class Row, class Find> void connect_if_on(const Find &find) {
+    if (typename Row::Type &one = stage<typename Row::Type>(); one.schedule().rate_hz > 0.0) {
+      Row::connect(one, find);
+    }
+  }
+
   std::tuple<std::unique_ptr<typename Rows::Type>...> stages_;
 };
 

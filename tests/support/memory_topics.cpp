@@ -26,15 +26,15 @@ struct Outgoing {
 class MemorySource final : public server::Source {
 public:
   explicit MemorySource(Queue &queue) : queue_(queue) {}
-  void take(dds::detail::Batch &batch) noexcept override {
-    batch.count = static_cast<int>(std::min(queue_.samples.size(), dds::detail::kBatch));
+  void take(dds::untyped::Batch &batch) noexcept override {
+    batch.count = static_cast<int>(std::min(queue_.samples.size(), dds::untyped::kBatch));
     for (int i = 0; i < batch.count; ++i) {
       batch.samples[i] = queue_.samples[static_cast<std::size_t>(i)].data();
       batch.infos[i] = {0, kWriter};
       batch.valid[i] = true;
     }
   }
-  void give_back(dds::detail::Batch &batch, std::int64_t /*utc_ns*/) noexcept override {
+  void give_back(dds::untyped::Batch &batch, std::int64_t /*utc_ns*/) noexcept override {
     queue_.samples.erase(queue_.samples.begin(), queue_.samples.begin() + batch.count);
   }
   [[nodiscard]] std::uint32_t writers_alive() noexcept override { return 1; }

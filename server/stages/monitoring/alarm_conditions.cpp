@@ -6,7 +6,7 @@ namespace bregma::server {
 
 std::size_t AlarmConditions::find(const char *kind, std::string_view subject) const noexcept {
   std::size_t i = 0;
-  while (i < count_ &&
+  while (i < watched_.size() &&
          (watched_[i].kind.name != std::string_view(kind) || wire::view(watched_[i].subject) != subject)) {
     ++i;
   }
@@ -16,16 +16,11 @@ std::size_t AlarmConditions::find(const char *kind, std::string_view subject) co
 void AlarmConditions::update(const Kind &kind, std::string_view subject, bool holds, std::string_view text,
                              std::int64_t now_ns) noexcept {
   const std::size_t at = find(kind.name, subject);
-  if (at == count_) {
+  if (at == watched_.size()) {
     if (!holds) {
       return;
     }
-    // Table full, with more conditions than devices, tools and kinds can have. An alarm without its delay is raised.
-    if (count_ == watched_.size()) {
-      send(kind, subject, true, text, now_ns);
-      return;
-    }
-    Watched &fresh = watched_[count_++];
+    Watched &fresh = watched_.emplace_back();
     fresh.kind = kind;
     (void)wire::set_name(fresh.subject, subject);
     fresh.latch = monitoring::AlarmLatch(kind.raise_after_ns, kind.clear_after_ns);
@@ -47,7 +42,7 @@ void AlarmConditions::update(const Kind &kind, std::string_view subject, bool ho
 }
 
 void AlarmConditions::forget(const char *kind, std::int64_t now_ns) noexcept {
-  for (std::size_t i = count_; i-- > 0;) {
+  for (std::size_t i = watched_.size(); i-- > 0;) {
     if (watched_[i].kind.name != std::string_view(kind)) {
       continue;
     }
@@ -56,6 +51,11 @@ void AlarmConditions::forget(const char *kind, std::int64_t now_ns) noexcept {
     }
     remove(i);
   }
+}
+
+void AlarmConditions::remove(std::size_t index) noexcept {
+  watched_[index] = watched_.back();
+  watched_.pop_back();
 }
 
 void AlarmConditions::send(const Kind &kind, std::string_view subject, bool active, std::string_view text,

@@ -2,9 +2,9 @@
 // One thread; no allocation, no exceptions.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <string_view>
+#include <vector>
 
 #include "algorithms/monitoring/alarm_latch.hpp"
 #include "server/runtime/spsc_ring.hpp"
@@ -24,7 +24,7 @@ public:
     std::int64_t clear_after_ns; // negative: only forget() clears it
   };
 
-  explicit AlarmConditions(AlarmEvents &events) : events_(events) {}
+  explicit AlarmConditions(AlarmEvents &events) : events_(events) { watched_.reserve(kExpected); }
 
   // text: for the operator, sent when the alarm is raised.
   void update(const Kind &kind, std::string_view subject, bool holds, std::string_view text,
@@ -32,10 +32,11 @@ public:
   // The conditions of this kind are void for every subject. Raised ones are cleared at once.
   void forget(const char *kind, std::int64_t now_ns) noexcept;
   // Number of conditions that hold or are raised; only these are in the table.
-  [[nodiscard]] std::size_t watched() const noexcept { return count_; }
+  [[nodiscard]] std::size_t watched() const noexcept { return watched_.size(); }
 
-  // Every kind for every device, tool and reference of one case at the same time.
-  static constexpr std::size_t kCapacity = 2 * bregma_wire_MAX_DEVICES + 2 * bregma_wire_MAX_TOOLS + 8;
+  // Every kind for every device, tool and reference of one case at the same time. More would be watched too, at the
+  // price of an allocation.
+  static constexpr std::size_t kExpected = 2 * bregma_wire_MAX_DEVICES + 2 * bregma_wire_MAX_TOOLS + 8;
 
 private:
   struct Watched {
@@ -43,13 +44,13 @@ private:
     wire::Name subject{};
     monitoring::AlarmLatch latch{0, 0};
   };
-  [[nodiscard]] std::size_t find(const char *kind, std::string_view subject) const noexcept; // count_ if not found
-  void remove(std::size_t index) noexcept { watched_[index] = watched_[--count_]; }
+  // watched() where there is none.
+  [[nodiscard]] std::size_t find(const char *kind, std::string_view subject) const noexcept;
+  void remove(std::size_t index) noexcept;
   void send(const Kind &kind, std::string_view subject, bool active, std::string_view text,
             std::int64_t now_ns) noexcept;
 
-  std::array<Watched, kCapacity> watched_;
-  std::size_t count_ = 0;
+  std::vector<Watched> watched_;
   AlarmEvents &events_;
 };
 

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "server/stages/schedules.hpp"
 #include "server/stages/wire_values.hpp"
 
 namespace bregma::server {
@@ -29,14 +30,14 @@ std::uint64_t rejected(const wire::DeviceHealth &device) noexcept {
 
 } // namespace
 
-MonitoringPipeline::MonitoringPipeline(const MonitoringSettings &settings, AlarmEvents &alarms)
-    : settings_(settings), alarms_(alarms), drift_(settings.false_alarm_rate) {
+MonitoringPipeline::MonitoringPipeline(const MonitoringParameters &parameters, AlarmEvents &alarms)
+    : parameters_(parameters), alarms_(alarms), drift_(parameters.false_alarm_rate) {
   on(CaseChanged{0, nullptr});
 }
 
 AlarmConditions::Kind MonitoringPipeline::kind(const char *name, wire::AlarmSeverity severity,
                                                SessionEffect effect) const noexcept {
-  return {name, severity, effect, settings_.raise_after_ns, settings_.clear_after_ns};
+  return {name, severity, effect, ns_of_ms(parameters_.raise_after_ms), ns_of_ms(parameters_.clear_after_ms)};
 }
 
 void MonitoringPipeline::handle(const MonitoringInput &input) noexcept {
@@ -170,9 +171,9 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
       refused << name << " sends samples that are rejected: see bregma status for the reasons";
       const std::uint64_t count = rejected(device);
       // Faulty samples are single events: the first one raises an alarm, which clears after a time without any.
-      alarms_.update(
-          {alarm::kRejected, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0, settings_.clear_after_ns}, name,
-          count != std::exchange(rejected_seen_[index], count), refused.text, now_ns);
+      alarms_.update({alarm::kRejected, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0,
+                      ns_of_ms(parameters_.clear_after_ms)},
+                     name, count != std::exchange(rejected_seen_[index], count), refused.text, now_ns);
     }
   }
 }
@@ -192,7 +193,7 @@ void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64
     Sentence late;
     late << name << " is shown late: its pose is older than the limit when it is published";
     alarms_.update(kind(alarm::kLatency, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
-                   shown && tool.age_ns > settings_.max_age_ns, late.text, now_ns);
+                   shown && tool.age_ns > ns_of_ms(parameters_.max_age_ms), late.text, now_ns);
   }
   Sentence hidden;
   hidden << wire::view(accuracy_.reference) << " is not seen by the tracker: no tool is shown";
@@ -204,11 +205,13 @@ void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64
 void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept {
   Sentence disk;
   disk << "the session is not being recorded: " << view.recorder.text;
-  alarms_.update({alarm::kDisk, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, settings_.clear_after_ns}, "",
-                 view.recorder.failing, disk.text, now_ns);
-  alarms_.update({alarm::kOverrun, bregma_wire_SEVERITY_INFO, SessionEffect::kNone, 0, settings_.clear_after_ns}, "",
-                 view.overruns != std::exchange(overruns_seen_, view.overruns),
-                 "a loop took longer than its period: see bregma status", now_ns);
+  alarms_.update(
+      {alarm::kDisk, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)}, "",
+      view.recorder.failing, disk.text, now_ns);
+  alarms_.update(
+      {alarm::kOverrun, bregma_wire_SEVERITY_INFO, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)}, "",
+      view.overruns != std::exchange(overruns_seen_, view.overruns),
+      "a loop took longer than its period: see bregma status", now_ns);
 }
 
 } // namespace bregma::server

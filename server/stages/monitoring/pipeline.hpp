@@ -29,17 +29,20 @@ struct MonitoringView {
   std::uint64_t overruns = 0; // total of all stages
 };
 
-struct MonitoringSettings {
-  double false_alarm_rate = 1e-4;
-  std::int64_t raise_after_ns = 200'000'000;
-  std::int64_t clear_after_ns = 1'000'000'000;
-  std::int64_t max_age_ns = 50'000'000; // maximal age of a displayed pose
+// Of the stage; the pipeline does not use rate and priority.
+struct MonitoringParameters {
+  double rate_hz = 10.0;
+  double false_alarm_rate = 1e-4; // false-alarm probability of the drift test, per check touch
+  double raise_after_ms = 200.0;  // a condition becomes an alarm when it has held for this time
+  double clear_after_ms = 1000.0; // and the alarm is cleared when the condition has been absent for this time
+  double max_age_ms = 50.0;       // maximal age of a pose when it is published; above it an alarm is raised
+  std::int64_t priority = 40;
 };
 
 class MonitoringPipeline {
 public:
-  // alarms: to the control thread; must outlive the pipeline.
-  MonitoringPipeline(const MonitoringSettings &settings, AlarmEvents &alarms);
+  // alarms: to the session's stage; must outlive the pipeline.
+  MonitoringPipeline(const MonitoringParameters &parameters, AlarmEvents &alarms);
 
   void handle(const MonitoringInput &input) noexcept;
   void step(const MonitoringView &view, std::int64_t now_ns) noexcept;
@@ -59,7 +62,7 @@ private:
   [[nodiscard]] AlarmConditions::Kind kind(const char *name, wire::AlarmSeverity severity,
                                            SessionEffect effect) const noexcept;
 
-  MonitoringSettings settings_;
+  MonitoringParameters parameters_;
   AlarmConditions alarms_;
   LoadedCase *case_ = nullptr;
   SessionChanged session_{bregma_wire_SESSION_IDLE, false};

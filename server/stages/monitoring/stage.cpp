@@ -3,18 +3,6 @@
 #include "server/stages/schedules.hpp"
 
 namespace bregma::server {
-namespace {
-
-MonitoringSettings settings_of(const MonitoringParameters &parameters) {
-  MonitoringSettings out;
-  out.false_alarm_rate = parameters.false_alarm_rate;
-  out.raise_after_ns = ns_of_ms(parameters.raise_after_ms);
-  out.clear_after_ns = ns_of_ms(parameters.clear_after_ms);
-  out.max_age_ns = ns_of_ms(parameters.max_age_ms);
-  return out;
-}
-
-} // namespace
 
 void declare(base::ParameterSet &set, MonitoringParameters &p) {
   set.number("monitoring.rate_hz", &p.rate_hz, "Hz", 0.5, 100, "Rate of the monitoring loop.");
@@ -33,7 +21,7 @@ MonitoringStage::MonitoringStage(const MonitoringParameters &parameters, const S
     : Stage(kName, {.thread = ThreadClass::kFifo,
                     .fifo_priority = static_cast<int>(parameters.priority),
                     .rate_hz = parameters.rate_hz}),
-      host_(context.host), pipeline_(settings_of(parameters), conditions), states_(context.link) {}
+      host_(context.host), pipeline_(parameters, conditions), states_(context.link) {}
 
 void MonitoringStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<TrackingView> &tracking,
                               const runtime::LatestValue<inputs::StreamHealth> &trackers,

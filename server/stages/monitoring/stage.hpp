@@ -14,14 +14,6 @@
 
 namespace bregma::server {
 
-struct MonitoringParameters {
-  double rate_hz = 10.0;
-  double false_alarm_rate = 1e-4; // false-alarm probability of the drift test, per check touch
-  double raise_after_ms = 200.0;  // a condition becomes an alarm when it has held for this time
-  double clear_after_ms = 1000.0; // and the alarm is cleared when the condition has been absent for this time
-  double max_age_ms = 50.0;       // maximal age of a pose when it is published; above it an alarm is raised
-  std::int64_t priority = 40;
-};
 void declare(base::ParameterSet &set, MonitoringParameters &parameters);
 
 class MonitoringStage final : public Stage {

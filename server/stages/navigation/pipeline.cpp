@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "algorithms/planning/trajectory_guidance.hpp"
+#include "server/stages/schedules.hpp"
 #include "server/stages/wire_values.hpp"
 
 namespace bregma::server {
@@ -35,8 +36,8 @@ void clear_pose(wire::NavigationState &state) noexcept {
 
 } // namespace
 
-NavigationPipeline::NavigationPipeline(const NavigationSettings &settings, NavigationEvents &events)
-    : settings_(settings), events_(events) {}
+NavigationPipeline::NavigationPipeline(const NavigationParameters &parameters, NavigationEvents &events)
+    : parameters_(parameters), events_(events) {}
 
 void NavigationPipeline::handle(const NavigationInput &input) noexcept {
   std::visit([this](const auto &content) noexcept { on(content); }, input);
@@ -127,10 +128,10 @@ NavigationPipeline::BodyInTracker NavigationPipeline::locate(const wire::Tracker
       return {};
     }
     const auto T = wire::from_wire<frame::Tracker, frame::Tool>(seen.T_tracker_tool);
-    return {
-        true,
-        {T, registration::marker_fit_covariance(model.markers_mm, seen.used_markers, T,
-                                                settings_.marker_sigma_lateral_mm, settings_.marker_sigma_depth_mm)}};
+    return {true,
+            {T, registration::marker_fit_covariance(model.markers_mm, seen.used_markers, T,
+                                                    parameters_.marker_sigma_lateral_mm,
+                                                    parameters_.marker_sigma_depth_mm)}};
   }
   return {};
 }
@@ -157,11 +158,11 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, std::int64_t 
 void NavigationPipeline::on_tick(std::int64_t now_ns) noexcept { update_states(now_ns); }
 
 std::int64_t NavigationPipeline::stale_at_ns() const noexcept {
-  return acquired_ns_ + settings_.latency_ns + kStaleAfterPeriods * period_ns_;
+  return acquired_ns_ + ns_of_ms(parameters_.latency_ms) + kStaleAfterPeriods * period_ns_;
 }
 
 std::int64_t NavigationPipeline::lost_at_ns() const noexcept {
-  return acquired_ns_ + settings_.latency_ns + settings_.lost_after_ns;
+  return acquired_ns_ + ns_of_ms(parameters_.latency_ms) + wire::qos::kTracker.deadline_ns;
 }
 
 std::int64_t NavigationPipeline::next_change_ns() const noexcept {
@@ -285,9 +286,9 @@ NavigationPipeline::TipPose NavigationPipeline::filtered(Tool &tool, const TipPo
   Matrix6d about_tip = Matrix6d::Identity();
   about_tip.bottomLeftCorner<3, 3>() = -geometry::skew(T_reference_tip.pose.translation());
   Matrix6d covariance = about_tip * T_reference_tip.covariance * about_tip.transpose();
-  const bool shown = settings_.filter_hz > 0.0;
+  const bool shown = parameters_.filter_hz > 0.0;
   tool.filter.add(T_reference_tip.pose.translation(), covariance.bottomRightCorner<3, 3>(), acquired_ns_,
-                  shown ? settings_.filter_hz : kVelocityFilter_hz);
+                  shown ? parameters_.filter_hz : kVelocityFilter_hz);
   if (!shown) {
     return T_reference_tip;
   }

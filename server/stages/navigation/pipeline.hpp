@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
 #include <variant>
 
 #include "algorithms/planning/critical_structures.hpp"
@@ -28,18 +29,22 @@ namespace bregma::server {
 using NavigationInput = std::variant<CaseChanged, NavigationMessage>;
 using NavigationEvents = runtime::SpscRing<NavigationEvent, 4096>;
 
-struct NavigationSettings {
+// Of the stage; the pipeline uses the noise, the latency and the filter.
+struct NavigationParameters {
+  std::string trackers = "Tracker"; // names, separated by commas
+  // Assumed noise of the poses: standard deviation per marker coordinate.
   double marker_sigma_lateral_mm = 0.10;
   double marker_sigma_depth_mm = 0.25;
-  std::int64_t latency_ns = 4'000'000; // normal latency from exposure to arrival; a frame is stale three periods later
-  std::int64_t lost_after_ns = wire::qos::kTracker.deadline_ns;
+  double latency_ms = 4.0; // exposure to the driver's write, as stated by the manufacturer
+  double floor_rate_hz = 50.0;
   double filter_hz = 3.0; // bandwidth of the tip filter; 0: no filter
+  std::int64_t priority = 70;
 };
 
 class NavigationPipeline {
 public:
   // events: to the control thread; must outlive the pipeline. It counts dropped events.
-  NavigationPipeline(const NavigationSettings &settings, NavigationEvents &events);
+  NavigationPipeline(const NavigationParameters &parameters, NavigationEvents &events);
 
   void handle(const NavigationInput &input) noexcept;
   // A frame that has passed the input check. acquired_ns: its exposure on the host's clock.
@@ -92,7 +97,7 @@ private:
   void reset_filters() noexcept;
   [[nodiscard]] TipPose tip_in_reference(const Tool &tool) const noexcept;
 
-  NavigationSettings settings_;
+  NavigationParameters parameters_;
   NavigationEvents &events_;
   LoadedCase *case_ = nullptr;
   std::uint64_t generation_ = 0;

@@ -12,15 +12,6 @@ namespace {
 
 constexpr std::int64_t kShareInterval_ns = 100'000'000;
 
-NavigationSettings settings_of(const NavigationParameters &parameters) {
-  NavigationSettings out;
-  out.marker_sigma_lateral_mm = parameters.marker_sigma_lateral_mm;
-  out.marker_sigma_depth_mm = parameters.marker_sigma_depth_mm;
-  out.latency_ns = ns_of_ms(parameters.latency_ms);
-  out.filter_hz = parameters.filter_hz;
-  return out;
-}
-
 inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
   inputs::DeviceOptions out;
   out.clock.minimum_latency_ns = ns_of_ms(parameters.latency_ms);
@@ -51,9 +42,8 @@ NavigationStage::NavigationStage(const NavigationParameters &parameters, const S
                     .fifo_priority = static_cast<int>(parameters.priority),
                     .rate_hz = parameters.floor_rate_hz,
                     .triggered = true}),
-      guard_(inputs::split_names(parameters.trackers), tracker_options(parameters)),
-      pipeline_(settings_of(parameters), events), frames_(context.link), states_(context.link),
-      boot_id_(context.host.boot_id()) {}
+      guard_(inputs::split_names(parameters.trackers), tracker_options(parameters)), pipeline_(parameters, events),
+      frames_(context.link), states_(context.link), boot_id_(context.host.boot_id()) {}
 
 void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted) {
   inbox_ = &inbox;

@@ -17,16 +17,6 @@
 
 namespace bregma::server {
 
-struct NavigationParameters {
-  std::string trackers = "Tracker"; // names, separated by commas
-  // Assumed noise of the poses: standard deviation per marker coordinate.
-  double marker_sigma_lateral_mm = 0.10;
-  double marker_sigma_depth_mm = 0.25;
-  double latency_ms = 4.0; // exposure to the driver's write, as stated by the manufacturer
-  double floor_rate_hz = 50.0;
-  double filter_hz = 3.0; // bandwidth of the tip filter; 0: no filter
-  std::int64_t priority = 70;
-};
 void declare(base::ParameterSet &set, NavigationParameters &parameters);
 
 class NavigationStage final : public Stage {

@@ -132,7 +132,6 @@ base::Result<void> SessionStage::use_case(std::shared_ptr<const casefile::Case> 
   to_navigation.send(change);
   to_registration.send(change);
   to_monitoring.send(change);
-  case_folder_ = loaded ? loaded->folder.string() : std::string();
   recording_ = host_.case_changed(loaded.get(), now_ns_);
   return {};
 }
@@ -161,7 +160,9 @@ void SessionStage::publish(const wire::Alarm &alarm) {
 void SessionStage::share_view() {
   SessionView shown;
   shown.state = session_.state();
-  wire::set_text(shown.case_folder, case_folder_);
+  if (const auto loaded = session_.loaded_case()) {
+    wire::set_text(shown.case_folder, loaded->folder.string());
+  }
   view.store(shown);
 }
 

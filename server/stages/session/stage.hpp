@@ -23,13 +23,13 @@
 namespace bregma::server {
 
 struct SessionParameters {
-  double capture_window_ms = 300.0;
-  double capture_max_motion_mm = 1.0;
-  double trace_spacing_mm = 3.0;
+  double capture_window_ms = SessionConfig{}.capture_window_ms;
+  double capture_max_motion_mm = SessionConfig{}.capture_max_motion_mm;
+  double trace_spacing_mm = SessionConfig{}.trace_spacing_mm;
   std::int64_t trace_max_samples = kMaxSurfaceSamples;
   double pivot_min_rotation_deg = 20.0;
-  std::int64_t pivot_max_samples = 3000;
-  std::int64_t min_checks = 3;
+  std::int64_t pivot_max_samples = SessionConfig{}.pivot_max_samples;
+  std::int64_t min_checks = SessionConfig{}.min_checks;
   std::string state_directory; // empty: $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/bregma or ~/.local/state/bregma
   double correlation_length_mm = 12.0; // correlation of the surface error between neighbouring samples
 };
@@ -82,7 +82,6 @@ private:
   std::int64_t now_ns_ = 0; // UTC, of the step under way
   // The file of a case that the session has just taken, for when the session is done with the command that brought it.
   std::optional<base::Result<std::optional<std::filesystem::path>>> recording_;
-  std::string case_folder_;
   Session session_; // last, because it calls the ports
 };
 
