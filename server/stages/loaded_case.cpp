@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "algorithms/tissue/brain_model.hpp"
+#include "server/stages/deformation/nodal_fields.hpp"
 
 namespace bregma::server {
 namespace {

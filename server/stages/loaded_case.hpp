@@ -4,7 +4,6 @@
 
 #include <cstdint>
 #include <memory>
-#include <vector>
 
 #include "algorithms/planning/critical_structures.hpp"
 #include "algorithms/registration/registration.hpp"
@@ -17,6 +16,8 @@ class BrainModel;
 }
 
 namespace bregma::server {
+
+class NodalFields;
 
 struct LoadedCase {
   // Throws std::invalid_argument with the name of an unusable surface or tool.
@@ -32,7 +33,7 @@ struct LoadedCase {
   registration::RegistrationEstimator estimator; // used only by the registration stage
   // Made by the stage tissue model, then used only by the deformation stage.
   std::unique_ptr<tissue::BrainModel> tissue_model;
-  std::vector<float> field_mm; // x, y, z per node of the model, for the topic DeformationField
+  std::unique_ptr<NodalFields> nodal_fields; // of the tissue model
 };
 
 // Gives a stage its current case. loaded is null if the case was closed. Generations increase.

@@ -12,6 +12,8 @@ class BrainModel;
 
 namespace bregma::server {
 
+class NodalFields;
+
 // The navigated probe, input of the tissue model. The sensor in the probe's grip measures in the probe's body frame.
 struct ProbeView {
   bool live = false; // a pose that is valid for navigation
@@ -43,7 +45,7 @@ struct TrackingView {
 struct TissueModelReady {
   std::uint64_t generation = 0;
   tissue::BrainModel *model = nullptr;
-  float *field_mm = nullptr; // buffer for x, y, z per node
+  NodalFields *fields = nullptr; // of the model
 };
 
 // Predicted positions of the case's targets, in its order.

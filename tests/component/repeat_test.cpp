@@ -42,8 +42,10 @@ Published published(const server::TopicInfo &topic, const void *sample) {
     copy_masked<wire::SystemHealth>(sample, out.bytes);
   } else if (out.topic == wire::Topic<wire::DeformationField>::kName) {
     const auto &field = *static_cast<const wire::DeformationField *>(sample);
-    const auto *bytes = reinterpret_cast<const std::byte *>(field.displacement_mm._buffer);
-    out.bytes.assign(bytes, bytes + field.displacement_mm._length * sizeof(float));
+    for (const auto *values : {&field.displacement_mm, &field.von_mises_Pa}) {
+      const auto *bytes = reinterpret_cast<const std::byte *>(values->_buffer);
+      out.bytes.insert(out.bytes.end(), bytes, bytes + values->_length * sizeof(float));
+    }
   } else {
     const auto *bytes = static_cast<const std::byte *>(sample);
     out.bytes.assign(bytes, bytes + topic.bytes);

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <vector>
 
+#include "server/stages/deformation/nodal_fields.hpp"
 #include "server/stages/schedules.hpp"
 
 namespace bregma::server {
@@ -10,13 +12,20 @@ namespace {
 
 constexpr double kSolverFraction = 0.7; // fraction of the period
 constexpr double kStepSmoothing = 0.1;
+constexpr double kStressSweep_s = 1.0; // the stress of all elements is computed once in this time
+
+// The sequence refers to the values and does not own them.
+template <class Sequence> void refer_to(std::vector<float> &values, Sequence &sequence) {
+  sequence._buffer = values.data();
+  sequence._length = sequence._maximum = static_cast<std::uint32_t>(values.size());
+}
 
 } // namespace
 
 void declare(base::ParameterSet &set, DeformationParameters &p) {
   set.number("deformation.rate_hz", &p.rate_hz, "Hz", 0.5, 200, "Rate of the deformation loop.");
   set.number("deformation.field_rate_hz", &p.field_rate_hz, "Hz", 0, 60,
-             "Rate at which the displacements of all nodes are published; 0: never.");
+             "Rate at which the displacements and stresses of all nodes are published; 0: never.");
   declare_priority(set, DeformationStage::kName, p.priority);
 }
 
@@ -40,8 +49,8 @@ DeformationStage::DeformationStage(const DeformationParameters &parameters, cons
                     .fifo_priority = static_cast<int>(parameters.priority),
                     .rate_hz = parameters.rate_hz}),
       budget_(period_ns(parameters.rate_hz), context.host.fixed_solver_steps()), states_(context.link),
-      fields_(context.link),
-      field_period_ns_(parameters.field_rate_hz > 0.0 ? period_ns(parameters.field_rate_hz) : 0) {}
+      fields_(context.link), field_period_ns_(parameters.field_rate_hz > 0.0 ? period_ns(parameters.field_rate_hz) : 0),
+      stress_periods_(std::max(1, static_cast<int>(kStressSweep_s * parameters.rate_hz))) {}
 
 void DeformationStage::connect(CaseStore &cases, const runtime::LatestValue<TissueModelReady> &model,
                                const runtime::LatestValue<ProbeView> &probe,
@@ -80,24 +89,32 @@ void DeformationStage::take_model() noexcept {
 }
 
 void DeformationStage::publish_field(const Moment &now) noexcept {
-  const tissue::BrainModel *model = pipeline_.model();
-  if (model == nullptr || field_period_ns_ == 0 || now.monotonic_ns - field_ns_ < field_period_ns_ ||
-      fields_.matched_readers() == 0) {
+  NodalFields *fields = pipeline_.model() != nullptr ? model_.value().fields : nullptr; // of the pipeline's model
+  if (fields == nullptr || field_period_ns_ == 0) {
+    return;
+  }
+  if (field_read_) {
+    fields->continue_stress(pipeline_.model()->solver().elements() / stress_periods_ + 1, now.utc_ns);
+  }
+  if (now.monotonic_ns - field_ns_ < field_period_ns_) {
     return;
   }
   field_ns_ = now.monotonic_ns;
-  float *field_mm = model_.value().field_mm; // field of the pipeline's model
-  const int nodes = model->solver().nodes();
-  for (int i = 0; i < nodes; ++i) {
-    Eigen::Vector3f::Map(field_mm + 3 * static_cast<std::ptrdiff_t>(i)) =
-        model->solver().displacement_mm(i).cast<float>();
+  field_read_ = fields_.matched_readers() > 0;
+  if (!field_read_) {
+    fields->forget_stress(); // it would be old when a reader joins
+    return;
   }
+  fields->update_displacements();
   wire::DeformationField field{};
   (void)wire::set_name(field.model, "brain");
   field.time_ns = now.utc_ns;
   field.status = pipeline_.states().empty() ? bregma_wire_DEFORMATION_NO_MODEL : pipeline_.states().front().status;
-  field.displacement_mm._buffer = field_mm;
-  field.displacement_mm._length = field.displacement_mm._maximum = static_cast<std::uint32_t>(3 * nodes);
+  refer_to(fields->displacement_mm(), field.displacement_mm);
+  field.von_mises_time_ns = fields->stress_time_ns();
+  if (field.von_mises_time_ns > 0) {
+    refer_to(fields->von_mises_Pa(), field.von_mises_Pa);
+  }
   fields_(field, now.utc_ns);
 }
 

@@ -18,7 +18,7 @@ namespace bregma::server {
 
 struct DeformationParameters {
   double rate_hz = 60.0;
-  double field_rate_hz = 10.0; // 0: nodal displacements are not published
+  double field_rate_hz = 10.0; // 0: the fields of all nodes are not published
   std::int64_t priority = 0;   // with SCHED_FIFO the solver would block a core needed by DDS threads
 };
 void declare(base::ParameterSet &set, DeformationParameters &parameters);
@@ -64,7 +64,9 @@ private:
   runtime::LatestInput<ProbeView> probe_;
   runtime::LatestInput<ForceView> force_;
   std::int64_t field_period_ns_; // 0: never
+  int stress_periods_;           // per sweep of the stress
   std::int64_t field_ns_ = 0;    // monotonic time of the last field
+  bool field_read_ = false;      // at that time
 };
 
 } // namespace bregma::server

@@ -1,7 +1,10 @@
 #include "server/stages/tissue_model/tissue_builder.hpp"
 
+#include <memory>
 #include <utility>
 #include <vector>
+
+#include "server/stages/deformation/nodal_fields.hpp"
 
 namespace bregma::server {
 
@@ -39,9 +42,9 @@ std::optional<TissueModelReady> TissueBuilder::build() {
     return ready;
   }
   loaded.tissue_model = std::move(*model);
-  loaded.field_mm.resize(3 * static_cast<std::size_t>(loaded.tissue_model->solver().nodes()));
+  loaded.nodal_fields = std::make_unique<NodalFields>(loaded.tissue_model->solver());
   ready.model = loaded.tissue_model.get();
-  ready.field_mm = loaded.field_mm.data();
+  ready.fields = loaded.nodal_fields.get();
   return ready;
 }
 
