@@ -1,6 +1,6 @@
 // Displacement and stress of every node of a tissue model, for the topic DeformationField.
 //
-// The stress of all elements takes more than a period of the deformation loop. It is therefore computed in sweeps: each
+// The stress of all elements takes milliseconds, which the solver needs. It is therefore computed in sweeps: each
 // period takes the next elements, and a sweep becomes visible when it has taken them all. The stress of a node is the
 // mean of the von Mises stresses of its elements.
 //

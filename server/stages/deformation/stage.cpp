@@ -12,7 +12,6 @@ namespace {
 
 constexpr double kSolverFraction = 0.7; // fraction of the period
 constexpr double kStepSmoothing = 0.1;
-constexpr double kStressSweep_s = 1.0; // the stress of all elements is computed once in this time
 
 // The sequence refers to the values and does not own them.
 template <class Sequence> void refer_to(std::vector<float> &values, Sequence &sequence) {
@@ -50,7 +49,7 @@ DeformationStage::DeformationStage(const DeformationParameters &parameters, cons
                     .rate_hz = parameters.rate_hz}),
       budget_(period_ns(parameters.rate_hz), context.host.fixed_solver_steps()), states_(context.link),
       fields_(context.link), field_period_ns_(parameters.field_rate_hz > 0.0 ? period_ns(parameters.field_rate_hz) : 0),
-      stress_periods_(std::max(1, static_cast<int>(kStressSweep_s * parameters.rate_hz))) {}
+      stress_periods_(static_cast<int>(std::max<std::int64_t>(1, field_period_ns_ / period_ns(parameters.rate_hz)))) {}
 
 void DeformationStage::connect(CaseStore &cases, const runtime::LatestValue<TissueModelReady> &model,
                                const runtime::LatestValue<ProbeView> &probe,

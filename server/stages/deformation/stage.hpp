@@ -64,7 +64,7 @@ private:
   runtime::LatestInput<ProbeView> probe_;
   runtime::LatestInput<ForceView> force_;
   std::int64_t field_period_ns_; // 0: never
-  int stress_periods_;           // per sweep of the stress
+  int stress_periods_;           // of the loop per sweep of the stress
   std::int64_t field_ns_ = 0;    // monotonic time of the last field
   bool field_read_ = false;      // at that time
 };
