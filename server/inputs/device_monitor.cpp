@@ -14,6 +14,9 @@ using base::TimeVerdict;
 constexpr std::int64_t kStalePeriods = 3;
 constexpr std::int64_t kRateWindow_ns = 1'000'000'000;
 
+// 1 sigma of a mapped exposure, from the jitter between exposure and write (tests/unit/base/device_clock_test.cpp).
+constexpr std::int64_t kMappingSigma_ns = 200'000;
+
 // Times between 1970 and the year 2096. The difference of two such times does not overflow.
 constexpr std::int64_t kMaxTime_ns = 4'000'000'000'000'000'000;
 
@@ -72,7 +75,11 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
     ++health_.late;
   }
   count_rate(now_ns);
-  return {.accepted = true, .acquired_time_ns = acquired_ns_, .reconnected = returned};
+  return {.accepted = true,
+          .acquired_time_ns = acquired_ns_,
+          .age_sigma_ns = kMappingSigma_ns,
+          .period_ns = period_ns_,
+          .reconnected = returned};
 }
 
 Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,

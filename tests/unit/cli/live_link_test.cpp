@@ -101,7 +101,7 @@ TEST(DaemonLink, ADaemonOfAnotherWireIsNamedWithBothVersions) {
   const auto there = link.wait_for_daemon(1s);
   ASSERT_FALSE(there.has_value());
   EXPECT_EQ(there.error().message, "no bregmad answers on domain " + std::to_string(own_domain()) +
-                                       ": bregmad speaks wire 3.1, this program speaks wire 2.0: install one release "
+                                       ": bregmad speaks wire 3.1, this program speaks wire 2.1: install one release "
                                        "on both");
   EXPECT_NE(watch_line(link.snapshot(), {}, utc_now_ns()).find("wire: bregmad speaks wire 3.1, this program"),
             std::string::npos);
