@@ -14,6 +14,7 @@
 #include <boost/asio/thread_pool.hpp>
 #include <spdlog/spdlog.h>
 
+#include "idl/boot_clock.hpp"
 #include "idl/peers.hpp"
 #include "server/dds_topics.hpp"
 #include "server/loops.hpp"
@@ -47,7 +48,7 @@ private:
   void run_elsewhere(const std::function<void()> &job) override { asio::post(workers_, job); }
   [[nodiscard]] base::Result<std::optional<std::filesystem::path>> case_changed(const casefile::Case *loaded,
                                                                                 std::int64_t utc_ns) override;
-  [[nodiscard]] std::array<std::uint8_t, 16> boot_id() const override { return runtime::boot_id(); }
+  [[nodiscard]] std::array<std::uint8_t, 16> boot_id() const override { return wire::boot_id(); }
   void complete(wire::SystemHealth &health) override;
 
   void record_truth();

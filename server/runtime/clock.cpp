@@ -1,9 +1,8 @@
 #include "server/runtime/clock.hpp"
 
-#include <charconv>
 #include <ctime>
-#include <fstream>
-#include <string>
+
+#include "idl/boot_clock.hpp"
 
 namespace bregma::runtime {
 namespace {
@@ -18,18 +17,6 @@ std::int64_t read(clockid_t clock) noexcept {
 
 std::int64_t SystemClock::now_ns() const noexcept { return read(CLOCK_REALTIME); }
 std::int64_t SystemClock::monotonic_ns() const noexcept { return read(CLOCK_MONOTONIC); }
-std::int64_t SystemClock::boot_ns() const noexcept { return read(CLOCK_BOOTTIME); }
-
-std::array<std::uint8_t, 16> boot_id() {
-  std::ifstream file("/proc/sys/kernel/random/boot_id");
-  std::string text; // 8-4-4-4-12 hexadecimal digits
-  std::getline(file, text);
-  std::erase(text, '-');
-  std::array<std::uint8_t, 16> out{};
-  for (std::size_t i = 0; i < out.size() && text.size() == 2 * out.size(); ++i) {
-    (void)std::from_chars(&text[2 * i], &text[2 * i] + 2, out[i], 16);
-  }
-  return out;
-}
+std::int64_t SystemClock::boot_ns() const noexcept { return wire::boot_now_ns(); }
 
 } // namespace bregma::runtime

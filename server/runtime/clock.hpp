@@ -1,7 +1,6 @@
 // Interface for the time, so that runs can be replayed and tests need no sleeps.
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <cstdint>
 
@@ -22,10 +21,6 @@ public:
   [[nodiscard]] std::int64_t monotonic_ns() const noexcept override;
   [[nodiscard]] std::int64_t boot_ns() const noexcept override;
 };
-
-// Identity of the machine's current boot: times of boot_ns() are comparable only for equal identities. All 0 if the
-// system does not provide it.
-[[nodiscard]] std::array<std::uint8_t, 16> boot_id();
 
 class ManualClock final : public Clock {
 public:

@@ -31,7 +31,7 @@ public:
   [[nodiscard]] virtual std::optional<int> fixed_solver_steps() const noexcept { return std::nullopt; }
 
   // ---- workers, and any stage during construction ----
-  // Boot id of the machine; see runtime::boot_id().
+  // Boot id of the machine; see wire::boot_id().
   [[nodiscard]] virtual std::array<std::uint8_t, 16> boot_id() const { return {}; }
   virtual void log(LogLevel, const std::string & /*line*/) {}
   // Runs the job on another thread; the base class runs it at once.
