@@ -30,6 +30,11 @@ QosPtr make_qos(const wire::Qos &qos) {
   } else {
     dds_qset_history(out.get(), DDS_HISTORY_KEEP_ALL, DDS_LENGTH_UNLIMITED);
   }
+  if (qos.transient_local) {
+    // A reader that joins late receives this history, not that of dds_qset_history; its default is one sample.
+    dds_qset_durability_service(out.get(), 0, DDS_HISTORY_KEEP_LAST, qos.depth, DDS_LENGTH_UNLIMITED,
+                                DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
+  }
   if (qos.deadline_ns > 0) {
     dds_qset_deadline(out.get(), qos.deadline_ns);
   }
@@ -117,6 +122,12 @@ bool write(const Entity &writer, const void *sample) noexcept {
   return dds_write(writer.handle(), sample) == DDS_RETCODE_OK;
 }
 
+bool end(const Entity &writer, const void *last) noexcept {
+  const bool written = dds_writedispose(writer.handle(), last) == DDS_RETCODE_OK;
+  // Without this the writer would keep the last sample of every instance for readers that join late.
+  return dds_unregister_instance(writer.handle(), last) == DDS_RETCODE_OK && written;
+}
+
 std::uint32_t matched_readers(const Entity &writer) noexcept {
   dds_publication_matched_status_t status{};
   return dds_get_publication_matched_status(writer.handle(), &status) == DDS_RETCODE_OK ? status.current_count : 0;
@@ -143,7 +154,8 @@ void take(const Entity &reader, Batch &batch) noexcept {
   batch.samples[0] = nullptr; // requests a loan
   batch.count = dds_take(reader.handle(), batch.samples, infos, kBatch, kBatch);
   for (int i = 0; i < batch.count; ++i) {
-    batch.infos[i] = {infos[i].source_timestamp, infos[i].publication_handle};
+    batch.infos[i] = {infos[i].source_timestamp, infos[i].publication_handle,
+                      infos[i].instance_state == DDS_IST_NOT_ALIVE_DISPOSED};
     batch.valid[i] = infos[i].valid_data;
   }
 }

@@ -56,6 +56,7 @@ private:
 struct SampleInfo {
   std::int64_t source_time_ns; // the writer's host clock
   std::uint64_t writer;        // differs between writers, so that a restarted driver is detected
+  bool ended;                  // its instance is disposed: this is the last sample
 };
 
 struct ReaderStatus {
@@ -71,6 +72,7 @@ namespace untyped {
 [[nodiscard]] Entity make_reader(const Participant &participant, const dds_topic_descriptor_t &descriptor,
                                  const char *topic_name, const wire::Qos &qos);
 [[nodiscard]] bool write(const Entity &writer, const void *sample) noexcept;
+[[nodiscard]] bool end(const Entity &writer, const void *last) noexcept;
 [[nodiscard]] std::uint32_t matched_readers(const Entity &writer) noexcept;
 [[nodiscard]] std::uint32_t matched_writers(const Entity &reader) noexcept;
 [[nodiscard]] ReaderStatus status(const Entity &reader) noexcept;
@@ -94,6 +96,9 @@ public:
   // Serialises and sends on the caller's thread. False if Cyclone refused the sample (a malformed one, or a full
   // keep-all cache). The caller counts refused samples.
   [[nodiscard]] bool write(const T &sample) const noexcept { return untyped::write(entity_, &sample); }
+  // Writes the last sample of its instance and disposes of the instance. Matched readers receive it with
+  // SampleInfo::ended; readers that join later receive nothing of the instance, until it is written again.
+  [[nodiscard]] bool end(const T &last) const noexcept { return untyped::end(entity_, &last); }
   [[nodiscard]] std::uint32_t matched_readers() const noexcept { return untyped::matched_readers(entity_); }
 
 private:

@@ -50,7 +50,7 @@ BREGMA_WIRE_TYPE(CommandResult);
 struct Qos {
   bool reliable;
   bool transient_local;
-  int depth;                // samples kept per instance; 0 keeps all
+  int depth;                // samples kept per instance, with transient_local also for readers that join late; 0: all
   std::int64_t deadline_ns; // 0: none. The reader is notified if an instance is silent for longer.
   std::int64_t lease_ns;    // liveliness, automatic; 0: none. A dead process is detected after this time.
 };
@@ -66,8 +66,8 @@ inline constexpr Qos kBulkIn{true, false, 4, 0, 0};
 // State: the last value of each instance, also for readers that join late. With depth 1 a stalled client cannot fill
 // the writer's cache: the next value replaces the last one.
 inline constexpr Qos kState{true, true, 1, 0, 1'000 * kMillisecond_ns};
-// A display that joins late can draw the complete trace.
-inline constexpr Qos kCaptures{true, true, 1024, 0, 1'000 * kMillisecond_ns};
+// A display that joins late can draw the complete trace: fiducials, the longest trace (2,000 samples) and checks.
+inline constexpr Qos kCaptures{true, true, 4096, 0, 1'000 * kMillisecond_ns};
 inline constexpr Qos kControl{true, false, 0, 0, 0};
 } // namespace qos
 

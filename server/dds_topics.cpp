@@ -49,9 +49,12 @@ public:
 
   void write(const void *sample, std::int64_t utc_ns) noexcept override {
     (void)dds::untyped::write(writer_, sample); // the next sample replaces one that DDS refused
-    if (topic_.plain) {
-      (void)channel_.push(topic_.name, utc_ns, bytes_of(sample, topic_));
-    }
+    record(sample, utc_ns);
+  }
+
+  void end(const void *last, std::int64_t utc_ns) noexcept override {
+    (void)dds::untyped::end(writer_, last);
+    record(last, utc_ns);
   }
 
   [[nodiscard]] std::uint32_t matched_readers() const noexcept override {
@@ -59,6 +62,12 @@ public:
   }
 
 private:
+  void record(const void *sample, std::int64_t utc_ns) noexcept {
+    if (topic_.plain) {
+      (void)channel_.push(topic_.name, utc_ns, bytes_of(sample, topic_)); // the channel counts dropped records
+    }
+  }
+
   dds::Entity writer_;
   recording::Channel &channel_;
   TopicInfo topic_;

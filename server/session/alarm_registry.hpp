@@ -30,6 +30,9 @@ public:
   // Empty if the alarm was acknowledged, otherwise the reason of the refusal.
   [[nodiscard]] std::optional<std::string> acknowledge(std::string_view kind, std::string_view subject,
                                                        std::int64_t now_ns);
+  // The case is closed or replaced. Cleared alarms end now, all others when they are cleared: they are published once
+  // more with Alarm::ended, and are no longer in the registry.
+  void case_closed(std::int64_t now_ns);
   // Raised or acknowledged, for any subject.
   [[nodiscard]] bool active(std::string_view kind) const;
   // Raised and not acknowledged.
@@ -37,7 +40,13 @@ public:
 
 private:
   using Key = std::pair<std::string, std::string>;
-  std::map<Key, wire::Alarm> alarms_;
+  struct Entry {
+    wire::Alarm alarm{};
+    bool case_closed = false; // since it was raised first
+  };
+  void end(std::map<Key, Entry>::iterator entry);
+
+  std::map<Key, Entry> alarms_;
   Publish publish_;
 };
 

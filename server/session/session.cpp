@@ -245,12 +245,12 @@ base::Result<void> Session::Impl::bring_back(SessionData data) {
   for (auto &[name, sample] : data_.fiducials) {
     sample.revision = data_.revision;
     ports_.send(RegistrationMessage(sample));
-    ports_.publish(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, name));
+    show(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, name));
   }
   for (SurfaceSample &sample : data_.surface) {
     sample.revision = data_.revision;
     ports_.send(RegistrationMessage(sample));
-    ports_.publish(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
+    show(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
   }
   if (data_.accepted) {
     send_all(*data_.accepted);

@@ -38,7 +38,8 @@ public:
 
   virtual void publish(const wire::CommandReply &reply) = 0;
   virtual void publish(const wire::Alarm &alarm) = 0;
-  virtual void publish(const wire::CapturedPoint &point) = 0; // a sample that joined the session's set, or a check
+  // A sample that joined the session's set, or a check; with the field ended set: the tool's samples are void.
+  virtual void publish(const wire::CapturedPoint &point) = 0;
   virtual void log(const std::string &line) = 0;
 };
 

@@ -78,6 +78,7 @@ Answer Session::Impl::load_case(const std::string &folder) {
   if (const auto used = ports_.use_case(shared); !used) {
     return refused(used.error().message);
   }
+  alarm_registry_.case_closed(now_ns); // the alarms of an earlier case
   case_ = std::move(shared);
   data_.tips.clear();
   data_.case_folder = absolute.string();
@@ -200,6 +201,7 @@ Answer Session::Impl::close_case() {
   data_.case_id.clear();
   case_.reset();
   (void)ports_.use_case(nullptr); // closing cannot be rejected
+  alarm_registry_.case_closed(now_ns);
   return {.text = id.empty() ? "no case was loaded" : "case " + id + " is closed"};
 }
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -89,6 +90,8 @@ private:
   [[nodiscard]] Answer acknowledge(const std::string &kind, const std::string &subject);
   [[nodiscard]] Answer close_case();
 
+  // Publishes a captured point; its instance ends with the set of samples.
+  void show(const wire::CapturedPoint &point);
   // Ends running operations. Waiting commands are refused with the reason.
   void abandon(const std::string &reason);
   void end_trace();
@@ -117,6 +120,7 @@ private:
   std::optional<PlanSelected> plan_;   // plan of the navigated tool
   std::string tracing_;                // the tracing tool; empty if there is none
   std::size_t traced_ = 0;             // samples of the current trace
+  std::set<std::string> shown_tools_;  // with captured points on the bus
 };
 
 [[nodiscard]] inline Answer refused(std::string text) { return {bregma_wire_COMMAND_REFUSED, std::move(text)}; }

@@ -1,6 +1,8 @@
 // Commands from touches and traces to a verified registration.
 #include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <utility>
 
 #include "server/session/session_core.hpp"
 #include "server/session/session_text.hpp"
@@ -73,7 +75,7 @@ Answer Session::Impl::take_fiducial(const CaptureRequest &request, const Capture
   data_.fiducials[point] = sample;
   unsaved_ = true;
   ports_.send(RegistrationMessage(sample));
-  ports_.publish(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, point));
+  show(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, point));
   return {.text = point + (again ? " touched again" : " touched") + " (" + std::to_string(data_.fiducials.size()) +
                   " of " + std::to_string(case_->fiducials.size()) + "), " + std::to_string(result.used_frames) +
                   " frames, moved " + mm(result.motion_mm) + " beyond the markers' noise",
@@ -87,7 +89,7 @@ Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureRes
   data_.checks[name] = check;
   unsaved_ = true;
   ports_.send(MonitoringMessage(check));
-  ports_.publish(captured_point(check, bregma_wire_CAPTURE_CHECK, name));
+  show(captured_point(check, bregma_wire_CAPTURE_CHECK, name));
   std::string text = name + " is shown " + mm(check.distance_mm) + " off, 95 % bound " + mm(check.limit_mm);
   if (check.distance_mm > case_->limits.max_check_mm) {
     text += ": more than the limit of " + mm(case_->limits.max_check_mm);
@@ -160,7 +162,7 @@ void Session::Impl::on_surface(SurfaceSample sample) {
     return; // a late sample of a stopped trace, or one without a measurement
   }
   ++traced_;
-  ports_.publish(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
+  show(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
   if (machine_.stage() != bregma_wire_SESSION_REGISTERING) {
     ports_.send(MonitoringMessage(sample));
     return;
@@ -242,7 +244,20 @@ void Session::Impl::clear_samples() {
   data_.accepted.reset();
   estimate_.reset();
   unsaved_ = true;
+  for (const std::string &tool : std::exchange(shown_tools_, {})) {
+    wire::CapturedPoint last{};
+    (void)wire::set_name(last.tool, tool);
+    std::fill(std::begin(last.position_mm), std::end(last.position_mm), wire::kUnknown);
+    std::fill(std::begin(last.covariance_mm2), std::end(last.covariance_mm2), wire::kUnknown);
+    last.ended = true;
+    ports_.publish(last);
+  }
   send_all(RegistrationReset{++data_.revision});
+}
+
+void Session::Impl::show(const wire::CapturedPoint &point) {
+  shown_tools_.insert(wire::text(point.tool));
+  ports_.publish(point);
 }
 
 } // namespace bregma::server

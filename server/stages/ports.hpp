@@ -43,6 +43,8 @@ public:
   virtual ~Sink() = default;
   // DDS or the recorder counts a refused sample; the next one replaces it.
   virtual void write(const void *sample, std::int64_t utc_ns) noexcept = 0;
+  // The last sample of its instance, which is then disposed.
+  virtual void end(const void *last, std::int64_t utc_ns) noexcept = 0;
   [[nodiscard]] virtual std::uint32_t matched_readers() const noexcept = 0;
 };
 
@@ -86,7 +88,16 @@ private:
 template <class T> class Publisher {
 public:
   explicit Publisher(Link &link) : sink_(link.sink(topic_info<T>())) {}
-  void operator()(const T &sample, std::int64_t utc_ns) noexcept { sink_->write(&sample, utc_ns); }
+  // A sample whose field ended is set disposes of its instance.
+  void operator()(const T &sample, std::int64_t utc_ns) noexcept {
+    if constexpr (requires { sample.ended; }) {
+      if (sample.ended) {
+        sink_->end(&sample, utc_ns);
+        return;
+      }
+    }
+    sink_->write(&sample, utc_ns);
+  }
   [[nodiscard]] std::uint32_t matched_readers() const noexcept { return sink_->matched_readers(); }
 
 private:

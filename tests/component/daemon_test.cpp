@@ -4,11 +4,13 @@
 #include <bit>
 #include <chrono>
 #include <cmath>
+#include <thread>
 
 #include <csignal>
 #include <gtest/gtest.h>
 
 #include "casefile/session_file/session_file.hpp"
+#include "idl/commands.hpp"
 #include "idl/names.hpp"
 #include "server/session/messages.hpp"
 #include "tests/component/operation_fixture.hpp"
@@ -169,6 +171,47 @@ TEST(Daemon, ASessionFileContainsItsCase) {
     const auto attached = reader->attachment(name);
     ASSERT_TRUE(attached) << attached.error().message;
     EXPECT_FALSE(attached->empty()) << name;
+  }
+}
+
+// A reader that joins now, after the daemon has published everything.
+template <class T> std::vector<T> received_late(std::uint32_t domain, std::size_t wanted) {
+  const dds::Participant participant(domain);
+  dds::Reader<T> reader(participant);
+  std::vector<T> out;
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20); // only limits a hang
+  while (out.size() < wanted && std::chrono::steady_clock::now() < end) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    reader.take_each([&](const T &sample, const auto &) { out.push_back(sample); });
+  }
+  return out;
+}
+
+TEST(Daemon, ALateClientReceivesEveryCapturedPointAndNothingOfAClosedCase) {
+  Operation operation;
+  register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
+  operation.start_daemon();
+  ASSERT_TRUE(operation.observe_until([&] { return operation.registration.accepted_revision != 0; }))
+      << operation.logs();
+  const std::size_t samples = operation.registration.fiducial_count + operation.registration.surface_count;
+  EXPECT_GT(samples, 100U);
+  EXPECT_EQ(received_late<wire::CapturedPoint>(operation.domain(), samples).size(), samples);
+
+  const dds::Participant participant(operation.domain());
+  const dds::Writer<wire::Command> commands(participant);
+  wire::Command close{};
+  ASSERT_TRUE(wire::set_name(close.client, "test"));
+  close.id = 1;
+  ASSERT_EQ(wire::fill_command(close, bregma_wire_COMMAND_CLOSE_CASE, {}), "");
+  ASSERT_TRUE(operation.observe_until([&] { return commands.matched_readers() > 0; }));
+  ASSERT_TRUE(commands.write(close));
+  ASSERT_TRUE(operation.observe_until([&] {
+    return operation.health.session == bregma_wire_SESSION_IDLE && operation.registration.reference[0] == '\0' &&
+           !operation.probe.empty() && operation.probe.back().ended;
+  })) << operation.logs();
+  for (const auto &state : received_late<wire::RegistrationState>(operation.domain(), 3)) {
+    EXPECT_EQ(wire::view(state.reference), "") << "the state that no case is loaded";
+    EXPECT_EQ(state.accepted_revision, 0U);
   }
 }
 

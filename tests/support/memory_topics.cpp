@@ -21,6 +21,7 @@ struct Queue {
 struct Outgoing {
   TopicInfo topic;
   std::vector<std::byte> bytes; // concatenated samples
+  std::vector<bool> ended;      // per sample: it is the last one of its instance
 };
 
 class MemorySource final : public server::Source {
@@ -30,7 +31,7 @@ public:
     batch.count = static_cast<int>(std::min(queue_.samples.size(), dds::untyped::kBatch));
     for (int i = 0; i < batch.count; ++i) {
       batch.samples[i] = queue_.samples[static_cast<std::size_t>(i)].data();
-      batch.infos[i] = {0, kWriter};
+      batch.infos[i] = {0, kWriter, false};
       batch.valid[i] = true;
     }
   }
@@ -46,13 +47,17 @@ private:
 class MemorySink final : public server::Sink {
 public:
   explicit MemorySink(Outgoing &outgoing) : outgoing_(outgoing) {}
-  void write(const void *sample, std::int64_t /*utc_ns*/) noexcept override {
-    const auto *bytes = static_cast<const std::byte *>(sample);
-    outgoing_.bytes.insert(outgoing_.bytes.end(), bytes, bytes + outgoing_.topic.bytes);
-  }
+  void write(const void *sample, std::int64_t /*utc_ns*/) noexcept override { add(sample, false); }
+  void end(const void *last, std::int64_t /*utc_ns*/) noexcept override { add(last, true); }
   [[nodiscard]] std::uint32_t matched_readers() const noexcept override { return 1; }
 
 private:
+  void add(const void *sample, bool last) noexcept {
+    const auto *bytes = static_cast<const std::byte *>(sample);
+    outgoing_.bytes.insert(outgoing_.bytes.end(), bytes, bytes + outgoing_.topic.bytes);
+    outgoing_.ended.push_back(last);
+  }
+
   Outgoing &outgoing_;
 };
 
@@ -64,8 +69,9 @@ public:
     return std::make_unique<MemorySource>(incoming.emplace_back(Queue{topic, {}}));
   }
   [[nodiscard]] std::unique_ptr<server::Sink> sink(const TopicInfo &topic) override {
-    Outgoing &one = outgoing.emplace_back(Outgoing{topic, {}});
+    Outgoing &one = outgoing.emplace_back(Outgoing{topic, {}, {}});
     one.bytes.reserve(kReserved * topic.bytes);
+    one.ended.reserve(kReserved);
     return std::make_unique<MemorySink>(one);
   }
 
@@ -94,16 +100,22 @@ void MemoryTopics::put(const TopicInfo &topic, const void *sample) {
 void MemoryTopics::deliver() {
   for (const auto &[stage, link] : links_) {
     for (Outgoing &outgoing : link->outgoing) {
-      for (std::size_t at = 0; at < outgoing.bytes.size(); at += outgoing.topic.bytes) {
-        const std::byte *sample = outgoing.bytes.data() + at;
+      for (std::size_t i = 0; i < outgoing.ended.size(); ++i) {
+        const std::byte *sample = outgoing.bytes.data() + i * outgoing.topic.bytes;
         if (outgoing.topic.plain) {
           put(outgoing.topic, sample);
         }
         for (const Observer &observer : observers_) {
           observer(outgoing.topic, sample);
         }
+        for (const Observer &observer : end_observers_) {
+          if (outgoing.ended[i]) {
+            observer(outgoing.topic, sample);
+          }
+        }
       }
       outgoing.bytes.clear();
+      outgoing.ended.clear();
     }
   }
 }

@@ -41,6 +41,8 @@ public:
       }
     });
   }
+  // For the last sample of each instance that a stage ends; called after the observers of all samples.
+  void observe_ends(Observer observer) { end_observers_.push_back(std::move(observer)); }
   // Samples published since the last call.
   void deliver();
   // Whether samples wait for this stage.
@@ -50,6 +52,7 @@ private:
   void put(const server::TopicInfo &topic, const void *sample);
   std::map<std::string, std::unique_ptr<MemoryLink>, std::less<>> links_;
   std::vector<Observer> observers_;
+  std::vector<Observer> end_observers_;
 };
 
 } // namespace bregma::test

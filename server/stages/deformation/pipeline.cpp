@@ -48,6 +48,14 @@ void say_no_model(wire::DeformationState &state, wire::DeformationReason reason)
 
 } // namespace
 
+void DeformationPipeline::end_states(std::int64_t now_ns) noexcept {
+  for (wire::DeformationState &state : std::span(states_).first(count_)) {
+    say_no_model(state, bregma_wire_DEFORMATION_REASON_NONE);
+    state.time_ns = now_ns;
+    state.ended = true;
+  }
+}
+
 void DeformationPipeline::handle(const CaseChanged &change) noexcept {
   generation_ = change.generation;
   model_ = nullptr;

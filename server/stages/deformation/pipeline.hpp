@@ -22,6 +22,8 @@ public:
   void handle(const CaseChanged &change) noexcept;
   void handle(const TissueModelReady &ready) noexcept;
 
+  // Turns the states into the last ones of their instances: the case is closed or replaced.
+  void end_states(std::int64_t now_ns) noexcept;
   // max_steps: maximal number of solver steps.
   void step(const ProbeView &probe, const ForceView &force, std::int64_t now_ns, int max_steps) noexcept;
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <utility>
 #include <vector>
 
 #include "server/stages/deformation/nodal_fields.hpp"
@@ -12,6 +13,14 @@ namespace {
 
 constexpr double kSolverFraction = 0.7; // fraction of the period
 constexpr double kStepSmoothing = 0.1;
+
+wire::DeformationField empty_field(std::int64_t now_ns) noexcept {
+  wire::DeformationField field{};
+  (void)wire::set_name(field.model, "brain");
+  field.time_ns = now_ns;
+  field.status = bregma_wire_DEFORMATION_NO_MODEL;
+  return field;
+}
 
 // The sequence refers to the values and does not own them.
 template <class Sequence> void refer_to(std::vector<float> &values, Sequence &sequence) {
@@ -62,6 +71,7 @@ void DeformationStage::connect(CaseStore &cases, const runtime::LatestValue<Tiss
 
 void DeformationStage::step(const Moment &now) noexcept {
   if (const auto change = lease_.newer()) {
+    end_states(now);
     pipeline_.handle(*change);
     lease_.take(*change);
   }
@@ -76,6 +86,19 @@ void DeformationStage::step(const Moment &now) noexcept {
     states_(state, now.utc_ns);
   }
   publish_field(now);
+}
+
+void DeformationStage::end_states(const Moment &now) noexcept {
+  pipeline_.end_states(now.utc_ns);
+  for (const wire::DeformationState &state : pipeline_.states()) {
+    states_(state, now.utc_ns);
+  }
+  field_read_ = false;
+  if (std::exchange(field_ns_, 0) != 0) {
+    wire::DeformationField last = empty_field(now.utc_ns);
+    last.ended = true;
+    fields_(last, now.utc_ns);
+  }
 }
 
 // A model may arrive before this stage has taken its case. It is void if it arrives after the case was closed.
@@ -105,9 +128,7 @@ void DeformationStage::publish_field(const Moment &now) noexcept {
     return;
   }
   fields->update_displacements();
-  wire::DeformationField field{};
-  (void)wire::set_name(field.model, "brain");
-  field.time_ns = now.utc_ns;
+  wire::DeformationField field = empty_field(now.utc_ns);
   field.status = pipeline_.states().empty() ? bregma_wire_DEFORMATION_NO_MODEL : pipeline_.states().front().status;
   refer_to(fields->displacement_mm(), field.displacement_mm);
   field.von_mises_time_ns = fields->stress_time_ns();

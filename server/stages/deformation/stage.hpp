@@ -53,6 +53,7 @@ public:
 private:
   void take_model() noexcept;
   void publish_field(const Moment &now) noexcept;
+  void end_states(const Moment &now) noexcept;
 
   DeformationPipeline pipeline_;
   SolverBudget budget_;
@@ -65,7 +66,7 @@ private:
   runtime::LatestInput<ForceView> force_;
   std::int64_t field_period_ns_; // 0: never
   int stress_periods_;           // of the loop per sweep of the stress
-  std::int64_t field_ns_ = 0;    // monotonic time of the last field
+  std::int64_t field_ns_ = 0;    // monotonic time of the last field; 0: none of this case
   bool field_read_ = false;      // at that time
 };
 

@@ -44,6 +44,15 @@ void MonitoringPipeline::handle(const MonitoringInput &input) noexcept {
   std::visit([this](const auto &content) noexcept { on(content); }, input);
 }
 
+void MonitoringPipeline::end_state(std::int64_t now_ns) noexcept {
+  wire::AccuracyState last{};
+  copy_name(last.reference, accuracy_.reference);
+  last.time_ns = now_ns;
+  last.fre_mm = last.fre_expected_mm = last.last_check_mm = last.last_check_limit_mm = wire::kUnknown;
+  last.ended = true;
+  accuracy_ = last;
+}
+
 void MonitoringPipeline::on(const CaseChanged &change) noexcept {
   // Conditions about tools and reference of an earlier case are void.
   for (const char *kind : {alarm::kToolHidden, alarm::kLatency, alarm::kReferenceHidden, alarm::kDrift}) {

@@ -48,6 +48,8 @@ public:
   void step(const MonitoringView &view, std::int64_t now_ns) noexcept;
 
   [[nodiscard]] const wire::AccuracyState &accuracy() const noexcept { return accuracy_; }
+  // Turns accuracy() into the last one of its instance: the case is closed or replaced.
+  void end_state(std::int64_t now_ns) noexcept;
 
 private:
   void on(const CaseChanged &change) noexcept;

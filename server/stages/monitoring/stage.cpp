@@ -36,9 +36,14 @@ void MonitoringStage::connect(Inbox &inbox, CaseStore &cases, const runtime::Lat
 }
 
 void MonitoringStage::step(const Moment &now) noexcept {
-  inbox_->take_each([this](const MonitoringInput &input) noexcept {
+  inbox_->take_each([&](const MonitoringInput &input) noexcept {
+    const auto *change = std::get_if<CaseChanged>(&input);
+    if (change != nullptr) {
+      pipeline_.end_state(now.utc_ns);
+      states_(pipeline_.accuracy(), now.utc_ns);
+    }
     pipeline_.handle(input);
-    if (const auto *change = std::get_if<CaseChanged>(&input)) {
+    if (change != nullptr) {
       lease_.take(*change);
     }
   });

@@ -43,6 +43,18 @@ void NavigationPipeline::handle(const NavigationInput &input) noexcept {
   std::visit([this](const auto &content) noexcept { on(content); }, input);
 }
 
+void NavigationPipeline::end_states(std::int64_t now_ns) noexcept {
+  for (std::size_t i = 0; i < tool_count_; ++i) {
+    wire::NavigationState &state = states_[i];
+    clear_pose(state);
+    (void)wire::set_name(state.trajectory, "");
+    state.status = bregma_wire_POSE_NOT_REGISTERED;
+    state.session = bregma_wire_SESSION_UNKNOWN; // the change of the session follows the change of the case
+    state.published_time_ns = now_ns;
+    state.ended = true;
+  }
+}
+
 void NavigationPipeline::on(const CaseChanged &change) noexcept {
   case_ = change.loaded;
   generation_ = change.generation;

@@ -51,6 +51,8 @@ public:
   void on_frame(const wire::TrackerFrame &frame, std::int64_t acquired_ns, std::int64_t now_ns) noexcept;
   // Predicted positions of the targets; predictions older than 0.25 s are not shown.
   void on(const PredictedTargets &predicted) noexcept { predicted_ = predicted; }
+  // Turns the states into the last ones of their instances: the case is closed or replaced.
+  void end_states(std::int64_t now_ns) noexcept;
   // Updates the states without a frame, for the elapsed time.
   void on_tick(std::int64_t now_ns) noexcept;
   // Time at which a tick changes the states without a frame (a pose becomes stale, the tracker is lost).

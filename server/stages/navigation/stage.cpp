@@ -57,7 +57,7 @@ std::int64_t NavigationStage::wake_ns(const Moment &now) const noexcept {
 }
 
 void NavigationStage::step(const Moment &now) noexcept {
-  take_messages();
+  take_messages(now);
   if (predicted_.refresh()) {
     pipeline_.on(predicted_.value());
   }
@@ -86,21 +86,32 @@ void NavigationStage::step(const Moment &now) noexcept {
   }
 }
 
-void NavigationStage::take_messages() noexcept {
-  inbox_->take_each([this](const NavigationInput &input) noexcept {
+void NavigationStage::take_messages(const Moment &now) noexcept {
+  inbox_->take_each([&](const NavigationInput &input) noexcept {
+    const auto *change = std::get_if<CaseChanged>(&input);
+    if (change != nullptr) {
+      pipeline_.end_states(now.utc_ns);
+      for (const wire::NavigationState &last : pipeline_.states()) {
+        states_(stamped(last, now), now.utc_ns);
+      }
+    }
     pipeline_.handle(input);
-    if (const auto *change = std::get_if<CaseChanged>(&input)) {
+    if (change != nullptr) {
       guard_.set_tools(change->loaded != nullptr ? change->loaded->tools : inputs::KnownTools{});
       lease_.take(*change);
     }
   });
 }
 
+wire::NavigationState NavigationStage::stamped(wire::NavigationState state, const Moment &now) const noexcept {
+  std::copy(boot_id_.begin(), boot_id_.end(), state.boot_id);
+  state.published_boot_ns = now.boot_ns;
+  return state;
+}
+
 void NavigationStage::publish(const Moment &now) noexcept {
-  for (wire::NavigationState state : pipeline_.states()) {
-    std::copy(boot_id_.begin(), boot_id_.end(), state.boot_id);
-    state.published_boot_ns = now.boot_ns;
-    states_(state, now.utc_ns);
+  for (const wire::NavigationState &state : pipeline_.states()) {
+    states_(stamped(state, now), now.utc_ns);
   }
   probe.store(pipeline_.probe());
   published_ = true;

@@ -38,7 +38,9 @@ public:
   runtime::LatestValue<inputs::StreamHealth> devices; // trackers
 
 private:
-  void take_messages() noexcept;
+  void take_messages(const Moment &now) noexcept;
+  // With the publisher's clock and host.
+  [[nodiscard]] wire::NavigationState stamped(wire::NavigationState state, const Moment &now) const noexcept;
   void publish(const Moment &now) noexcept;
   void share(const Moment &now) noexcept;
 

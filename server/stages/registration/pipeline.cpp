@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <utility>
 
 #include "server/stages/wire_values.hpp"
 
@@ -63,6 +64,13 @@ void RegistrationPipeline::handle(const RegistrationInput &input) noexcept {
   std::visit([this](const auto &content) noexcept { on(content); }, input);
 }
 
+void RegistrationPipeline::end_states(std::int64_t now_ns) noexcept {
+  clear();
+  reset_ = false;
+  state_.time_ns = now_ns;
+  state_.ended = report_.ended = true;
+}
+
 void RegistrationPipeline::on(const CaseChanged &change) noexcept {
   case_ = change.loaded;
   generation_ = change.generation;
@@ -110,6 +118,7 @@ void RegistrationPipeline::on(const RegistrationMessage &message) noexcept {
     }
     void operator()(const RegistrationReset &reset) const noexcept {
       self.clear();
+      self.reset_ = true;
       self.revision_ = reset.revision;
       self.state_.revision = reset.revision;
     }
@@ -139,14 +148,14 @@ void RegistrationPipeline::remove(const wire::Name &point) noexcept {
 }
 
 void RegistrationPipeline::step(std::int64_t now_ns) noexcept {
-  estimated_ = false;
+  report_changed_ = std::exchange(reset_, false);
   state_.time_ns = now_ns;
   if (changed_ && case_ != nullptr) {
     const auto began = std::chrono::steady_clock::now();
     estimate();
     state_.duration_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count();
     changed_ = false;
-    estimated_ = true;
+    report_changed_ = true;
   }
 }
 

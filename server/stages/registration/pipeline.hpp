@@ -37,8 +37,10 @@ public:
   // State after the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
   [[nodiscard]] const wire::RegistrationState &state() const noexcept { return state_; }
   [[nodiscard]] const wire::FiducialReport &fiducials() const noexcept { return report_; }
-  // True if the last step made a new estimate: the fiducial report has changed.
-  [[nodiscard]] bool estimated() const noexcept { return estimated_; }
+  // True if the last step made a new estimate or none is left: the fiducial report has changed.
+  [[nodiscard]] bool report_changed() const noexcept { return report_changed_; }
+  // Turns state() and fiducials() into the last ones of their instances: the case is closed or replaced.
+  void end_states(std::int64_t now_ns) noexcept;
 
 private:
   void on(const CaseChanged &change) noexcept;
@@ -56,7 +58,8 @@ private:
   std::uint64_t generation_ = 0;
   std::uint64_t revision_ = 0;
   bool changed_ = false;
-  bool estimated_ = false;
+  bool reset_ = false;          // since the last step
+  bool report_changed_ = false; // by the last step
 
   std::array<FiducialSample, registration::kMaxFiducials> samples_{};
   std::size_t sample_count_ = 0;

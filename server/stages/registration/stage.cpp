@@ -22,9 +22,15 @@ void RegistrationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::L
 }
 
 void RegistrationStage::step(const Moment &now) noexcept {
-  inbox_->take_each([this](const RegistrationInput &input) noexcept {
+  inbox_->take_each([&](const RegistrationInput &input) noexcept {
+    const auto *change = std::get_if<CaseChanged>(&input);
+    if (change != nullptr) {
+      pipeline_.end_states(now.utc_ns);
+      states_(pipeline_.state(), now.utc_ns);
+      reports_(pipeline_.fiducials(), now.utc_ns);
+    }
     pipeline_.handle(input);
-    if (const auto *change = std::get_if<CaseChanged>(&input)) {
+    if (change != nullptr) {
       lease_.take(*change);
     }
   });
@@ -37,7 +43,7 @@ void RegistrationStage::step(const Moment &now) noexcept {
   }
   estimate.store(pipeline_.state());
   states_(pipeline_.state(), now.utc_ns);
-  if (pipeline_.estimated()) {
+  if (pipeline_.report_changed()) {
     reports_(pipeline_.fiducials(), now.utc_ns);
   }
 }

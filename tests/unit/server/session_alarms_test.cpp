@@ -78,5 +78,29 @@ TEST_F(AlarmRegistryTest, SubjectsHaveSeparateAlarms) {
   EXPECT_EQ(*registry.acknowledge("device_lost", "Robot", 7), "no alarm device_lost of Robot is raised; none is");
 }
 
+TEST_F(AlarmRegistryTest, WithItsCaseAClearedAlarmEndsAtOnceAndARaisedOneWhenItIsCleared) {
+  update("drift", "Reference", true, 1);
+  update("drift", "Reference", false, 2);
+  update("device_lost", "Robot", true, 3);
+  published.clear();
+  registry.case_closed(4);
+  ASSERT_EQ(published.size(), 1U);
+  EXPECT_EQ(wire::view(published[0].kind), "drift");
+  EXPECT_EQ(published[0].state, bregma_wire_ALARM_CLEARED);
+  EXPECT_TRUE(published[0].ended);
+  EXPECT_TRUE(registry.unacknowledged("device_lost")) << "the robot is still lost";
+
+  EXPECT_TRUE(update("device_lost", "Robot", false, 5));
+  EXPECT_EQ(published.back().state, bregma_wire_ALARM_CLEARED);
+  EXPECT_TRUE(published.back().ended);
+  published.clear();
+  registry.case_closed(6);
+  EXPECT_TRUE(published.empty()) << "nothing is left in the registry";
+
+  update("drift", "Reference", true, 7);
+  EXPECT_EQ(published.back().count, 1U) << "of the next case";
+  EXPECT_FALSE(published.back().ended);
+}
+
 } // namespace
 } // namespace bregma::server

@@ -229,9 +229,9 @@ TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
   auto command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
   command.kind = 77; // a command of a later revision with another body
   command.body._d = 40;
-  expect(command, "command kind 77 is not known: this daemon speaks wire 2.0");
+  expect(command, "command kind 77 is not known: this daemon speaks wire 2.1");
   command.kind = bregma_wire_COMMAND_UNKNOWN;
-  expect(command, "command kind 0 is not known: this daemon speaks wire 2.0");
+  expect(command, "command kind 0 is not known: this daemon speaks wire 2.1");
   expect(harness.command(bregma_wire_COMMAND_STOP_ROBOT, "Arm"),
          "this daemon cannot stop the robot (STOP_ROBOT): it has no part that does it");
 }

@@ -76,7 +76,7 @@ TEST(SessionFile, ReturnsEveryByteInTheOrderOfRecording) {
   EXPECT_EQ(topics[0].count, 500U);
   EXPECT_EQ(reader.meta("case").value(), "colin27 again");
   EXPECT_EQ(reader.meta("no such key").value(), std::nullopt);
-  EXPECT_EQ(reader.meta("wire").value(), "2.0");
+  EXPECT_EQ(reader.meta("wire").value(), "2.1");
   EXPECT_EQ(reader.meta()->size(), 2U);
   EXPECT_EQ(reader.attachment("scalp.ply").value(), mesh);
   EXPECT_EQ(reader.attachment("empty").value(), "");
@@ -196,11 +196,11 @@ TEST(SessionFile, RefusesWhatItIsNot) {
   EXPECT_TRUE(create(generation).commit());
   run_sql(generation, "UPDATE meta SET value='3.1' WHERE key='wire'");
   EXPECT_EQ(refusal(generation), generation.string() +
-                                     ": recorded with wire 3.1; this program reads wire 2.0: it takes the version of "
+                                     ": recorded with wire 3.1; this program reads wire 2.1: it takes the version of "
                                      "Bregma that recorded it");
   run_sql(generation, "DELETE FROM meta WHERE key='wire'");
   EXPECT_EQ(refusal(generation), generation.string() +
-                                     ": recorded with wire (not stated); this program reads wire 2.0: it takes the "
+                                     ": recorded with wire (not stated); this program reads wire 2.1: it takes the "
                                      "version of Bregma that recorded it");
 }
 
