@@ -21,9 +21,9 @@ std::string_view session_label(wire::SessionState value) {
 }
 
 std::string_view pose_label(wire::PoseStatus value) {
-  static constexpr std::array<std::string_view, 9> kWords{
-      "unknown",          "live",           "unverified",    "stale", "lost", "tool hidden",
-      "reference hidden", "not calibrated", "not registered"};
+  static constexpr std::array<std::string_view, 10> kWords{
+      "unknown",          "live",           "unverified",     "stale",      "lost", "tool hidden",
+      "reference hidden", "not calibrated", "not registered", "implausible"};
   return nth(kWords, value);
 }
 

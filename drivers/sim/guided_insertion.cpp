@@ -35,6 +35,8 @@ const char *name_of(wire::PoseStatus status) {
     return "not calibrated";
   case bregma_wire_POSE_NOT_REGISTERED:
     return "not registered";
+  case bregma_wire_POSE_IMPLAUSIBLE:
+    return "implausible";
   default:
     return "unknown";
   }

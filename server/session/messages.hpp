@@ -145,6 +145,7 @@ enum class CaptureStatus : std::uint8_t {
   kNoFrames,        // the tracker was silent
   kToolHidden,      // the tool was seen in too few of the window's frames
   kReferenceHidden, // the reference was seen in too few of them
+  kNotNew,          // too many of them repeated an old pose or came late
   kMoved,           // see CaptureResult::motion_mm
   kNotCalibrated    // the tool has no tip
 };

@@ -184,6 +184,8 @@ std::optional<std::string> refuse_capture(const CaptureRequest &request, const C
     return tool + " was hidden: " + frames;
   case CaptureStatus::kReferenceHidden:
     return "the reference was hidden: " + frames;
+  case CaptureStatus::kNotNew:
+    return "the tracker repeats old poses of " + tool + " or sends them late: " + frames;
   case CaptureStatus::kMoved:
     return tool + " was not held still: its tip strayed " + mm(result.motion_mm) + " from its mean, limit " +
            mm(request.max_motion_mm);

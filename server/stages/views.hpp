@@ -18,6 +18,7 @@ class NodalFields;
 struct ProbeView {
   bool live = false; // a pose that is valid for navigation
   std::int64_t acquired_ns = 0;
+  std::int64_t valid_until_ns = 0; // measuring is stricter than showing: not to be used after this time
   double tip_mm[3] = {};
   double shaft[3] = {};         // unit, in Image, from the tip up the shaft
   double shaft_in_tool[3] = {}; // the same in the probe's body

@@ -6,7 +6,6 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kProbeAge_ns = 100'000'000; // older poses are ignored
 constexpr std::int64_t kForceAge_ns = 100'000'000;
 constexpr double kMaxStep_s = 0.25; // maximal simulated time after a pause of the loop
 
@@ -99,7 +98,7 @@ void DeformationPipeline::step(const ProbeView &probe, const ForceView &force, s
   steps_made_ = 0;
   if (model_ != nullptr) {
     tissue::ProbeObservation seen;
-    seen.seen = probe.live && now_ns - probe.acquired_ns < kProbeAge_ns;
+    seen.seen = probe.live && now_ns <= probe.valid_until_ns;
     seen.pose = {Vector3d::Map(probe.tip_mm), Vector3d::Map(probe.shaft)};
     if (seen.seen && now_ns - force.arrived_ns < kForceAge_ns) {
       // A force up the shaft is the force with which the tissue pushes back.

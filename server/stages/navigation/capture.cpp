@@ -16,7 +16,7 @@ void TouchCapture::start(const CaptureRequest &request) noexcept {
   busy_ = true;
   used_ = 0;
   parts_.fill({});
-  window_frames_ = reference_hidden_ = not_calibrated_ = 0;
+  window_frames_ = reference_hidden_ = not_new_ = not_calibrated_ = 0;
   marker_sum_.setZero();
   tip_covariance_.setZero();
 }
@@ -28,6 +28,7 @@ void TouchCapture::add(FrameContent content, const TipInReference &tip, std::uin
   }
   ++window_frames_;
   reference_hidden_ += content == FrameContent::kReferenceHidden ? 1 : 0;
+  not_new_ += content == FrameContent::kNotNew ? 1 : 0;
   not_calibrated_ += content == FrameContent::kNotCalibrated ? 1 : 0;
   if (content != FrameContent::kTip) {
     return;
@@ -62,8 +63,10 @@ std::optional<CaptureResult> TouchCapture::finish(std::int64_t now_ns) noexcept 
     return result;
   }
   if (used_ == 0 || used_ < kMinSeenShare * window_frames_) {
-    const bool reference = 2 * reference_hidden_ > window_frames_ - used_;
-    result.status = reference ? CaptureStatus::kReferenceHidden : CaptureStatus::kToolHidden;
+    const std::uint32_t unused = window_frames_ - used_;
+    result.status = 2 * not_new_ > unused            ? CaptureStatus::kNotNew
+                    : 2 * reference_hidden_ > unused ? CaptureStatus::kReferenceHidden
+                                                     : CaptureStatus::kToolHidden;
     return result;
   }
   const double count = used_;

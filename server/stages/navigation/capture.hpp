@@ -19,7 +19,8 @@ struct TipInReference {
   geometry::Matrix3d tip_covariance;
 };
 
-enum class FrameContent : std::uint8_t { kTip, kToolHidden, kReferenceHidden, kNotCalibrated };
+// kNotNew: the frame repeats an old pose or is too old to measure with.
+enum class FrameContent : std::uint8_t { kTip, kToolHidden, kReferenceHidden, kNotCalibrated, kNotNew };
 
 // Averages a tip that is held still.
 class TouchCapture {
@@ -49,6 +50,7 @@ private:
   std::uint32_t used_ = 0;
   std::uint32_t window_frames_ = 0;
   std::uint32_t reference_hidden_ = 0;
+  std::uint32_t not_new_ = 0;
   std::uint32_t not_calibrated_ = 0;
   std::uint64_t last_frame_ = 0;
   std::int64_t last_acquired_ns_ = 0;

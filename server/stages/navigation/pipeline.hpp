@@ -6,6 +6,10 @@
 // both bodies, the tip's calibration and the registration (algorithms/geometry/pose_covariance.hpp), assumed
 // independent.
 //
+// A state describes the tip at the time of its publication. The age of the frame is paid for: the tip is moved by its
+// velocity, and its covariance grows by that of the velocity and by an unknown acceleration of the hand
+// (docs/navigation.md). A pose is live until its age reaches wire::live_limit_ns, then stale, then lost.
+//
 // One thread at a time. No allocation, exceptions, locks or logging. The caller passes the time: ns UTC, host clock.
 #pragma once
 
@@ -17,6 +21,7 @@
 #include <variant>
 
 #include "algorithms/planning/critical_structures.hpp"
+#include "idl/validity.hpp"
 #include "server/runtime/spsc_ring.hpp"
 #include "server/session/messages.hpp"
 #include "server/stages/loaded_case.hpp"
@@ -37,8 +42,17 @@ struct NavigationParameters {
   double marker_sigma_depth_mm = 0.25;
   double latency_ms = 4.0; // exposure to the driver's write, as stated by the manufacturer
   double floor_rate_hz = 50.0;
-  double filter_hz = 3.0; // bandwidth of the tip filter; 0: no filter
+  double live_limit_ms = wire::kLiveLimit_ms; // maximal age of a live pose; three frame periods if they are longer
+  double hand_acceleration_mm_s2 = 1500.0;    // of a motion that the filter does not know yet: 1 sigma of a coordinate
+  double filter_hz = 3.0;                     // bandwidth of the tip filter; 0: no filter
   std::int64_t priority = 70;
+};
+
+// When a frame was exposed, by the input check.
+struct Exposure {
+  std::int64_t acquired_ns = 0; // on the host's clock
+  std::int64_t sigma_ns = 0;    // 1 sigma of that time
+  std::int64_t period_ns = 0;   // of the tracker
 };
 
 class NavigationPipeline {
@@ -47,8 +61,8 @@ public:
   NavigationPipeline(const NavigationParameters &parameters, NavigationEvents &events);
 
   void handle(const NavigationInput &input) noexcept;
-  // A frame that has passed the input check. acquired_ns: its exposure on the host's clock.
-  void on_frame(const wire::TrackerFrame &frame, std::int64_t acquired_ns, std::int64_t now_ns) noexcept;
+  // A frame that has passed the input check.
+  void on_frame(const wire::TrackerFrame &frame, const Exposure &exposure, std::int64_t now_ns) noexcept;
   // Predicted positions of the targets; predictions older than 0.25 s are not shown.
   void on(const PredictedTargets &predicted) noexcept { predicted_ = predicted; }
   // Turns the states into the last ones of their instances: the case is closed or replaced.
@@ -68,6 +82,9 @@ private:
   struct BodyInTracker {
     bool visible = false;
     geometry::UncertainPose<geometry::frame::Tracker, geometry::frame::Tool> T_tracker_body;
+    // Exposure of the first frame with this pose: a frame that repeats it to the last bit is no new exposure.
+    wire::Pose pose{};
+    std::int64_t acquired_ns = 0;
   };
   struct Tool {
     const casefile::ToolModel *model = nullptr;
@@ -86,15 +103,27 @@ private:
   void on(const CaseChanged &change) noexcept;
   void on(const NavigationMessage &message) noexcept;
   [[nodiscard]] Tool *find(const wire::Name &name) noexcept;
-  [[nodiscard]] BodyInTracker locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model) const noexcept;
-  [[nodiscard]] std::int64_t stale_at_ns() const noexcept;
+  void locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model, BodyInTracker &body) const noexcept;
+  // Exposure of the pose of a tool in Reference: that of the older one of the two bodies.
+  [[nodiscard]] std::int64_t acquired_ns(const Tool &tool) const noexcept;
+  [[nodiscard]] std::int64_t live_limit_ns() const noexcept;
+  [[nodiscard]] std::int64_t stale_at_ns(const Tool &tool) const noexcept;
   [[nodiscard]] std::int64_t lost_at_ns() const noexcept;
+  [[nodiscard]] std::int64_t measured_until_ns(std::int64_t acquired_ns) const noexcept;
   [[nodiscard]] wire::PoseStatus status_of(const Tool &tool, std::int64_t now_ns) const noexcept;
-  void record(Tool &tool, std::int64_t acquired_ns) noexcept;
+  [[nodiscard]] FrameContent content_of(const Tool &tool, std::int64_t now_ns) const noexcept;
+  void record(Tool &tool, std::int64_t now_ns) noexcept;
   void publish(Tool &tool, wire::NavigationState &state, std::int64_t now_ns) noexcept;
-  void fill_pose(Tool &tool, wire::NavigationState &state) noexcept;
+  // Fields that are known only with a shown pose. False, with nothing filled, if a value would not be finite.
+  [[nodiscard]] bool fill_pose(Tool &tool, wire::NavigationState &state) noexcept;
+  static void clear_pose(wire::NavigationState &state) noexcept;
   void fill_prediction(const Tool &tool, wire::NavigationState &state) const noexcept;
-  [[nodiscard]] TipPose filtered(Tool &tool, const TipPose &T_reference_tip) const noexcept;
+  // The pose at the time of the state, and the motion of its tip.
+  struct MovingTip {
+    TipPose T_reference_tip;
+    MovingPoint tip;
+  };
+  [[nodiscard]] MovingTip moved(Tool &tool, const TipPose &T_reference_tip, double age_s) const noexcept;
   void update_states(std::int64_t now_ns) noexcept;
   void reset_filters() noexcept;
   [[nodiscard]] TipPose tip_in_reference(const Tool &tool) const noexcept;
@@ -117,9 +146,8 @@ private:
   bool any_frame_ = false;
   std::uint64_t frame_ = 0;
   std::int64_t frame_sent_ns_ = 0;
-  wire::Name source_{}; // the tracker
-  std::int64_t acquired_ns_ = 0;
-  std::int64_t period_ns_ = 0;
+  wire::Name source_{};           // the tracker
+  Exposure exposure_;             // of the last frame
   std::int64_t evaluated_ns_ = 0; // time of the last update of states_
 };
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "idl/validity.hpp"
 #include "server/inputs/device_names.hpp"
 #include "server/stages/host.hpp"
 #include "server/stages/schedules.hpp"
@@ -32,6 +33,11 @@ void declare(base::ParameterSet &set, NavigationParameters &p) {
              "From exposure to the driver's write, as the manufacturer states it.");
   set.number("navigation.floor_rate_hz", &p.floor_rate_hz, "Hz", 1, 1000,
              "The navigation state is published at least this often, also when no frame comes.");
+  set.number("navigation.live_limit_ms", &p.live_limit_ms, "ms", wire::kMinLiveLimit_ms, wire::kMaxLiveLimit_ms,
+             "Maximal age of a pose that is shown as live; three frame periods of a slower tracker, at most 300 ms.");
+  set.number("navigation.hand_acceleration_mm_s2", &p.hand_acceleration_mm_s2, "mm/s^2", 0, 50000,
+             "Acceleration of a hand in a motion that the tip filter does not know yet, 1 sigma of a coordinate: the "
+             "error of a pose grows by it with the age.");
   set.number("navigation.filter_hz", &p.filter_hz, "Hz", 0, 50,
              "Bandwidth of the tip filter: faster motion is averaged as marker noise. 0: no filter.");
   declare_priority(set, NavigationStage::kName, p.priority);
@@ -66,7 +72,7 @@ void NavigationStage::step(const Moment &now) noexcept {
         const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);
         if (verdict.accepted) {
           frame_period_ns_ = frame.period_ns;
-          pipeline_.on_frame(frame, verdict.acquired_time_ns, now.utc_ns);
+          pipeline_.on_frame(frame, {verdict.acquired_time_ns, verdict.age_sigma_ns, verdict.period_ns}, now.utc_ns);
           publish(now);
         }
       });

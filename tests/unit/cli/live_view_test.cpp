@@ -87,7 +87,7 @@ TEST(LiveView, AToolWithoutSamplesIsOldEvenWhenTheDaemonIsAlive) {
 }
 
 TEST(LiveView, FiguresOfEveryStatusButTwoAreDashes) {
-  for (int status = 0; status <= bregma_wire_POSE_NOT_REGISTERED; ++status) {
+  for (int status = 0; status <= bregma_wire_POSE_IMPLAUSIBLE; ++status) {
     auto snapshot = navigating();
     snapshot.tools["Probe"].status = static_cast<wire::PoseStatus>(status);
     const bool shown = status == bregma_wire_POSE_LIVE || status == bregma_wire_POSE_UNVERIFIED;

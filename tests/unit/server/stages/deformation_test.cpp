@@ -45,6 +45,7 @@ protected:
     ProbeView out;
     out.live = true;
     out.acquired_ns = now_ns_;
+    out.valid_until_ns = now_ns_ + 3 * kPeriod_ns;
     Vector3d::Map(out.tip_mm) = plan.target_mm + before_mm * shaft;
     Vector3d::Map(out.shaft) = shaft;
     Vector3d::Map(out.shaft_in_tool) = Vector3d::UnitX();
@@ -149,6 +150,17 @@ TEST_F(Deformation, TheForceIsTheAxialComponentOfARecentSample) {
   ProbeView hidden = probe_at(60.0);
   hidden.live = false;
   EXPECT_TRUE(std::isnan(step(hidden, force).measured_force_N)) << "the direction of the shaft is unknown";
+}
+
+TEST_F(Deformation, APoseThatIsTooOldToMeasureWithIsNotUsed) {
+  build(2000);
+  ForceView force;
+  force.arrived_ns = now_ns_ + kPeriod_ns;
+  EXPECT_FALSE(std::isnan(step(probe_at(60.0), force).measured_force_N));
+  force.arrived_ns = now_ns_ + kPeriod_ns;
+  ProbeView old = probe_at(60.0);
+  old.valid_until_ns = now_ns_ + kPeriod_ns - 1;
+  EXPECT_TRUE(std::isnan(step(old, force).measured_force_N));
 }
 
 } // namespace

@@ -1,0 +1,77 @@
+#include "tests/unit/server/stages/tracked_tool.hpp"
+
+#include <cmath>
+
+#include "algorithms/registration/points/paired_points.hpp"
+#include "server/stages/wire_values.hpp"
+#include "tests/unit/casefile/sample_case.hpp"
+
+namespace bregma::server::tracking_test {
+
+namespace {
+
+const Eigen::Quaterniond kFacingTheCamera(0.0, 0.96, 0.28, 0.0); // of both bodies: +z of the tool is -z of the tracker
+const Vector3d kReference_mm(-80.0, 30.0, 1600.0);               // in the tracker
+
+} // namespace
+
+TrackedTool::TrackedTool(std::int64_t period_ns, unsigned seed, const NavigationParameters &parameters)
+    : pipeline(parameters, events), period_ns_(period_ns), parameters_(parameters), rng_(seed) {
+  case_ = std::make_unique<LoadedCase>(std::make_shared<const casefile::Case>(tests::sample_case("/cases/sample")),
+                                       12.0, 100);
+  pipeline.handle(CaseChanged{1, case_.get()});
+  ToolTip tip{};
+  (void)wire::set_name(tip.tool, "Stylus");
+  tip.tip_mm = array_of(case_->data->tool("Stylus")->nominal_tip_mm);
+  pipeline.handle(NavigationMessage(tip));
+  pipeline.handle(NavigationMessage(RegistrationAccepted{1, {{1, 0, 0, 0}, {0, 0, 0}}, {}}));
+  pipeline.handle(NavigationMessage(SessionChanged{bregma_wire_SESSION_VERIFIED, true}));
+}
+
+wire::TrackedTool TrackedTool::measured(const casefile::ToolModel &model, const T_Tracker &T_tracker_tool) {
+  std::normal_distribution<double> normal;
+  std::vector<Vector3d> markers;
+  for (const Vector3d &marker : model.markers_mm) {
+    const Vector3d error(parameters_.marker_sigma_lateral_mm * normal(rng_),
+                         parameters_.marker_sigma_lateral_mm * normal(rng_),
+                         parameters_.marker_sigma_depth_mm * normal(rng_));
+    markers.push_back(T_tracker_tool * marker + error);
+  }
+  const auto fit = registration::fit_rigid(model.markers_mm, markers);
+  double sum = 0.0;
+  for (std::size_t i = 0; i < markers.size(); ++i) {
+    sum += (*fit * model.markers_mm[i] - markers[i]).squaredNorm();
+  }
+  wire::TrackedTool out{};
+  (void)wire::set_name(out.tool, model.name);
+  out.status = bregma_wire_TOOL_VISIBLE;
+  out.used_markers = (1U << markers.size()) - 1U;
+  out.T_tracker_tool = wire::to_wire(*fit);
+  out.marker_rms_mm = std::sqrt(sum / static_cast<double>(markers.size()));
+  return out;
+}
+
+wire::TrackerFrame TrackedTool::frame(std::uint64_t number, const Vector3d &tip_mm) {
+  const T_Tracker reference(kFacingTheCamera, kReference_mm);
+  const casefile::ToolModel &model = *case_->data->tool("Stylus");
+  const T_Tracker stylus(kFacingTheCamera, reference * tip_mm - kFacingTheCamera * model.nominal_tip_mm);
+  wire::TrackerFrame out{};
+  (void)wire::set_name(out.device, "Tracker");
+  out.frame = number;
+  out.device_time_ns = out.sent_time_ns = acquired_ns(number);
+  out.period_ns = period_ns_;
+  out.tool_count = 2;
+  out.tools[0] = measured(*case_->data->reference(), reference);
+  out.tools[1] = measured(model, stylus);
+  return out;
+}
+
+void TrackedTool::take(const wire::TrackerFrame &frame, std::int64_t acquired_ns, std::int64_t delay_ns) {
+  pipeline.on_frame(frame, {acquired_ns, 0, period_ns_}, acquired_ns + delay_ns);
+}
+
+void TrackedTool::move_to(std::uint64_t number, const Vector3d &tip_mm) {
+  take(frame(number, tip_mm), acquired_ns(number));
+}
+
+} // namespace bregma::server::tracking_test
