@@ -9,12 +9,16 @@ namespace {
 using server::TopicInfo;
 
 constexpr std::size_t kReserved = 64; // samples per topic between two deliveries without an allocation
-constexpr std::uint64_t kWriter = 1;
+using Writers = std::map<const dds_topic_descriptor_t *, std::uint32_t>;
 
 // Samples that wait for a stage, and those that it has on loan.
 struct Queue {
+  struct Sample {
+    std::vector<std::byte> bytes;
+    std::uint64_t writer;
+  };
   TopicInfo topic;
-  std::deque<std::vector<std::byte>> samples;
+  std::deque<Sample> samples;
 };
 
 // Samples published by a stage since the last delivery.
@@ -26,22 +30,27 @@ struct Outgoing {
 
 class MemorySource final : public server::Source {
 public:
-  explicit MemorySource(Queue &queue) : queue_(queue) {}
+  MemorySource(Queue &queue, const Writers &writers) : queue_(queue), writers_(writers) {}
   void take(dds::untyped::Batch &batch) noexcept override {
     batch.count = static_cast<int>(std::min(queue_.samples.size(), dds::untyped::kBatch));
     for (int i = 0; i < batch.count; ++i) {
-      batch.samples[i] = queue_.samples[static_cast<std::size_t>(i)].data();
-      batch.infos[i] = {0, kWriter, false};
+      Queue::Sample &sample = queue_.samples[static_cast<std::size_t>(i)];
+      batch.samples[i] = sample.bytes.data();
+      batch.infos[i] = {0, sample.writer, false};
       batch.valid[i] = true;
     }
   }
   void give_back(dds::untyped::Batch &batch, std::int64_t /*utc_ns*/) noexcept override {
     queue_.samples.erase(queue_.samples.begin(), queue_.samples.begin() + batch.count);
   }
-  [[nodiscard]] std::uint32_t writers_alive() noexcept override { return 1; }
+  [[nodiscard]] std::uint32_t writers_alive() noexcept override {
+    const auto found = writers_.find(queue_.topic.descriptor);
+    return found == writers_.end() ? 1 : found->second;
+  }
 
 private:
   Queue &queue_;
+  const Writers &writers_;
 };
 
 class MemorySink final : public server::Sink {
@@ -65,8 +74,9 @@ private:
 
 class MemoryLink final : public server::Link {
 public:
+  explicit MemoryLink(const Writers &writers) : writers_(writers) {}
   [[nodiscard]] std::unique_ptr<server::Source> source(const TopicInfo &topic) override {
-    return std::make_unique<MemorySource>(incoming.emplace_back(Queue{topic, {}}));
+    return std::make_unique<MemorySource>(incoming.emplace_back(Queue{topic, {}}), writers_);
   }
   [[nodiscard]] std::unique_ptr<server::Sink> sink(const TopicInfo &topic) override {
     Outgoing &one = outgoing.emplace_back(Outgoing{topic, {}, {}});
@@ -77,21 +87,26 @@ public:
 
   std::deque<Queue> incoming; // the ends hold references
   std::deque<Outgoing> outgoing;
+
+private:
+  const Writers &writers_;
 };
 
 MemoryTopics::MemoryTopics() = default;
 MemoryTopics::~MemoryTopics() = default;
 
+void MemoryTopics::disconnect() { links_.clear(); }
+
 server::Link &MemoryTopics::link(const char *stage) {
-  return *links_.emplace(stage, std::make_unique<MemoryLink>()).first->second;
+  return *links_.emplace(stage, std::make_unique<MemoryLink>(writers_)).first->second;
 }
 
-void MemoryTopics::put(const TopicInfo &topic, const void *sample) {
+void MemoryTopics::put(const TopicInfo &topic, const void *sample, std::uint64_t writer) {
   const auto *bytes = static_cast<const std::byte *>(sample);
   for (const auto &[stage, link] : links_) {
     for (Queue &queue : link->incoming) {
       if (queue.topic.descriptor == topic.descriptor) {
-        queue.samples.emplace_back(bytes, bytes + topic.bytes);
+        queue.samples.push_back({{bytes, bytes + topic.bytes}, writer});
       }
     }
   }
@@ -103,7 +118,7 @@ void MemoryTopics::deliver() {
       for (std::size_t i = 0; i < outgoing.ended.size(); ++i) {
         const std::byte *sample = outgoing.bytes.data() + i * outgoing.topic.bytes;
         if (outgoing.topic.plain) {
-          put(outgoing.topic, sample);
+          put(outgoing.topic, sample, kWriter);
         }
         for (const Observer &observer : observers_) {
           observer(outgoing.topic, sample);

@@ -25,13 +25,21 @@ public:
   // A published sample and its topic; valid during the call of the observer.
   using Observer = std::function<void(const server::TopicInfo &, const void *sample)>;
 
+  static constexpr std::uint64_t kWriter = 1;
+
   MemoryTopics();
   ~MemoryTopics() override;
 
   [[nodiscard]] server::Link &link(const char *stage) override;
 
-  // Passes an external sample to every stage that reads its topic.
-  template <class T> void put(const T &sample) { put(server::topic_info<T>(), &sample); }
+  // Passes an external sample to every stage that reads its topic. writer: identity of the process that wrote it.
+  template <class T> void put(const T &sample, std::uint64_t writer = kWriter) {
+    put(server::topic_info<T>(), &sample, writer);
+  }
+  // Number of external writers of T that are alive; 1 at first.
+  template <class T> void set_writers_alive(std::uint32_t count) { writers_[&wire::Topic<T>::descriptor()] = count; }
+  // The stages have ended: their ends of the topics are void. Observers stay.
+  void disconnect();
   // For all topics, in the order of publication.
   void observe(Observer observer) { observers_.push_back(std::move(observer)); }
   template <class T, class Visit> void observe(Visit visit) {
@@ -49,7 +57,8 @@ public:
   [[nodiscard]] bool waiting(const char *stage) const;
 
 private:
-  void put(const server::TopicInfo &topic, const void *sample);
+  void put(const server::TopicInfo &topic, const void *sample, std::uint64_t writer);
+  std::map<const dds_topic_descriptor_t *, std::uint32_t> writers_; // where the number is not 1
   std::map<std::string, std::unique_ptr<MemoryLink>, std::less<>> links_;
   std::vector<Observer> observers_;
   std::vector<Observer> end_observers_;

@@ -8,21 +8,36 @@ namespace bregma::test {
 
 VirtualLoops::VirtualLoops(const std::vector<server::Stage *> &stages, MemoryTopics &topics, std::int64_t start_utc_ns)
     : topics_(topics), start_utc_ns_(start_utc_ns), now_utc_ns_(start_utc_ns) {
+  take(stages);
+}
+
+void VirtualLoops::take(const std::vector<server::Stage *> &stages) {
+  loops_.clear();
+  const std::int64_t now_ns = moment(now_utc_ns_).monotonic_ns;
   for (server::Stage *stage : stages) {
     const std::int64_t period_ns = server::period_ns(stage->schedule().rate_hz);
-    loops_.push_back({stage, period_ns, period_ns});
+    loops_.push_back({stage, period_ns, now_ns + period_ns});
   }
 }
 
 void VirtualLoops::begin() {
   for (const Loop &loop : loops_) {
-    loop.stage->begin(moment(start_utc_ns_));
+    loop.stage->begin(moment(now_utc_ns_));
   }
   topics_.deliver();
 }
 
+void VirtualLoops::restart(const std::vector<server::Stage *> &stages, std::int64_t utc_ns) {
+  now_utc_ns_ = utc_ns;
+  take(stages);
+  begin();
+}
+
 server::Moment VirtualLoops::moment(std::int64_t utc_ns) const {
-  return {.utc_ns = utc_ns, .monotonic_ns = utc_ns - start_utc_ns_, .boot_ns = utc_ns - start_utc_ns_, .tick = false};
+  return {.utc_ns = utc_ns + wall_error_ns_,
+          .monotonic_ns = utc_ns - start_utc_ns_,
+          .boot_ns = utc_ns - start_utc_ns_,
+          .tick = false};
 }
 
 void VirtualLoops::advance(std::int64_t utc_ns) {
@@ -40,7 +55,9 @@ void VirtualLoops::advance(std::int64_t utc_ns) {
 
 void VirtualLoops::step(Loop &loop, const server::Moment &now) {
   loop.stepped = true;
-  loop.next_ns += now.tick ? loop.period_ns : 0;
+  while (now.tick && loop.next_ns <= now.monotonic_ns) {
+    loop.next_ns += loop.period_ns; // missed deadlines are skipped, as in bregmad
+  }
   if (around_) {
     around_(*loop.stage, [&] { loop.stage->step(now); });
   } else {

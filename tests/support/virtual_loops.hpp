@@ -21,6 +21,10 @@ public:
   void around(Around around) { around_ = std::move(around); }
   // Once, before the first advance().
   void begin();
+  // Another process of the daemon on the same host: its stages begin at this time.
+  void restart(const std::vector<server::Stage *> &stages, std::int64_t utc_ns);
+  // Steps the host's wall clock. The true time, in which advance() counts, stays.
+  void step_wall_clock(std::int64_t by_ns) { wall_error_ns_ += by_ns; }
   // Steps every stage that is due by now, and delivers what it publishes. Time must not go back.
   void advance(std::int64_t utc_ns);
   [[nodiscard]] std::int64_t next_due_ns() const; // UTC
@@ -32,12 +36,14 @@ private:
     std::int64_t next_ns; // monotonic, like all times here
     bool stepped = false;
   };
+  void take(const std::vector<server::Stage *> &stages);
   [[nodiscard]] server::Moment moment(std::int64_t utc_ns) const;
   void step(Loop &loop, const server::Moment &now);
 
   MemoryTopics &topics_;
   std::int64_t start_utc_ns_;
   std::int64_t now_utc_ns_;
+  std::int64_t wall_error_ns_ = 0;
   std::vector<Loop> loops_;
   Around around_;
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <stdexcept>
+#include <utility>
 
 #include <unistd.h>
 
@@ -35,7 +36,8 @@ server::Config quick_config() {
 VirtualOperation::VirtualOperation(const casefile::Case &a_case, const sim::Scenario &scenario, std::uint64_t seed,
                                    server::Config config)
     : room_(a_case, scenario, seed), config_(with_state(std::move(config), folder_.path())),
-      wiring_(config_.stages, topics_, *this), loops_(wiring_.stages(), topics_, kStart_ns), now_ns_(kStart_ns) {
+      wiring_(std::make_unique<server::Wiring>(config_.stages, topics_, static_cast<server::Host &>(*this))),
+      loops_(wiring_->stages(), topics_, kStart_ns), now_ns_(kStart_ns) {
   topics_.observe<wire::NavigationState>([this](const wire::NavigationState &state) { on_state(state); });
   topics_.observe<wire::CommandReply>([this](const wire::CommandReply &reply) {
     replies_.push_back(reply);
@@ -59,14 +61,37 @@ bool VirtualOperation::run(double limit_s) {
   while (!room_.finished()) {
     room_.advance(now_ns_, out);
     deliver(out);
-    loops_.advance(now_ns_);
+    if (daemon_runs()) {
+      if (std::exchange(killed_, false)) {
+        start_killed_daemon();
+      }
+      loops_.advance(now_ns_);
+    }
     if (now_ns_ >= end_ns) {
       timed_out_ = true;
       return false;
     }
-    now_ns_ = std::max(now_ns_ + 1, std::min(room_.next_due_ns(), loops_.next_due_ns()));
+    const std::int64_t line_ns = line_ != nullptr ? line_->next_due_ns() : server::Stage::kNever;
+    const std::int64_t daemon_ns = daemon_runs() ? loops_.next_due_ns() : stopped_until_ns_;
+    now_ns_ = std::max(now_ns_ + 1, std::min({room_.next_due_ns(), daemon_ns, line_ns}));
   }
   return !room_.failed();
+}
+
+void VirtualOperation::kill_daemon(std::int64_t restart_ns) {
+  stopped_until_ns_ = restart_ns;
+  killed_ = true;
+}
+
+void VirtualOperation::start_killed_daemon() {
+  wiring_.reset();
+  topics_.disconnect();
+  wiring_ = std::make_unique<server::Wiring>(config_.stages, topics_, static_cast<server::Host &>(*this));
+  loops_.restart(wiring_->stages(), now_ns_);
+}
+
+const std::string &VirtualOperation::state_directory() {
+  return config_.stages.of<server::SessionParameters>().state_directory;
 }
 
 std::string VirtualOperation::failure() const {
@@ -84,12 +109,16 @@ void VirtualOperation::deliver(const sim::RoomOutput &out) {
       truths_.pop_front();
     }
   }
+  received_frames_ += out.frames.size();
+  if (line_ != nullptr) {
+    line_->carry(out, now_ns_, topics_);
+    return;
+  }
   const auto put = [this](const auto &samples) {
     for (const auto &sample : samples) {
       topics_.put(sample);
     }
   };
-  received_frames_ += out.frames.size();
   put(out.frames);
   put(out.robot_states);
   put(out.range_samples);

@@ -7,6 +7,7 @@
 #include <deque>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,6 +25,17 @@ namespace bregma::test {
 // bregmad's defaults without a tissue model, which would dominate the computing time.
 [[nodiscard]] server::Config quick_config();
 
+// What lies between the room and the daemon. Without one every sample arrives as it was sent.
+class Line {
+public:
+  virtual ~Line() = default;
+  // Called at every moment of the operation. sent: what the room has sent since the last call. Passes to the daemon
+  // what arrives by now.
+  virtual void carry(const sim::RoomOutput &sent, std::int64_t now_ns, MemoryTopics &to) = 0;
+  // Time of the next sample that arrives, or of another event of the line; Stage::kNever if there is none.
+  [[nodiscard]] virtual std::int64_t next_due_ns() const = 0;
+};
+
 class VirtualOperation final : private server::Host {
 public:
   // Called for every published navigation state, with the truth of the same frame if available.
@@ -36,6 +48,16 @@ public:
   ~VirtualOperation() override;
 
   void observe(Observer observer) { observer_ = std::move(observer); }
+  // line must outlive the run.
+  void set_line(Line &line) { line_ = &line; }
+  // The daemon's process is stopped (SIGSTOP) until this time.
+  void stop_daemon(std::int64_t until_ns) { stopped_until_ns_ = until_ns; }
+  // The daemon's process is killed. Another one starts at this time, with the same state directory.
+  void kill_daemon(std::int64_t restart_ns);
+  [[nodiscard]] bool daemon_runs() const { return now_ns_ >= stopped_until_ns_; }
+  // What the recorder reports from now on.
+  void set_recorder(const recording::RecorderStatus &status) { recorder_ = status; }
+  [[nodiscard]] const std::string &state_directory();
   // For observers of other topics and of steps.
   [[nodiscard]] MemoryTopics &topics() { return topics_; }
   [[nodiscard]] VirtualLoops &loops() { return loops_; }
@@ -43,7 +65,7 @@ public:
   bool run(double limit_s = 600.0);
 
   [[nodiscard]] std::string failure() const;
-  [[nodiscard]] const server::Session &session() const { return wiring_.session(); }
+  [[nodiscard]] const server::Session &session() const { return wiring_->session(); }
   [[nodiscard]] const std::vector<wire::Alarm> &alarms() const { return alarms_; }
   [[nodiscard]] const std::vector<wire::CommandReply> &replies() const { return replies_; }
   [[nodiscard]] const std::vector<sim::StepEvent> &events() const { return events_; }
@@ -58,7 +80,9 @@ public:
 
 private:
   [[nodiscard]] std::optional<int> fixed_solver_steps() const noexcept override;
+  [[nodiscard]] recording::RecorderStatus recorder() const noexcept override { return recorder_; }
 
+  void start_killed_daemon();
   void deliver(const sim::RoomOutput &out);
   void on_state(const wire::NavigationState &state);
   [[nodiscard]] const wire::SimulatedTruth *truth_of(std::uint64_t frame) const;
@@ -67,10 +91,14 @@ private:
   sim::SimulatedRoom room_;
   server::Config config_;
   MemoryTopics topics_;
-  server::Wiring wiring_;
+  std::unique_ptr<server::Wiring> wiring_;
   VirtualLoops loops_;
   Observer observer_;
+  Line *line_ = nullptr;
+  recording::RecorderStatus recorder_;
   std::int64_t now_ns_;
+  std::int64_t stopped_until_ns_ = 0;
+  bool killed_ = false;
   bool timed_out_ = false;
   std::uint64_t received_frames_ = 0;
   std::deque<wire::SimulatedTruth> truths_;
