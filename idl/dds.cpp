@@ -1,6 +1,7 @@
 #include "idl/dds.hpp"
 
 #include <cstdlib>
+#include <cstring>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -46,18 +47,30 @@ QosPtr make_qos(const wire::Qos &qos) {
   return out;
 }
 
-// A domain's settings can be set only once per process, before its first participant.
-void ensure_domain(std::uint32_t domain_id) {
+// Cyclone's settings of a domain can be set only once, before its first participant. The result keeps the domain; it
+// ends with the last of its users.
+std::shared_ptr<void> use_domain(std::uint32_t domain_id) {
+  struct Domain {
+    Entity entity;
+    int users = 0;
+  };
   static std::mutex mutex;
-  static std::map<std::uint32_t, Entity> domains;
+  static std::map<std::uint32_t, Domain> domains;
   const std::lock_guard lock(mutex);
-  if (domains.contains(domain_id)) {
-    return;
+  if (!domains.contains(domain_id)) {
+    const char *uri = std::getenv("CYCLONEDDS_URI"); // NOLINT(concurrency-mt-unsafe): the environment is not changed
+    const char *configuration = uri != nullptr && *uri != '\0' ? uri : default_configuration();
+    Entity entity(
+        checked(dds_create_domain(domain_id, configuration), "cannot configure domain " + std::to_string(domain_id)));
+    domains[domain_id].entity = std::move(entity);
   }
-  const char *uri = std::getenv("CYCLONEDDS_URI"); // NOLINT(concurrency-mt-unsafe): read before threads start
-  const char *configuration = uri != nullptr && *uri != '\0' ? uri : default_configuration();
-  domains.emplace(domain_id, checked(dds_create_domain(domain_id, configuration),
-                                     "cannot configure domain " + std::to_string(domain_id)));
+  ++domains[domain_id].users;
+  return {nullptr, [domain_id](void *) {
+            const std::lock_guard last(mutex);
+            if (--domains[domain_id].users == 0) {
+              domains.erase(domain_id);
+            }
+          }};
 }
 
 Entity make_topic(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *name) {
@@ -93,8 +106,8 @@ const char *default_configuration() {
          "</Domain></CycloneDDS>";
 }
 
-Participant::Participant(std::uint32_t domain_id, const wire::Announcement &announced) {
-  ensure_domain(domain_id);
+Participant::Participant(std::uint32_t domain_id, const wire::Announcement &announced)
+    : domain_(use_domain(domain_id)) {
   const QosPtr qos(dds_create_qos(), &dds_delete_qos);
   const std::string data = wire::to_user_data(announced);
   dds_qset_userdata(qos.get(), data.data(), data.size());
@@ -147,6 +160,17 @@ ReaderStatus status(const Entity &reader) noexcept {
   (void)dds_get_subscription_matched_status(reader.handle(), &matched);
   const std::uint32_t unmatched = matched.total_count - matched.current_count;
   return {deadline.total_count, liveliness.alive_count, unmatched + liveliness.not_alive_count};
+}
+
+std::optional<Guid> participant_of(const Entity &reader, std::uint64_t writer) {
+  dds_builtintopic_endpoint_t *endpoint = dds_get_matched_publication_data(reader.handle(), writer);
+  if (endpoint == nullptr) {
+    return std::nullopt;
+  }
+  Guid out;
+  std::memcpy(out.data(), endpoint->participant_key.v, out.size());
+  dds_builtintopic_free_endpoint(endpoint);
+  return out;
 }
 
 void take(const Entity &reader, Batch &batch) noexcept {

@@ -5,9 +5,12 @@
 // max_blocking_time (100 ms, and only for topics that keep all samples).
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -42,7 +45,8 @@ private:
 // explicitly.
 [[nodiscard]] const char *default_configuration();
 
-// domain_id: 0 to 230; processes on different domains do not see each other.
+// domain_id: 0 to 230; processes on different domains do not see each other. Cyclone's domain, with its threads and
+// plug-ins, ends with the last of its participants: no entity may outlive main.
 // announced: the participant's USER_DATA. Only tests announce another version than their own.
 class Participant {
 public:
@@ -50,8 +54,12 @@ public:
   [[nodiscard]] std::int32_t handle() const noexcept { return entity_.handle(); }
 
 private:
+  std::shared_ptr<void> domain_; // before the entity, which ends first
   Entity entity_;
 };
+
+// A participant's identity on the domain, the same on every topic.
+using Guid = std::array<std::uint8_t, 16>;
 
 struct SampleInfo {
   std::int64_t source_time_ns; // the writer's host clock
@@ -76,6 +84,7 @@ namespace untyped {
 [[nodiscard]] std::uint32_t matched_readers(const Entity &writer) noexcept;
 [[nodiscard]] std::uint32_t matched_writers(const Entity &reader) noexcept;
 [[nodiscard]] ReaderStatus status(const Entity &reader) noexcept;
+[[nodiscard]] std::optional<Guid> participant_of(const Entity &reader, std::uint64_t writer);
 
 inline constexpr std::size_t kBatch = 16;
 struct Batch { // samples on loan from Cyclone
@@ -131,6 +140,10 @@ public:
   [[nodiscard]] std::uint32_t matched_writers() const noexcept { return untyped::matched_writers(entity_); }
   // Also resets the state that wakes a WaitSet for a missed deadline or a lost writer.
   [[nodiscard]] ReaderStatus status() const noexcept { return untyped::status(entity_); }
+  // The participant of a sample's writer (SampleInfo); empty once that writer has ended. Allocates.
+  [[nodiscard]] std::optional<Guid> participant_of(std::uint64_t writer) const {
+    return untyped::participant_of(entity_, writer);
+  }
   [[nodiscard]] const Entity &entity() const noexcept { return entity_; }
 
 private:

@@ -1,7 +1,6 @@
 #include "idl/peers.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <string_view>
 
@@ -9,8 +8,6 @@
 
 namespace bregma::dds {
 namespace {
-
-using Guid = std::array<std::uint8_t, sizeof(dds_guid_t)>;
 
 Guid guid_of(const dds_guid_t &from) {
   Guid out;
@@ -122,6 +119,12 @@ void Peers::update() {
                                                });
   impl_->take_endpoints(impl_->publications, true);
   impl_->take_endpoints(impl_->subscriptions, false);
+}
+
+std::string Peers::program_of(const Guid &participant) const {
+  const auto found = impl_->announced.find(participant);
+  const bool stated = found != impl_->announced.end() && found->second;
+  return stated ? printable(found->second->program) : std::string();
 }
 
 std::vector<Peer> Peers::of_another_wire() const {

@@ -35,6 +35,8 @@ public:
   void update();
   // Participants that write or read a topic of the table (idl/topics.hpp) but not in this program's generation.
   [[nodiscard]] std::vector<Peer> of_another_wire() const;
+  // The program that a participant announces, short and printable; empty: not stated, or unknown participant.
+  [[nodiscard]] std::string program_of(const Guid &participant) const;
 
 private:
   struct Impl;

@@ -22,17 +22,6 @@ template <std::size_t N> bool all_finite(const double (&values)[N]) noexcept {
   return std::all_of(std::begin(values), std::end(values), [](double value) { return std::isfinite(value); });
 }
 
-bool has_pose(const NavigationState &state) noexcept {
-  const bool shown = state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
-  // Any other value counts as refused, one that is not known here too.
-  const bool plausible = state.plausibility == bregma_wire_PLAUSIBILITY_UNKNOWN ||
-                         state.plausibility == bregma_wire_PLAUSIBILITY_GOOD ||
-                         state.plausibility == bregma_wire_PLAUSIBILITY_INFLATED;
-  return shown && plausible && all_finite(state.T_image_tip.rotation_wxyz) &&
-         all_finite(state.T_image_tip.translation_mm) && std::isfinite(state.tre_rms_mm) &&
-         all_finite(state.tre_95.semi_axes_mm);
-}
-
 } // namespace
 
 std::optional<std::int64_t> TransitClock::arrived(const BootId &boot_id, std::int64_t published_boot_ns,
@@ -63,6 +52,17 @@ std::optional<std::int64_t> TransitClock::arrived(const BootId &boot_id, std::in
     offset_at_ns_ = arrival_boot_ns;
   }
   return settled_ ? std::optional(std::max<std::int64_t>(0, difference_ns - envelope_ns)) : std::nullopt;
+}
+
+bool has_pose(const NavigationState &state) noexcept {
+  const bool shown = state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
+  // Any other value counts as refused, one that is not known here too.
+  const bool plausible = state.plausibility == bregma_wire_PLAUSIBILITY_UNKNOWN ||
+                         state.plausibility == bregma_wire_PLAUSIBILITY_GOOD ||
+                         state.plausibility == bregma_wire_PLAUSIBILITY_INFLATED;
+  return shown && plausible && all_finite(state.T_image_tip.rotation_wxyz) &&
+         all_finite(state.T_image_tip.translation_mm) && std::isfinite(state.tre_rms_mm) &&
+         all_finite(state.tre_95.semi_axes_mm);
 }
 
 std::optional<std::int64_t> since_published_ns(const Arrival &arrival, std::int64_t now_boot_ns) noexcept {

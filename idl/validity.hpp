@@ -59,6 +59,9 @@ private:
   bool settled_ = false;
 };
 
+// False for a status without a pose, for implausible data, and for a pose or error that is not finite.
+[[nodiscard]] bool has_pose(const NavigationState &state) noexcept;
+
 // When a client received a sample, on its own CLOCK_BOOTTIME.
 struct Arrival {
   std::int64_t boot_ns = 0;

@@ -32,7 +32,7 @@ int send_and_show(const base::Result<wire::Command> &command, const Context &con
   if (!command) {
     return fail(command.error());
   }
-  DaemonLink link(context.domain);
+  DaemonLink link(context.domain, DaemonLink::Role::kCommands);
   return show_reply(link.send(*command, timeout), context);
 }
 

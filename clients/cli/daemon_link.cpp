@@ -1,8 +1,12 @@
 #include "clients/cli/daemon_link.hpp"
 
+#include <algorithm>
 #include <random>
+#include <utility>
 
 #include <unistd.h>
+
+#include "idl/boot_clock.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -28,19 +32,31 @@ std::string seconds_text(DaemonLink::Duration duration) {
   return milliseconds % 1000 == 0 ? std::to_string(milliseconds / 1000) + " s" : std::to_string(milliseconds) + " ms";
 }
 
-} // namespace
-
-std::int64_t utc_now_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::system_clock::now().time_since_epoch())
-      .count();
+// Readers keep a few samples per instance, so that one of another writer does not displace the followed daemon's.
+template <class T> dds::Reader<T> state_reader(const dds::Participant &participant) {
+  wire::Qos qos = wire::Topic<T>::kQos;
+  qos.depth = 8;
+  return dds::Reader<T>(participant, qos);
 }
 
-DaemonLink::DaemonLink(std::uint32_t domain)
-    : domain_(domain), client_(unique_client_name()), participant_(domain), commands_(participant_),
-      replies_(participant_), registration_(participant_), fiducials_(participant_), accuracy_(participant_),
-      navigation_(participant_), deformation_(participant_), alarms_(participant_), health_(participant_),
-      drivers_(participant_), peers_(participant_), wait_(participant_) {
-  wait_.attach(replies_);
+constexpr std::int64_t kPeersPeriod_ns = 100'000'000;
+constexpr std::size_t kMaxWriters = 1024; // remembered; a forgotten one is asked for again
+
+} // namespace
+
+DaemonLink::DaemonLink(std::uint32_t domain, Role role)
+    : domain_(domain), client_(unique_client_name()), participant_(domain),
+      control_(role == Role::kCommands ? std::optional<Control>(std::in_place, participant_) : std::nullopt),
+      registration_(state_reader<wire::RegistrationState>(participant_)),
+      fiducials_(state_reader<wire::FiducialReport>(participant_)),
+      accuracy_(state_reader<wire::AccuracyState>(participant_)),
+      navigation_(state_reader<wire::NavigationState>(participant_)),
+      deformation_(state_reader<wire::DeformationState>(participant_)),
+      alarms_(state_reader<wire::Alarm>(participant_)), health_(state_reader<wire::SystemHealth>(participant_)),
+      drivers_(participant_), peers_(participant_), wait_(participant_), now_(Now::read()), daemons_(wire::boot_id()) {
+  if (control_) {
+    wait_.attach(control_->replies);
+  }
   wait_.attach(registration_);
   wait_.attach(fiducials_);
   wait_.attach(accuracy_);
@@ -51,39 +67,138 @@ DaemonLink::DaemonLink(std::uint32_t domain)
   wait_.attach(drivers_);
 }
 
-base::Error DaemonLink::no_daemon() const {
+base::Error DaemonLink::no_daemon() {
   return {"no bregmad answers on domain " + std::to_string(domain_) + ": " +
-          (snapshot_.other_wire.empty() ? "is it running?" : snapshot_.other_wire)};
+          (snapshot().other_wire.empty() ? "is it running?" : snapshot().other_wire)};
 }
 
-bool DaemonLink::speaks_our_wire() const {
-  return snapshot_.health && snapshot_.health->wire_generation == wire::kWireVersion.generation;
+bool DaemonLink::speaks_our_wire() {
+  return snapshot().health && snapshot().health->wire_generation == wire::kWireVersion.generation;
 }
 
-bool DaemonLink::take_all() {
-  std::size_t news = 0;
-  const auto take = [&news](auto &reader, auto &&visit) {
-    news += reader.take_each([&](const auto &sample, const dds::SampleInfo &) { visit(sample); });
-    (void)reader.status(); // clears the status: a change of liveliness would keep the wait set triggered
-  };
-  take(replies_, [&](const wire::CommandReply &reply) {
-    if (wire::view(reply.client) == client_) {
+bool DaemonLink::is_connected() const {
+  return !control_ || (control_->commands.matched_readers() > 0 && control_->replies.matched_writers() > 0);
+}
+
+// Nullptr for a sample whose writer has ended.
+template <class T> Daemons::Speaker *DaemonLink::speaker_of(const dds::Reader<T> &reader, std::uint64_t writer) {
+  auto found = participants_.find(writer);
+  if (found == participants_.end()) {
+    const auto participant = reader.participant_of(writer);
+    if (!participant) {
+      return nullptr;
+    }
+    if (participants_.size() >= kMaxWriters) {
+      participants_.clear();
+    }
+    found = participants_.emplace(writer, *participant).first;
+  }
+  return &daemons_.heard(found->second, now_.boot_ns);
+}
+
+// store(speaker, sample, ended) puts a sample into what its speaker said, or removes an instance that has ended.
+template <class T, class Store> std::size_t DaemonLink::take_state(dds::Reader<T> &reader, Store &&store) {
+  const std::size_t news = reader.take_each([&](const T &sample, const dds::SampleInfo &info) {
+    now_ = Now::read(); // after the sample was taken: it cannot have been published later
+    if (auto *speaker = speaker_of(reader, info.writer)) {
+      store(*speaker, sample, info.ended);
+    }
+  });
+  (void)reader.status(); // clears the status: a change of liveliness would keep the wait set triggered
+  return news;
+}
+
+namespace {
+
+template <class T> void store_one(std::optional<T> &place, const T &sample, bool ended) {
+  place = ended ? std::nullopt : std::optional(sample);
+}
+
+template <class Key, class Value> void store_in(std::map<Key, Value> &map, Key key, const Value &value, bool ended) {
+  if (ended) {
+    map.erase(key);
+  } else {
+    map[std::move(key)] = value;
+  }
+}
+
+} // namespace
+
+std::size_t DaemonLink::take_replies() {
+  if (!control_) {
+    return 0;
+  }
+  auto &replies = control_->replies;
+  const std::size_t news = replies.take_each([&](const wire::CommandReply &reply, const dds::SampleInfo &info) {
+    const auto participant = replies.participant_of(info.writer);
+    const bool others =
+        participant && daemons_.followed_participant() && participant != daemons_.followed_participant();
+    if (wire::view(reply.client) == client_ && !others) {
       arrived_replies_[reply.id] = reply;
     }
   });
-  take(registration_, [&](const auto &sample) { snapshot_.registration = sample; });
-  take(fiducials_, [&](const auto &sample) { snapshot_.fiducials = sample; });
-  take(accuracy_, [&](const auto &sample) { snapshot_.accuracy = sample; });
-  take(navigation_, [&](const auto &sample) { snapshot_.tools[wire::text(sample.tool)] = sample; });
-  take(deformation_, [&](const auto &sample) { snapshot_.deformation[wire::text(sample.point)] = sample; });
-  take(alarms_, [&](const auto &sample) {
-    snapshot_.alarms[{wire::text(sample.kind), wire::text(sample.subject)}] = sample;
+  (void)replies.status();
+  return news;
+}
+
+std::size_t DaemonLink::take_drivers() {
+  const std::size_t news = drivers_.take_each([&](const wire::DriverHealth &sample, const dds::SampleInfo &info) {
+    store_in(driver_health_, wire::text(sample.device), {sample, {now_.boot_ns, std::nullopt}}, info.ended);
   });
-  take(health_, [&](const auto &sample) { snapshot_.health = sample; });
-  take(drivers_, [&](const auto &sample) { snapshot_.drivers[wire::text(sample.device)] = sample; });
-  peers_.update();
-  snapshot_.other_wire = dds::other_wire_text(peers_.of_another_wire());
+  (void)drivers_.status();
+  return news;
+}
+
+bool DaemonLink::take_all() {
+  using Speaker = Daemons::Speaker;
+  now_ = Now::read();
+  std::size_t news = take_state(health_, [&](Speaker &speaker, const wire::SystemHealth &sample, bool) {
+    speaker.said.health = {sample, speaker.arrived(sample.boot_id, sample.published_boot_ns, sample.time_ns, now_)};
+  });
+  news += take_state(navigation_, [&](Speaker &speaker, const wire::NavigationState &sample, bool ended) {
+    const auto arrival = speaker.arrived(sample.boot_id, sample.published_boot_ns, sample.published_time_ns, now_);
+    store_in(speaker.said.tools, wire::text(sample.tool), {sample, arrival}, ended);
+  });
+  news += take_state(deformation_, [&](Speaker &speaker, const wire::DeformationState &sample, bool ended) {
+    store_in(speaker.said.deformation, wire::text(sample.point), {sample, {now_.boot_ns, std::nullopt}}, ended);
+  });
+  news += take_state(registration_, [](Speaker &speaker, const auto &sample, bool ended) {
+    store_one(speaker.said.registration, sample, ended);
+  });
+  news += take_state(fiducials_, [](Speaker &speaker, const auto &sample, bool ended) {
+    store_one(speaker.said.fiducials, sample, ended);
+  });
+  news += take_state(accuracy_, [](Speaker &speaker, const auto &sample, bool ended) {
+    store_one(speaker.said.accuracy, sample, ended);
+  });
+  news += take_state(alarms_, [](Speaker &speaker, const wire::Alarm &sample, bool ended) {
+    store_in(speaker.said.alarms, {wire::text(sample.kind), wire::text(sample.subject)}, sample, ended);
+  });
+  news += take_drivers();
+  news += take_replies();
+  if (now_.boot_ns >= next_peers_ns_) {
+    peers_.update();
+    next_peers_ns_ = now_.boot_ns + kPeersPeriod_ns;
+  }
+  choose();
   return news > 0;
+}
+
+void DaemonLink::choose() {
+  daemons_.choose(health_.status().writers_alive > 0, now_.boot_ns);
+  Snapshot &followed = daemons_.followed();
+  followed.drivers = driver_health_;
+  followed.other_wire = dds::other_wire_text(peers_.of_another_wire());
+  followed.other_daemons = others_text();
+}
+
+std::string DaemonLink::others_text() const {
+  std::string out;
+  for (const auto &participant : daemons_.others(now_.boot_ns)) {
+    const std::string program = peers_.program_of(participant);
+    out += (out.empty() ? "" : ", ") + (program.empty() ? "a program without a name" : program);
+  }
+  return out.empty() ? out : out + " also writes the topics of the daemon on this domain; the first one is shown";
 }
 
 bool DaemonLink::update(Duration timeout) {
@@ -94,13 +209,20 @@ bool DaemonLink::update(Duration timeout) {
   return take_all();
 }
 
+// From another host it takes a moment until a pose's age is known.
+bool DaemonLink::transits_known() {
+  const auto &tools = snapshot().tools;
+  return !tools.empty() && std::all_of(tools.begin(), tools.end(),
+                                       [](const auto &tool) { return tool.second.arrival.transit_ns.has_value(); });
+}
+
 void DaemonLink::settle(Duration timeout) {
   const auto end = Clock::now() + timeout;
   const auto missing = [](const auto &reader, bool arrived) { return reader.matched_writers() > 0 && !arrived; };
   while (Clock::now() < end &&
-         (missing(registration_, snapshot_.registration.has_value()) ||
-          missing(accuracy_, snapshot_.accuracy.has_value()) || missing(navigation_, !snapshot_.tools.empty()) ||
-          missing(health_, snapshot_.health.has_value()))) {
+         (missing(registration_, snapshot().registration.has_value()) ||
+          missing(accuracy_, snapshot().accuracy.has_value()) || missing(navigation_, transits_known()) ||
+          missing(health_, snapshot().health.has_value()))) {
     (void)update(20ms);
   }
   // The other instances of a topic follow its first one.
@@ -110,23 +232,11 @@ void DaemonLink::settle(Duration timeout) {
   }
 }
 
-std::optional<DaemonLink::Duration> DaemonLink::silence(std::int64_t now_ns) const {
-  if (!snapshot_.health) {
-    return std::nullopt;
-  }
-  return Duration(now_ns - snapshot_.health->time_ns);
-}
-
-bool DaemonLink::alive(std::int64_t now_ns) const {
-  const auto quiet = silence(now_ns);
-  return quiet && *quiet < kDaemonSilent;
-}
-
 Result<void> DaemonLink::wait_for_daemon(Duration timeout) {
   const auto end = Clock::now() + timeout;
   for (;;) {
     (void)update(10ms);
-    const bool there = alive(utc_now_ns()) && commands_.matched_readers() > 0 && replies_.matched_writers() > 0;
+    const bool there = alive(snapshot(), Now::read().boot_ns) && is_connected();
     if (there && !speaks_our_wire()) {
       return tl::unexpected(no_daemon());
     }
@@ -134,10 +244,10 @@ Result<void> DaemonLink::wait_for_daemon(Duration timeout) {
       return {};
     }
     if (Clock::now() >= end) {
-      if (const auto quiet = silence(utc_now_ns()); quiet && health_.matched_writers() > 0) {
+      if (const auto quiet = silence_ns(snapshot(), Now::read().boot_ns); quiet && health_.matched_writers() > 0) {
         return failure("bregmad on domain " + std::to_string(domain_) +
                        " does not respond: its last message was sent " +
-                       seconds_text(std::chrono::duration_cast<std::chrono::seconds>(*quiet)) + " ago");
+                       seconds_text(std::chrono::duration_cast<std::chrono::seconds>(Duration(*quiet))) + " ago");
       }
       return tl::unexpected(no_daemon());
     }
@@ -150,8 +260,8 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
   }
   (void)wire::set_name(command.client, client_); // it was made to fit
   command.id = next_id_++;
-  command.sent_time_ns = utc_now_ns();
-  if (!commands_.write(command)) {
+  command.sent_time_ns = Now::read().utc_ns;
+  if (!control_->commands.write(command)) {
     return failure("the command could not be sent on domain " + std::to_string(domain_));
   }
   const auto end = Clock::now() + timeout;

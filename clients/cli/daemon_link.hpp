@@ -11,9 +11,9 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <utility>
 
 #include "base/result.hpp"
+#include "clients/cli/daemons.hpp"
 #include "idl/commands.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
@@ -21,59 +21,55 @@
 
 namespace bregma::cli {
 
-// The latest values published by the daemon. Empty if none has arrived.
-struct Snapshot {
-  std::optional<wire::SystemHealth> health;
-  std::optional<wire::RegistrationState> registration;
-  std::optional<wire::FiducialReport> fiducials;
-  std::optional<wire::AccuracyState> accuracy;
-  std::map<std::string, wire::NavigationState> tools;                // by tool
-  std::map<std::string, wire::DeformationState> deformation;         // by point
-  std::map<std::string, wire::DriverHealth> drivers;                 // per device
-  std::map<std::pair<std::string, std::string>, wire::Alarm> alarms; // by kind and subject
-  std::string other_wire; // participants with another wire generation, as a text; empty if there are none
-};
-
-// Health is broadcast twice per second by default. After this time without it the daemon has stopped or does not
-// respond, and none of its values may be shown as current.
-inline constexpr std::chrono::nanoseconds kDaemonSilent = std::chrono::seconds(2);
-
 class DaemonLink {
 public:
   using Duration = std::chrono::nanoseconds;
 
-  explicit DaemonLink(std::uint32_t domain);
+  // A client that only reads creates no writer.
+  enum class Role { kReads, kCommands };
+  DaemonLink(std::uint32_t domain, Role role);
 
-  // Waits until a daemon is present and connected in both directions. The error for a daemon of another release names
-  // both wire versions.
+  // Waits until a daemon is present and, for commands, connected in both directions. The error for a daemon of another
+  // release names both wire versions.
   [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout = std::chrono::seconds(3));
 
   // Waits for the daemon if necessary, sends, and waits for the reply to this command. A refusal is a reply (see result
-  // and text), not an error.
+  // and text), not an error. Precondition: the role is kCommands.
   [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command,
                                                       Duration timeout = std::chrono::seconds(5));
 
-  // Reads received samples; waits up to timeout if there are none. True if there were new ones.
+  // Reads received samples; waits up to timeout if there are none. True if there were new ones. The time of a sample's
+  // arrival is that of this call: a program that shows poses calls it at least every few milliseconds.
   bool update(Duration timeout);
 
   // Waits until the state is complete after joining: every topic with a writer has delivered a sample, or the time has
   // elapsed.
   void settle(Duration timeout = std::chrono::milliseconds(600));
 
-  [[nodiscard]] const Snapshot &snapshot() const { return snapshot_; }
-
-  // Time since the daemon's last sign of life, on this host's clock; empty before the first.
-  [[nodiscard]] std::optional<Duration> silence(std::int64_t now_ns) const;
-  // False also if there has never been a daemon.
-  [[nodiscard]] bool alive(std::int64_t now_ns) const;
+  // Of the daemon that is followed: the first that was heard, until it is lost.
+  [[nodiscard]] const Snapshot &snapshot() { return daemons_.followed(); }
 
   [[nodiscard]] std::uint32_t domain() const { return domain_; }
   [[nodiscard]] const std::string &client() const { return client_; } // unique to this object
 
 private:
-  [[nodiscard]] base::Error no_daemon() const;
-  [[nodiscard]] bool speaks_our_wire() const;
+  struct Control {
+    explicit Control(const dds::Participant &participant) : commands(participant), replies(participant) {}
+    dds::Writer<wire::Command> commands;
+    dds::Reader<wire::CommandReply> replies;
+  };
+
+  [[nodiscard]] base::Error no_daemon();
+  [[nodiscard]] bool speaks_our_wire();
+  [[nodiscard]] bool is_connected() const;
+  [[nodiscard]] bool transits_known();
   bool take_all();
+  template <class T> Daemons::Speaker *speaker_of(const dds::Reader<T> &reader, std::uint64_t writer);
+  template <class T, class Store> std::size_t take_state(dds::Reader<T> &reader, Store &&store);
+  std::size_t take_replies();
+  std::size_t take_drivers();
+  void choose();
+  [[nodiscard]] std::string others_text() const;
 
   std::uint32_t domain_;
   std::string client_;
@@ -81,8 +77,7 @@ private:
   dds::Participant participant_;
   // In this order: endpoints are announced in the order of their creation. A daemon whose health has arrived therefore
   // knows both ends of the control path.
-  dds::Writer<wire::Command> commands_;
-  dds::Reader<wire::CommandReply> replies_;
+  std::optional<Control> control_;
   dds::Reader<wire::RegistrationState> registration_;
   dds::Reader<wire::FiducialReport> fiducials_;
   dds::Reader<wire::AccuracyState> accuracy_;
@@ -92,16 +87,17 @@ private:
   dds::Reader<wire::SystemHealth> health_;
   dds::Reader<wire::DriverHealth> drivers_;
   dds::Peers peers_;
+  std::int64_t next_peers_ns_ = 0; // when they are updated next
   dds::WaitSet wait_;
+  Now now_; // of the current take
+  Daemons daemons_;
+  std::map<std::uint64_t, dds::Guid> participants_; // of the writers that were heard
+  std::map<std::string, Received<wire::DriverHealth>> driver_health_;
   std::map<std::uint64_t, wire::CommandReply> arrived_replies_;
-  Snapshot snapshot_;
 };
 
 // A command of the table (idl/commands.hpp) from its values. An invalid value is an error that names it.
 [[nodiscard]] base::Result<wire::Command> make_command(wire::CommandKind kind,
                                                        std::initializer_list<std::string_view> values = {});
-
-// Host clock, ns since the Unix epoch (UTC).
-[[nodiscard]] std::int64_t utc_now_ns();
 
 } // namespace bregma::cli

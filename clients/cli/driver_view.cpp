@@ -9,19 +9,19 @@ namespace {
 
 constexpr std::int64_t kSilent_ns = 2'500'000'000; // a driver speaks once per second
 
-std::string state_of(const wire::DriverHealth &driver, std::int64_t now_ns) {
-  const bool silent = driver.state != bregma_wire_DRIVER_STOPPED && now_ns - driver.time_ns > kSilent_ns;
+std::string state_of(const Received<wire::DriverHealth> &driver, const Now &now) {
+  const bool silent = driver.state != bregma_wire_DRIVER_STOPPED && now.boot_ns - driver.arrival.boot_ns > kSilent_ns;
   return silent ? "silent" : std::string(driver_state_label(driver.state));
 }
 
 } // namespace
 
-std::string drivers_text(const Drivers &drivers, std::int64_t now_ns) {
+std::string drivers_text(const Drivers &drivers, const Now &now) {
   Table table({"Driver", "State", "Published", "Refused", "Out of step", "Unreadable", "Clock ms", "Drift ppm",
                "Connects", "Failures"});
   std::string failures;
   for (const auto &[device, driver] : drivers) {
-    table.row({printable(device), state_of(driver, now_ns), std::to_string(driver.published),
+    table.row({printable(device), state_of(driver, now), std::to_string(driver.published),
                std::to_string(driver.refused), std::to_string(driver.out_of_step), std::to_string(driver.skipped),
                fixed(driver.clock_offset_ms, 3), fixed(driver.clock_drift_ppm, 1), std::to_string(driver.connections),
                std::to_string(driver.failures)});
@@ -32,11 +32,11 @@ std::string drivers_text(const Drivers &drivers, std::int64_t now_ns) {
   return table.empty() ? "" : table.text() + failures;
 }
 
-nlohmann::json drivers_json(const Drivers &drivers, std::int64_t now_ns) {
+nlohmann::json drivers_json(const Drivers &drivers, const Now &now) {
   auto out = nlohmann::json::array();
   for (const auto &[device, driver] : drivers) {
     out.push_back({{"device", device},
-                   {"state", state_of(driver, now_ns)},
+                   {"state", state_of(driver, now)},
                    {"published", driver.published},
                    {"refused", driver.refused},
                    {"out_of_step", driver.out_of_step},

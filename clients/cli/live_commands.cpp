@@ -9,10 +9,12 @@
 #include "casefile/case.hpp"
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/commands.hpp"
+#include "clients/cli/daemon_link.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/watch_command.hpp"
+#include "idl/names.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -20,23 +22,23 @@ namespace {
 using nlohmann::json;
 
 int status(const Context &context) {
-  DaemonLink link(context.domain);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads);
   const auto there = link.wait_for_daemon();
   if (!there && !link.snapshot().health) {
     return fail(there.error());
   }
   link.settle();
-  const std::int64_t now_ns = utc_now_ns();
+  const Now now = Now::read();
   if (context.json) {
-    print_json(status_json(link.snapshot(), context.domain, now_ns));
+    print_json(status_json(link.snapshot(), context.domain, now));
   } else {
-    print(status_text(link.snapshot(), context.domain, now_ns));
+    print(status_text(link.snapshot(), context.domain, now));
   }
-  return link.alive(now_ns) ? kOk : kBadInput;
+  return alive(link.snapshot(), now.boot_ns) ? kOk : kBadInput;
 }
 
 int list_alarms(const Context &context) {
-  DaemonLink link(context.domain);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
@@ -51,7 +53,7 @@ int list_alarms(const Context &context) {
     return kOk;
   }
   for (const auto &alarm : alarms) {
-    print(alarm_line(alarm, utc_now_ns()) + "\n");
+    print(alarm_line(alarm, daemon_now_ns(link.snapshot(), Now::read().boot_ns)) + "\n");
   }
   if (alarms.empty()) {
     print("no alarms\n");
@@ -72,7 +74,7 @@ const wire::TargetAccuracy *accuracy_of(const Snapshot &snapshot, const std::str
 }
 
 int list_targets(const Context &context) {
-  DaemonLink link(context.domain);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }

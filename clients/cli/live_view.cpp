@@ -2,24 +2,29 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 #include "algorithms/geometry/angles.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/prediction_view.hpp"
 #include "clients/cli/wire_labels.hpp"
+#include "idl/names.hpp"
 
 namespace bregma::cli {
 namespace {
 
-double seconds_between(std::int64_t from_ns, std::int64_t to_ns) { return static_cast<double>(to_ns - from_ns) * 1e-9; }
+double seconds(std::int64_t duration_ns) { return static_cast<double>(duration_ns) * 1e-9; }
+
+// A smaller difference of the clocks is not worth a line: times of the daemon are shown relative to its own clock.
+constexpr std::int64_t kClocksDiffer_ns = 1'000'000'000;
 
 template <class Visit>
-void each_tool(const Snapshot &snapshot, std::string_view wanted, std::int64_t now_ns, Visit &&visit) {
-  const DaemonView daemon = view_daemon(snapshot, now_ns);
+void each_tool(const Snapshot &snapshot, std::string_view wanted, const Now &now, Visit &&visit) {
+  const DaemonView daemon = view_daemon(snapshot, now);
   for (const auto &[name, state] : snapshot.tools) {
     if (wanted.empty() || name == wanted) {
-      visit(view_tool(state, daemon, now_ns));
+      visit(view_tool(state, daemon, now));
     }
   }
 }
@@ -47,14 +52,15 @@ std::string consistency_text(const Snapshot &snapshot) {
 
 } // namespace
 
-DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns) {
+DaemonView view_daemon(const Snapshot &snapshot, const Now &now) {
   DaemonView out;
   if (!snapshot.health) {
     out.text = "no daemon";
     return out;
   }
-  out.silent_s = seconds_between(snapshot.health->time_ns, now_ns);
-  if (now_ns - snapshot.health->time_ns >= kDaemonSilent.count()) {
+  out.now_ns = daemon_now_ns(snapshot, now.boot_ns);
+  out.silent_s = seconds(*silence_ns(snapshot, now.boot_ns));
+  if (!alive(snapshot, now.boot_ns)) {
     out.presence = Presence::kSilent;
     out.text = "SILENT for " + duration_text(out.silent_s);
     return out;
@@ -64,35 +70,50 @@ DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns) {
   return out;
 }
 
-std::string stale_text(const DaemonView &daemon, std::int64_t published_ns, std::int64_t now_ns) {
+std::string stale_text(const DaemonView &daemon, std::int64_t since_published_ns) {
   if (daemon.presence != Presence::kAlive) {
     return "daemon silent";
   }
-  const std::int64_t silent_ns = now_ns - published_ns;
-  return silent_ns < kToolSilent_ns ? std::string()
-                                    : "no data for " + duration_text(static_cast<double>(silent_ns) * 1e-9);
+  return since_published_ns < kStateSilent_ns ? std::string()
+                                              : "no data for " + duration_text(seconds(since_published_ns));
 }
 
-ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns) {
+ToolView view_tool(const Received<wire::NavigationState> &state, const DaemonView &daemon, const Now &now) {
   ToolView out;
   out.tool = printable(wire::view(state.tool));
   out.trajectory = printable(wire::view(state.trajectory));
-  if (state.acquired_time_ns > 0) {
-    out.age_ms = seconds_between(state.acquired_time_ns, now_ns) * 1e3;
+  out.frame = state.frame;
+  const auto age_ns = wire::age_ns(state, state.arrival, now.boot_ns);
+  if (age_ns) {
+    out.age_ms = static_cast<double>(*age_ns) * 1e-6;
+    out.age_sigma_ms = state.age_sigma_ns > 0 ? static_cast<double>(state.age_sigma_ns) * 1e-6 : geometry::kUnknown;
   }
-  out.status = stale_text(daemon, state.published_time_ns, now_ns);
+  const auto since_ns = wire::since_published_ns(state.arrival, now.boot_ns);
+  out.status = stale_text(daemon, since_ns.value_or(now.boot_ns - state.arrival.boot_ns));
   if (!out.status.empty()) {
     return out;
   }
-  out.status = pose_label(state.status);
-  out.fresh = state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
-  if (!out.fresh) {
+  const bool claims = state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
+  const bool usable = wire::has_pose(state);
+  out.status = claims && !usable ? "not usable" : pose_label(state.status);
+  if (state.plausibility != bregma_wire_PLAUSIBILITY_UNKNOWN && state.plausibility != bregma_wire_PLAUSIBILITY_GOOD) {
+    out.status += " (" + std::string(plausibility_label(state.plausibility_reason)) + ")";
+  }
+  if (!usable) {
     return out;
   }
+  const std::int64_t remaining_ns = wire::remaining_ns(state, state.arrival, now.boot_ns);
+  if (remaining_ns <= 0) {
+    out.status = age_ns ? "too old" : "age not known";
+    return out;
+  }
+  out.fresh = true;
+  out.remaining_ms = static_cast<double>(remaining_ns) * 1e-6;
+  const wire::TipError error = wire::tip_error(state, *since_ns);
   std::copy_n(state.T_image_tip.translation_mm, 3, out.tip_mm);
   out.speed_mm_s = std::hypot(state.velocity_mm_s[0], state.velocity_mm_s[1], state.velocity_mm_s[2]);
-  out.tre_rms_mm = state.tre_rms_mm;
-  out.tre_95_mm = state.tre_95.semi_axes_mm[0];
+  out.tre_rms_mm = error.rms_mm;
+  out.tre_95_mm = error.region_95.semi_axes_mm[0];
   if (!out.trajectory.empty()) {
     out.distance_to_target_mm = state.distance_to_target_mm;
     out.distance_to_predicted_mm = state.distance_to_predicted_target_mm;
@@ -118,18 +139,35 @@ std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot) {
   return out;
 }
 
-std::string alarm_line(const wire::Alarm &alarm, std::int64_t now_ns) {
+std::string alarm_line(const wire::Alarm &alarm, std::optional<std::int64_t> daemon_now_ns) {
   std::string out = std::string(severity_label(alarm.severity)) + ": " + printable(wire::view(alarm.kind));
   if (!wire::view(alarm.subject).empty()) {
     out += " " + printable(wire::view(alarm.subject));
   }
-  out += " (" + std::string(alarm_label(alarm.state)) + ", raised " +
-         duration_text(seconds_between(alarm.raised_time_ns, now_ns)) + " ago";
+  out += " (" + std::string(alarm_label(alarm.state));
+  if (daemon_now_ns) {
+    out += ", raised " + duration_text(seconds(*daemon_now_ns - alarm.raised_time_ns)) + " ago";
+  }
   if (alarm.count > 1) {
     out += ", " + std::to_string(alarm.count) + " times";
   }
   out += ")";
   return *alarm.text == '\0' ? out : out + ": " + printable(alarm.text);
+}
+
+std::string connection_text(const Snapshot &snapshot) {
+  std::string out;
+  if (!snapshot.other_daemons.empty()) {
+    out += "WARNING: " + snapshot.other_daemons + "\n";
+  }
+  if (snapshot.changes > 0) {
+    out += "The daemon shown first was lost; this is another one\n";
+  }
+  if (const auto difference = snapshot.clock_difference_ns; difference && std::abs(*difference) >= kClocksDiffer_ns) {
+    out += "Clock: this host's is " + duration_text(std::abs(seconds(*difference))) +
+           (*difference > 0 ? " ahead of" : " behind") + " the daemon's; ages do not depend on it\n";
+  }
+  return out;
 }
 
 nlohmann::json alarm_json(const wire::Alarm &alarm) {
@@ -143,10 +181,10 @@ nlohmann::json alarm_json(const wire::Alarm &alarm) {
           {"text", alarm.text}};
 }
 
-std::string tools_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
+std::string tools_table(const Snapshot &snapshot, std::string_view tool, const Now &now) {
   Table table({"Tool", "Status", "Tip R A S mm", "Age ms", "TRE 95 % mm", "To target mm", "To predicted mm",
                "Lateral mm", "Angle deg", "Depth left mm", "Nearest structure mm"});
-  each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {
+  each_tool(snapshot, tool, now, [&](const ToolView &view) {
     table.row({view.tool, view.status, tip_text(view), fixed(view.age_ms, 1), fixed(view.tre_95_mm, 2),
                fixed(view.distance_to_target_mm, 1), fixed(view.distance_to_predicted_mm, 1), fixed(view.lateral_mm, 2),
                fixed(view.angle_deg, 1), fixed(view.remaining_depth_mm, 1), nearest_text(view)});
@@ -157,27 +195,29 @@ std::string tools_table(const Snapshot &snapshot, std::string_view tool, std::in
   return table.text();
 }
 
-std::string watch_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
-  std::string out = "Session " + view_daemon(snapshot, now_ns).text + ", " + consistency_text(snapshot) + "\n\n";
-  out += tools_table(snapshot, tool, now_ns);
-  const DaemonView daemon = view_daemon(snapshot, now_ns);
+std::string watch_table(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+  std::string out = "Session " + view_daemon(snapshot, now).text + ", " + consistency_text(snapshot) + "\n\n";
+  out += tools_table(snapshot, tool, now);
+  const DaemonView daemon = view_daemon(snapshot, now);
   for (const auto &[point, state] : snapshot.deformation) {
-    const PredictionView view = view_prediction(state, daemon, now_ns);
+    const PredictionView view = view_prediction(state, daemon, now);
     out += view.fresh && state.phase != bregma_wire_PROBE_OUTSIDE ? "\nTissue  " + prediction_line(view) : "";
   }
   out += out.ends_with("\n") ? "" : "\n";
   out += snapshot.other_wire.empty() ? "" : "\nWire: " + snapshot.other_wire + "\n";
+  const std::string connection = connection_text(snapshot);
+  out += connection.empty() ? "" : "\n" + connection;
   const auto alarms = standing_alarms(snapshot);
   out += alarms.empty() ? "\nAlarms: none\n" : "\nAlarms:\n";
   for (const auto &alarm : alarms) {
-    out += "  " + alarm_line(alarm, now_ns) + "\n";
+    out += "  " + alarm_line(alarm, daemon_now_ns(snapshot, now.boot_ns)) + "\n";
   }
   return out;
 }
 
-std::string watch_line(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
-  std::string out = view_daemon(snapshot, now_ns).text;
-  each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {
+std::string watch_line(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+  std::string out = view_daemon(snapshot, now).text;
+  each_tool(snapshot, tool, now, [&](const ToolView &view) {
     out += " | " + view.tool + " " + view.status;
     if (view.fresh) {
       out += ", tip " + tip_text(view) + ", TRE 95 % " + fixed(view.tre_95_mm, 2, "mm");
@@ -191,27 +231,36 @@ std::string watch_line(const Snapshot &snapshot, std::string_view tool, std::int
     }
   });
   for (const auto &alarm : standing_alarms(snapshot)) {
-    out += " | " + alarm_line(alarm, now_ns);
+    out += " | " + alarm_line(alarm, daemon_now_ns(snapshot, now.boot_ns));
   }
+  out += snapshot.other_daemons.empty() ? "" : " | WARNING: " + snapshot.other_daemons;
   return snapshot.other_wire.empty() ? out : out + " | wire: " + snapshot.other_wire;
 }
 
-nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns) {
-  const DaemonView daemon = view_daemon(snapshot, now_ns);
+nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+  const DaemonView daemon = view_daemon(snapshot, now);
   const bool alive = daemon.presence == Presence::kAlive;
-  nlohmann::json out{{"time_ns", now_ns},
+  const auto &difference = snapshot.clock_difference_ns;
+  nlohmann::json out{{"time_ns", now.utc_ns},
+                     {"boot_time_ns", now.boot_ns},
+                     {"clock_difference_s", difference ? json_number(seconds(*difference)) : nlohmann::json()},
                      {"daemon_alive", alive},
                      {"silent_s", json_number(daemon.silent_s)},
                      {"session", alive ? nlohmann::json(daemon.text) : nlohmann::json()},
+                     {"other_daemons", snapshot.other_daemons},
+                     {"daemon_changes", snapshot.changes},
                      {"other_wire", snapshot.other_wire},
                      {"tools", nlohmann::json::array()},
                      {"alarms", nlohmann::json::array()}};
-  each_tool(snapshot, tool, now_ns, [&](const ToolView &view) {
+  each_tool(snapshot, tool, now, [&](const ToolView &view) {
     out["tools"].push_back(
         {{"tool", view.tool},
          {"status", view.status},
          {"fresh", view.fresh},
+         {"frame", view.frame},
          {"age_ms", json_number(view.age_ms)},
+         {"age_sigma_ms", json_number(view.age_sigma_ms)},
+         {"remaining_ms", json_number(view.remaining_ms)},
          {"tip_mm", {json_number(view.tip_mm[0]), json_number(view.tip_mm[1]), json_number(view.tip_mm[2])}},
          {"speed_mm_s", json_number(view.speed_mm_s)},
          {"tre_rms_mm", json_number(view.tre_rms_mm)},

@@ -3,19 +3,20 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
 #include "algorithms/geometry/unknown.hpp"
-#include "clients/cli/daemon_link.hpp"
+#include "clients/cli/snapshot.hpp"
 
 namespace bregma::cli {
 
-// The navigation loop publishes each tool tens of times per second, even without frames. After this time without a
-// sample the last one is no longer current.
-inline constexpr std::int64_t kToolSilent_ns = 500'000'000;
+// After this time without a new state, a tool's or a prediction's status is no longer current either. Poses end
+// earlier, by the rule for live poses (idl/validity.hpp).
+inline constexpr std::int64_t kStateSilent_ns = 500'000'000;
 
 enum class Presence { kNever, kSilent, kAlive };
 
@@ -23,18 +24,23 @@ struct DaemonView {
   Presence presence = Presence::kNever;
   double silent_s = geometry::kUnknown; // since it last spoke
   std::string text;                     // "navigating"; "no daemon"; "SILENT for 12.3 s"
+  std::optional<std::int64_t> now_ns;   // present time on its clock
 };
-[[nodiscard]] DaemonView view_daemon(const Snapshot &snapshot, std::int64_t now_ns);
+[[nodiscard]] DaemonView view_daemon(const Snapshot &snapshot, const Now &now);
 
-// The reason why a sample published at this time is no longer current; empty if it is current.
-[[nodiscard]] std::string stale_text(const DaemonView &daemon, std::int64_t published_ns, std::int64_t now_ns);
+// The reason why a sample of this age is no longer current; empty if it is current.
+[[nodiscard]] std::string stale_text(const DaemonView &daemon, std::int64_t since_published_ns);
 
-// Values are NaN unless the pose is live (or "unverified", for a check touch) and the sample is current.
+// Values are NaN unless the pose may be shown now: it is live (or "unverified", for a check touch), and its time is not
+// over. The errors are those of now and not those of the publication.
 struct ToolView {
   std::string tool;
   std::string status;
-  bool fresh = false;                                                              // the values are current
-  double age_ms = geometry::kUnknown;                                              // since exposure, as of now
+  std::uint64_t frame = 0;                  // of the source
+  bool fresh = false;                       // the values are current
+  double age_ms = geometry::kUnknown;       // since exposure, as of now
+  double age_sigma_ms = geometry::kUnknown; // of the age at publication
+  double remaining_ms = 0.0;                // the pose may be shown for this time
   double tip_mm[3] = {geometry::kUnknown, geometry::kUnknown, geometry::kUnknown}; // in Image (RAS)
   double speed_mm_s = geometry::kUnknown;
   double tre_rms_mm = geometry::kUnknown; // predicted, at the tip
@@ -48,22 +54,26 @@ struct ToolView {
   std::string nearest_structure;
   double nearest_mm = geometry::kUnknown;
 };
-[[nodiscard]] ToolView view_tool(const wire::NavigationState &state, const DaemonView &daemon, std::int64_t now_ns);
+[[nodiscard]] ToolView view_tool(const Received<wire::NavigationState> &state, const DaemonView &daemon,
+                                 const Now &now);
 
 // Alarms that are not cleared, the most severe first.
 [[nodiscard]] std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot);
 
 // `bregma status`: the whole state as text and as JSON. NaN is null in JSON.
-[[nodiscard]] std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns);
-[[nodiscard]] nlohmann::json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns);
+[[nodiscard]] std::string status_text(const Snapshot &snapshot, std::uint32_t domain, const Now &now);
+[[nodiscard]] nlohmann::json status_json(const Snapshot &snapshot, std::uint32_t domain, const Now &now);
 
 // `bregma watch`: a table that fits on a screen, one line, or one object. An empty tool shows all.
-[[nodiscard]] std::string tools_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
-[[nodiscard]] std::string watch_table(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
-[[nodiscard]] std::string watch_line(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
-[[nodiscard]] nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, std::int64_t now_ns);
+[[nodiscard]] std::string tools_table(const Snapshot &snapshot, std::string_view tool, const Now &now);
+[[nodiscard]] std::string watch_table(const Snapshot &snapshot, std::string_view tool, const Now &now);
+[[nodiscard]] std::string watch_line(const Snapshot &snapshot, std::string_view tool, const Now &now);
+[[nodiscard]] nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, const Now &now);
 
 [[nodiscard]] nlohmann::json alarm_json(const wire::Alarm &alarm);
-[[nodiscard]] std::string alarm_line(const wire::Alarm &alarm, std::int64_t now_ns);
+// daemon_now_ns: present time on the daemon's clock, if known.
+[[nodiscard]] std::string alarm_line(const wire::Alarm &alarm, std::optional<std::int64_t> daemon_now_ns);
+// Warnings about the connection, each with a newline: other daemons, clocks that differ. Empty: none.
+[[nodiscard]] std::string connection_text(const Snapshot &snapshot);
 
 } // namespace bregma::cli

@@ -60,7 +60,9 @@ int run(int argc, char **argv) {
 
 int main(int argc, char **argv) {
   try {
-    return run(argc, argv);
+    const int code = run(argc, argv);
+    // Before main returns, so that nothing that ends later can cut the output.
+    return bregma::cli::flush_output() ? code : bregma::cli::fail("the output could not be written completely");
   } catch (const std::exception &error) {
     return bregma::cli::fail(error.what());
   }

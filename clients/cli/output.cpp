@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "clients/cli/commands.hpp"
+#include "clients/cli/plain_text.hpp"
 
 namespace bregma::cli {
 
@@ -99,14 +100,32 @@ nlohmann::json json_matrix(const Eigen::MatrixXd &m) {
 
 void print(std::string_view text) { std::fwrite(text.data(), 1, text.size(), stdout); }
 
-void print_json(const nlohmann::json &json) {
+std::string json_text(const nlohmann::json &json, int indent) {
   // Names come from files and from DDS, and may not be valid UTF-8.
-  print(json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
+  const std::string text = json.dump(indent, ' ', false, nlohmann::json::error_handler_t::replace);
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto byte = [&](std::size_t at) { return at < text.size() ? static_cast<unsigned char>(text[at]) : 0U; };
+    char escaped[8];
+    if (byte(i) == 0x7FU) {
+      out += "\\u007f";
+    } else if (byte(i) == 0xC2U && byte(i + 1) >= 0x80U && byte(i + 1) < 0xA0U) { // C1 control characters
+      std::snprintf(escaped, sizeof escaped, "\\u%04x", byte(++i));
+      out += escaped;
+    } else {
+      out += text[i];
+    }
+  }
+  return out;
 }
+
+void print_json(const nlohmann::json &json) { print(json_text(json, 2) + "\n"); }
+
+bool flush_output() { return std::fflush(stdout) == 0 && std::ferror(stdout) == 0; }
 
 int fail(std::string_view message) {
   std::fflush(stdout);
-  const std::string line = "bregma: " + std::string(message) + "\n";
+  const std::string line = "bregma: " + printable(message) + "\n";
   std::fwrite(line.data(), 1, line.size(), stderr);
   return kBadInput;
 }

@@ -36,10 +36,15 @@ private:
 [[nodiscard]] nlohmann::json json_vector(const Eigen::Vector3d &v);
 [[nodiscard]] nlohmann::json json_matrix(const Eigen::MatrixXd &m); // array of rows
 
+// Valid UTF-8 without control characters except the newlines of the indentation: every reader and terminal can take it.
+[[nodiscard]] std::string json_text(const nlohmann::json &json, int indent = -1);
+
 void print(std::string_view text);           // as it is
 void print_json(const nlohmann::json &json); // indented, with a newline
 // "bregma: <message>" on standard error, and kBadInput.
 int fail(const base::Error &error);
 int fail(std::string_view message);
+// Writes what is still buffered. False if standard output did not take everything, then or before.
+[[nodiscard]] bool flush_output();
 
 } // namespace bregma::cli

@@ -6,6 +6,24 @@
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
+namespace {
+
+// Bytes of the first character of UTF-8; 0 if it is not valid.
+std::size_t character_length(std::string_view text) {
+  const auto first = static_cast<unsigned char>(text[0]);
+  const std::size_t length = first < 0x80U   ? 1
+                             : first < 0xC2U ? 0
+                             : first < 0xE0U ? 2
+                             : first < 0xF0U ? 3
+                             : first < 0xF5U ? 4
+                                             : 0;
+  const auto continues = [](char c) { return (static_cast<unsigned char>(c) & 0xC0U) == 0x80U; };
+  const bool whole = length > 0 && text.size() >= length &&
+                     std::all_of(text.begin() + 1, text.begin() + static_cast<std::ptrdiff_t>(length), continues);
+  return whole ? length : 0;
+}
+
+} // namespace
 
 std::string duration_text(double seconds) {
   if (!std::isfinite(seconds)) {
@@ -25,9 +43,16 @@ std::string duration_text(double seconds) {
 }
 
 std::string printable(std::string_view text) {
-  std::string out(text);
-  std::replace_if(
-      out.begin(), out.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20U || c == 0x7F; }, '?');
+  // A control character of ASCII, or one of C1 in UTF-8.
+  std::string out;
+  for (std::size_t i = 0; i < text.size();) {
+    const std::size_t length = character_length(text.substr(i));
+    const auto first = static_cast<unsigned char>(text[i]);
+    const bool control = first < 0x20U || first == 0x7FU ||
+                         (length == 2 && first == 0xC2U && static_cast<unsigned char>(text[i + 1]) < 0xA0U);
+    out += length == 0 || control ? std::string_view("?") : text.substr(i, length);
+    i += std::max<std::size_t>(length, 1);
+  }
   return out;
 }
 

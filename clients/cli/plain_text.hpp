@@ -9,7 +9,8 @@ namespace bregma::cli {
 // "850 ms", "12.3 s", "5 min 2 s", "3 h 20 min"; "-" if unknown.
 [[nodiscard]] std::string duration_text(double seconds);
 
-// Replaces control characters in names and texts from the wire or a file by "?": they must not control a terminal.
+// Replaces control characters and invalid UTF-8 in names and texts from the wire or a file by "?": they must not
+// control a terminal.
 [[nodiscard]] std::string printable(std::string_view text);
 
 } // namespace bregma::cli

@@ -7,15 +7,20 @@
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/wire_labels.hpp"
+#include "idl/names.hpp"
 
 namespace bregma::cli {
 
-PredictionView view_prediction(const wire::DeformationState &state, const DaemonView &daemon, std::int64_t now_ns) {
+PredictionView view_prediction(const Received<wire::DeformationState> &state, const DaemonView &daemon,
+                               const Now &now) {
   PredictionView out;
   out.point = printable(wire::view(state.point));
   out.kind = followed_label(state.kind);
   std::copy_n(state.imaged_mm, 3, out.imaged_mm);
-  out.status = stale_text(daemon, state.time_ns, now_ns);
+  // A sample that was received late is as old as it says.
+  const std::int64_t since_arrival_ns = now.boot_ns - state.arrival.boot_ns;
+  out.status =
+      stale_text(daemon, daemon.now_ns ? std::max(since_arrival_ns, *daemon.now_ns - state.time_ns) : since_arrival_ns);
   if (!out.status.empty()) {
     return out;
   }

@@ -57,7 +57,7 @@ std::string fiducials_text(const Snapshot &snapshot) {
 }
 
 int show_status(const Context &context) {
-  DaemonLink link(context.domain);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }

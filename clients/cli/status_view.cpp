@@ -11,6 +11,8 @@
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/prediction_view.hpp"
 #include "clients/cli/wire_labels.hpp"
+#include "idl/names.hpp"
+#include "idl/version.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -30,8 +32,8 @@ std::span<const wire::TargetAccuracy> targets(const wire::AccuracyState &accurac
 }
 
 // Adds the time since the daemon stated the age.
-double age_ms(const wire::DeviceHealth &device, const wire::SystemHealth &health, std::int64_t now_ns) {
-  return device.age_ms + static_cast<double>(now_ns - health.time_ns) * 1e-6;
+double age_ms(const wire::DeviceHealth &device, const DaemonView &daemon) {
+  return device.age_ms + daemon.silent_s * 1e3;
 }
 
 std::uint64_t rejected(const wire::DeviceHealth &device) {
@@ -97,14 +99,14 @@ std::string accuracy_text(const Snapshot &snapshot) {
   return out;
 }
 
-std::string devices_text(const wire::SystemHealth &health, std::int64_t now_ns) {
+std::string devices_text(const wire::SystemHealth &health, const DaemonView &daemon) {
   Table table({"Device", "Kind", "Status", "Rate Hz", "Age ms", "Latency p50 ms", "p99 ms", "Taken", "Rejected", "Lost",
                "Late", "Clock ms", "Drift ppm", "Connects"});
   std::string reasons;
   for (const auto &device : devices(health)) {
     const std::string name = printable(wire::view(device.device));
     table.row({name, std::string(device_kind_label(device.kind)), std::string(device_status_label(device.status)),
-               fixed(device.rate_hz, 1), fixed(age_ms(device, health, now_ns), 1), fixed(device.latency_p50_ms, 2),
+               fixed(device.rate_hz, 1), fixed(age_ms(device, daemon), 1), fixed(device.latency_p50_ms, 2),
                fixed(device.latency_p99_ms, 2), std::to_string(device.taken), std::to_string(rejected(device)),
                std::to_string(device.lost), std::to_string(device.late), fixed(device.clock_offset_ms, 3),
                fixed(device.clock_drift_ppm, 1), std::to_string(device.connections)});
@@ -160,7 +162,7 @@ json accuracy_json(const wire::AccuracyState &accuracy) {
   return out;
 }
 
-json device_json(const wire::DeviceHealth &device, const wire::SystemHealth &health, std::int64_t now_ns) {
+json device_json(const wire::DeviceHealth &device, const DaemonView &daemon) {
   json by_reason = json::object();
   for (std::size_t i = 0; i < std::size(device.rejected); ++i) {
     const std::string reason(reject_label(static_cast<wire::RejectReason>(i)));
@@ -172,7 +174,7 @@ json device_json(const wire::DeviceHealth &device, const wire::SystemHealth &hea
           {"kind", device_kind_label(device.kind)},
           {"status", device_status_label(device.status)},
           {"rate_hz", json_number(device.rate_hz)},
-          {"age_ms", json_number(age_ms(device, health, now_ns))},
+          {"age_ms", json_number(age_ms(device, daemon))},
           {"latency_p50_ms", json_number(device.latency_p50_ms)},
           {"latency_p99_ms", json_number(device.latency_p99_ms)},
           {"taken", device.taken},
@@ -187,8 +189,8 @@ json device_json(const wire::DeviceHealth &device, const wire::SystemHealth &hea
 
 } // namespace
 
-std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns) {
-  const DaemonView daemon = view_daemon(snapshot, now_ns);
+std::string status_text(const Snapshot &snapshot, std::uint32_t domain, const Now &now) {
+  const DaemonView daemon = view_daemon(snapshot, now);
   std::string out = "bregmad on domain " + std::to_string(domain) + ": " + daemon.text;
   if (!snapshot.health) {
     return out + "\n";
@@ -199,30 +201,29 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, std::int
   if (daemon.presence != Presence::kAlive) {
     out += "NOT CURRENT: these are the last values of a daemon that is silent.\n";
   }
-  out += wire_text(snapshot);
+  out += connection_text(snapshot) + wire_text(snapshot);
   out += "\n" + registration_text(snapshot) + accuracy_text(snapshot) + "\n";
   if (!snapshot.tools.empty()) {
-    out += tools_table(snapshot, {}, now_ns) + "\n";
+    out += tools_table(snapshot, {}, now) + "\n";
   }
-  out +=
-      devices_text(health, now_ns) + "\n" + drivers_text(snapshot.drivers, now_ns) + "\n" + loops_text(health) + "\n";
+  out += devices_text(health, daemon) + "\n" + drivers_text(snapshot.drivers, now) + "\n" + loops_text(health) + "\n";
   out += "Recorder  " + std::to_string(health.recorded) + " samples recorded, " +
          std::to_string(health.record_dropped) + " dropped" + (health.recorder_failing ? ", FAILING" : "") + "\n";
   out += "Memory  " + fixed(static_cast<double>(health.resident_bytes) / 1e6, 1, "MB") + " resident\n";
   for (const auto &[point, state] : snapshot.deformation) {
-    out += "Deformation  " + prediction_line(view_prediction(state, daemon, now_ns)) + "\n";
+    out += "Deformation  " + prediction_line(view_prediction(state, daemon, now)) + "\n";
   }
   const auto alarms = standing_alarms(snapshot);
   out += alarms.empty() ? "Alarms  none\n" : "Alarms\n";
   for (const auto &alarm : alarms) {
-    out += "  " + alarm_line(alarm, now_ns) + "\n";
+    out += "  " + alarm_line(alarm, daemon_now_ns(snapshot, now.boot_ns)) + "\n";
   }
   return out;
 }
 
-json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t now_ns) {
-  const DaemonView daemon = view_daemon(snapshot, now_ns);
-  json out = watch_json(snapshot, {}, now_ns);
+json status_json(const Snapshot &snapshot, std::uint32_t domain, const Now &now) {
+  const DaemonView daemon = view_daemon(snapshot, now);
+  json out = watch_json(snapshot, {}, now);
   out["domain"] = domain;
   if (snapshot.registration) {
     out["registration"] = registration_json(*snapshot.registration);
@@ -232,7 +233,7 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t no
   }
   out["deformation"] = json::object();
   for (const auto &[point, state] : snapshot.deformation) {
-    out["deformation"][point] = prediction_json(view_prediction(state, daemon, now_ns));
+    out["deformation"][point] = prediction_json(view_prediction(state, daemon, now));
   }
   if (!snapshot.health) {
     return out;
@@ -248,9 +249,9 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, std::int64_t no
       {"recorded", health.recorded}, {"dropped", health.record_dropped}, {"failing", health.recorder_failing}};
   out["devices"] = json::array();
   for (const auto &device : devices(health)) {
-    out["devices"].push_back(device_json(device, health, now_ns));
+    out["devices"].push_back(device_json(device, daemon));
   }
-  out["drivers"] = drivers_json(snapshot.drivers, now_ns);
+  out["drivers"] = drivers_json(snapshot.drivers, now);
   out["loops"] = json::array();
   for (const auto &loop : loops(health)) {
     out["loops"].push_back({{"loop", wire::text(loop.loop)},

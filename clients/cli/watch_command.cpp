@@ -1,5 +1,6 @@
 #include "clients/cli/watch_command.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <cerrno>
 #include <csignal>
@@ -16,6 +17,7 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include "clients/cli/daemon_link.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
 
@@ -103,9 +105,8 @@ bool process_runs(int pid) {
 // The condition of --until-end: the daemon has ended, or its case was closed.
 class EndOfSession {
 public:
-  bool reached(const Snapshot &snapshot, std::int64_t now_ns) {
-    const DaemonView daemon = view_daemon(snapshot, now_ns);
-    if (daemon.presence == Presence::kSilent) {
+  bool reached(const Snapshot &snapshot, const Now &now) {
+    if (silence_ns(snapshot, now.boot_ns).value_or(0) >= kDaemonSilent_ns) { // a restart is shorter
       return true;
     }
     const bool idle = snapshot.health && snapshot.health->session == bregma_wire_SESSION_IDLE;
@@ -119,7 +120,7 @@ private:
 
 int watch(const WatchOptions &options, const Context &context) {
   const Interruptible signals;
-  DaemonLink link(context.domain);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads);
   if (auto there = link.wait_for_daemon(
           std::chrono::duration_cast<DaemonLink::Duration>(std::chrono::duration<double>(options.wait_s)));
       !there) {
@@ -134,31 +135,30 @@ int watch(const WatchOptions &options, const Context &context) {
   auto screen = terminal ? std::make_unique<Screen>() : nullptr;
   EndOfSession end;
   auto next = Clock::now();
-  std::int64_t now_ns = 0;
+  Now now;
   bool ended = false;
   do {
-    (void)link.update(0ns); // readers keep only the latest value per tool, so no queue grows between two updates
-    now_ns = utc_now_ns();
+    (void)link.update(0ns);
+    now = Now::read();
     if (terminal) {
-      Screen::draw(watch_table(link.snapshot(), options.tool, now_ns) + "\nCtrl-C ends\n");
+      Screen::draw(watch_table(link.snapshot(), options.tool, now) + "\nCtrl-C ends\n");
     } else if (lines) {
-      print(watch_line(link.snapshot(), options.tool, now_ns) + "\n");
+      print(watch_line(link.snapshot(), options.tool, now) + "\n");
     } else {
-      print(watch_json(link.snapshot(), options.tool, now_ns)
-                .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) +
-            "\n");
+      print(json_text(watch_json(link.snapshot(), options.tool, now)) + "\n");
     }
     std::fflush(stdout);
-    next += period;
+    next = std::max(next + period, Clock::now()); // periods during which this process was stopped are skipped
     while (Clock::now() < next && !interrupted) {
-      std::this_thread::sleep_for(std::min<Clock::duration>(next - Clock::now(), 50ms));
+      (void)link.update(std::min<Clock::duration>(next - Clock::now(), 50ms)); // takes samples as they arrive,
+      std::this_thread::sleep_for(2ms);                                        // those of all tools together
     }
-    ended = (options.until_end && end.reached(link.snapshot(), utc_now_ns())) ||
+    ended = (options.until_end && end.reached(link.snapshot(), Now::read())) ||
             (options.while_pid > 0 && !process_runs(options.while_pid));
   } while (!interrupted && !ended && std::ferror(stdout) == 0);
   if (terminal) {
     screen.reset();
-    print(watch_table(link.snapshot(), options.tool, now_ns)); // the last state stays on the terminal
+    print(watch_table(link.snapshot(), options.tool, now)); // the last state stays on the terminal
   }
   return kOk;
 }

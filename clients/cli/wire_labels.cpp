@@ -27,6 +27,12 @@ std::string_view pose_label(wire::PoseStatus value) {
   return nth(kWords, value);
 }
 
+std::string_view plausibility_label(wire::PlausibilityReason value) {
+  static constexpr std::array<std::string_view, 8> kWords{
+      "unknown", "plausible", "frozen", "not a rotation", "outside the volume", "jump", "marker residual", "markers"};
+  return nth(kWords, value);
+}
+
 std::string_view registration_label(wire::RegistrationStatus value) {
   static constexpr std::array<std::string_view, 5> kWords{"unknown", "none", "refused", "candidate", "accepted"};
   return nth(kWords, value);

@@ -11,6 +11,7 @@ inline constexpr std::string_view kNotKnownHere = "not known here"; // a newer p
 
 [[nodiscard]] std::string_view session_label(wire::SessionState value);
 [[nodiscard]] std::string_view pose_label(wire::PoseStatus value);
+[[nodiscard]] std::string_view plausibility_label(wire::PlausibilityReason value);
 [[nodiscard]] std::string_view registration_label(wire::RegistrationStatus value);
 [[nodiscard]] std::string_view refusal_label(wire::RefusalReason value);
 [[nodiscard]] std::string_view deformation_label(wire::DeformationStatus value);

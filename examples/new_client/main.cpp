@@ -2,14 +2,19 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
-#include <thread>
+#include <map>
+#include <optional>
+#include <string>
 
+#include "idl/boot_clock.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
+#include "idl/validity.hpp"
 
 namespace {
 
 using namespace bregma;
+using Clock = std::chrono::steady_clock;
 
 const char *name_of(wire::DeviceStatus status) {
   switch (status) {
@@ -31,25 +36,71 @@ void show(const wire::SystemHealth &health) {
   }
 }
 
-// A pose that is not live is NaN: it must not be drawn.
-void show(const wire::NavigationState &state) {
-  const double *tip_mm = state.T_image_tip.translation_mm;
-  if (state.status == bregma_wire_POSE_LIVE) {
-    std::printf("%s: %.1f %.1f %.1f mm (RAS), predicted error %.1f mm RMS\n", wire::text(state.tool).c_str(), tip_mm[0],
-                tip_mm[1], tip_mm[2], state.tre_rms_mm);
-  } else {
-    std::printf("%s: not live\n", wire::text(state.tool).c_str());
+class Tools {
+public:
+  explicit Tools(const dds::Participant &participant) : states_(participant), transit_(wire::boot_id()) {}
+  [[nodiscard]] const dds::Reader<wire::NavigationState> &reader() const { return states_; }
+
+  // Called as samples arrive: the time of this call counts as that of their arrival.
+  void take() {
+    if (followed_ && !states_.participant_of(*followed_)) {
+      followed_.reset(); // its daemon has ended
+      shown_.clear();
+    }
+    states_.take_each([this](const wire::NavigationState &state, const dds::SampleInfo &info) {
+      followed_ = followed_.value_or(info.writer);
+      if (info.writer != *followed_) {
+        std::printf("WARNING: another program publishes poses too\n"); // never mixed with those of the first
+      } else if (info.ended) {
+        shown_.erase(wire::text(state.tool));
+      } else {
+        const std::int64_t now_ns = wire::boot_now_ns();
+        shown_[wire::text(state.tool)] = {state,
+                                          {now_ns, transit_.arrived(state.boot_id, state.published_boot_ns, now_ns)}};
+      }
+    });
+    (void)states_.status(); // or a lost writer would keep the wait set awake
   }
-}
+
+  // A pose is shown until its time is over, with the error that it has by then.
+  void show() const {
+    const std::int64_t now_ns = wire::boot_now_ns();
+    for (const auto &[name, tool] : shown_) {
+      if (wire::remaining_ns(tool.state, tool.arrival, now_ns) <= 0) {
+        std::printf("%s: not live\n", name.c_str());
+        continue;
+      }
+      const double *tip_mm = tool.state.T_image_tip.translation_mm;
+      const auto error = wire::tip_error(tool.state, *wire::since_published_ns(tool.arrival, now_ns));
+      std::printf("%s: %.1f %.1f %.1f mm (RAS)%s, predicted error %.1f mm RMS\n", name.c_str(), tip_mm[0], tip_mm[1],
+                  tip_mm[2], tool.state.status == bregma_wire_POSE_LIVE ? "" : " NOT VERIFIED", error.rms_mm);
+    }
+  }
+
+private:
+  struct Tool {
+    wire::NavigationState state;
+    wire::Arrival arrival;
+  };
+  dds::Reader<wire::NavigationState> states_;
+  wire::TransitClock transit_;
+  std::optional<std::uint64_t> followed_; // the writer that was heard first
+  std::map<std::string, Tool> shown_;
+};
 
 int watch(std::uint32_t domain, int seconds) {
   const dds::Participant participant(domain);
   dds::Reader<wire::SystemHealth> health(participant);
-  dds::Reader<wire::NavigationState> navigation(participant);
+  Tools tools(participant);
+  dds::WaitSet wait(participant);
+  wait.attach(tools.reader());
   for (int i = 0; i < seconds; ++i) {
-    std::this_thread::sleep_for(std::chrono::seconds(1)); // readers keep the latest value of each instance
+    for (const auto next = Clock::now() + std::chrono::seconds(1); Clock::now() < next;) {
+      (void)wait.wait(next - Clock::now());
+      tools.take();
+    }
     health.take_each([](const wire::SystemHealth &sample, const dds::SampleInfo &) { show(sample); });
-    navigation.take_each([](const wire::NavigationState &sample, const dds::SampleInfo &) { show(sample); });
+    tools.show();
     std::fflush(stdout);
   }
   return 0;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <functional>
@@ -11,17 +12,23 @@
 #include <unistd.h>
 
 #include "clients/cli/daemon_link.hpp"
+#include "idl/boot_clock.hpp"
 
 namespace bregma::test {
 
 inline std::uint32_t own_domain() { return 100 + static_cast<std::uint32_t>(getpid()) % 100; }
 
-// Publishes its health and answers commands, like bregmad.
+// Publishes its health and two live tools, and answers commands, like bregmad.
 class FakeDaemon {
 public:
   using Answer = std::function<wire::CommandReply(const wire::Command &)>;
+  static constexpr std::int64_t kAge_ns = 10'000'000;      // of its poses at publication
+  static constexpr std::int64_t kValidFor_ns = 90'000'000; // after that
 
-  explicit FakeDaemon(Answer answer = {}) : answer_(std::move(answer)), thread_([this] { run(); }) {}
+  // clock_ns: its clock minus this host's. mark: the x of its tools' tips.
+  explicit FakeDaemon(Answer answer = {}, std::int64_t clock_ns = 0, double mark = 1.0)
+      : answer_(std::move(answer)), clock_ns_(clock_ns), mark_(mark), participant_(own_domain()),
+        thread_([this] { run(); }) {}
   ~FakeDaemon() {
     stopping_ = true;
     thread_.join();
@@ -29,47 +36,74 @@ public:
   FakeDaemon(const FakeDaemon &) = delete;
   FakeDaemon &operator=(const FakeDaemon &) = delete;
   std::atomic<bool> speaking{true};
+  std::atomic<bool> case_open{true}; // false: the tools have ended
+  // Writers of commands that this daemon is connected to.
+  [[nodiscard]] std::uint32_t commanders() const { return commanders_; }
 
 private:
+  [[nodiscard]] wire::NavigationState tool(const char *name) const {
+    wire::NavigationState state{};
+    (void)wire::set_name(state.tool, name);
+    state.status = bregma_wire_POSE_LIVE;
+    state.published_time_ns = cli::Now::read().utc_ns + clock_ns_;
+    state.acquired_time_ns = state.published_time_ns - kAge_ns;
+    state.age_ns = kAge_ns;
+    state.valid_for_ns = kValidFor_ns;
+    std::copy(boot_id_.begin(), boot_id_.end(), state.boot_id);
+    state.published_boot_ns = wire::boot_now_ns();
+    state.T_image_tip = {{1, 0, 0, 0}, {mark_, 2, 3}};
+    state.tre_rms_mm = 0.7;
+    state.acceleration_sigma_mm_s2 = wire::kUnknown;
+    return state;
+  }
+
   void run() {
-    const dds::Participant participant(own_domain());
-    const dds::Writer<wire::SystemHealth> health(participant);
-    const dds::Writer<wire::NavigationState> navigation(participant);
-    const dds::Writer<wire::Alarm> alarms(participant);
-    dds::Reader<wire::Command> commands(participant);
-    const dds::Writer<wire::CommandReply> replies(participant);
+    const dds::Writer<wire::SystemHealth> health(participant_);
+    const dds::Writer<wire::NavigationState> navigation(participant_);
+    const dds::Writer<wire::Alarm> alarms(participant_);
+    dds::Reader<wire::Command> commands(participant_);
+    const dds::Writer<wire::CommandReply> replies(participant_);
     wire::Alarm alarm{};
     (void)wire::set_name(alarm.kind, "drift");
     alarm.state = bregma_wire_ALARM_RAISED;
     (void)alarms.write(alarm);
-    for (const char *tool : {"Probe", "Stylus"}) {
-      wire::NavigationState state{};
-      (void)wire::set_name(state.tool, tool);
-      state.published_time_ns = cli::utc_now_ns();
-      (void)navigation.write(state);
-    }
-    while (!stopping_) {
-      if (speaking) {
+    bool was_open = false;
+    for (int step = 0; !stopping_; ++step) {
+      if (speaking && step % 10 == 0) {
         wire::SystemHealth sample{};
         (void)wire::set_name(sample.daemon, "bregmad");
-        sample.time_ns = cli::utc_now_ns();
+        sample.time_ns = cli::Now::read().utc_ns + clock_ns_;
+        std::copy(boot_id_.begin(), boot_id_.end(), sample.boot_id);
+        sample.published_boot_ns = wire::boot_now_ns();
         sample.session = bregma_wire_SESSION_VERIFIED;
         sample.wire_generation = wire::kWireVersion.generation;
         (void)health.write(sample);
       }
-      for (int i = 0; i < 10; ++i) {
-        commands.take_each([&](const wire::Command &command, const dds::SampleInfo &) {
-          if (answer_) {
-            (void)replies.write(answer_(command));
-          }
-        });
-        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      for (const char *name : {"Probe", "Stylus"}) {
+        if (speaking && case_open) {
+          (void)navigation.write(tool(name));
+        } else if (was_open && !case_open) {
+          (void)navigation.end(tool(name));
+        }
       }
+      was_open = case_open;
+      commands.take_each([&](const wire::Command &command, const dds::SampleInfo &) {
+        if (answer_) {
+          (void)replies.write(answer_(command));
+        }
+      });
+      commanders_ = commands.matched_writers();
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
   }
 
   Answer answer_;
+  std::int64_t clock_ns_;
+  double mark_;
+  std::array<std::uint8_t, 16> boot_id_ = wire::boot_id();
+  dds::Participant participant_;
   std::atomic<bool> stopping_{false};
+  std::atomic<std::uint32_t> commanders_{0};
   std::thread thread_;
 };
 
@@ -80,7 +114,6 @@ inline wire::CommandReply reply_to(const wire::Command &command, wire::CommandRe
   out.kind = command.kind;
   out.result = result;
   out.session = bregma_wire_SESSION_NAVIGATING;
-  out.value_mm = wire::kUnknown;
   out.value_mm = wire::kUnknown;
   wire::set_text(out.text, text);
   return out;

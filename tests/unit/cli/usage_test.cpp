@@ -50,6 +50,13 @@ TEST(Usage, MistakesAreOneSentenceAndExitCode2) {
             "bregma: --domain: Value 231 not in range 0 to 230 (see bregma register start --help)\n");
 }
 
+TEST(Usage, OutputThatCannotBeWrittenIsAnError) {
+  const TemporaryFolder folder;
+  EXPECT_EQ(run_bregma(folder, "completion bash --json 2>full >/dev/full; exit $?").exit_code, 2);
+  EXPECT_EQ(bregma::tests::read_file((folder.path() / "full").string()),
+            "bregma: the output could not be written completely\n");
+}
+
 TEST(Usage, WithoutADaemonLiveCommandsSaySo) {
   const TemporaryFolder folder;
   const auto run = run_bregma(folder, "register start --domain 219");
