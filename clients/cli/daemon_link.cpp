@@ -39,6 +39,14 @@ template <class T> dds::Reader<T> state_reader(const dds::Participant &participa
   return dds::Reader<T>(participant, qos);
 }
 
+// Its last sample says so, also if the instance exists again since then.
+template <class T> bool has_ended(const T &sample, const dds::SampleInfo &info) {
+  if constexpr (requires { sample.ended; }) {
+    return info.ended || sample.ended;
+  }
+  return info.ended;
+}
+
 constexpr std::int64_t kPeersPeriod_ns = 100'000'000;
 constexpr std::size_t kMaxWriters = 1024; // remembered; a forgotten one is asked for again
 
@@ -101,7 +109,7 @@ template <class T, class Store> std::size_t DaemonLink::take_state(dds::Reader<T
   const std::size_t news = reader.take_each([&](const T &sample, const dds::SampleInfo &info) {
     now_ = Now::read(); // after the sample was taken: it cannot have been published later
     if (auto *speaker = speaker_of(reader, info.writer)) {
-      store(*speaker, sample, info.ended);
+      store(*speaker, sample, has_ended(sample, info));
     }
   });
   (void)reader.status(); // clears the status: a change of liveliness would keep the wait set triggered

@@ -51,7 +51,7 @@ public:
       followed_ = followed_.value_or(info.writer);
       if (info.writer != *followed_) {
         std::printf("WARNING: another program publishes poses too\n"); // never mixed with those of the first
-      } else if (info.ended) {
+      } else if (info.ended || state.ended) {
         shown_.erase(wire::text(state.tool));
       } else {
         const std::int64_t now_ns = wire::boot_now_ns();
