@@ -79,11 +79,34 @@ private:
   std::unique_ptr<Database> database_;
 };
 
+// The log of a file that a SessionWriter has open. Commits go to the log; from time to time it must be copied to the
+// file, which waits for the disk. A program whose commits must not wait calls copy() now and then on another thread. It
+// must be closed before the writer.
+class SessionLog {
+public:
+  [[nodiscard]] static base::Result<SessionLog> open(const std::filesystem::path &file);
+  SessionLog(SessionLog &&) noexcept;
+  SessionLog &operator=(SessionLog &&) noexcept;
+  ~SessionLog();
+
+  // Copies what is committed. The writer may commit meanwhile.
+  [[nodiscard]] base::Result<void> copy();
+
+private:
+  struct Database;
+  explicit SessionLog(std::unique_ptr<Database> database);
+  std::unique_ptr<Database> database_;
+};
+
 class SessionReader {
 public:
   // Refuses what is not a session file, and one of an unknown version or of another generation of the wire. A file
   // whose writer was killed is read up to the last commit.
   [[nodiscard]] static base::Result<SessionReader> open(const std::filesystem::path &file);
+  // The files of one operation, which a restarted daemon continues in a new one: read as one file, in the order of
+  // their beginning, whatever the order here. Meta and attachments are those of the first. Files of several cases are
+  // refused.
+  [[nodiscard]] static base::Result<SessionReader> open(std::span<const std::filesystem::path> files);
   SessionReader(SessionReader &&) noexcept;
   SessionReader &operator=(SessionReader &&) noexcept;
   ~SessionReader();
@@ -110,7 +133,10 @@ private:
   // Copies each body into target, then calls visit.
   [[nodiscard]] base::Result<std::size_t> each_body(std::string_view topic, std::span<std::byte> target,
                                                     const std::function<void(std::int64_t)> &visit) const;
+  [[nodiscard]] base::Result<std::size_t> each_later(std::string_view topic, std::span<std::byte> target,
+                                                     const std::function<void(std::int64_t)> &visit) const;
   std::unique_ptr<Database> database_;
+  std::vector<SessionReader> later_; // the files that continue this one
 };
 
 } // namespace bregma::casefile

@@ -74,13 +74,66 @@ base::Result<SessionReader> SessionReader::open(const std::filesystem::path &fil
   return reader;
 }
 
+base::Result<SessionReader> SessionReader::open(std::span<const std::filesystem::path> files) {
+  struct Part {
+    std::string started;
+    SessionReader reader;
+  };
+  std::vector<Part> parts;
+  std::string first_case;
+  for (const std::filesystem::path &file : files) {
+    auto reader = open(file);
+    if (!reader) {
+      return tl::unexpected(reader.error());
+    }
+    const auto name = reader->meta("case");
+    const auto started = reader->meta("started");
+    if (!name || !started) {
+      return tl::unexpected(name ? started.error() : name.error());
+    }
+    if (parts.empty()) {
+      first_case = name->value_or("");
+    } else if (name->value_or("") != first_case) {
+      return base::failure(file.string() + ": is of case " + name->value_or("(not stated)") + ", " +
+                           files.front().string() + " is of case " + first_case +
+                           ": only files of one operation are read together");
+    }
+    parts.push_back({started->value_or(""), std::move(*reader)});
+  }
+  if (parts.empty()) {
+    return base::failure("no session file is given");
+  }
+  std::stable_sort(parts.begin(), parts.end(), [](const Part &a, const Part &b) { return a.started < b.started; });
+  SessionReader out = std::move(parts.front().reader);
+  for (auto part = parts.begin() + 1; part != parts.end(); ++part) {
+    out.later_.push_back(std::move(part->reader));
+  }
+  return out;
+}
+
 base::Result<std::vector<RecordedTopic>> SessionReader::topics() const {
-  return database_->rows<RecordedTopic>(
+  auto topics = database_->rows<RecordedTopic>(
       "SELECT name, size, (SELECT count(*) FROM sample WHERE sample.topic = topic.id) FROM topic ORDER BY name",
       [](const detail::Statement &row) {
         return RecordedTopic{row.text(0), static_cast<std::size_t>(row.integer(1)),
                              static_cast<std::uint64_t>(row.integer(2))};
       });
+  for (const SessionReader &reader : later_) {
+    auto more = topics ? reader.topics() : topics;
+    if (!more) {
+      return more;
+    }
+    for (RecordedTopic &topic : *more) {
+      const auto known = std::find_if(topics->begin(), topics->end(),
+                                      [&](const RecordedTopic &other) { return other.name == topic.name; });
+      if (known != topics->end()) {
+        known->count += topic.count;
+      } else {
+        topics->push_back(std::move(topic));
+      }
+    }
+  }
+  return topics;
 }
 
 base::Result<std::vector<MetaEntry>> SessionReader::meta() const {
@@ -132,7 +185,7 @@ base::Result<std::size_t> SessionReader::each_body(std::string_view topic, std::
   }
   find->bind(1, topic);
   if (find->step() != SQLITE_ROW) {
-    return std::size_t{0};
+    return each_later(topic, target, visit);
   }
   if (const auto size = static_cast<std::size_t>(find->integer(1)); size != target.size()) {
     return base::failure(file + ": topic " + std::string(topic) + " was recorded with " + std::to_string(size) +
@@ -164,6 +217,19 @@ base::Result<std::size_t> SessionReader::each_body(std::string_view topic, std::
   if (damaged > 0) {
     return base::failure(file + ": " + std::to_string(damaged) + " samples of topic " + std::string(topic) +
                          " have not the size that the file states: it is damaged");
+  }
+  return each_later(topic, target, visit).map([number](std::size_t more) { return number + more; });
+}
+
+base::Result<std::size_t> SessionReader::each_later(std::string_view topic, std::span<std::byte> target,
+                                                    const std::function<void(std::int64_t)> &visit) const {
+  std::size_t number = 0;
+  for (const SessionReader &reader : later_) {
+    const auto read = reader.each_body(topic, target, visit);
+    if (!read) {
+      return read;
+    }
+    number += *read;
   }
   return number;
 }

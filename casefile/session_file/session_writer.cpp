@@ -13,8 +13,10 @@ namespace bregma::casefile {
 namespace {
 
 // NORMAL in WAL mode: a commit writes to the log, which survives a crash of the process. The log is synced when it is
-// copied to the database, so a power failure can lose the last commits but not the file.
-constexpr const char *kPragmas = "PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; PRAGMA temp_store=MEMORY;";
+// copied to the database, so a power failure can lose the last commits but not the file. A commit copies the log itself
+// only if it has grown to 64 MB, because nothing else has (SessionLog).
+constexpr const char *kPragmas = "PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; PRAGMA temp_store=MEMORY;"
+                                 "PRAGMA wal_autocheckpoint=16384;";
 
 constexpr const char *kSchema =
     "CREATE TABLE meta(key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;"
@@ -170,6 +172,28 @@ void SessionWriter::rollback() noexcept {
     static_cast<void>(database_->connection.execute("ROLLBACK"));
   }
   database_->topics.clear();
+}
+
+struct SessionLog::Database {
+  detail::Connection connection;
+};
+
+SessionLog::SessionLog(std::unique_ptr<Database> database) : database_(std::move(database)) {}
+SessionLog::SessionLog(SessionLog &&) noexcept = default;
+SessionLog &SessionLog::operator=(SessionLog &&) noexcept = default;
+SessionLog::~SessionLog() = default;
+
+base::Result<SessionLog> SessionLog::open(const std::filesystem::path &file) {
+  auto connection = detail::Connection::open(file, detail::OpenMode::kExisting);
+  return connection.map([](detail::Connection &opened) {
+    auto database = std::make_unique<Database>();
+    database->connection = std::move(opened);
+    return SessionLog(std::move(database));
+  });
+}
+
+base::Result<void> SessionLog::copy() {
+  return database_->connection.execute("PRAGMA synchronous=NORMAL; PRAGMA wal_checkpoint(PASSIVE)");
 }
 
 } // namespace bregma::casefile

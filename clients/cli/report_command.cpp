@@ -1,8 +1,10 @@
 // `bregma report`: report on a recorded session.
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -20,7 +22,7 @@ namespace bregma::cli {
 namespace {
 
 struct ReportOptions {
-  std::string session;
+  std::vector<std::string> sessions;
   std::string html;
   std::string scenario;
 };
@@ -42,15 +44,18 @@ int run_report(const ReportOptions &options, const Context &context) {
     }
     limits = *loaded;
   }
-  const auto reader = casefile::SessionReader::open(options.session);
+  const std::vector<std::filesystem::path> files(options.sessions.begin(), options.sessions.end());
+  const auto reader = casefile::SessionReader::open(files);
   if (!reader) {
     return fail(reader.error());
   }
   const auto session = report::analyse(*reader);
   if (!session) {
     const std::string &message = session.error().message;
-    const bool names_file = message.find(options.session) != std::string::npos;
-    return fail(names_file ? message : options.session + ": " + message);
+    const bool names_file = std::any_of(options.sessions.begin(), options.sessions.end(), [&](const std::string &file) {
+      return message.find(file) != std::string::npos;
+    });
+    return fail(names_file ? message : options.sessions.front() + ": " + message);
   }
   const auto judgements = report::judge(*session, limits);
   if (!options.html.empty()) {
@@ -76,13 +81,17 @@ int run_report(const ReportOptions &options, const Context &context) {
 void add_report_command(CLI::App &app, Context &context) {
   auto options = std::make_shared<ReportOptions>();
   auto *command = app.add_subcommand("report", "Summarises a recorded session and compares it with limits");
-  command->add_option("session", options->session, "Session file (.db)")->required();
+  command
+      ->add_option("session", options->sessions,
+                   "Session file (.db); all files of one operation if the daemon was restarted in it")
+      ->required();
   command->add_option("--html", options->html, "Write a page with plots, in one self-contained file");
   command->add_option("--scenario", options->scenario, "Compare with the [limits] of this scenario file");
   add_json_flag(*command, context);
   command->footer("Exit code 1 when a limit of the scenario was exceeded.\n\nExamples:\n"
                   "  bregma report sessions/2024-05-01T10-20.db --html report.html\n"
-                  "  bregma report run.db --scenario biopsy.toml --json");
+                  "  bregma report run.db --scenario biopsy.toml --json\n"
+                  "  bregma report sessions/20261129T1020*.db");
   command->callback(
       [options, &context] { context.run = [options, &context] { return run_report(*options, context); }; });
 }

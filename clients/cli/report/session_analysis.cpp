@@ -185,13 +185,71 @@ std::span<const wire::DeviceHealth> devices_of(const wire::SystemHealth &health)
   return {health.devices, std::min<std::size_t>(health.device_count, std::size(health.devices))};
 }
 
+// The health of one process of the daemon: after a restart all counts begin anew.
+struct DaemonRun {
+  wire::SystemHealth first;
+  wire::SystemHealth last;
+  // All counts belong to the session if the daemon had just been started.
+  [[nodiscard]] bool counts_all() const { return first.time_ns - first.started_time_ns < kFreshDaemon_ns; }
+};
+
+void add(const DeviceSummary &more, std::vector<DeviceSummary> &devices) {
+  const auto known = std::find_if(devices.begin(), devices.end(),
+                                  [&](const DeviceSummary &device) { return device.device == more.device; });
+  if (known == devices.end()) {
+    devices.push_back(more);
+    return;
+  }
+  known->taken += more.taken;
+  known->lost += more.lost;
+  known->late += more.late;
+  known->connections += more.connections;
+  for (const auto &[reason, count] : more.rejected) {
+    known->rejected[reason] += count;
+  }
+}
+
+void add(const wire::LoopHealth &more, std::vector<LoopSummary> &loops) {
+  const std::string name = wire::text(more.loop);
+  const auto known =
+      std::find_if(loops.begin(), loops.end(), [&](const LoopSummary &loop) { return loop.loop == name; });
+  if (known == loops.end()) {
+    loops.push_back(
+        {name, more.rate_hz, more.steps, more.overruns, more.step_p50_us, more.step_p99_us, more.step_max_us});
+    return;
+  }
+  known->steps += more.steps;
+  known->overruns += more.overruns;
+  known->step_p50_us = more.step_p50_us; // percentiles of several runs cannot be joined: those of the last
+  known->step_p99_us = more.step_p99_us;
+  known->step_max_us = std::max(known->step_max_us, more.step_max_us);
+}
+
+void add(const DaemonRun &run, const std::map<std::string, double> &live_rate_hz, SessionAnalysis &out) {
+  for (const auto &device : devices_of(run.last)) {
+    const wire::DeviceHealth *before = nullptr;
+    for (const auto &candidate : devices_of(run.first)) {
+      before = !run.counts_all() && wire::view(candidate.device) == wire::view(device.device) ? &candidate : before;
+    }
+    const auto rate = live_rate_hz.find(wire::text(device.device));
+    add(device_summary(device, before, rate == live_rate_hz.end() ? geometry::kUnknown : rate->second), out.devices);
+  }
+  out.unknown_device_samples +=
+      run.last.unknown_device_samples - (run.counts_all() ? 0 : run.first.unknown_device_samples);
+  out.record_dropped += run.last.record_dropped - (run.counts_all() ? 0 : run.first.record_dropped);
+  for (std::size_t i = 0; i < std::min<std::size_t>(run.last.loop_count, std::size(run.last.loops)); ++i) {
+    add(run.last.loops[i], out.loops);
+  }
+}
+
 Result<void> read_health(const SessionReader &reader, SessionAnalysis &out, Conversation &talk) {
-  std::optional<wire::SystemHealth> first;
-  std::optional<wire::SystemHealth> last;
+  std::vector<DaemonRun> runs;
   std::map<std::string, double> live_rate_hz;
   auto read = visit_each<wire::SystemHealth>(reader, [&](const wire::SystemHealth &health, std::int64_t time_ns) {
-    first = first ? first : std::optional(health);
-    last = health;
+    if (runs.empty() || runs.back().last.started_time_ns != health.started_time_ns) {
+      runs.push_back({health, health});
+    }
+    runs.back().last = health;
     talk.states.emplace_back(time_ns, health.session);
     for (const auto &device : devices_of(health)) {
       if (device.status == bregma_wire_DEVICE_LIVE && std::isfinite(device.rate_hz)) {
@@ -199,27 +257,10 @@ Result<void> read_health(const SessionReader &reader, SessionAnalysis &out, Conv
       }
     }
   });
-  if (!read || !last) {
-    return read;
+  for (const DaemonRun &run : runs) {
+    add(run, live_rate_hz, out);
   }
-  const bool count_all = first->time_ns - first->started_time_ns < kFreshDaemon_ns;
-  for (const auto &device : devices_of(*last)) {
-    const wire::DeviceHealth *before = nullptr;
-    for (const auto &candidate : devices_of(*first)) {
-      before = !count_all && wire::view(candidate.device) == wire::view(device.device) ? &candidate : before;
-    }
-    const auto rate = live_rate_hz.find(wire::text(device.device));
-    out.devices.push_back(
-        device_summary(device, before, rate == live_rate_hz.end() ? geometry::kUnknown : rate->second));
-  }
-  out.unknown_device_samples = last->unknown_device_samples - (count_all ? 0 : first->unknown_device_samples);
-  out.record_dropped = last->record_dropped - (count_all ? 0 : first->record_dropped);
-  for (std::size_t i = 0; i < std::min<std::size_t>(last->loop_count, std::size(last->loops)); ++i) {
-    const auto &loop = last->loops[i];
-    out.loops.push_back({wire::text(loop.loop), loop.rate_hz, loop.steps, loop.overruns, loop.step_p50_us,
-                         loop.step_p99_us, loop.step_max_us});
-  }
-  return {};
+  return read;
 }
 
 // ---- whole session ----

@@ -77,6 +77,37 @@ TEST_F(ReportCommand, PageIsWritten) {
   EXPECT_EQ(bytes_of(folder_ / "report.html").rfind("<!doctype html>", 0), 0U);
 }
 
+TEST_F(ReportCommand, TheFilesOfAnOperationWithARestartAreOneReport) {
+  const auto part = [&](const char *name, const char *a_case, const char *started, std::int64_t daemon_ns) {
+    auto writer = casefile::SessionWriter::create(folder_ / name);
+    ASSERT_TRUE(writer.has_value());
+    ASSERT_TRUE(writer->set_meta("case", a_case) && writer->set_meta("started", started));
+    wire::SystemHealth health{};
+    health.started_time_ns = daemon_ns;
+    health.device_count = 1;
+    ASSERT_TRUE(wire::set_name(health.devices[0].device, "Tracker"));
+    for (const std::uint64_t lost : {0, 7}) {
+      health.time_ns = daemon_ns + static_cast<std::int64_t>(lost + 1) * 100 * test::kMs;
+      health.devices[0].lost = lost;
+      health.devices[0].taken = 100 * (lost + 1);
+      test::put(*writer, health.time_ns, health);
+    }
+  };
+  ASSERT_NO_FATAL_FAILURE(part("first.db", "ball", "2026-11-29T10:00:00Z", test::kStart_ns));
+  ASSERT_NO_FATAL_FAILURE(part("second.db", "ball", "2026-11-29T10:01:00Z", test::kStart_ns + 60'000 * test::kMs));
+  ASSERT_NO_FATAL_FAILURE(part("foreign.db", "cube", "2026-11-29T10:02:00Z", test::kStart_ns));
+
+  const auto made = run(path("second.db") + " " + path("first.db") + " --json"); // in any order
+  ASSERT_EQ(made.code, cli::kOk) << made.error;
+  const auto json = nlohmann::json::parse(made.out);
+  EXPECT_EQ(json["devices"][0]["taken"], 1600);
+  EXPECT_EQ(json["devices"][0]["lost"], 14);
+  const auto refused = run(path("first.db") + " " + path("foreign.db"));
+  EXPECT_EQ(refused.code, cli::kBadInput);
+  EXPECT_EQ(refused.error, "bregma: " + path("foreign.db") + ": is of case cube, " + path("first.db") +
+                               " is of case ball: only files of one operation are read together\n");
+}
+
 TEST_F(ReportCommand, FileThatIsNotASessionIsNamed) {
   write("notes.db", "these are notes, and by far not a database of anything at all; they only go on for a while ...");
   const auto refused = run(path("notes.db"));
