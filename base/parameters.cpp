@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "base/read_file.hpp"
 #include "base/text.hpp"
 #include "base/toml_values.hpp"
 
@@ -137,7 +138,7 @@ const ParameterSet::Parameter *ParameterSet::find(std::string_view key) const {
 }
 
 Result<void> ParameterSet::load(const std::filesystem::path &file) {
-  const auto text = detail::read_text(file);
+  const auto text = read_file(file);
   if (!text) {
     return tl::unexpected(text.error());
   }

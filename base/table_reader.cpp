@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "base/read_file.hpp"
 #include "base/toml_values.hpp"
 
 namespace bregma::base {
@@ -231,7 +232,7 @@ Result<void> TableReader::finish() {
 }
 
 Result<TomlDocument> TomlDocument::read(const std::filesystem::path &file) {
-  const auto text = detail::read_text(file);
+  const auto text = read_file(file);
   if (!text) {
     return tl::unexpected(text.error());
   }

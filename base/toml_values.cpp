@@ -4,11 +4,8 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <numeric>
 #include <sstream>
-#include <system_error>
 
 namespace bregma::base::detail {
 
@@ -93,22 +90,6 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 }
 
 } // namespace
-
-Result<std::string> read_text(const std::filesystem::path &file) {
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error)) {
-    return failure(file.string() + ": is a folder, not a file");
-  }
-  std::ifstream in(file, std::ios::binary);
-  if (!in) {
-    return failure(file.string() + ": " + std::generic_category().message(errno));
-  }
-  std::string text(std::istreambuf_iterator<char>(in), {});
-  if (in.bad()) {
-    return failure(file.string() + ": cannot be read");
-  }
-  return text;
-}
 
 Result<toml::table> parse_toml(std::string_view text, const std::string &name) {
   try {

@@ -14,7 +14,6 @@
 namespace bregma::base::detail {
 
 // The text of a file; errors name it.
-[[nodiscard]] Result<std::string> read_text(const std::filesystem::path &file);
 // Syntax errors become "name:line: ...".
 [[nodiscard]] Result<toml::table> parse_toml(std::string_view text, const std::string &name);
 

@@ -2,9 +2,11 @@
 
 #include <cmath>
 #include <fstream>
+#include <sstream>
 
 #include <nlohmann/json.hpp>
 
+#include "base/read_file.hpp"
 #include "base/text.hpp"
 #include "casefile/space.hpp"
 
@@ -15,6 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
+constexpr std::size_t kMaxMarkupBytes = std::size_t{16} << 20; // a parsed file takes many times its size
 constexpr const char *kSchema = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
                                 "Resources/Schema/markups-schema-v1.0.3.json#";
 
@@ -231,16 +234,16 @@ base::Result<void> write(const fs::path &file, Json markups) {
 } // namespace
 
 base::Result<std::vector<Markup>> read_markups(const fs::path &file) {
-  std::error_code error;
-  std::ifstream in(file, std::ios::binary);
-  if (!in || fs::is_directory(file, error)) {
-    return base::failure(file.string() + ": no such file, or it cannot be read");
+  const auto content = base::read_file(file, kMaxMarkupBytes);
+  if (!content) {
+    return tl::unexpected(content.error());
   }
   if (file.extension() == ".fcsv") {
+    std::istringstream in(*content);
     return read_fcsv(file, in);
   }
   try {
-    return JsonMarkups(file).read(Json::parse(in));
+    return JsonMarkups(file).read(Json::parse(*content));
   } catch (const Json::exception &problem) {
     return base::failure(file.string() + ": is not JSON: " + problem.what());
   }

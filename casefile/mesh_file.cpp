@@ -2,13 +2,12 @@
 
 #include <cstdint>
 #include <fstream>
-#include <iterator>
 #include <string>
-#include <system_error>
 #include <unordered_map>
 
 #include <Eigen/Geometry>
 
+#include "base/read_file.hpp"
 #include "casefile/ply.hpp"
 
 namespace bregma::casefile {
@@ -52,13 +51,11 @@ double volume_mm3(const TriangleMesh &mesh) {
 } // namespace
 
 base::Result<TriangleMesh> read_mesh(const std::filesystem::path &file) {
-  std::error_code error;
-  std::ifstream in(file, std::ios::binary);
-  if (!in || std::filesystem::is_directory(file, error)) {
-    return base::failure(file.string() + ": no such file, or it cannot be read");
+  const auto content = base::read_file(file);
+  if (!content) {
+    return tl::unexpected(content.error());
   }
-  const std::string content(std::istreambuf_iterator<char>(in), {});
-  auto mesh = detail::parse_ply(content);
+  auto mesh = detail::parse_ply(*content);
   const std::string problem = mesh ? mesh_problem(*mesh) : mesh.error();
   if (!problem.empty()) {
     return base::failure(file.string() + ": " + problem);

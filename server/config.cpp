@@ -11,7 +11,7 @@ base::ParameterSet declare(Config &c) {
   declare_stages(set, c.stages);
   set.flag("recorder.enabled", &c.recorder.enabled, "Record all input and output to a session file.");
   set.number("recorder.commit_ms", &c.recorder.commit_ms, "ms", 5, 100,
-             "Records are committed to disk this often; a killed daemon loses at most twice as much.");
+             "Records are committed to the session file this often; a killed daemon loses this and the last commit.");
   set.flag("recorder.truth", &c.recorder.truth, "Record the truth too when a simulator publishes it.");
   set.string("log.file", &c.log.file, "Log file in addition to the console; empty: none.");
   base::declare_log_level(set, &c.log.level, "Minimum severity of log messages.");

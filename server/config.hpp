@@ -18,7 +18,7 @@ struct Config {
 
   struct {
     bool enabled = true;
-    double commit_ms = 50.0;
+    double commit_ms = 20.0;
     bool truth = true; // record SimulatedTruth if a simulator publishes it
   } recorder;
 

@@ -12,13 +12,16 @@ namespace bregma::server {
 class Daemon {
 public:
   // config_toml: the complete configuration as text, stored in every session file.
-  // Throws dds::Error, or std::invalid_argument for a configuration that check() refuses.
+  // Throws dds::Error, std::invalid_argument for a configuration that check() refuses, or std::runtime_error if another
+  // daemon uses the state directory.
   Daemon(const Config &config, std::string config_toml);
   ~Daemon();
   Daemon(const Daemon &) = delete;
   Daemon &operator=(const Daemon &) = delete;
 
-  // Restores the last session, runs until SIGTERM or SIGINT, and ends cleanly. Call it on the main thread.
+  // Restores the last session, runs until SIGTERM or SIGINT, and ends cleanly within 2 s. If something hangs (a disk),
+  // the process is ended then with status runtime::kEndedByLimit. Throws std::runtime_error if another daemon serves
+  // the domain and there is no session to restore. Call it on the main thread.
   void run();
 
 private:

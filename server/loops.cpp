@@ -109,12 +109,12 @@ void Loops::run(Loop &loop) noexcept {
   }
 }
 
-std::uint64_t Loops::overruns() const noexcept {
-  std::uint64_t sum = 0;
+std::vector<LoopOverruns> Loops::overruns() const {
+  std::vector<LoopOverruns> out;
   for (const Loop &loop : loops_) {
-    sum += loop.statistics().overruns();
+    out.push_back({loop.stage->name(), loop.statistics().overruns()});
   }
-  return sum;
+  return out;
 }
 
 void Loops::add_health(wire::SystemHealth &health) const {

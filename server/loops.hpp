@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "server/dds_topics.hpp"
+#include "server/process_alarms.hpp"
 #include "server/runtime/clock.hpp"
 #include "server/runtime/loop.hpp"
 #include "server/stages/stage.hpp"
@@ -36,7 +37,7 @@ public:
   // Blocks until all current steps are done.
   void stop();
 
-  [[nodiscard]] std::uint64_t overruns() const noexcept; // total of all stages
+  [[nodiscard]] std::vector<LoopOverruns> overruns() const; // of every stage
   void add_health(wire::SystemHealth &health) const;
   // Name and number of steps of the stages that must advance by themselves, for a watchdog.
   [[nodiscard]] std::vector<std::pair<std::string, std::function<std::uint64_t()>>> heartbeats() const;

@@ -1,9 +1,9 @@
 #include "server/session_recording.hpp"
 
 #include <ctime>
-#include <fstream>
-#include <sstream>
+#include <utility>
 
+#include "base/read_file.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::server {
@@ -20,6 +20,9 @@ std::string utc_text(std::int64_t now_ns, const char *format) {
   char text[64];
   return {text, std::strftime(text, sizeof text, format, &utc)};
 }
+
+// In total. A file that does not fit is not attached: a case folder may contain more than the case.
+constexpr std::size_t kMaxAttachments = std::size_t{512} << 20;
 
 bool belongs_in_a_report(const fs::path &file) {
   const std::string extension = file.extension().string();
@@ -42,6 +45,7 @@ fs::path new_session_file(const casefile::Case &a_case, std::int64_t now_ns) {
 
 std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case, const std::string &config_toml) {
   std::vector<casefile::Attachment> out{{"bregmad.toml", config_toml}};
+  std::size_t bytes = 0;
   std::error_code ignored; // the case was read just before; a file deleted since then is not attached
   for (fs::recursive_directory_iterator entry(a_case.folder, ignored), end; entry != end; entry.increment(ignored)) {
     if (entry->is_directory(ignored) && entry->path().filename() == kSessions) {
@@ -50,10 +54,11 @@ std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case, c
     if (!entry->is_regular_file(ignored) || !belongs_in_a_report(entry->path())) {
       continue;
     }
-    std::ifstream in(entry->path(), std::ios::binary);
-    std::ostringstream body;
-    body << in.rdbuf();
-    out.push_back({entry->path().lexically_relative(a_case.folder).string(), body.str()});
+    auto body = base::read_file(entry->path(), kMaxAttachments - bytes);
+    if (body) {
+      bytes += body->size();
+      out.push_back({entry->path().lexically_relative(a_case.folder).string(), std::move(*body)});
+    }
   }
   return out;
 }

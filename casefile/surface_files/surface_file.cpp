@@ -1,10 +1,8 @@
 #include "casefile/surface_files/surface_file.hpp"
 
 #include <cmath>
-#include <fstream>
-#include <iterator>
-#include <system_error>
 
+#include "base/read_file.hpp"
 #include "casefile/ply.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 
@@ -106,13 +104,11 @@ std::string clean(surface::TriangleMesh &mesh, std::size_t &left_out) {
 } // namespace
 
 base::Result<SurfaceFile> read_surface(const std::filesystem::path &file, const SurfaceReadOptions &options) {
-  std::error_code error;
-  std::ifstream in(file, std::ios::binary);
-  if (!in || std::filesystem::is_directory(file, error)) {
-    return base::failure(file.string() + ": no such file, or it cannot be read");
+  const auto content = base::read_file(file);
+  if (!content) {
+    return tl::unexpected(content.error());
   }
-  const std::string content(std::istreambuf_iterator<char>(in), {});
-  auto raw = detail::parse_surface(content, file.filename().string());
+  auto raw = detail::parse_surface(*content, file.filename().string());
   if (!raw) {
     return base::failure(message_of(file, raw.error()));
   }

@@ -52,6 +52,10 @@ DeviceMonitor::DeviceMonitor(const wire::Name &name, wire::DeviceKind kind, cons
 Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
                              std::int64_t now_ns) noexcept {
   ++received_;
+  if (is_other_writer(writer, now_ns)) {
+    ++health_.rejected[bregma_wire_REJECT_DUPLICATE];
+    return {.accepted = false, .reason = bregma_wire_REJECT_DUPLICATE};
+  }
   if (const Rejection rejection = judge(header, payload, writer, now_ns)) {
     ++health_.rejected[*rejection];
     frames_.refuse(header.frame);
@@ -63,6 +67,7 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   }
   frames_.accept(header.frame);
   ++health_.taken;
+  count_other_writer(writer);
   writer_ = writer;
   writers_gone_ = false;
   period_ns_ = header.period_ns;
@@ -94,9 +99,6 @@ Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payl
     return bregma_wire_REJECT_TIME_IN_FUTURE;
   }
   if (health_.taken > 0 && writer != writer_) {
-    if (!writers_gone_ && now_ns - arrived_ns_ <= kStalePeriods * period_ns_) {
-      return bregma_wire_REJECT_DUPLICATE;
-    }
     // Another process has its own frame count and possibly its own time base.
     clock_.reset();
     frames_.reset();
@@ -115,6 +117,30 @@ Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payl
     return std::nullopt;
   }
   return number == FrameVerdict::kImplausible ? Rejection(bregma_wire_REJECT_MALFORMED) : std::nullopt;
+}
+
+// The first writer stays in use until the device is lost.
+bool DeviceMonitor::is_other_writer(std::uint64_t writer, std::int64_t now_ns) noexcept {
+  if (health_.taken == 0 || writer == writer_ || status(now_ns) == bregma_wire_DEVICE_LOST) {
+    return false;
+  }
+  other_confirmed_ = other_confirmed_ && writer == other_writer_;
+  other_writer_ = writer;
+  ++other_waiting_;
+  return true;
+}
+
+// For an accepted sample. A driver that was restarted faster than its loss was noticed is no second one, so samples of
+// another writer count only when the first has sent again.
+void DeviceMonitor::count_other_writer(std::uint64_t writer) noexcept {
+  if (health_.taken > 1 && writer == writer_ && other_waiting_ > 0) {
+    health_.other_writer += other_waiting_;
+    other_confirmed_ = true;
+  } else if (writer != writer_ && other_confirmed_ && writer == other_writer_) {
+    ++health_.takeovers;
+    other_confirmed_ = false;
+  }
+  other_waiting_ = 0;
 }
 
 void DeviceMonitor::count_rate(std::int64_t now_ns) noexcept {

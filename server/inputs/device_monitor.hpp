@@ -2,9 +2,9 @@
 //
 // Every sample is counted: received = taken + sum of rejected. `lost` counts the frame numbers that never arrived.
 //
-// One device has one writer at a time. Another writer takes over when the current one has been silent for three periods
-// (a restarted driver), which counts as a connection. Before that its samples are rejected as duplicates, so that two
-// drivers of the same name cannot alternate.
+// One device has one writer at a time: the first, until the device is lost. Then another writer takes over (a restarted
+// driver), which counts as a connection. Before that its samples are rejected as duplicates and counted as those of
+// another writer, so that two drivers of the same name never alternate.
 //
 // Threads: one. No allocation, no exceptions. The caller passes the time.
 #pragma once
@@ -40,8 +40,8 @@ struct Verdict {
   std::int64_t acquired_time_ns = 0; // exposure on the host's clock
   std::int64_t age_sigma_ns = 0;     // 1-sigma uncertainty of that time, and so of every age derived from it
   std::int64_t period_ns = 0;        // as stated, or shorter where the measured rate contradicts it
-  int device = -1;                                          // index in the stream's list; -1: unknown
-  bool reconnected = false; // the first sample of a new connection; false for the very first
+  int device = -1;                   // index in the stream's list; -1: unknown
+  bool reconnected = false;          // the first sample of a new connection; false for the very first
 };
 
 class DeviceMonitor {
@@ -71,6 +71,8 @@ private:
   [[nodiscard]] Rejection judge(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
                                 std::int64_t now_ns) noexcept;
   void count_rate(std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool is_other_writer(std::uint64_t writer, std::int64_t now_ns) noexcept;
+  void count_other_writer(std::uint64_t writer) noexcept;
 
   DeviceOptions options_;
   wire::DeviceHealth health_{}; // contains the counts
@@ -80,6 +82,9 @@ private:
   bool writers_gone_ = false;
   std::uint64_t received_ = 0;
   std::uint64_t writer_ = 0;
+  std::uint64_t other_writer_ = 0;  // sent last while writer_ was in use
+  std::uint64_t other_waiting_ = 0; // its samples since the last one of writer_
+  bool other_confirmed_ = false;    // writer_ has sent after it: they are two, not one that was restarted
   std::int64_t period_ns_ = 0;
   std::int64_t device_time_ns_ = 0; // latest accepted sample, like the next two
   std::int64_t acquired_ns_ = 0;

@@ -2,6 +2,7 @@
 
 #include <cstring>
 #include <stdexcept>
+#include <stop_token>
 #include <utility>
 
 #include "idl/names.hpp"
@@ -18,6 +19,27 @@ constexpr int kBatch = 4096;
 constexpr const char *kPollChannel = "poll";
 
 } // namespace
+
+// Copies the log of a session file to the file on a thread of its own, for as long as it exists.
+class LogCopier {
+public:
+  LogCopier(casefile::SessionLog log, std::chrono::milliseconds interval)
+      : log_(std::move(log)), thread_([this, interval](const std::stop_token &stop) { run(stop, interval); }) {}
+
+private:
+  void run(const std::stop_token &stop, std::chrono::milliseconds interval) {
+    static_cast<void>(runtime::set_up_thread({.name = "recorder_copy"}));
+    std::mutex mutex;
+    std::condition_variable_any wake;
+    std::unique_lock lock(mutex);
+    while (!wake.wait_for(lock, stop, interval, [&stop] { return stop.stop_requested(); })) {
+      static_cast<void>(log_.copy()); // a disk that fails is noticed by the recorder's commits
+    }
+  }
+
+  casefile::SessionLog log_;
+  std::jthread thread_; // last: it uses the log
+};
 
 Channel::Channel(std::string name, std::size_t bytes, const std::atomic<bool> &recording)
     : ring_(bytes), name_(std::move(name)), recording_(recording) {}
@@ -122,7 +144,9 @@ Result<void> Recorder::call(std::function<Result<void>()> task) {
 }
 
 void Recorder::run() {
-  static_cast<void>(runtime::set_up_thread({.name = "recorder"}));
+  // Programs that keep all cores busy must not delay a commit, or a killed daemon would lose more than an interval.
+  // Without the right to it the recorder runs as any other thread.
+  static_cast<void>(runtime::set_up_thread({.name = "recorder", .nice = -10}));
   bool stopping = false;
   while (!stopping) {
     std::vector<Task> tasks;
@@ -161,6 +185,9 @@ Result<void> Recorder::begin(const std::filesystem::path &file, const std::vecto
   written = written.and_then([&] { return writer->commit(); });
   if (written) {
     writer_.emplace(std::move(*writer));
+    if (auto log = casefile::SessionLog::open(file)) { // else the writer's commits copy the log
+      copier_ = std::make_unique<LogCopier>(std::move(*log), options_.copy);
+    }
     recording_.store(true, std::memory_order_relaxed);
   }
   return written;
@@ -182,6 +209,7 @@ Result<void> Recorder::finish() {
       return writer_->set_meta("dropped", std::to_string(last.dropped));
     });
   }
+  copier_.reset(); // before the writer
   writer_.reset();
   drop_waiting();
   report(std::uint64_t{0}); // the file that failed is closed

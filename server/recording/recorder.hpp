@@ -3,7 +3,8 @@
 //   loops --- Channel (wait-free byte ring, one per producing thread) ---> recorder thread ---> SessionWriter
 //
 // The recorder drains all rings at an interval in one transaction, so SIGKILL loses at most one interval and the
-// current commit. A record leaves its ring only after its commit. If the disk is full, the daemon continues: the
+// current commit. A commit goes to the file's log and does not wait for the disk; another thread copies the log to the
+// file. A record leaves its ring only after its commit. If the disk is full, the daemon continues: the
 // recorder reports the error and retries, and the rings buffer records. Records that do not fit are dropped and
 // counted:
 //
@@ -42,6 +43,7 @@ struct RecorderOptions {
   std::size_t channel_bytes = std::size_t{4} << 20; // about 2 s of the records of a 1 kHz loop
   std::chrono::milliseconds interval{20};           // between commits
   std::chrono::milliseconds retry{200};             // between attempts while the disk fails
+  std::chrono::milliseconds copy{1000};             // between copies of the log to the file
 };
 
 struct RecorderStatus {
@@ -60,6 +62,7 @@ struct Failure {
 };
 } // namespace detail
 
+class LogCopier;
 class Recorder;
 
 // The producer's end of one thread. Valid as long as its Recorder.
@@ -149,6 +152,7 @@ private:
 
   // Used only by the recorder thread.
   std::optional<casefile::SessionWriter> writer_;
+  std::unique_ptr<LogCopier> copier_; // of the writer's file
   std::function<void(Channel &)> poll_;
   bool failing_ = false;
   std::chrono::steady_clock::time_point next_try_;

@@ -9,6 +9,7 @@
 #include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <thread>
 #include <unistd.h>
@@ -62,6 +63,10 @@ std::vector<std::string> set_up_thread(const ThreadOptions &options) {
     if (const int error = set_batch(); error != 0) {
       problems.push_back("thread " + options.name + " runs without SCHED_BATCH: " + reason(error));
     }
+  }
+  if (options.nice != 0 && setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), options.nice) != 0) {
+    problems.push_back("thread " + options.name + " runs without nice " + std::to_string(options.nice) + ": " +
+                       reason(errno));
   }
   if (options.cpu >= 0) {
     cpu_set_t cores;

@@ -16,6 +16,7 @@ struct ThreadOptions {
   // For long computations that can wait: SCHED_BATCH with a long time slice. The thread then does not preempt others
   // when it wakes, and others preempt it. Not used with a fifo_priority. Threads that it starts inherit the setting.
   bool batch = false;
+  int nice = 0; // of the ordinary scheduler: below 0 is preferred to other programs
 };
 
 // Sets up the calling thread. Returns one sentence per setting that failed. The thread continues in all cases.

@@ -213,7 +213,13 @@ inline constexpr const char *kDrift = "drift"; // demotes
 inline constexpr const char *kLatency = "latency";
 inline constexpr const char *kRejected = "rejected_samples";
 inline constexpr const char *kDisk = "disk";
-inline constexpr const char *kOverrun = "overrun";
+inline constexpr const char *kOverrun = "overrun"; // its subject is the loop
+inline constexpr const char *kRecordLoss = "record_loss";
+inline constexpr const char *kOtherDaemon = "other_daemon"; // a second daemon on the domain
+inline constexpr const char *kStateUser =
+    "state_directory";                                      // a second daemon on the state directory, which was refused
+inline constexpr const char *kOtherWriter = "other_writer"; // of a device
+inline constexpr const char *kCommandFlood = "command_flood"; // its subject is the client
 } // namespace alarm
 
 } // namespace bregma::server

@@ -2,22 +2,19 @@
 // continues. Threads: one owner. The worker accesses only the data that finish() passes to it.
 #pragma once
 
-#include <atomic>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "algorithms/calibration/pivot.hpp"
 #include "server/session/messages.hpp"
+#include "server/session/work.hpp"
 
 namespace bregma::server {
 
 class PivotRun {
 public:
-  using Executor = std::function<void(std::function<void()>)>;
-
   PivotRun(std::uint64_t id, std::string tool, std::size_t max_samples)
       : id_(id), tool_(std::move(tool)), max_samples_(max_samples) {}
 
@@ -26,7 +23,7 @@ public:
   // Uses poses relative to the reference if it was visible in at least half of them, so that camera motion has no
   // effect. Otherwise uses poses relative to the tracker. Without an executor the estimate is ready on return.
   void finish(const calibration::PivotOptions &options, const Executor &executor);
-  [[nodiscard]] bool finishing() const { return job_ != nullptr; }
+  [[nodiscard]] bool finishing() const { return result_ != nullptr; }
   // Null until it is ready.
   [[nodiscard]] const calibration::PivotResult *result() const;
 
@@ -34,17 +31,11 @@ public:
   [[nodiscard]] const std::string &tool() const { return tool_; }
 
 private:
-  struct Job {
-    std::vector<calibration::PivotPose> poses;
-    calibration::PivotResult result;
-    std::atomic<bool> ready = false;
-  };
-
   std::uint64_t id_;
   std::string tool_;
   std::size_t max_samples_;
   std::vector<PivotPose> poses_;
-  std::shared_ptr<Job> job_; // shared with the worker, which may end after the run
+  std::shared_ptr<JobResult<calibration::PivotResult>> result_; // shared with the worker, which may end after the run
 };
 
 } // namespace bregma::server

@@ -11,14 +11,15 @@
 
 namespace bregma::server {
 
-// Commands are equal only if they were also sent at the same time, because a restarted client counts from one again.
+// Commands are equal only if they are of one kind and were also sent at the same time, because a restarted client
+// counts from one again.
 struct Ticket {
   std::string client;
   std::uint64_t id = 0;
   std::int64_t sent_time_ns = 0;
   wire::CommandKind kind = bregma_wire_COMMAND_UNKNOWN;
   [[nodiscard]] bool same_command(const Ticket &other) const {
-    return client == other.client && id == other.id && sent_time_ns == other.sent_time_ns;
+    return client == other.client && id == other.id && sent_time_ns == other.sent_time_ns && kind == other.kind;
   }
 };
 

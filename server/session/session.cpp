@@ -11,10 +11,6 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kSaveIntervalNs = 1'000'000'000; // interval for samples that arrive without a command
-// Raised if the accepted registration has not been verified since a restart or a drift alarm.
-constexpr const char *kVerify = "verification";
-
 // Why a command of this kind is carried out by no state of this daemon; empty: it may be.
 std::string unsupported(wire::CommandKind kind) {
   const wire::CommandEntry *entry = wire::find_command(kind);
@@ -31,7 +27,7 @@ std::string unsupported(wire::CommandKind kind) {
 
 Session::Impl::Impl(SessionConfig config, SessionPorts &ports, Executor executor)
     : config_(std::move(config)), ports_(ports), executor_(std::move(executor)), file_(config_.state_directory),
-      alarm_registry_([this](const wire::Alarm &alarm) { ports_.publish(alarm); }) {}
+      alarm_registry_([this](const wire::Alarm &alarm) { ports_.publish(alarm); }), saver_(file_, executor_) {}
 
 void Session::Impl::handle(const wire::Command &command) {
   if (!wire::is_terminated(command.client) || wire::view(command.client).empty()) {
@@ -43,11 +39,11 @@ void Session::Impl::handle(const wire::Command &command) {
   }
   const Ticket ticket{wire::text(command.client), command.id, command.sent_time_ns, command.kind};
   if (const std::string why = unsupported(command.kind); !why.empty()) {
-    publish_reply(ticket, {bregma_wire_COMMAND_UNSUPPORTED, why}, false);
+    publish_reply(ticket, make_reply(ticket, {bregma_wire_COMMAND_UNSUPPORTED, why}));
     return;
   }
   if (const std::string wrong = wire::malformed(command); !wrong.empty()) {
-    publish_reply(ticket, {bregma_wire_COMMAND_MALFORMED, wrong}, false);
+    publish_reply(ticket, make_reply(ticket, {bregma_wire_COMMAND_MALFORMED, wrong}));
     return;
   }
   switch (reply_cache_.enter(ticket)) {
@@ -72,10 +68,16 @@ void Session::Impl::answer(const Ticket &ticket, const Answer &answer) {
     settle();
     save();
   }
-  publish_reply(ticket, answer, true);
+  const wire::CommandReply reply = make_reply(ticket, answer);
+  if (answer.result == bregma_wire_COMMAND_DONE && version_ != version_before_ && version_ > saved_) {
+    unsaved_replies_.push_back({version_, ticket, reply});
+  } else {
+    publish_reply(ticket, reply);
+  }
+  version_before_ = version_; // a further answer of the same call does not wait for this change
 }
 
-void Session::Impl::publish_reply(const Ticket &ticket, const Answer &answer, bool remember) {
+wire::CommandReply Session::Impl::make_reply(const Ticket &ticket, const Answer &answer) const {
   wire::CommandReply reply{};
   (void)wire::set_name(reply.client, ticket.client); // it was received as a valid name
   reply.id = ticket.id;
@@ -84,11 +86,13 @@ void Session::Impl::publish_reply(const Ticket &ticket, const Answer &answer, bo
   reply.session = machine_.state();
   reply.value_mm = answer.value_mm;
   wire::set_text(reply.text, answer.text);
-  if (remember) {
-    reply_cache_.answer(ticket, reply);
-    ports_.log(ticket.client + " " + wire::command_name(ticket.kind) + ": " +
-               (answer.result == bregma_wire_COMMAND_DONE ? "" : "refused: ") + answer.text);
-  }
+  return reply;
+}
+
+void Session::Impl::publish_reply(const Ticket &ticket, const wire::CommandReply &reply) {
+  reply_cache_.answer(ticket, reply);
+  ports_.log(ticket.client + " " + std::to_string(ticket.id) + " " + wire::command_name(ticket.kind) + ": " +
+             (reply.result == bregma_wire_COMMAND_DONE ? "" : "refused: ") + reply.text);
   ports_.publish(reply);
 }
 
@@ -109,19 +113,8 @@ void Session::Impl::settle() {
   }
   if (data_.stage != machine_.stage()) {
     data_.stage = machine_.stage();
-    unsaved_ = true;
+    changed();
   }
-}
-
-void Session::Impl::save() {
-  if (!unsaved_) {
-    return;
-  }
-  saved_ns_ = now_ns;
-  const auto saved = file_.save(data_);
-  unsaved_ = !saved;
-  // A full disk does not stop the session. An alarm states that a restart would not find this session.
-  condition(alarm::kDisk, "session", !saved, bregma_wire_SEVERITY_CRITICAL, saved ? "" : saved.error().message);
 }
 
 void Session::Impl::condition(const char *kind, std::string_view subject, bool active, wire::AlarmSeverity severity,
@@ -137,22 +130,19 @@ void Session::Impl::condition(const char *kind, std::string_view subject, bool a
 }
 
 void Session::Impl::on_condition(const AlarmCondition &condition) {
-  const bool changed = alarm_registry_.update(condition);
+  const bool began_or_ended = alarm_registry_.update(condition);
   const std::string text(condition.text, strnlen(condition.text, sizeof condition.text));
   const std::string subject = wire::text(condition.subject);
   const std::string cause = wire::text(condition.kind) + (subject.empty() ? "" : " " + subject);
-  if (changed) {
-    ports_.log("alarm " + cause + (condition.active ? " raised: " + text : " cleared"));
-  }
   if (!condition.active) {
     machine_.recover(cause); // for any effect: the end of a condition never degrades
   } else if (condition.effect == SessionEffect::kDegrade) {
     machine_.degrade(cause);
   } else if (condition.effect == SessionEffect::kFault) {
     machine_.fault(cause + (text.empty() ? "" : ": " + text));
-  } else if (condition.effect == SessionEffect::kDemote && changed) {
+  } else if (condition.effect == SessionEffect::kDemote && began_or_ended) {
     data_.checks.clear(); // made before the drift alarm
-    unsaved_ = true;
+    changed();
     if (machine_.demote()) {
       this->condition(kVerify, "", true, bregma_wire_SEVERITY_WARNING,
                       "The registration is no longer verified (" + cause +
@@ -179,91 +169,7 @@ void Session::Impl::poll() {
     accept_.reset();
     answer(ticket, refused("the registration loop has not answered: no estimate of the latest samples"));
   }
-  if (now_ns >= saved_ns_ + kSaveIntervalNs) {
-    save();
-  }
-}
-
-void Session::Impl::set_recording(const std::filesystem::path &file) {
-  data_.recording = file.string();
-  unsaved_ = true;
-  save();
-}
-
-void Session::Impl::restore() {
-  auto loaded = file_.load();
-  if (!loaded) {
-    ports_.log("the last session is not restored: " + loaded.error().message);
-  } else if (*loaded && (*loaded)->stage != bregma_wire_SESSION_IDLE) {
-    if (const auto restored = bring_back(std::move(**loaded)); !restored) {
-      file_.set_aside();
-      ports_.log("the last session is not restored: " + restored.error().message);
-    }
-  } else {
-    if (*loaded) {
-      data_.revision = (*loaded)->revision;
-    }
-    ports_.log("no session to restore");
-  }
-  settle();
-  save();
-}
-
-base::Result<void> Session::Impl::bring_back(SessionData data) {
-  auto loaded = casefile::load_case(data.case_folder);
-  if (!loaded) {
-    return tl::unexpected(loaded.error());
-  }
-  const casefile::Case &the_case = *loaded;
-  if (the_case.id != data.case_id) {
-    return base::failure(data.case_folder + " holds case " + the_case.id + " now, it was " + data.case_id);
-  }
-  for (const auto &[tool, tip] : data.tips) {
-    if (the_case.tool(tool) == nullptr) {
-      return base::failure("tool " + tool + " is no longer in case " + the_case.id);
-    }
-  }
-  for (const auto &[point, sample] : data.fiducials) {
-    if (the_case.fiducial(point) == nullptr) {
-      return base::failure("fiducial " + point + " is no longer in case " + the_case.id);
-    }
-  }
-  auto shared = std::make_shared<const casefile::Case>(std::move(*loaded));
-  if (auto used = ports_.use_case(shared); !used) {
-    return used;
-  }
-  case_ = std::move(shared);
-  data_ = std::move(data);
-  data_.checks.clear(); // the situation may have changed in between, so the operator must verify again
-
-  send_all(RegistrationReset{data_.revision});
-  for (const auto &[name, tip] : data_.tips) {
-    ToolTip message{{}, tip.tip_mm, tip.covariance_mm2};
-    (void)wire::set_name(message.tool, name);
-    ports_.send(NavigationMessage(message));
-  }
-  for (auto &[name, sample] : data_.fiducials) {
-    sample.revision = data_.revision;
-    ports_.send(RegistrationMessage(sample));
-    show(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, name));
-  }
-  for (SurfaceSample &sample : data_.surface) {
-    sample.revision = data_.revision;
-    ports_.send(RegistrationMessage(sample));
-    show(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
-  }
-  if (data_.accepted) {
-    send_all(*data_.accepted);
-    condition(kVerify, "", true, bregma_wire_SEVERITY_WARNING,
-              "Restored after a restart: check the landmarks and confirm before navigating.");
-  }
-  machine_.restore(data_.accepted ? bregma_wire_SESSION_REGISTERED
-                                  : std::min(data_.stage, bregma_wire_SESSION_REGISTERING));
-  unsaved_ = true;
-  ports_.log("restored case " + case_->id + " as " + std::string(state_name(machine_.stage())) + " with " +
-             std::to_string(data_.fiducials.size()) + " fiducials and " + std::to_string(data_.surface.size()) +
-             " surface samples");
-  return {};
+  poll_storage();
 }
 
 Session::Session(SessionConfig config, SessionPorts &ports, Executor executor)
@@ -271,17 +177,17 @@ Session::Session(SessionConfig config, SessionPorts &ports, Executor executor)
 Session::~Session() = default;
 
 void Session::restore(std::int64_t now_ns) {
-  impl_->now_ns = now_ns;
+  impl_->begin(now_ns);
   impl_->restore();
 }
 
 void Session::handle(const wire::Command &command, std::int64_t now_ns) {
-  impl_->now_ns = now_ns;
+  impl_->begin(now_ns);
   impl_->handle(command);
 }
 
 void Session::on(const NavigationEvent &event, std::int64_t now_ns) {
-  impl_->now_ns = now_ns;
+  impl_->begin(now_ns);
   if (const auto *capture = std::get_if<CaptureResult>(&event)) {
     impl_->on_capture(*capture);
   } else if (const auto *surface = std::get_if<SurfaceSample>(&event)) {
@@ -292,17 +198,17 @@ void Session::on(const NavigationEvent &event, std::int64_t now_ns) {
 }
 
 void Session::on(const wire::RegistrationState &estimate, std::int64_t now_ns) {
-  impl_->now_ns = now_ns;
+  impl_->begin(now_ns);
   impl_->on_estimate(estimate);
 }
 
 void Session::on(const AlarmCondition &condition, std::int64_t now_ns) {
-  impl_->now_ns = now_ns;
+  impl_->begin(now_ns);
   impl_->on_condition(condition);
 }
 
 void Session::poll(std::int64_t now_ns) {
-  impl_->now_ns = now_ns;
+  impl_->begin(now_ns);
   impl_->poll();
 }
 

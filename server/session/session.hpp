@@ -2,24 +2,26 @@
 // sends messages to the loops, and answers every command exactly once.
 //
 // The class uses no DDS and has no threads, and the caller passes the time. It runs on the control thread, or in
-// virtual time in a test. It blocks only for the disk (loading a case, writing the snapshot). Every change is on disk
-// before its reply is published. All answers are sent through SessionPorts, some at once, some from a later poll().
+// virtual time in a test. It never waits: other threads load cases and write snapshots (Executor). Every change is on
+// disk before its reply is published, so only such replies wait for the disk; alarms and changes of the state do not.
+// All answers are sent through SessionPorts, some at once, some from a later poll().
 //
-// A command that is sent again (same client, id and sent_time_ns) gets its first answer again and is not executed
+// A command that is sent again (same client, id, kind and sent_time_ns) gets its first answer again and is not executed
 // again.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "base/result.hpp"
 #include "casefile/case.hpp"
+#include "server/session/case_loading.hpp"
 #include "server/session/messages.hpp"
 #include "server/session/snapshot.hpp"
+#include "server/session/work.hpp"
 
 namespace bregma::server {
 
@@ -28,8 +30,10 @@ class SessionPorts {
 public:
   virtual ~SessionPorts() = default;
 
-  // Called before any message about the case; nullptr: the case was closed. An error rejects the case.
-  [[nodiscard]] virtual base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) = 0;
+  // Builds what use_case() needs. The function runs on a loading thread and may outlive the ports.
+  [[nodiscard]] virtual PrepareCase preparation() = 0;
+  // Called before any message about the case; both are null if the case was closed.
+  virtual void use_case(std::shared_ptr<const casefile::Case> loaded, std::shared_ptr<PreparedCase> prepared) = 0;
   // The order is kept and no message is lost: if the ring is full, the port keeps a backlog. A restore sends all
   // samples.
   virtual void send(const NavigationMessage &message) = 0;
@@ -55,20 +59,19 @@ struct SessionConfig {
       0.3; // standard deviation of a tool's position per coordinate, compared with a pivot's residual
   std::size_t min_checks = 3;        // check touches at different landmarks, required for a verification
   double answer_timeout_ms = 2000.0; // the command fails if a loop has not answered within this time
+  double load_timeout_ms = 30'000.0; // a case that is not loaded within this time is refused
 };
 
 class Session {
 public:
-  // Runs a job on another thread. Empty: the job runs inline, which keeps virtual time deterministic.
-  using Executor = std::function<void(std::function<void()>)>;
-
   Session(SessionConfig config, SessionPorts &ports, Executor executor = {});
   ~Session();
   Session(const Session &) = delete;
   Session &operator=(const Session &) = delete;
 
   // Restores the snapshot of the last process. Call it first. An accepted registration is restored as Registered;
-  // without one, the case and the samples are restored. Invalid content is logged, and the session starts as Idle.
+  // without one, the case and the samples are restored. Invalid content is logged, and the session starts as Idle. With
+  // an executor the session is Idle until its case is loaded, and refuses to load another one in the meantime.
   void restore(std::int64_t now_ns);
 
   void handle(const wire::Command &command, std::int64_t now_ns);

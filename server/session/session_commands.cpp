@@ -9,7 +9,7 @@ Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &
   const auto &of = body._u;
   switch (ticket.kind) {
   case bregma_wire_COMMAND_LOAD_CASE:
-    return load_case(of.folder.folder);
+    return load_case(ticket, of.folder.folder);
   case bregma_wire_COMMAND_START_PIVOT:
     return start_pivot(wire::text(of.tool.tool));
   case bregma_wire_COMMAND_FINISH_PIVOT:
@@ -64,24 +64,25 @@ tl::expected<const casefile::ToolModel *, Answer> Session::Impl::find_tool_with_
   return tool;
 }
 
-Answer Session::Impl::load_case(const std::string &folder) {
+Outcome Session::Impl::load_case(const Ticket &ticket, const std::string &folder) {
   std::error_code code;
   const auto absolute = std::filesystem::absolute(folder, code);
   if (folder.empty() || code) {
     return refused("\"" + folder + "\" is no case folder");
   }
-  auto loaded = casefile::load_case(absolute);
-  if (!loaded) {
-    return refused(loaded.error().message);
+  if (load_) {
+    return refused(load_->folder + " is being loaded: wait for the answer");
   }
-  auto shared = std::make_shared<const casefile::Case>(std::move(*loaded));
-  if (const auto used = ports_.use_case(shared); !used) {
-    return refused(used.error().message);
-  }
+  start_loading(absolute.string(), ticket, std::nullopt);
+  return std::nullopt;
+}
+
+Answer Session::Impl::take_case(const LoadedFolder &folder) {
+  ports_.use_case(folder.loaded, folder.prepared);
   alarm_registry_.case_closed(now_ns); // the alarms of an earlier case
-  case_ = std::move(shared);
+  case_ = folder.loaded;
   data_.tips.clear();
-  data_.case_folder = absolute.string();
+  data_.case_folder = case_->folder.string();
   data_.case_id = case_->id;
   clear_samples();
   return {.text = "case " + case_->id + ": " + std::to_string(case_->fiducials.size()) + " fiducials, " +
@@ -147,7 +148,7 @@ Answer Session::Impl::take_pivot(const calibration::PivotResult &result) {
   tip.rms_mm = pivot.rms_mm;
   tip.time_ns = now_ns;
   data_.tips[tool] = tip;
-  unsaved_ = true;
+  changed();
   ToolTip message{{}, tip.tip_mm, tip.covariance_mm2};
   (void)wire::set_name(message.tool, tool);
   ports_.send(NavigationMessage(message));
@@ -200,7 +201,7 @@ Answer Session::Impl::close_case() {
   data_.case_folder.clear();
   data_.case_id.clear();
   case_.reset();
-  (void)ports_.use_case(nullptr); // closing cannot be rejected
+  ports_.use_case(nullptr, nullptr);
   alarm_registry_.case_closed(now_ns);
   return {.text = id.empty() ? "no case was loaded" : "case " + id + " is closed"};
 }

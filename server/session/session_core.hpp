@@ -1,8 +1,10 @@
-// Implementation of the session, common to session.cpp (parts common to all commands, restart, alarms),
-// session_commands.cpp (execution of the commands) and session_registration.cpp (commands of the registration). Only
-// these files include it.
+// Implementation of the session, common to session.cpp (parts common to all commands, alarms), session_storage.cpp
+// (what is kept on disk), session_commands.cpp (execution of the commands) and session_registration.cpp (commands of
+// the registration). Only these files include it.
 #pragma once
 
+#include <deque>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
@@ -15,9 +17,13 @@
 #include "server/session/pivot_run.hpp"
 #include "server/session/reply_cache.hpp"
 #include "server/session/session.hpp"
+#include "server/session/snapshot_saver.hpp"
 #include "server/session/state_machine.hpp"
 
 namespace bregma::server {
+
+// Raised if the accepted registration has not been verified since a restart or a drift alarm.
+inline constexpr const char *kVerify = "verification";
 
 struct Answer {
   wire::CommandResult result = bregma_wire_COMMAND_DONE;
@@ -32,11 +38,18 @@ class Session::Impl {
 public:
   Impl(SessionConfig config, SessionPorts &ports, Executor executor);
 
+  // Begins a call from outside.
+  void begin(std::int64_t utc_ns) {
+    now_ns = utc_ns;
+    version_before_ = version_;
+  }
+
   // session.cpp
-  void restore();
   void handle(const wire::Command &command);
   void on_condition(const AlarmCondition &condition);
   void poll();
+  // session_storage.cpp
+  void restore();
   void set_recording(const std::filesystem::path &file);
   // session_registration.cpp
   void on_capture(const CaptureResult &result);
@@ -59,20 +72,44 @@ private:
     Ticket ticket;
     std::int64_t deadline_ns = 0;
   };
+  struct PendingLoad {
+    std::string folder;
+    std::shared_ptr<JobResult<LoadedFolder>> result;
+    std::int64_t deadline_ns = 0;
+    std::optional<Ticket> ticket;         // the LOAD_CASE that waits for it
+    std::optional<SessionData> restoring; // or the snapshot of the last process
+  };
+  struct PendingReply { // waits until the change that it reports is on disk
+    std::uint64_t version = 0;
+    Ticket ticket;
+    wire::CommandReply reply{};
+  };
 
   // session.cpp
   void answer(const Ticket &ticket, const Answer &answer);
-  void publish_reply(const Ticket &ticket, const Answer &answer, bool remember);
+  [[nodiscard]] wire::CommandReply make_reply(const Ticket &ticket, const Answer &answer) const;
+  void publish_reply(const Ticket &ticket, const wire::CommandReply &reply);
   void settle();
-  void save();
   void condition(const char *kind, std::string_view subject, bool active, wire::AlarmSeverity severity,
                  std::string_view text);
-  [[nodiscard]] base::Result<void> bring_back(SessionData data);
+  // session_storage.cpp
+  // The data have changed.
+  void changed() { ++version_; }
+  void save();
+  // Publishes the replies that waited for the disk, and the alarm about it.
+  void take_saved();
+  void poll_storage();
+  void start_loading(const std::string &folder, std::optional<Ticket> ticket, std::optional<SessionData> restoring);
+  // Takes the loaded case, or gives it up after its deadline.
+  void poll_loading();
+  void end_loading(const LoadedFolder &folder);
+  [[nodiscard]] base::Result<void> bring_back(SessionData data, const LoadedFolder &folder);
   template <class Message> void send_all(const Message &message);
 
   // session_commands.cpp
   [[nodiscard]] Outcome carry_out(const Ticket &ticket, const wire::CommandBody &body);
-  [[nodiscard]] Answer load_case(const std::string &folder);
+  [[nodiscard]] Outcome load_case(const Ticket &ticket, const std::string &folder);
+  [[nodiscard]] Answer take_case(const LoadedFolder &folder);
   [[nodiscard]] Answer start_pivot(const std::string &tool);
   [[nodiscard]] Outcome finish_pivot(const Ticket &ticket, const std::string &tool);
   [[nodiscard]] Answer take_pivot(const calibration::PivotResult &result);
@@ -107,8 +144,16 @@ private:
   AlarmRegistry alarm_registry_;
   ReplyCache reply_cache_;
   SessionData data_;
-  bool unsaved_ = false;
-  std::int64_t saved_ns_ = 0;
+  SnapshotSaver saver_;
+  std::uint64_t version_ = 0;         // of data_
+  std::uint64_t version_before_ = 0;  // at the beginning of the present call
+  std::uint64_t saving_ = 0;          // the version that the saver has got last
+  std::uint64_t saved_ = 0;           // the version whose outcome is known
+  std::int64_t submitted_ns_ = 0;     // when the saver got it
+  std::int64_t waiting_since_ns_ = 0; // for the disk
+  bool save_failed_ = false;          // the latest outcome
+  std::deque<PendingReply> unsaved_replies_;
+  std::optional<PendingLoad> load_;
   std::shared_ptr<const casefile::Case> case_;
   std::optional<SessionChanged> announced_;
   std::optional<wire::RegistrationState> estimate_; // the latest

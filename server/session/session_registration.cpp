@@ -73,7 +73,7 @@ Answer Session::Impl::take_fiducial(const CaptureRequest &request, const Capture
   const std::string point = wire::text(request.point);
   const bool again = data_.fiducials.contains(point);
   data_.fiducials[point] = sample;
-  unsaved_ = true;
+  changed();
   ports_.send(RegistrationMessage(sample));
   show(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, point));
   return {.text = point + (again ? " touched again" : " touched") + " (" + std::to_string(data_.fiducials.size()) +
@@ -87,7 +87,7 @@ Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureRes
   const auto index = static_cast<std::size_t>(case_->landmark(name) - case_->landmarks.data());
   const JudgedCheck check = judge_check(*case_, *data_.accepted, index, request.tool, result);
   data_.checks[name] = check;
-  unsaved_ = true;
+  changed();
   ports_.send(MonitoringMessage(check));
   show(captured_point(check, bregma_wire_CAPTURE_CHECK, name));
   std::string text = name + " is shown " + mm(check.distance_mm) + " off, 95 % bound " + mm(check.limit_mm);
@@ -108,7 +108,7 @@ Answer Session::Impl::remove_fiducial(const std::string &point) {
   }
   FiducialRemoved removed{++data_.revision, {}};
   (void)wire::set_name(removed.point, point);
-  unsaved_ = true;
+  changed();
   ports_.send(RegistrationMessage(removed));
   return {.text = point + " is removed, " + std::to_string(data_.fiducials.size()) + " fiducials are left"};
 }
@@ -169,7 +169,7 @@ void Session::Impl::on_surface(SurfaceSample sample) {
   }
   sample.revision = ++data_.revision;
   data_.surface.push_back(sample);
-  unsaved_ = true;
+  changed();
   ports_.send(RegistrationMessage(sample));
   if (data_.surface.size() >= config_.trace_max_samples) {
     ports_.log("the trace ends: " + std::to_string(data_.surface.size()) + " surface samples are kept at most");
@@ -209,7 +209,7 @@ Answer Session::Impl::take_registration() {
   }
   data_.accepted = accept(*estimate_);
   data_.checks.clear();
-  unsaved_ = true;
+  changed();
   send_all(*data_.accepted);
   const TargetTre worst = worst_target(*case_, *data_.accepted);
   return {.text = (worst.target.empty() ? std::string("the case has no target")
@@ -243,7 +243,7 @@ void Session::Impl::clear_samples() {
   data_.checks.clear();
   data_.accepted.reset();
   estimate_.reset();
-  unsaved_ = true;
+  changed();
   for (const std::string &tool : std::exchange(shown_tools_, {})) {
     wire::CapturedPoint last{};
     (void)wire::set_name(last.tool, tool);

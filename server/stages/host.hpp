@@ -14,6 +14,8 @@
 #include "casefile/case.hpp"
 #include "idl/topics.hpp"
 #include "server/recording/recorder.hpp"
+#include "server/session/work.hpp"
+#include "server/stages/monitoring/alarm_conditions.hpp"
 
 namespace bregma::server {
 
@@ -25,7 +27,6 @@ public:
 
   // ---- any thread, wait-free ----
   [[nodiscard]] virtual recording::RecorderStatus recorder() const noexcept { return {}; }
-  [[nodiscard]] virtual std::uint64_t overruns() const noexcept { return 0; } // total of all stages
   // Number of steps of the tissue solver per period: as many as time allows, or in virtual time a fixed number, so that
   // runs are reproducible.
   [[nodiscard]] virtual std::optional<int> fixed_solver_steps() const noexcept { return std::nullopt; }
@@ -34,15 +35,17 @@ public:
   // Boot id of the machine; see wire::boot_id().
   [[nodiscard]] virtual std::array<std::uint8_t, 16> boot_id() const { return {}; }
   virtual void log(LogLevel, const std::string & /*line*/) {}
-  // Runs the job on another thread; the base class runs it at once.
-  virtual void run_elsewhere(const std::function<void()> &job) { job(); }
-  // A case was loaded or closed (nullptr). Returns the file of the new recording, empty if there is none; nullopt if
-  // recording is disabled.
+  // Runs the job on another thread (server/session/work.hpp); the base class runs it at once.
+  virtual void run_elsewhere(Work /*work*/, const std::function<void()> &job) { job(); }
+  // Called within Work::kSave: a case was loaded or closed (nullptr). Returns the file of the new recording, empty if
+  // there is none; nullopt if recording is disabled.
   [[nodiscard]] virtual base::Result<std::optional<std::filesystem::path>>
   case_changed(const casefile::Case * /*loaded*/, std::int64_t /*utc_ns*/) {
     return std::nullopt;
   }
-  // Adds data of the process: measurements of the loops, participants with another wire version.
+  // Alarm conditions of the process, read by the session's stage; nullptr: there are none.
+  [[nodiscard]] virtual AlarmEvents *conditions() noexcept { return nullptr; }
+  // Adds data of the process: its identity, measurements of the loops, participants with another wire version.
   virtual void complete(wire::SystemHealth & /*health*/) {}
 };
 

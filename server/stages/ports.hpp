@@ -7,7 +7,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
+#include <type_traits>
 
 #include "casefile/session_file/session_file.hpp"
 #include "idl/dds.hpp"
@@ -62,20 +64,28 @@ public:
   explicit Subscriber(Link &link) : source_(link.source(topic_info<T>())) {}
 
   // Calls visit(const T &, std::uint64_t writer) for every sample since the last call, oldest first. A sample is valid
-  // only during visit. Returns their number.
-  template <class Visit> std::size_t take_each(std::int64_t utc_ns, Visit &&visit) noexcept {
+  // only during visit. A visit that returns false keeps the sample out of the recording. After max_batches the rest
+  // waits for the next call, so that a flood does not keep the caller here. Returns the number of samples.
+  template <class Visit>
+  std::size_t take_each(std::int64_t utc_ns, Visit &&visit,
+                        int max_batches = std::numeric_limits<int>::max()) noexcept {
     std::size_t total = 0;
     dds::untyped::Batch batch;
     do {
       source_->take(batch);
       for (int i = 0; i < batch.count; ++i) {
         if (batch.valid[i]) {
-          visit(*static_cast<const T *>(batch.samples[i]), batch.infos[i].writer);
+          const T &sample = *static_cast<const T *>(batch.samples[i]);
+          if constexpr (std::is_same_v<std::invoke_result_t<Visit &, const T &, std::uint64_t>, bool>) {
+            batch.valid[i] = visit(sample, batch.infos[i].writer);
+          } else {
+            visit(sample, batch.infos[i].writer);
+          }
           ++total;
         }
       }
       source_->give_back(batch, utc_ns);
-    } while (batch.count == static_cast<int>(dds::untyped::kBatch));
+    } while (batch.count == static_cast<int>(dds::untyped::kBatch) && --max_batches > 0);
     return total;
   }
   // Also resets the status that wakes the stage for a missed deadline or a lost writer.

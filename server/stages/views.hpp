@@ -60,7 +60,8 @@ struct PredictedTargets {
 // The session, for the health topic.
 struct SessionView {
   wire::SessionState state = bregma_wire_SESSION_IDLE;
-  char case_folder[1024] = {}; // empty: no case is loaded
+  std::uint64_t refused_commands = 0; // of clients that flood
+  char case_folder[1024] = {};        // empty: no case is loaded
 };
 
 } // namespace bregma::server

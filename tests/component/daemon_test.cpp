@@ -18,12 +18,6 @@
 namespace bregma::test {
 namespace {
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kSanitized = true; // several times slower: waiting times are not tested
-#else
-constexpr bool kSanitized = false;
-#endif
-
 template <std::size_t Size> std::array<std::uint64_t, Size> bits_of(const double (&numbers)[Size]) {
   std::array<std::uint64_t, Size> out;
   std::transform(std::begin(numbers), std::end(numbers), out.begin(),

@@ -104,9 +104,10 @@ Operation::Operation()
     : domain_(own_domain()), participant_(domain_), navigation_(participant_), health_(participant_),
       registration_(participant_), accuracy_(participant_), alarms_(participant_), replies_(participant_) {}
 
-void Operation::start_daemon(const std::vector<std::string> &settings) {
-  std::vector<std::string> command{BREGMA_DAEMON, "--set", "domain_id=" + std::to_string(domain_), "--set",
-                                   "state.directory=" + state_.path().string()};
+void Operation::start_daemon(const std::vector<std::string> &settings, const std::vector<std::string> &before) {
+  std::vector<std::string> command = before;
+  command.insert(command.end(), {BREGMA_DAEMON, "--set", "domain_id=" + std::to_string(domain_), "--set",
+                                 "state.directory=" + state_.path().string()});
   for (const std::string &setting : settings) {
     command.insert(command.end(), {"--set", setting});
   }

@@ -13,6 +13,12 @@
 
 namespace bregma::test {
 
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+inline constexpr bool kSanitized = true; // several times slower: waiting times are not tested
+#else
+inline constexpr bool kSanitized = false;
+#endif
+
 inline constexpr std::uint64_t kSeed = 11; // seed of every operation unless a test states another
 
 // An ellipsoidal head with a brain and one critical structure, saved and loaded again.
@@ -41,7 +47,8 @@ class Operation {
 public:
   Operation();
 
-  void start_daemon(const std::vector<std::string> &settings = {});
+  // before: words of the command before the program, such as "/usr/bin/env" with variables.
+  void start_daemon(const std::vector<std::string> &settings = {}, const std::vector<std::string> &before = {});
   // steps: scenario text; the room's log is kept.
   void start_room(const std::string &scenario_toml, const std::vector<std::string> &options = {});
 

@@ -36,6 +36,7 @@ void HealthStage::step(const Moment &now) noexcept {
   health.time_ns = now.utc_ns;
   health.started_time_ns = started_ns_;
   health.session = session_.value().state;
+  health.refused_commands = session_.value().refused_commands;
   wire::set_text(health.case_folder, session_.value().case_folder);
   inputs::add_to(health, trackers_.value());
   inputs::add_to(health, sensors_.value());

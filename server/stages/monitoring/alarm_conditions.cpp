@@ -6,8 +6,8 @@ namespace bregma::server {
 
 std::size_t AlarmConditions::find(const char *kind, std::string_view subject) const noexcept {
   std::size_t i = 0;
-  while (i < watched_.size() &&
-         (watched_[i].kind.name != std::string_view(kind) || wire::view(watched_[i].subject) != subject)) {
+  while (i < watched_.size() && (watched_[i].forgotten || watched_[i].kind.name != std::string_view(kind) ||
+                                 wire::view(watched_[i].subject) != subject)) {
     ++i;
   }
   return i;
@@ -15,6 +15,9 @@ std::size_t AlarmConditions::find(const char *kind, std::string_view subject) co
 
 void AlarmConditions::update(const Kind &kind, std::string_view subject, bool holds, std::string_view text,
                              std::int64_t now_ns) noexcept {
+  if (any_forgotten_) {
+    clear_forgotten(now_ns);
+  }
   const std::size_t at = find(kind.name, subject);
   if (at == watched_.size()) {
     if (!holds) {
@@ -26,30 +29,34 @@ void AlarmConditions::update(const Kind &kind, std::string_view subject, bool ho
     fresh.latch = monitoring::AlarmLatch(kind.raise_after_ns, kind.clear_after_ns);
   }
   Watched &watched = watched_[at];
-  switch (watched.latch.update(holds, now_ns)) {
-  case monitoring::AlarmLatch::Change::kRaised:
-    send(kind, subject, true, text, now_ns);
-    break;
-  case monitoring::AlarmLatch::Change::kCleared:
-    send(kind, subject, false, text, now_ns);
-    break;
-  case monitoring::AlarmLatch::Change::kNone:
-    break;
+  (void)watched.latch.update(holds, now_ns);
+  const bool raised = watched.latch.raised();
+  if (raised != watched.announced && send(watched, raised, raised ? text : "", now_ns)) {
+    watched.announced = raised;
   }
-  if (!holds && !watched.latch.raised()) {
+  if (!holds && !raised && !watched.announced) {
     remove(at);
   }
 }
 
 void AlarmConditions::forget(const char *kind, std::int64_t now_ns) noexcept {
+  for (Watched &watched : watched_) {
+    watched.forgotten = watched.forgotten || watched.kind.name == std::string_view(kind);
+  }
+  clear_forgotten(now_ns);
+}
+
+void AlarmConditions::clear_forgotten(std::int64_t now_ns) noexcept {
+  any_forgotten_ = false;
   for (std::size_t i = watched_.size(); i-- > 0;) {
-    if (watched_[i].kind.name != std::string_view(kind)) {
+    if (!watched_[i].forgotten) {
       continue;
     }
-    if (watched_[i].latch.raised()) {
-      send(watched_[i].kind, wire::view(watched_[i].subject), false, "", now_ns);
+    if (!watched_[i].announced || send(watched_[i], false, "", now_ns)) {
+      remove(i);
+    } else {
+      any_forgotten_ = true;
     }
-    remove(i);
   }
 }
 
@@ -58,17 +65,16 @@ void AlarmConditions::remove(std::size_t index) noexcept {
   watched_.pop_back();
 }
 
-void AlarmConditions::send(const Kind &kind, std::string_view subject, bool active, std::string_view text,
-                           std::int64_t now_ns) noexcept {
+bool AlarmConditions::send(const Watched &watched, bool active, std::string_view text, std::int64_t now_ns) noexcept {
   AlarmCondition condition{};
-  (void)wire::set_name(condition.kind, kind.name);
-  (void)wire::set_name(condition.subject, subject);
+  (void)wire::set_name(condition.kind, watched.kind.name);
+  (void)wire::set_name(condition.subject, wire::view(watched.subject));
   condition.active = active;
-  condition.severity = kind.severity;
-  condition.effect = kind.effect;
+  condition.severity = watched.kind.severity;
+  condition.effect = watched.kind.effect;
   condition.time_ns = now_ns;
   wire::set_text(condition.text, text);
-  (void)events_.try_push(condition); // a full ring counts dropped values
+  return events_.try_push(condition);
 }
 
 } // namespace bregma::server

@@ -1,4 +1,5 @@
-// The conditions that monitoring watches, each with its hysteresis. Changes are sent to the session as AlarmCondition.
+// The conditions that a thread watches, each with its hysteresis. Changes are sent to the session as AlarmCondition. A
+// change that does not fit the ring is sent by a later update.
 // One thread; no allocation, no exceptions.
 #pragma once
 
@@ -43,14 +44,18 @@ private:
     Kind kind{};
     wire::Name subject{};
     monitoring::AlarmLatch latch{0, 0};
+    bool announced = false; // the session knows it as raised
+    bool forgotten = false; // waits only for the message that it is cleared
   };
   // watched() where there is none.
   [[nodiscard]] std::size_t find(const char *kind, std::string_view subject) const noexcept;
   void remove(std::size_t index) noexcept;
-  void send(const Kind &kind, std::string_view subject, bool active, std::string_view text,
-            std::int64_t now_ns) noexcept;
+  // False if the ring is full.
+  [[nodiscard]] bool send(const Watched &watched, bool active, std::string_view text, std::int64_t now_ns) noexcept;
+  void clear_forgotten(std::int64_t now_ns) noexcept;
 
   std::vector<Watched> watched_;
+  bool any_forgotten_ = false;
   AlarmEvents &events_;
 };
 

@@ -183,6 +183,17 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
       alarms_.update({alarm::kRejected, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0,
                       ns_of_ms(parameters_.clear_after_ms)},
                      name, count != std::exchange(rejected_seen_[index], count), refused.text, now_ns);
+
+      // Of two writers only one is used, so nothing is shown wrong. But it may be the wrong one.
+      const bool took_over = device.takeovers != std::exchange(takeovers_seen_[index], device.takeovers);
+      const bool refused_other = device.other_writer != std::exchange(other_writer_seen_[index], device.other_writer);
+      Sentence other;
+      other << "two drivers send as " << name << ": "
+            << (took_over ? "the second is used now, because the first was lost" : "only the first is used")
+            << "; stop one of them";
+      alarms_.update({alarm::kOtherWriter, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0,
+                      ns_of_ms(parameters_.clear_after_ms)},
+                     name, took_over || refused_other, other.text, now_ns);
     }
   }
 }
@@ -218,9 +229,9 @@ void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t n
       {alarm::kDisk, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)}, "",
       view.recorder.failing, disk.text, now_ns);
   alarms_.update(
-      {alarm::kOverrun, bregma_wire_SEVERITY_INFO, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)}, "",
-      view.overruns != std::exchange(overruns_seen_, view.overruns),
-      "a loop took longer than its period: see bregma status", now_ns);
+      {alarm::kRecordLoss, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)},
+      "", view.recorder.dropped != std::exchange(records_lost_seen_, view.recorder.dropped),
+      "the recording of the session has gaps: the disk is too slow, see bregma status", now_ns);
 }
 
 } // namespace bregma::server

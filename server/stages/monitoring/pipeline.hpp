@@ -26,7 +26,6 @@ struct MonitoringView {
   const inputs::StreamHealth &sensors;
   const wire::RegistrationState &registration;
   recording::RecorderStatus recorder;
-  std::uint64_t overruns = 0; // total of all stages
 };
 
 // Of the stage; the pipeline does not use rate and priority.
@@ -70,8 +69,10 @@ private:
   SessionChanged session_{bregma_wire_SESSION_IDLE, false};
   std::optional<geometry::UncertainPose<geometry::frame::Image, geometry::frame::Reference>> accepted_;
   monitoring::DriftMonitor drift_;
-  std::uint64_t rejected_seen_[bregma_wire_MAX_DEVICES] = {}; // in the order of trackers, then sensors
-  std::uint64_t overruns_seen_ = 0;
+  std::uint64_t rejected_seen_[bregma_wire_MAX_DEVICES] = {};     // in the order of trackers, then sensors
+  std::uint64_t other_writer_seen_[bregma_wire_MAX_DEVICES] = {}; // in the same order, like the next
+  std::uint32_t takeovers_seen_[bregma_wire_MAX_DEVICES] = {};
+  std::uint64_t records_lost_seen_ = 0;
   wire::AccuracyState accuracy_{};
 };
 

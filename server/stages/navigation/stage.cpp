@@ -70,7 +70,7 @@ void NavigationStage::step(const Moment &now) noexcept {
   const std::size_t taken =
       frames_.take_each(now.utc_ns, [&](const wire::TrackerFrame &frame, std::uint64_t writer) noexcept {
         const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);
-        if (verdict.accepted) {
+        if (verdict.accepted && navigates(verdict.device, now.utc_ns)) {
           frame_period_ns_ = frame.period_ns;
           pipeline_.on_frame(frame, {verdict.acquired_time_ns, verdict.age_sigma_ns, verdict.period_ns}, now.utc_ns);
           publish(now);
@@ -90,6 +90,16 @@ void NavigationStage::step(const Moment &now) noexcept {
     shared_ns_ = now.monotonic_ns;
     share(now);
   }
+}
+
+// One tracker navigates at a time: the first that sends, until it is lost. Two that see the same tools would show two
+// poses in turn.
+bool NavigationStage::navigates(int tracker, std::int64_t now_ns) noexcept {
+  const auto &trackers = guard_.devices();
+  if (tracker_ < 0 || trackers[static_cast<std::size_t>(tracker_)].status(now_ns) == bregma_wire_DEVICE_LOST) {
+    tracker_ = tracker;
+  }
+  return tracker == tracker_;
 }
 
 void NavigationStage::take_messages(const Moment &now) noexcept {

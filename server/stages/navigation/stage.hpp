@@ -41,6 +41,7 @@ private:
   void take_messages(const Moment &now) noexcept;
   // With the publisher's clock and host.
   [[nodiscard]] wire::NavigationState stamped(wire::NavigationState state, const Moment &now) const noexcept;
+  [[nodiscard]] bool navigates(int tracker, std::int64_t now_ns) noexcept;
   void publish(const Moment &now) noexcept;
   void share(const Moment &now) noexcept;
 
@@ -52,6 +53,7 @@ private:
   CaseLease lease_;
   runtime::LatestInput<PredictedTargets> predicted_;
   std::array<std::uint8_t, 16> boot_id_;
+  int tracker_ = -1; // index of the one that navigates; -1: none has sent yet
   std::int64_t frame_period_ns_ = 0;
   std::int64_t shared_ns_ = 0; // monotonic
   bool published_ = false;     // since the last tick

@@ -12,6 +12,15 @@ namespace bregma::server {
 namespace {
 
 constexpr double kPollRate_hz = 200.0; // rate of polling other stages and pending answers
+constexpr int kMaxBatches = 64;        // of commands per step
+constexpr std::int64_t kFloodShown_ns = 5'000'000'000;
+
+// Of the case that the stages use.
+class Prepared final : public PreparedCase {
+public:
+  explicit Prepared(std::unique_ptr<LoadedCase> a_case) : loaded(std::move(a_case)) {}
+  std::unique_ptr<LoadedCase> loaded;
+};
 
 SessionConfig config_of(const SessionParameters &parameters) {
   SessionConfig out;
@@ -74,7 +83,7 @@ SessionStage::SessionStage(const SessionParameters &parameters, const StageConte
       parameters_(parameters), host_(context.host), commands_(context.link), replies_(context.link),
       alarms_(context.link), captures_(context.link),
       session_(config_of(parameters), static_cast<SessionPorts &>(*this),
-               [this](const std::function<void()> &job) { host_.run_elsewhere(job); }) {}
+               [this](Work work, const std::function<void()> &job) { host_.run_elsewhere(work, job); }) {}
 
 void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
                            const runtime::LatestValue<wire::RegistrationState> &estimate) {
@@ -91,17 +100,58 @@ void SessionStage::begin(const Moment &now) {
 
 void SessionStage::step(const Moment &now) noexcept {
   now_ns_ = now.utc_ns;
-  commands_.take_each(now_ns_, [this](const wire::Command &command, std::uint64_t /*writer*/) {
-    session_.handle(command, now_ns_);
-    tell_of_recording();
-  });
+  commands_.take_each(
+      now_ns_, [this](const wire::Command &command, std::uint64_t writer) { return take(command, writer); },
+      kMaxBatches);
+  watch_commands();
   take_in();
   session_.poll(now_ns_);
+  tell_of_recording();
   to_navigation.flush();
   to_registration.flush();
   to_monitoring.flush();
   cases.free_unused();
   share_view();
+}
+
+bool SessionStage::take(const wire::Command &command, std::uint64_t writer) {
+  const CommandGate::Verdict verdict = gate_.judge(writer, now_ns_);
+  if (verdict == CommandGate::Verdict::kAdmitted) {
+    session_.handle(command, now_ns_);
+    tell_of_recording();
+    return true;
+  }
+  excess_client_ = wire::text(command.client);
+  if (verdict == CommandGate::Verdict::kRefused && wire::is_terminated(command.client)) {
+    wire::CommandReply reply{};
+    (void)wire::set_name(reply.client, excess_client_);
+    reply.id = command.id;
+    reply.kind = command.kind;
+    reply.result = bregma_wire_COMMAND_REFUSED;
+    reply.session = session_.state();
+    reply.value_mm = wire::kUnknown;
+    wire::set_text(reply.text, "too many commands: a client may send 50 per second");
+    replies_(reply, now_ns_);
+  }
+  return false;
+}
+
+// An alarm about clients that flood. Its text names one of them: the names are theirs, and may be any number.
+void SessionStage::watch_commands() {
+  const bool more = gate_.excess() != std::exchange(excess_seen_, gate_.excess());
+  excess_ns_ = more ? now_ns_ : excess_ns_;
+  if (excess_ns_ == 0) {
+    return;
+  }
+  AlarmCondition condition{};
+  (void)wire::set_name(condition.kind, alarm::kCommandFlood);
+  condition.active = now_ns_ - excess_ns_ < kFloodShown_ns;
+  condition.severity = bregma_wire_SEVERITY_WARNING;
+  condition.effect = SessionEffect::kNone;
+  condition.time_ns = now_ns_;
+  wire::set_text(condition.text, "client \"" + excess_client_ + "\" sends too many commands: most are refused");
+  session_.on(condition, now_ns_);
+  excess_ns_ = condition.active ? excess_ns_ : 0;
 }
 
 void SessionStage::take_in() {
@@ -110,46 +160,62 @@ void SessionStage::take_in() {
     session_.on(event, now_ns_);
   }
   AlarmCondition condition;
-  while (conditions_->try_pop(condition)) {
-    session_.on(condition, now_ns_);
+  for (AlarmEvents *conditions : {conditions_, host_.conditions()}) {
+    while (conditions != nullptr && conditions->try_pop(condition)) {
+      session_.on(condition, now_ns_);
+    }
   }
   if (estimate_.refresh()) {
     session_.on(estimate_.value(), now_ns_);
   }
 }
 
-base::Result<void> SessionStage::use_case(std::shared_ptr<const casefile::Case> loaded) {
-  std::unique_ptr<LoadedCase> fresh;
-  if (loaded) {
+PrepareCase SessionStage::preparation() {
+  return [correlation_length_mm = parameters_.correlation_length_mm,
+          max_samples = static_cast<int>(parameters_.trace_max_samples)](
+             std::shared_ptr<const casefile::Case> loaded) -> base::Result<std::shared_ptr<PreparedCase>> {
+    const std::string file = (loaded->folder / "case.toml").string();
     try {
-      fresh = std::make_unique<LoadedCase>(loaded, parameters_.correlation_length_mm,
-                                           static_cast<int>(parameters_.trace_max_samples));
+      return std::make_shared<Prepared>(
+          std::make_unique<LoadedCase>(std::move(loaded), correlation_length_mm, max_samples));
     } catch (const std::invalid_argument &error) {
-      return base::failure((loaded->folder / "case.toml").string() + ": " + error.what());
+      return base::failure(file + ": " + error.what());
     }
-  }
-  const CaseChanged change = cases.add(std::move(fresh));
+  };
+}
+
+void SessionStage::use_case(std::shared_ptr<const casefile::Case> loaded, std::shared_ptr<PreparedCase> prepared) {
+  const CaseChanged change =
+      cases.add(prepared ? std::move(static_cast<Prepared &>(*prepared).loaded) : std::unique_ptr<LoadedCase>());
   to_navigation.send(change);
   to_registration.send(change);
   to_monitoring.send(change);
-  recording_ = host_.case_changed(loaded.get(), now_ns_);
-  return {};
+  auto recording = recordings_.emplace_back(std::make_shared<Recording>());
+  host_.run_elsewhere(Work::kSave, [recording, loaded, &host = host_, utc_ns = now_ns_] {
+    try {
+      recording->set(host.case_changed(loaded.get(), utc_ns));
+    } catch (const std::exception &error) {
+      recording->set(base::failure(error.what()));
+    }
+  });
 }
 
 void SessionStage::tell_of_recording() {
-  if (const auto file = std::exchange(recording_, std::nullopt)) {
+  while (!recordings_.empty()) {
+    const auto *file = recordings_.front()->get();
+    if (file == nullptr) {
+      return;
+    }
     if (!*file) {
       session_.on(not_recording(file->error().message, now_ns_), now_ns_);
     } else if (file->value()) {
       session_.recording_to(*file->value());
     }
+    recordings_.pop_front();
   }
 }
 
-void SessionStage::publish(const wire::CommandReply &reply) {
-  host_.log(LogLevel::kInfo, wire::text(reply.client) + " " + std::to_string(reply.id) + ": " + reply.text);
-  replies_(reply, now_ns_);
-}
+void SessionStage::publish(const wire::CommandReply &reply) { replies_(reply, now_ns_); }
 
 void SessionStage::publish(const wire::Alarm &alarm) {
   host_.log(LogLevel::kWarning, std::string("alarm ") + text_of(alarm.state) + ": " + wire::text(alarm.kind) + " " +
@@ -160,6 +226,7 @@ void SessionStage::publish(const wire::Alarm &alarm) {
 void SessionStage::share_view() {
   SessionView shown;
   shown.state = session_.state();
+  shown.refused_commands = gate_.excess();
   if (const auto loaded = session_.loaded_case()) {
     wire::set_text(shown.case_folder, loaded->folder.string());
   }

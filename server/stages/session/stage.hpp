@@ -1,5 +1,5 @@
 // Stage session: reads commands and publishes replies. The session decides (server/session/session.hpp), and the other
-// stages receive messages in their inboxes. A worker, because it waits for the disk.
+// stages receive messages in their inboxes. A worker, because it allocates and logs. It does not wait for the disk.
 #pragma once
 
 #include <cstdint>
@@ -10,6 +10,7 @@
 
 #include "base/parameters.hpp"
 #include "server/runtime/latest_value.hpp"
+#include "server/session/command_gate.hpp"
 #include "server/session/session.hpp"
 #include "server/stages/case_store.hpp"
 #include "server/stages/host.hpp"
@@ -57,7 +58,8 @@ public:
   runtime::LatestValue<SessionView> view;
 
 private:
-  [[nodiscard]] base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
+  [[nodiscard]] PrepareCase preparation() override;
+  void use_case(std::shared_ptr<const casefile::Case> loaded, std::shared_ptr<PreparedCase> prepared) override;
   void send(const NavigationMessage &message) override { to_navigation.send(message); }
   void send(const RegistrationMessage &message) override { to_registration.send(message); }
   void send(const MonitoringMessage &message) override { to_monitoring.send(message); }
@@ -66,6 +68,11 @@ private:
   void publish(const wire::CapturedPoint &point) override { captures_(point, now_ns_); }
   void log(const std::string &line) override { host_.log(LogLevel::kInfo, line); }
 
+  using Recording = JobResult<base::Result<std::optional<std::filesystem::path>>>;
+
+  // False if the command is not carried out.
+  [[nodiscard]] bool take(const wire::Command &command, std::uint64_t writer);
+  void watch_commands();
   void take_in();
   void tell_of_recording();
   void share_view();
@@ -79,10 +86,13 @@ private:
   NavigationEvents *events_ = nullptr;
   AlarmEvents *conditions_ = nullptr;
   runtime::LatestInput<wire::RegistrationState> estimate_;
-  std::int64_t now_ns_ = 0; // UTC, of the step under way
-  // The file of a case that the session has just taken, for when the session is done with the command that brought it.
-  std::optional<base::Result<std::optional<std::filesystem::path>>> recording_;
-  Session session_; // last, because it calls the ports
+  std::int64_t now_ns_ = 0;                           // UTC, of the step under way
+  std::deque<std::shared_ptr<Recording>> recordings_; // begun, with an outcome that the session does not know yet
+  CommandGate gate_;
+  std::uint64_t excess_seen_ = 0;
+  std::int64_t excess_ns_ = 0; // when commands were refused last
+  std::string excess_client_;  // one of them
+  Session session_;            // last, because it calls the ports
 };
 
 } // namespace bregma::server

@@ -112,7 +112,7 @@ TEST_F(CaseOnDisk, ErrorsInCaseTomlAreReportedWithLineKeyAndValue) {
 TEST_F(CaseOnDisk, WrongFilesAreReportedWithTheLineThatRefersToThem) {
   EXPECT_EQ(error_with("surfaces/brain.ply", "surfaces/none.ply"),
             at("brain = ") + "surfaces.brain = \"surfaces/none.ply\": " +
-                (folder_.path() / "surfaces/none.ply").string() + ": no such file, or it cannot be read");
+                (folder_.path() / "surfaces/none.ply").string() + ": No such file or directory");
   folder_.write("case.toml", toml_);
   folder_.write("landmarks.mrk.json", "{\"markups\": 3}");
   EXPECT_EQ(load_error(), at("landmarks = ") + "landmarks = \"landmarks.mrk.json\": " +

@@ -287,7 +287,7 @@ TEST(SurfaceFile, WrongBytesAreRefusedWithTheirPlace) {
                                                               ": triangle 2: corner = 18: must be a vertex, 0 to 17");
   EXPECT_EQ(error_of("notes.txt", "hello"),
             "notes.txt: is not a surface that is read: PLY, STL, VTK (.vtk, .vtp), GIFTI or FreeSurfer");
-  EXPECT_EQ(read_surface("/nowhere/a.stl").error().message, "/nowhere/a.stl: no such file, or it cannot be read");
+  EXPECT_EQ(read_surface("/nowhere/a.stl").error().message, "/nowhere/a.stl: No such file or directory");
 }
 
 // Two public heads.

@@ -89,9 +89,13 @@ fs::path write_case(const fs::path &parent, const std::string &id) {
 FakeLoops::FakeLoops()
     : truth(Eigen::Quaterniond(0.8, 0.1, -0.5, 0.3), Vector3d(12.345678901234567, -34.5, 1.0 / 3.0)) {}
 
-base::Result<void> FakeLoops::use_case(std::shared_ptr<const casefile::Case> loaded) {
+PrepareCase FakeLoops::preparation() {
+  return [](const std::shared_ptr<const casefile::Case> &) { return std::make_shared<PreparedCase>(); };
+}
+
+void FakeLoops::use_case(std::shared_ptr<const casefile::Case> loaded, std::shared_ptr<PreparedCase> prepared) {
+  EXPECT_EQ(loaded != nullptr, prepared != nullptr);
   the_case = std::move(loaded);
-  return {};
 }
 
 void FakeLoops::send(const RegistrationMessage &message) {
@@ -161,7 +165,7 @@ std::vector<PivotPose> FakeLoops::pivot(std::uint64_t id, double sigma_mm, doubl
   return poses;
 }
 
-SessionHarness::SessionHarness(const fs::path &folder, FakeLoops &fakes, Session::Executor executor) : loops(fakes) {
+SessionHarness::SessionHarness(const fs::path &folder, FakeLoops &fakes, Executor executor) : loops(fakes) {
   config.state_directory = folder / "state";
   session = std::make_unique<Session>(config, loops, std::move(executor));
 }

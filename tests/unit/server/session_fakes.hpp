@@ -35,7 +35,8 @@ std::filesystem::path write_case(const std::filesystem::path &parent, const std:
 class FakeLoops : public SessionPorts {
 public:
   FakeLoops();
-  base::Result<void> use_case(std::shared_ptr<const casefile::Case> loaded) override;
+  PrepareCase preparation() override;
+  void use_case(std::shared_ptr<const casefile::Case> loaded, std::shared_ptr<PreparedCase> prepared) override;
   void send(const NavigationMessage &message) override { navigation.push_back(message); }
   void send(const RegistrationMessage &message) override;
   void send(const MonitoringMessage &message) override { monitoring.push_back(message); }
@@ -90,7 +91,7 @@ public:
 // A session with its loops, a client, and time controlled by the test.
 class SessionHarness {
 public:
-  explicit SessionHarness(const std::filesystem::path &folder, FakeLoops &fakes, Session::Executor executor = {});
+  explicit SessionHarness(const std::filesystem::path &folder, FakeLoops &fakes, Executor executor = {});
 
   // Sends a command, runs the loops and returns the reply; empty while the command is running.
   std::optional<wire::CommandReply> send(const wire::Command &command);

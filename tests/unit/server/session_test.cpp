@@ -184,8 +184,13 @@ TEST_F(SessionTest, ARepeatedCommandGetsTheSameReplyAndIsNotExecutedAgain) {
 
 TEST_F(SessionTest, APivotOnAWorkerKeepsTheSessionResponsive) {
   std::vector<std::function<void()>> jobs;
-  SessionHarness worker(folder.path() / "other", loops,
-                        [&jobs](std::function<void()> job) { jobs.push_back(std::move(job)); });
+  SessionHarness worker(folder.path() / "other", loops, [&jobs](Work work, std::function<void()> job) {
+    if (work == Work::kCompute) {
+      jobs.push_back(std::move(job));
+    } else {
+      job();
+    }
+  });
   worker.done(bregma_wire_COMMAND_LOAD_CASE, ball.string());
   worker.done(bregma_wire_COMMAND_START_PIVOT, "Probe");
   for (const PivotPose &pose : loops.pivot(FakeLoops::last<PivotRequest>(loops.navigation).id, 0.1, 0.6, 3)) {

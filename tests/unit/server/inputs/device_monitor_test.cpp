@@ -95,7 +95,38 @@ TEST_F(DeviceMonitorTest, ASecondDriverOfTheSameNameIsRejectedWhileTheFirstIsAli
   }
   EXPECT_EQ(health(at(99)).connections, 1U);
   EXPECT_EQ(health(at(99)).rejected[bregma_wire_REJECT_DUPLICATE], 100U);
+  EXPECT_EQ(health(at(99)).other_writer, 99U) << "the last one may be a driver that was restarted";
   EXPECT_EQ(health(at(99)).lost, 0U);
+}
+
+TEST_F(DeviceMonitorTest, AHiccupDoesNotHandTheDeviceToASecondWriterButItsLossDoes) {
+  send(0, 100);
+  std::uint64_t other_taken = 0;
+  for (std::uint64_t i = 100; i < 200; ++i) { // the first is silent for 5 periods, again and again
+    if (i % 10 < 5) {
+      EXPECT_TRUE(guard.check(tracker_frame(i), kWriter, at(i)).accepted) << i;
+    }
+    other_taken += guard.check(tracker_frame(i), kOtherWriter, at(i) + kMs).accepted ? 1 : 0;
+  }
+  EXPECT_EQ(other_taken, 0U);
+  EXPECT_GT(health(at(200)).other_writer, 90U);
+  EXPECT_EQ(health(at(200)).takeovers, 0U);
+  EXPECT_EQ(health(at(200)).lost, 45U) << "frames of the other writer are no frames of the device";
+
+  send(200, 300, kOtherWriter); // the first has ended
+  EXPECT_TRUE(verdict.accepted);
+  EXPECT_EQ(health(at(300)).takeovers, 1U);
+  EXPECT_EQ(health(at(300)).connections, 2U);
+  send(300, 301); // and comes back: now it is the second
+  EXPECT_FALSE(verdict.accepted);
+}
+
+TEST_F(DeviceMonitorTest, ADriverThatWasRestartedBeforeItsLossIsNoSecondWriter) {
+  send(0, 100);
+  send(110, 200, kOtherWriter); // refused until the first is lost
+  EXPECT_TRUE(verdict.accepted);
+  EXPECT_EQ(health(at(200)).takeovers, 0U);
+  EXPECT_EQ(health(at(200)).other_writer, 0U);
 }
 
 TEST_F(DeviceMonitorTest, RejectedSamplesAreNotCountedAsLost) {

@@ -15,8 +15,10 @@
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 
+#include "server/runtime/log_output.hpp"
 #include "server/runtime/logging.hpp"
 #include "server/runtime/realtime.hpp"
+#include "server/runtime/state_lock.hpp"
 #include "server/runtime/watchdog.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -105,6 +107,71 @@ TEST(Logging, LinesOfTheLevelAndAboveReachTheFile) {
   EXPECT_NE(text.str().find("info tracker Tracker is live\n"), std::string::npos) << text.str();
   EXPECT_NE(text.str().find("warning disk full\n"), std::string::npos) << text.str();
   EXPECT_EQ(text.str().find("not this one"), std::string::npos);
+}
+
+TEST(Logging, NamesAndTextsDoNotBreakLinesOrControlTheTerminal) {
+  EXPECT_EQ(escaped("Stylus \xc2\xb5m"), "Stylus \xc2\xb5m");
+  EXPECT_EQ(escaped("a\nb\x1b[2J\x7f\xc2\x9b"), "a\\x0ab\\x1b[2J\\x7f\\xc2\\x9b");
+  EXPECT_EQ(escaped("cut \xe2\x82"), "cut \\xe2\\x82") << "invalid UTF-8";
+  const test::TemporaryFolder folder;
+  ASSERT_TRUE(start_logging({.level = "info", .file = folder / "log", .console = false}));
+  spdlog::info("{}", "tool A\n2026-11-29T00:00:00.000000Z error forged");
+  stop_logging();
+  std::stringstream text;
+  text << std::ifstream(folder / "log").rdbuf();
+  EXPECT_NE(text.str().find("info tool A\\x0a2026"), std::string::npos) << text.str();
+}
+
+TEST(LogOutput, APipeThatIsNotReadDropsLinesAndStatesTheirNumberAfterwards) {
+  std::array<int, 2> ends{};
+  ASSERT_EQ(pipe(ends.data()), 0);
+  const std::string line = std::string(99, 'x') + "\n";
+  {
+    LogOutput output(ends[1]);
+    std::uint64_t written = 0;
+    while (output.write(line)) {
+      ++written;
+    }
+    EXPECT_GT(written, 100U);
+    for (int i = 0; i < 9; ++i) { // the statement of the first loss may fit, but no line
+      EXPECT_FALSE(output.write(line));
+    }
+    EXPECT_EQ(output.dropped(), 10U);
+    std::string all(1 << 20, '\0');
+    all.resize(static_cast<std::size_t>(read(ends[0], all.data(), all.size())));
+    EXPECT_TRUE(output.write("the end\n"));
+    EXPECT_EQ(output.dropped(), 10U);
+    std::string rest(4096, '\0');
+    rest.resize(static_cast<std::size_t>(read(ends[0], rest.data(), rest.size())));
+    all += rest;
+    EXPECT_TRUE(all.ends_with("lines of the log were dropped: they were not read\nthe end\n")) << rest;
+    std::uint64_t stated = 0;
+    for (std::size_t at = all.find("... "); at != std::string::npos; at = all.find("... ", at + 1)) {
+      stated += std::stoull(all.substr(at + 4));
+    }
+    EXPECT_EQ(stated, 10U);
+    EXPECT_EQ(static_cast<std::uint64_t>(std::count(all.begin(), all.end(), 'x')), 99 * written);
+  }
+  close(ends[0]);
+  close(ends[1]);
+}
+
+TEST(StateLock, OneProcessPerFolderAndTheOwnerLearnsOfTheOther) {
+  const test::TemporaryFolder folder;
+  {
+    auto owner = StateLock::take(folder / "state");
+    ASSERT_TRUE(owner) << owner.error().message;
+    EXPECT_FALSE(owner->refused_process());
+    const auto second = StateLock::take(folder / "state"); // flock: another open file, as in another process
+    ASSERT_FALSE(second);
+    const std::string own = "process " + std::to_string(getpid());
+    EXPECT_EQ(second.error().message, "state.directory = \"" + (folder / "state").string() +
+                                          "\": is in use by another bregmad (" + own +
+                                          "): stop it, or use another directory");
+    EXPECT_EQ(owner->refused_process(), own);
+    EXPECT_FALSE(owner->refused_process()) << "stated once";
+  }
+  EXPECT_TRUE(StateLock::take(folder / "state")) << "the lock ends with its owner";
 }
 
 TEST(Logging, RejectsAnUnknownLevelAndAFileThatCannotBeCreated) {

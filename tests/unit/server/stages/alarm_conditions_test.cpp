@@ -80,5 +80,30 @@ TEST(AlarmConditions, ConditionsOfAnEarlierCasesToolsAreClearedAndRemoved) {
   EXPECT_FALSE(changes[1].active);
 }
 
+TEST(AlarmConditions, AChangeThatDoesNotFitTheRingIsSentLater) {
+  AlarmEvents events;
+  AlarmConditions conditions(events);
+  while (events.try_push(AlarmCondition{})) {
+  }
+  constexpr AlarmConditions::Kind kAtOnce{alarm::kDrift, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kDemote, 0, 0};
+  conditions.update(kAtOnce, "Reference", true, "it moved", 0);
+  (void)taken(events);
+  conditions.update(kAtOnce, "Reference", true, "it moved", 10 * kMs);
+  const auto raised = taken(events);
+  ASSERT_EQ(raised.size(), 1U);
+  EXPECT_TRUE(raised[0].active);
+  EXPECT_STREQ(raised[0].text, "it moved");
+
+  while (events.try_push(AlarmCondition{})) {
+  }
+  conditions.forget(alarm::kDrift, 20 * kMs);
+  (void)taken(events);
+  conditions.update(kHidden, "Probe", false, "", 30 * kMs); // any update sends what waits
+  const auto cleared = taken(events);
+  ASSERT_EQ(cleared.size(), 1U);
+  EXPECT_FALSE(cleared[0].active);
+  EXPECT_EQ(conditions.watched(), 0U);
+}
+
 } // namespace
 } // namespace bregma::server
