@@ -59,6 +59,8 @@ private:
   void predict_targets() noexcept;
   void watch_devices(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_plausibility(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept;
   [[nodiscard]] AlarmConditions::Kind kind(const char *name, wire::AlarmSeverity severity,
                                            SessionEffect effect) const noexcept;
@@ -73,6 +75,7 @@ private:
   std::uint64_t other_writer_seen_[bregma_wire_MAX_DEVICES] = {}; // in the same order, like the next
   std::uint32_t takeovers_seen_[bregma_wire_MAX_DEVICES] = {};
   std::uint64_t records_lost_seen_ = 0;
+  std::uint64_t refusals_seen_[1 + bregma_wire_MAX_TOOLS] = {}; // of the reference, then of the tools
   wire::AccuracyState accuracy_{};
 };
 
