@@ -27,6 +27,12 @@ std::int64_t DeviceClock::to_host_ns(std::int64_t device_time_ns) const noexcept
   return device_time_ns + predicted_offset_ns(device_time_ns) - options_.minimum_latency_ns;
 }
 
+bool DeviceClock::continues(std::int64_t device_time_ns, std::int64_t arrival_ns) const noexcept {
+  const std::int64_t height = arrival_ns - device_time_ns - predicted_offset_ns(device_time_ns);
+  return is_synchronised() && device_time_ns > last_ns_ && height >= -options_.future_tolerance_ns &&
+         height <= options_.agreement_ns;
+}
+
 std::int64_t DeviceClock::predicted_offset_ns(std::int64_t device_time_ns) const noexcept {
   return anchor_.offset_ns + std::llround(drift_ * difference(device_time_ns, anchor_.device_ns));
 }
@@ -48,7 +54,8 @@ TimeVerdict DeviceClock::observe(std::int64_t device_time_ns, std::int64_t arriv
   // A clock that was set back reaches its old time again after a while. Samples then only appear late, but they still
   // agree with those rejected before.
   const bool goes_on = candidate_count_ > 0 && 2 * std::abs(point.offset_ns - candidate_first_.offset_ns) < height;
-  if (step <= 0 || in_future || goes_on) {
+  const bool backwards = period_ns > 0 ? step <= 0 : step < 0;
+  if (backwards || in_future || goes_on) {
     if (is_candidate_accepted(point, period_ns)) {
       ++resyncs_;
       return TimeVerdict::kResynced;
@@ -100,11 +107,18 @@ void DeviceClock::start(const Point &point) noexcept {
   arrived_ns_ = point.device_ns + point.offset_ns;
   pressed_ns_ = 0;
   anchor_ = point;
-  drift_ = 0.0;
+  drift_ = options_.hold_ppm * 1e-6;
   candidate_count_ = 0;
 }
 
 void DeviceClock::learn(const Point &point) noexcept {
+  const auto height = [&](const Point &p) { return p.offset_ns - predicted_offset_ns(p.device_ns); };
+  if (options_.hold_ppm > 0.0) {
+    if (height(point) < 0) {
+      anchor_ = point;
+    }
+    return;
+  }
   if (point.device_ns - block_began_ns_ >= options_.block_ns) {
     if (block_count_ == kBlocks) {
       std::copy(blocks_.begin() + 1, blocks_.end(), blocks_.begin());
@@ -116,7 +130,6 @@ void DeviceClock::learn(const Point &point) noexcept {
     return;
   }
   Point &lowest = blocks_[block_count_ - 1];
-  const auto height = [&](const Point &p) { return p.offset_ns - predicted_offset_ns(p.device_ns); };
   if (height(point) < height(lowest)) {
     lowest = point;
     fit();

@@ -6,7 +6,9 @@
 // memory. The minimum latency is not observable. It is a parameter of the device and is subtracted.
 //
 // A permanent rise of the latency cannot be distinguished from a clock that was set back. The age is then overstated
-// for the length of the window, never understated.
+// for the length of the window, never understated. With hold_ppm the line keeps its lowest point instead of the
+// window's and rises at that rate only: a rise of the latency that is faster stays visible for as long as it can be
+// told from drift.
 //
 // Threads: one. No allocation, no exceptions.
 #pragma once
@@ -21,6 +23,7 @@ struct DeviceClockOptions {
   std::int64_t minimum_latency_ns = 0;              // minimum from exposure to arrival, from the device's data sheet
   std::int64_t block_ns = 500'000'000;              // one lowest point is kept per block
   double max_drift_ppm = 300.0;                     // crystal oscillators are within 100
+  double hold_ppm = 0.0;                            // above 0: the line rises at this rate from its lowest point
   std::int64_t future_tolerance_ns = 10'000'000;    // a sample that is earlier than the line by more is rejected
   std::int64_t settling_ns = 1'000'000'000;         // after a start, because the first samples may be delayed
   std::int64_t settling_tolerance_ns = 500'000'000; // future tolerance during that time
@@ -44,12 +47,14 @@ public:
   // For a restarted device. Clears everything except the count of resyncs.
   void reset() noexcept;
 
-  // Checks a sample. A consistent sample updates the estimate.
+  // Checks a sample. A consistent sample updates the estimate. period_ns 0: the times have no rate and may be equal.
   TimeVerdict observe(std::int64_t device_time_ns, std::int64_t arrival_ns, std::int64_t period_ns) noexcept;
 
   // Time of exposure on the host's clock. Precondition: observe() was called.
   [[nodiscard]] std::int64_t to_host_ns(std::int64_t device_time_ns) const noexcept;
   [[nodiscard]] bool is_synchronised() const noexcept { return block_count_ > 0; }
+  // True if observe() would find the sample in step, and not later than the latest ones by more than the agreement.
+  [[nodiscard]] bool continues(std::int64_t device_time_ns, std::int64_t arrival_ns) const noexcept;
   [[nodiscard]] double drift_ppm() const noexcept { return drift_ * 1e6; }
   [[nodiscard]] std::uint64_t resyncs() const noexcept { return resyncs_; }
 

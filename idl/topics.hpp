@@ -40,6 +40,7 @@ BREGMA_WIRE_TYPE(CaptureKind);
 BREGMA_WIRE_TYPE(RejectReason);
 BREGMA_WIRE_TYPE(DeviceKind);
 BREGMA_WIRE_TYPE(DeviceStatus);
+BREGMA_WIRE_TYPE(TransitSource);
 BREGMA_WIRE_TYPE(AlarmState);
 BREGMA_WIRE_TYPE(AlarmSeverity);
 BREGMA_WIRE_TYPE(DriverState);

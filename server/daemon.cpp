@@ -18,7 +18,7 @@
 #include <boost/asio/thread_pool.hpp>
 #include <spdlog/spdlog.h>
 
-#include "idl/boot_clock.hpp"
+#include "idl/host_clock.hpp"
 #include "idl/names.hpp"
 #include "idl/peers.hpp"
 #include "server/dds_topics.hpp"
@@ -75,7 +75,7 @@ private:
   void run_elsewhere(Work work, const std::function<void()> &job) override;
   [[nodiscard]] base::Result<std::optional<std::filesystem::path>> case_changed(const casefile::Case *loaded,
                                                                                 std::int64_t utc_ns) override;
-  [[nodiscard]] std::array<std::uint8_t, 16> boot_id() const override { return wire::boot_id(); }
+  [[nodiscard]] wire::BootIdentity boot_id() const override { return wire::boot_id(); }
   [[nodiscard]] AlarmEvents *conditions() noexcept override { return &alarms_.events; }
   void complete(wire::SystemHealth &health) override;
 
@@ -155,8 +155,7 @@ void Daemon::Impl::run() {
     pool->join();
   }
   // The final message on the health topic, with the final counts of the loops.
-  wiring_.find(HealthStage::kName)
-      ->step({.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns(), .boot_ns = clock_.boot_ns()});
+  wiring_.find(HealthStage::kName)->step(moment_of(clock_));
   if (const auto closed = recorder_.close(); !closed) {
     spdlog::error("{}", closed.error().message);
   }

@@ -27,6 +27,15 @@ void log_limits(const Stage &stage, const std::vector<std::string> &limits) {
 
 } // namespace
 
+Moment moment_of(const runtime::Clock &clock) noexcept {
+  const std::int64_t boot_ns = clock.boot_ns();
+  return {.utc_ns = boot_ns + clock.utc_minus_boot_ns(),
+          .monotonic_ns = clock.monotonic_ns(),
+          .boot_ns = boot_ns,
+          .wall_minus_boot_ns = clock.wall_minus_boot_ns(),
+          .wall_error_ns = clock.wall_error_ns()};
+}
+
 Loops::Loops(const std::vector<Stage *> &stages, const DdsTopics &topics, const runtime::Clock &clock) : clock_(clock) {
   for (Stage *stage : stages) {
     const auto link = std::find_if(topics.links().begin(), topics.links().end(),
@@ -45,7 +54,7 @@ Loops::Loops(const std::vector<Stage *> &stages, const DdsTopics &topics, const 
 
 void Loops::start() {
   for (const Loop &loop : loops_) {
-    loop.stage->begin(now());
+    loop.stage->begin(moment_of(clock_));
   }
   for (Loop &loop : loops_) {
     if (loop.periodic) {
@@ -76,13 +85,9 @@ void Loops::stop() {
 }
 
 void Loops::step(Loop &loop, bool tick) noexcept {
-  Moment moment = now();
+  Moment moment = moment_of(clock_);
   moment.tick = tick;
   loop.stage->step(moment);
-}
-
-Moment Loops::now() const noexcept {
-  return {.utc_ns = clock_.now_ns(), .monotonic_ns = clock_.monotonic_ns(), .boot_ns = clock_.boot_ns()};
 }
 
 void Loops::run(Loop &loop) noexcept {
@@ -102,7 +107,7 @@ void Loops::run(Loop &loop) noexcept {
     const std::uint64_t missed = tick ? ticker.advance(ended_ns) : 0;
     loop.triggered.count_overruns(std::max<std::uint64_t>(missed, too_long ? 1 : 0));
 
-    const Moment present = now();
+    const Moment present = moment_of(clock_);
     const std::int64_t deadline_ns = std::min(ticker.next_ns(), stage.wake_ns(present));
     // A wait that ends early costs a step in which nothing is due.
     (void)loop.link->wait(std::chrono::nanoseconds(deadline_ns - present.monotonic_ns));

@@ -24,6 +24,9 @@
 
 namespace bregma::server {
 
+// The present, a step that is due.
+[[nodiscard]] Moment moment_of(const runtime::Clock &clock) noexcept;
+
 class Loops {
 public:
   // The stages, and the topics with their links. All must outlive the loops.
@@ -56,7 +59,6 @@ private:
   };
   void run(Loop &loop) noexcept;
   void step(Loop &loop, bool tick) noexcept;
-  [[nodiscard]] Moment now() const noexcept;
 
   const runtime::Clock &clock_;
   std::deque<Loop> loops_; // in the order of the stages

@@ -33,7 +33,7 @@ using Stages = StageTable< //
     Reads<SessionStage, &NavigationStage::events, &MonitoringStage::conditions, &RegistrationStage::estimate>,
     Reads<EchoStage, &NavigationStage::probe>,
     Reads<HealthStage, &NavigationStage::devices, &SensorStage::devices, &SessionStage::view, &NavigationStage::events,
-          &MonitoringStage::conditions>>;
+          &MonitoringStage::conditions, &MonitoringStage::clock>>;
 
 struct Wiring::Table : Stages {
   using Stages::Stages;

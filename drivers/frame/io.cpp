@@ -21,31 +21,30 @@ void Io::skipped(std::uint64_t count, std::string_view reason) {
   });
 }
 
-bool Io::stamp(std::string_view topic, Stamps sample, std::int64_t period_ns, std::int64_t arrival_ns) {
-  if (sample.device[0] == '\0') {
-    (void)wire::set_name(sample.device, options_.device); // its length was checked with the settings
+bool Io::prepare(std::string_view topic, wire::Name &device, std::int64_t &device_time_ns, std::int64_t period_ns,
+                 std::int64_t arrival_ns) {
+  if (device[0] == '\0') {
+    (void)wire::set_name(device, options_.device); // its length was checked with the settings
   }
-  sample.sent_time_ns = host_->now_ns();
   if (!options_.map_device_time) {
     return true;
   }
   const auto [found, is_new] = clocks_.try_emplace(
       topic, base::DeviceClock(base::DeviceClockOptions{.minimum_latency_ns = options_.minimum_latency_ns}));
   base::DeviceClock &clock = found->second;
-  const auto verdict =
-      clock.observe(sample.device_time_ns, arrival_ns != 0 ? arrival_ns : sample.sent_time_ns, period_ns);
+  const auto verdict = clock.observe(device_time_ns, arrival_ns != 0 ? arrival_ns : host_->now_ns(), period_ns);
   const bool resynced = verdict == base::TimeVerdict::kResynced;
   if (verdict != base::TimeVerdict::kInStep && !resynced) {
     status_->update([](StatusValues &values) { ++values.out_of_step; });
     return false;
   }
-  const std::int64_t mapped_ns = clock.to_host_ns(sample.device_time_ns);
+  const std::int64_t mapped_ns = clock.to_host_ns(device_time_ns);
   status_->update([&](StatusValues &values) {
-    values.clock_offset_ms = static_cast<double>(mapped_ns - sample.device_time_ns) / kMillisecond;
+    values.clock_offset_ms = static_cast<double>(mapped_ns - device_time_ns) / kMillisecond;
     values.clock_drift_ppm = clock.drift_ppm();
     values.clock_resyncs += resynced ? 1 : 0;
   });
-  sample.device_time_ns = mapped_ns;
+  device_time_ns = mapped_ns;
   return true;
 }
 

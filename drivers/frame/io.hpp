@@ -4,6 +4,7 @@
 // them: a Bus transfers samples, a Host has the clock. dds_bus.hpp and system_host.hpp implement them.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -12,6 +13,7 @@
 
 #include "base/device_clock.hpp"
 #include "drivers/frame/status.hpp"
+#include "idl/host_clock.hpp"
 #include "idl/names.hpp"
 #include "idl/topics.hpp"
 
@@ -33,8 +35,9 @@ public:
 class Host {
 public:
   virtual ~Host() = default;
-  // UTC in ns, read once at the start and continued by the monotonic clock, so it never steps.
+  // Steady UTC in ns: CLOCK_BOOTTIME plus a constant, the wall clock at the start. It never steps (docs/time.md).
   [[nodiscard]] virtual std::int64_t now_ns() const = 0;
+  [[nodiscard]] virtual wire::WriteTime write_time() const = 0;
   // True at that time; false at once if the driver must stop.
   [[nodiscard]] virtual bool wait_until(std::int64_t time_ns) = 0;
   [[nodiscard]] virtual bool stopping() const = 0;
@@ -55,6 +58,12 @@ concept DeviceSample = requires(T sample) {
   sample.sent_time_ns;
 };
 
+// Samples of the loops state the clocks of the write, too.
+template <class T>
+concept StatesWriteTime = requires(T sample) {
+  sample.sent_boot_ns;
+};
+
 // Threads: the loop's. Only the visitors of take() may throw.
 class Io {
 public:
@@ -62,17 +71,23 @@ public:
 
   // Sends one sample. Of a device's sample the device fills frame (its own count, or one up per sample), device_time_ns
   // (its own clock; the time of arrival where it has none) and period_ns; the frame fills device, maps device_time_ns
-  // to this host's clock, and fills sent_time_ns. arrival_ns: time of arrival of the bytes, by now_ns(); 0: now.
-  // False if the sample was dropped: inconsistent with the device's clock, or refused by DDS. Both are counted.
+  // to this host's clock, and states the time of the write. arrival_ns: time of arrival of the bytes, by now_ns(); 0:
+  // now. False if the sample was dropped: inconsistent with the device's clock, or refused by DDS. Both are counted.
   template <class T> bool publish(T sample, std::int64_t arrival_ns = 0) {
     if constexpr (DeviceSample<T>) {
       std::int64_t period_ns = 0;
       if constexpr (requires { sample.period_ns; }) {
         period_ns = sample.period_ns;
       }
-      if (!stamp(wire::Topic<T>::kName, {sample.device, sample.device_time_ns, sample.sent_time_ns}, period_ns,
-                 arrival_ns)) {
+      if (!prepare(wire::Topic<T>::kName, sample.device, sample.device_time_ns, period_ns, arrival_ns)) {
         return false;
+      }
+      const wire::WriteTime write = host_->write_time();
+      sample.sent_time_ns = write.wall_ns;
+      if constexpr (StatesWriteTime<T>) {
+        std::copy(write.boot_id.begin(), write.boot_id.end(), sample.boot_id);
+        sample.sent_boot_ns = write.boot_ns;
+        sample.sent_clock_error_ns = write.wall_error_ns;
       }
     }
     return write(wire::Topic<T>::kName, &sample);
@@ -97,12 +112,9 @@ public:
   void start_connection();
 
 private:
-  struct Stamps {
-    wire::Name &device;
-    std::int64_t &device_time_ns;
-    std::int64_t &sent_time_ns;
-  };
-  [[nodiscard]] bool stamp(std::string_view topic, Stamps sample, std::int64_t period_ns, std::int64_t arrival_ns);
+  // Completes the name and maps the time. False if the time contradicts the device's clock.
+  [[nodiscard]] bool prepare(std::string_view topic, wire::Name &device, std::int64_t &device_time_ns,
+                             std::int64_t period_ns, std::int64_t arrival_ns);
   [[nodiscard]] bool write(std::string_view topic, const void *sample);
 
   Bus *bus_;

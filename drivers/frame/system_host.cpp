@@ -13,16 +13,10 @@ namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 
-std::int64_t read_clock(clockid_t clock) {
-  timespec now{};
-  clock_gettime(clock, &now);
-  return static_cast<std::int64_t>(now.tv_sec) * kSecond_ns + now.tv_nsec;
-}
-
 } // namespace
 
 SystemHost::SystemHost()
-    : utc_ahead_ns_(read_clock(CLOCK_REALTIME) - read_clock(CLOCK_MONOTONIC)), wake_(eventfd(0, EFD_CLOEXEC)) {
+    : boot_id_(wire::boot_id()), utc_minus_boot_ns_(wire::wall_minus_boot_ns()), wake_(eventfd(0, EFD_CLOEXEC)) {
   if (wake_ < 0) {
     throw std::system_error(errno, std::generic_category(), "cannot make an event");
   }
@@ -30,7 +24,15 @@ SystemHost::SystemHost()
 
 SystemHost::~SystemHost() { close(wake_); }
 
-std::int64_t SystemHost::now_ns() const { return read_clock(CLOCK_MONOTONIC) + utc_ahead_ns_; }
+std::int64_t SystemHost::now_ns() const { return wire::boot_now_ns() + utc_minus_boot_ns_; }
+
+wire::WriteTime SystemHost::write_time() const {
+  const std::int64_t boot_ns = wire::boot_now_ns();
+  return {.boot_id = boot_id_,
+          .boot_ns = boot_ns,
+          .wall_ns = boot_ns + wire::wall_minus_boot_ns(),
+          .wall_error_ns = wire::wall_clock_error_ns()};
+}
 
 bool SystemHost::wait_until(std::int64_t time_ns) {
   for (;;) {

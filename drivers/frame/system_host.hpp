@@ -16,13 +16,15 @@ public:
   SystemHost &operator=(const SystemHost &) = delete;
 
   [[nodiscard]] std::int64_t now_ns() const override;
+  [[nodiscard]] wire::WriteTime write_time() const override;
   [[nodiscard]] bool wait_until(std::int64_t time_ns) override;
   [[nodiscard]] bool stopping() const override { return stopping_.load(std::memory_order_acquire); }
 
   void stop() noexcept;
 
 private:
-  std::int64_t utc_ahead_ns_; // UTC minus monotonic time, at the start
+  wire::BootIdentity boot_id_;
+  std::int64_t utc_minus_boot_ns_; // of the wall clock at the start
   std::atomic<bool> stopping_{false};
   int wake_; // readable once stop() was called
 };

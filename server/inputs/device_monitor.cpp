@@ -1,6 +1,7 @@
 #include "server/inputs/device_monitor.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <utility>
 
@@ -11,18 +12,21 @@ namespace {
 
 using base::TimeVerdict;
 
-constexpr std::int64_t kStalePeriods = 3;
+// A writer that is silent for longer may be replaced.
+constexpr std::int64_t kSilentPeriods = 3;
 constexpr std::int64_t kRateWindow_ns = 1'000'000'000;
 
 // 1 sigma of a mapped exposure, from the jitter between exposure and write (tests/unit/base/device_clock_test.cpp).
-constexpr std::int64_t kMappingSigma_ns = 200'000;
+constexpr double kMappingSigma_ns = 200'000.0;
 
 // Times between 1970 and the year 2096. The difference of two such times does not overflow.
 constexpr std::int64_t kMaxTime_ns = 4'000'000'000'000'000'000;
 
 bool is_well_formed(const SampleHeader &header) noexcept {
   const auto is_time = [](std::int64_t time_ns) { return time_ns > 0 && time_ns <= kMaxTime_ns; };
-  return is_time(header.device_time_ns) && is_time(header.sent_time_ns) && header.period_ns >= kMinPeriod_ns &&
+  const auto is_stated = [](std::int64_t time_ns) { return time_ns >= 0 && time_ns <= kMaxTime_ns; };
+  return is_time(header.device_time_ns) && is_time(header.write.wall_ns) && is_stated(header.write.boot_ns) &&
+         is_stated(header.write.wall_error_ns) && header.period_ns >= kMinPeriod_ns &&
          header.period_ns <= kMaxPeriod_ns;
 }
 
@@ -50,15 +54,17 @@ DeviceMonitor::DeviceMonitor(const wire::Name &name, wire::DeviceKind kind, cons
 }
 
 Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
-                             std::int64_t now_ns) noexcept {
+                             std::int64_t now_ns, const HostClock &host) noexcept {
   ++received_;
   if (is_other_writer(writer, now_ns)) {
     ++health_.rejected[bregma_wire_REJECT_DUPLICATE];
     return {.accepted = false, .reason = bregma_wire_REJECT_DUPLICATE};
   }
-  if (const Rejection rejection = judge(header, payload, writer, now_ns)) {
+  if (const Rejection rejection = judge(header, payload, writer, now_ns, host)) {
     ++health_.rejected[*rejection];
-    frames_.refuse(header.frame);
+    if (health_.taken > 0 && frames_.goes_on(header.frame, now_ns - arrived_ns_, stated_period_ns_)) {
+      frames_.refuse(header.frame);
+    }
     return {.accepted = false, .reason = *rejection};
   }
   const bool returned = health_.taken > 0 && (writer != writer_ || status(now_ns) == bregma_wire_DEVICE_LOST);
@@ -70,11 +76,18 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   count_other_writer(writer);
   writer_ = writer;
   writers_gone_ = false;
-  period_ns_ = header.period_ns;
+  const std::int64_t written_ns = clock_of(header.write);
+  stated_period_ns_ = header.period_ns;
+  period_ns_ = stated_period_.check(header.frame, written_ns, header.period_ns);
   device_time_ns_ = header.device_time_ns;
   arrived_ns_ = now_ns;
-  // A better estimate of the clock may move the line back. Accepted times must still increase.
-  acquired_ns_ = std::max(clock_.to_host_ns(header.device_time_ns), acquired_ns_ + 1);
+  const double age_sigma_ns = std::hypot(static_cast<double>(transit_.sigma_ns), kMappingSigma_ns);
+  health_.age_sigma_ms = age_sigma_ns * 1e-6;
+  health_.transit_source = transit_.source;
+  health_.transit_ms = static_cast<double>(now_ns - transit_.written_ns) * 1e-6;
+  // A better estimate of the clocks may move the line back. Accepted times must still increase.
+  const std::int64_t before_write_ns = written_ns - clock_.to_host_ns(header.device_time_ns);
+  acquired_ns_ = std::max(transit_.written_ns - before_write_ns, acquired_ns_ + 1);
   latency_.add(now_ns - acquired_ns_);
   if (now_ns - acquired_ns_ - options_.clock.minimum_latency_ns > period_ns_) {
     ++health_.late;
@@ -82,41 +95,57 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   count_rate(now_ns);
   return {.accepted = true,
           .acquired_time_ns = acquired_ns_,
-          .age_sigma_ns = kMappingSigma_ns,
+          .age_sigma_ns = std::llround(age_sigma_ns),
           .period_ns = period_ns_,
           .reconnected = returned};
 }
 
 Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
-                               std::int64_t now_ns) noexcept {
+                               std::int64_t now_ns, const HostClock &host) noexcept {
   if (payload == bregma_wire_REJECT_MALFORMED || !is_well_formed(header)) {
     return bregma_wire_REJECT_MALFORMED;
   }
   if (payload) {
     return payload;
   }
-  if (header.sent_time_ns - now_ns > options_.sent_tolerance_ns) {
-    return bregma_wire_REJECT_TIME_IN_FUTURE;
-  }
   if (health_.taken > 0 && writer != writer_) {
-    // Another process has its own frame count and possibly its own time base.
-    clock_.reset();
-    frames_.reset();
+    take_over(header, now_ns);
   }
-  const std::int64_t elapsed_ns = header.device_time_ns - device_time_ns_;
-  const FrameVerdict number = frames_.judge(header.frame, elapsed_ns, header.period_ns);
+  const FrameVerdict number = frames_.judge(header.frame, now_ns - arrived_ns_, header.period_ns);
   if (number == FrameVerdict::kDuplicate) {
     return bregma_wire_REJECT_DUPLICATE;
   }
-  const TimeVerdict time = clock_.observe(header.device_time_ns, now_ns, header.period_ns);
+  transit_ = driver_transit_.observe(header.write, now_ns, host);
+  if (const Rejection rejection = rejection_of(transit_.verdict)) {
+    return rejection;
+  }
+  const TimeVerdict time = clock_.observe(header.device_time_ns, clock_of(header.write), header.period_ns);
   if (const Rejection rejection = rejection_of(time)) {
     return rejection;
   }
-  if (time == TimeVerdict::kResynced) {
-    frames_.reset(); // frame numbers do not show the losses in between
+  if (number != FrameVerdict::kImplausible) {
     return std::nullopt;
   }
-  return number == FrameVerdict::kImplausible ? Rejection(bregma_wire_REJECT_MALFORMED) : std::nullopt;
+  if (time == TimeVerdict::kResynced) {
+    frames_.reset(); // a restarted device counts anew
+    return std::nullopt;
+  }
+  return bregma_wire_REJECT_MALFORMED;
+}
+
+// The first sample of another writer. A link that was down brings the same process back: its numbers and its clock go
+// on. A restarted driver has its own count, and possibly its own time base.
+void DeviceMonitor::take_over(const SampleHeader &header, std::int64_t now_ns) noexcept {
+  if (!frames_.goes_on(header.frame, now_ns - arrived_ns_, header.period_ns)) {
+    frames_.reset();
+    stated_period_.reset();
+  }
+  if (!clock_.continues(header.device_time_ns, clock_of(header.write))) {
+    clock_.reset();
+  }
+  if (header.write.boot_id == wire::BootIdentity{}) {
+    driver_transit_.reset(); // it cannot be told whether the host is the same
+  }
 }
 
 // The first writer stays in use until the device is lost.
@@ -160,11 +189,12 @@ wire::DeviceStatus DeviceMonitor::status(std::int64_t now_ns) const noexcept {
   if (health_.taken == 0) {
     return bregma_wire_DEVICE_NEVER_SEEN;
   }
-  if (writers_gone_ || (options_.deadline_ns > 0 && now_ns - arrived_ns_ > options_.deadline_ns)) {
+  const std::int64_t live_limit_ns = wire::live_limit_ns(options_.live_limit_ms, period_ns_);
+  if (writers_gone_ ||
+      (options_.deadline_ns > 0 && now_ns - arrived_ns_ > std::max(options_.deadline_ns, live_limit_ns))) {
     return bregma_wire_DEVICE_LOST;
   }
-  const std::int64_t age_ns = now_ns - acquired_ns_ - options_.clock.minimum_latency_ns;
-  return age_ns > kStalePeriods * period_ns_ ? bregma_wire_DEVICE_STALE : bregma_wire_DEVICE_LIVE;
+  return now_ns - acquired_ns_ > live_limit_ns ? bregma_wire_DEVICE_STALE : bregma_wire_DEVICE_LIVE;
 }
 
 wire::DeviceHealth DeviceMonitor::health(std::int64_t now_ns) const noexcept {
@@ -173,6 +203,7 @@ wire::DeviceHealth DeviceMonitor::health(std::int64_t now_ns) const noexcept {
   out.lost = frames_.lost();
   if (health_.taken == 0) {
     out.age_ms = out.latency_p50_ms = out.latency_p99_ms = out.clock_offset_ms = out.clock_drift_ppm = wire::kUnknown;
+    out.transit_ms = wire::kUnknown;
     return out;
   }
   const auto latency = latency_.snapshot();
@@ -180,10 +211,9 @@ wire::DeviceHealth DeviceMonitor::health(std::int64_t now_ns) const noexcept {
   out.age_ms = static_cast<double>(now_ns - acquired_ns_) * 1e-6;
   out.latency_p50_ms = latency.percentile_ns(0.50) * 1e-6;
   out.latency_p99_ms = latency.percentile_ns(0.99) * 1e-6;
-  if (clock_.is_synchronised()) {
-    out.clock_offset_ms = static_cast<double>(clock_.to_host_ns(device_time_ns_) - device_time_ns_) * 1e-6;
-  }
+  out.clock_offset_ms = static_cast<double>(acquired_ns_ - device_time_ns_) * 1e-6;
   out.clock_drift_ppm = clock_.drift_ppm();
+  out.stated_rate_hz = 1e9 / static_cast<double>(stated_period_ns_);
   return out;
 }
 

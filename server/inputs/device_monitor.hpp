@@ -1,10 +1,15 @@
 // Monitors one device: accepts or rejects each sample, detects loss of the device and computes its health figures.
 //
-// Every sample is counted: received = taken + sum of rejected. `lost` counts the frame numbers that never arrived.
+// Every sample is counted: received = taken + sum of rejected. `lost` counts the frame numbers that never arrived, also
+// those of a link that was down: a returning writer whose numbers go on is the same device.
 //
 // One device has one writer at a time: the first, until the device is lost. Then another writer takes over (a restarted
 // driver), which counts as a connection. Before that its samples are rejected as duplicates and counted as those of
 // another writer, so that two drivers of the same name never alternate.
+//
+// The time of exposure has two parts: from the device's clock to the driver's write, by the lower envelope of write
+// minus exposure (base/device_clock.hpp), and the transit from the write to here (driver_transit.hpp). A delay before
+// the driver's write that lasts cannot be seen.
 //
 // Threads: one. No allocation, no exceptions. The caller passes the time.
 #pragma once
@@ -13,24 +18,27 @@
 
 #include "base/device_clock.hpp"
 #include "idl/topics.hpp"
+#include "idl/validity.hpp"
+#include "server/inputs/driver_transit.hpp"
 #include "server/inputs/frame_counter.hpp"
 #include "server/inputs/payload_check.hpp"
+#include "server/inputs/stated_period.hpp"
 #include "server/runtime/histogram.hpp"
 
 namespace bregma::inputs {
 
 struct DeviceOptions {
   base::DeviceClockOptions clock;
-  std::int64_t deadline_ns = 0;                 // a longer silence means lost; 0: the deadline of the stream's topic
-  std::int64_t sent_tolerance_ns = 100'000'000; // maximal lead of the driver's host clock over ours
+  double live_limit_ms = wire::kLiveLimit_ms;
+  std::int64_t deadline_ns = 0; // a longer silence means lost; 0: the deadline of the stream's topic
 };
 
 // The fields common to all streams.
 struct SampleHeader {
   std::uint64_t frame;
   std::int64_t device_time_ns;
-  std::int64_t sent_time_ns;
   std::int64_t period_ns;
+  wire::WriteTime write;
 };
 
 struct Verdict {
@@ -48,18 +56,19 @@ class DeviceMonitor {
 public:
   DeviceMonitor(const wire::Name &name, wire::DeviceKind kind, const DeviceOptions &options) noexcept;
 
-  // payload: result of check_payload. writer: SampleInfo::writer. now_ns: the host's clock at arrival.
+  // payload: result of check_payload. writer: SampleInfo::writer. now_ns: arrival, steady UTC.
   [[nodiscard]] Verdict check(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
-                              std::int64_t now_ns) noexcept;
+                              std::int64_t now_ns, const HostClock &host) noexcept;
 
   // The stream has no writer any more: the device is lost at once, without waiting for the deadline.
   void writers_gone() noexcept { writers_gone_ = true; }
 
-  // stale: the latest exposure is more than three periods old, not counting the stated minimum latency.
+  // stale: the latest exposure is older than the limit of a live pose (idl/validity.hpp). lost: no sample until the
+  // deadline, which is never before that.
   [[nodiscard]] wire::DeviceStatus status(std::int64_t now_ns) const noexcept;
   // Time of exposure of the latest accepted sample.
   [[nodiscard]] std::int64_t acquired_time_ns() const noexcept { return acquired_ns_; }
-  [[nodiscard]] std::int64_t period_ns() const noexcept { return period_ns_; } // as stated by the device
+  [[nodiscard]] std::int64_t period_ns() const noexcept { return period_ns_; } // see Verdict
   [[nodiscard]] std::uint64_t received() const noexcept { return received_; }
   [[nodiscard]] std::uint64_t resyncs() const noexcept { return clock_.resyncs(); }
   [[nodiscard]] const wire::Name &name() const noexcept { return health_.device; }
@@ -69,15 +78,19 @@ public:
 
 private:
   [[nodiscard]] Rejection judge(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
-                                std::int64_t now_ns) noexcept;
+                                std::int64_t now_ns, const HostClock &host) noexcept;
+  void take_over(const SampleHeader &header, std::int64_t now_ns) noexcept;
   void count_rate(std::int64_t now_ns) noexcept;
   [[nodiscard]] bool is_other_writer(std::uint64_t writer, std::int64_t now_ns) noexcept;
   void count_other_writer(std::uint64_t writer) noexcept;
 
   DeviceOptions options_;
-  wire::DeviceHealth health_{}; // contains the counts
-  base::DeviceClock clock_;
+  wire::DeviceHealth health_{}; // contains the counts, and what is known of the latest accepted sample
+  base::DeviceClock clock_;     // the device's against the driver's
+  DriverTransit driver_transit_;
+  Transit transit_; // of the latest judged sample
   FrameCounter frames_;
+  StatedPeriod stated_period_;
   runtime::Histogram latency_;
   bool writers_gone_ = false;
   std::uint64_t received_ = 0;
@@ -86,6 +99,7 @@ private:
   std::uint64_t other_waiting_ = 0; // its samples since the last one of writer_
   bool other_confirmed_ = false;    // writer_ has sent after it: they are two, not one that was restarted
   std::int64_t period_ns_ = 0;
+  std::int64_t stated_period_ns_ = 0;
   std::int64_t device_time_ns_ = 0; // latest accepted sample, like the next two
   std::int64_t acquired_ns_ = 0;
   std::int64_t arrived_ns_ = 0;

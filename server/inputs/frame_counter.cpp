@@ -15,7 +15,13 @@ constexpr std::uint64_t kSlack = 16;
 void FrameCounter::reset() noexcept {
   started_ = false;
   refused_ = 0;
+  refused_bits_ = 0;
   implausible_run_ = 0;
+}
+
+bool FrameCounter::goes_on(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) const noexcept {
+  const std::uint64_t periods = static_cast<std::uint64_t>(elapsed_ns > 0 ? elapsed_ns / period_ns : 0);
+  return started_ && frame > last_ && frame - last_ <= 2 * periods + kSlack;
 }
 
 FrameVerdict FrameCounter::judge(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) noexcept {
@@ -25,8 +31,7 @@ FrameVerdict FrameCounter::judge(std::uint64_t frame, std::int64_t elapsed_ns, s
   if (frame == last_) {
     return FrameVerdict::kDuplicate;
   }
-  const std::uint64_t periods = static_cast<std::uint64_t>(elapsed_ns > 0 ? elapsed_ns / period_ns : 0);
-  if (frame > last_ && frame - last_ <= 2 * periods + kSlack) {
+  if (goes_on(frame, elapsed_ns, period_ns)) {
     implausible_run_ = 0;
     return FrameVerdict::kNext;
   }
@@ -42,18 +47,32 @@ FrameVerdict FrameCounter::judge(std::uint64_t frame, std::int64_t elapsed_ns, s
 
 void FrameCounter::accept(std::uint64_t frame) noexcept {
   if (started_) {
-    const std::uint64_t gap = frame - last_ - 1;
-    const std::uint64_t in_gap = gap >= kWindow ? ~std::uint64_t{0} : (std::uint64_t{1} << gap) - 1;
-    lost_ += gap - static_cast<std::uint64_t>(std::popcount(refused_ & in_gap));
+    std::uint64_t in_gap = refused_;
+    if (refused_ > 0 && highest_refused_ >= frame) { // some are not below this one
+      const std::uint64_t beyond = highest_refused_ - frame + 1;
+      in_gap -= static_cast<std::uint64_t>(
+          std::popcount(beyond >= kWindow ? refused_bits_ : refused_bits_ & ((std::uint64_t{1} << beyond) - 1)));
+    }
+    lost_ += frame - last_ - 1 - in_gap;
   }
   started_ = true;
   last_ = frame;
   refused_ = 0;
+  refused_bits_ = 0;
 }
 
 void FrameCounter::refuse(std::uint64_t frame) noexcept {
-  if (started_ && frame > last_ && frame - last_ <= kWindow) {
-    refused_ |= std::uint64_t{1} << (frame - last_ - 1);
+  if (refused_ == 0 || frame > highest_refused_) {
+    const std::uint64_t by = refused_ == 0 ? 0 : frame - highest_refused_;
+    refused_bits_ = (by >= kWindow ? 0 : refused_bits_ << by) | 1;
+    highest_refused_ = frame;
+    ++refused_;
+    return;
+  }
+  const std::uint64_t below = highest_refused_ - frame;
+  if (below < kWindow && (refused_bits_ >> below & 1) == 0) {
+    refused_bits_ |= std::uint64_t{1} << below;
+    ++refused_;
   }
 }
 

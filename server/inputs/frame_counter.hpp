@@ -16,14 +16,16 @@ enum class FrameVerdict {
 
 class FrameCounter {
 public:
-  // Restarts with the next sample, after a change of the writer or of its clock.
+  // Restarts with the next sample: the device counts anew.
   void reset() noexcept;
 
   // Checks a number and updates only the run of implausible numbers. After kRenumbered of them in sequence the device
-  // is assumed to have restarted its count. elapsed_ns: device time since the last accepted sample.
+  // is assumed to have restarted its count. elapsed_ns: since the last accepted sample arrived, on the host's clock.
   [[nodiscard]] FrameVerdict judge(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) noexcept;
+  // True if the number can follow the last accepted one. Another writer whose numbers go on is the same device.
+  [[nodiscard]] bool goes_on(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) const noexcept;
   void accept(std::uint64_t frame) noexcept;
-  void refuse(std::uint64_t frame) noexcept; // the frame arrived
+  void refuse(std::uint64_t frame) noexcept; // the frame arrived, with a number that goes on
 
   [[nodiscard]] std::uint64_t lost() const noexcept { return lost_; }
 
@@ -31,7 +33,11 @@ private:
   static constexpr int kRenumbered = 5;
   bool started_ = false;
   std::uint64_t last_ = 0;
-  std::uint64_t refused_ = 0; // bit i: number last_ + 1 + i arrived and was rejected
+  // Numbers after last_ that arrived and were rejected: how many, the highest, and which of the 64 up to that (bit i:
+  // highest_refused_ - i). One below these counts as lost too.
+  std::uint64_t refused_ = 0;
+  std::uint64_t highest_refused_ = 0;
+  std::uint64_t refused_bits_ = 0;
   std::uint64_t lost_ = 0;
   int implausible_run_ = 0;
   std::uint64_t implausible_last_ = 0;

@@ -1,5 +1,7 @@
 #include "server/inputs/input_guard.hpp"
 
+#include <algorithm>
+#include <iterator>
 #include <stdexcept>
 
 namespace bregma::inputs {
@@ -27,8 +29,14 @@ Verdict InputGuard<Sample>::check(const Sample &sample, std::uint64_t writer, st
   const std::string_view name = wire::view(sample.device);
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     if (wire::view(devices_[i].name()) == name) {
-      const SampleHeader header{sample.frame, sample.device_time_ns, sample.sent_time_ns, sample.period_ns};
-      Verdict verdict = devices_[i].check(header, check_payload(sample, tools_), writer, now_ns);
+      SampleHeader header{sample.frame,
+                          sample.device_time_ns,
+                          sample.period_ns,
+                          {.boot_ns = sample.sent_boot_ns,
+                           .wall_ns = sample.sent_time_ns,
+                           .wall_error_ns = sample.sent_clock_error_ns}};
+      std::copy(std::begin(sample.boot_id), std::end(sample.boot_id), header.write.boot_id.begin());
+      Verdict verdict = devices_[i].check(header, check_payload(sample, tools_), writer, now_ns, host_);
       verdict.device = static_cast<int>(i);
       if constexpr (std::is_same_v<Sample, wire::TrackerFrame>) {
         for (std::uint32_t tool = 0; verdict.accepted && tool < sample.tool_count; ++tool) {

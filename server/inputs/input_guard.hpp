@@ -3,6 +3,7 @@
 // samples have finite values, valid rotations, terminated names, counts in range and increasing times.
 //
 //   InputGuard<wire::TrackerFrame> guard(names, options);
+//   guard.set_host(host_clock);
 //   reader.take_each([&](const wire::TrackerFrame &frame, const dds::SampleInfo &info) {
 //     if (const auto verdict = guard.check(frame, info.writer, clock.now_ns()); verdict.accepted) ...
 //   });
@@ -61,6 +62,10 @@ public:
 
   void set_tools(const KnownTools &tools) noexcept { tools_ = tools; }
 
+  // This host's clocks, before check(): they may step between two samples.
+  void set_host(const HostClock &host) noexcept { host_ = host; }
+
+  // now_ns: arrival, steady UTC.
   [[nodiscard]] Verdict check(const Sample &sample, std::uint64_t writer, std::int64_t now_ns) noexcept;
 
   // count: ReaderStatus::writers_alive. With 0 every device of the stream is lost at once.
@@ -73,6 +78,7 @@ public:
 private:
   std::deque<DeviceMonitor> devices_; // a deque, because a histogram of atomics cannot be moved
   KnownTools tools_;
+  HostClock host_;
   std::uint64_t unknown_ = 0;
   UnknownNames unknown_devices_;
   UnknownNames unknown_tools_;

@@ -1,22 +1,16 @@
 #include "server/runtime/clock.hpp"
 
-#include <ctime>
-
-#include "idl/boot_clock.hpp"
-
 namespace bregma::runtime {
-namespace {
 
-std::int64_t read(clockid_t clock) noexcept {
-  timespec time{};
-  clock_gettime(clock, &time);
-  return static_cast<std::int64_t>(time.tv_sec) * 1'000'000'000 + time.tv_nsec;
+std::int64_t SystemClock::wall_error_ns() const noexcept {
+  constexpr std::int64_t kAskEvery_ns = 1'000'000'000;
+  const std::int64_t now_ns = boot_ns();
+  std::int64_t due_ns = ask_again_ns_.load(std::memory_order_relaxed);
+  if (now_ns >= due_ns &&
+      ask_again_ns_.compare_exchange_strong(due_ns, now_ns + kAskEvery_ns, std::memory_order_relaxed)) {
+    wall_error_ns_.store(wire::wall_clock_error_ns(), std::memory_order_relaxed);
+  }
+  return wall_error_ns_.load(std::memory_order_relaxed);
 }
-
-} // namespace
-
-std::int64_t SystemClock::now_ns() const noexcept { return read(CLOCK_REALTIME); }
-std::int64_t SystemClock::monotonic_ns() const noexcept { return read(CLOCK_MONOTONIC); }
-std::int64_t SystemClock::boot_ns() const noexcept { return wire::boot_now_ns(); }
 
 } // namespace bregma::runtime

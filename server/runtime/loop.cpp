@@ -5,7 +5,7 @@
 #include <ctime>
 #include <future>
 
-#include "server/runtime/clock.hpp"
+#include "idl/host_clock.hpp"
 
 namespace bregma::runtime {
 namespace {
@@ -18,7 +18,7 @@ void sleep_until(std::int64_t monotonic_ns) noexcept {
   clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &time, nullptr);
 }
 
-std::int64_t monotonic_ns() noexcept { return SystemClock().monotonic_ns(); }
+std::int64_t monotonic_ns() noexcept { return wire::monotonic_now_ns(); }
 
 } // namespace
 

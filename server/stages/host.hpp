@@ -2,7 +2,6 @@
 // implementation for tests, without recording and with steps that take no time.
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -12,6 +11,7 @@
 #include "base/log_level.hpp"
 #include "base/result.hpp"
 #include "casefile/case.hpp"
+#include "idl/host_clock.hpp"
 #include "idl/topics.hpp"
 #include "server/recording/recorder.hpp"
 #include "server/session/work.hpp"
@@ -32,8 +32,8 @@ public:
   [[nodiscard]] virtual std::optional<int> fixed_solver_steps() const noexcept { return std::nullopt; }
 
   // ---- workers, and any stage during construction ----
-  // Boot id of the machine; see wire::boot_id().
-  [[nodiscard]] virtual std::array<std::uint8_t, 16> boot_id() const { return {}; }
+  // Identity of the machine's current boot.
+  [[nodiscard]] virtual wire::BootIdentity boot_id() const { return {}; }
   virtual void log(LogLevel, const std::string & /*line*/) {}
   // Runs the job on another thread (server/session/work.hpp); the base class runs it at once.
   virtual void run_elsewhere(Work /*work*/, const std::function<void()> &job) { job(); }

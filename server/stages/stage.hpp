@@ -22,10 +22,15 @@ class Link;
 
 // Times of a step.
 struct Moment {
-  std::int64_t utc_ns = 0;       // since the Unix epoch, host clock
-  std::int64_t monotonic_ns = 0; // never steps; rates and deadlines
-  std::int64_t boot_ns = 0;      // never steps, and continues during suspend
-  bool tick = true;              // the step is due by the rate; false: triggered by a sample or wake_ns()
+  std::int64_t utc_ns = 0;             // steady UTC (docs/time.md): boot_ns plus a constant; all ages and alarms
+  std::int64_t monotonic_ns = 0;       // never steps; rates and deadlines
+  std::int64_t boot_ns = 0;            // never steps, and continues during suspend
+  std::int64_t wall_minus_boot_ns = 0; // changes only by steps of the wall clock
+  std::int64_t wall_error_ns = 0;      // maximal error of the wall clock; 0: not synchronised
+  bool tick = true;                    // the step is due by the rate; false: triggered by a sample or wake_ns()
+
+  // The wall clock minus steady UTC: the sum of its steps since the start.
+  [[nodiscard]] std::int64_t wall_lead_ns() const noexcept { return wall_minus_boot_ns + boot_ns - utc_ns; }
 };
 
 enum class ThreadClass : std::uint8_t {

@@ -27,7 +27,7 @@ struct ProbeView {
 
 // The latest sample of the force sensor.
 struct ForceView {
-  std::int64_t arrived_ns = 0;
+  std::int64_t acquired_ns = 0;
   double force_N[3] = {};
 };
 
@@ -59,6 +59,13 @@ struct PredictedTargets {
   std::int64_t time_ns = 0;
   wire::DeformationStatus status[bregma_wire_MAX_TARGETS] = {};
   double position_mm[bregma_wire_MAX_TARGETS][3] = {};
+};
+
+// Steps of the wall clock, for the health topic.
+struct ClockView {
+  std::uint32_t steps = 0;       // since the start
+  std::int64_t step_ns = 0;      // the last one, positive: forward
+  std::int64_t step_time_ns = 0; // when it was noticed
 };
 
 // The session, for the health topic.

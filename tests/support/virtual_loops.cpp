@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "server/stages/schedules.hpp"
+#include "tests/support/virtual_link.hpp"
 
 namespace bregma::test {
 
@@ -34,9 +35,11 @@ void VirtualLoops::restart(const std::vector<server::Stage *> &stages, std::int6
 }
 
 server::Moment VirtualLoops::moment(std::int64_t utc_ns) const {
-  return {.utc_ns = utc_ns + wall_error_ns_,
+  return {.utc_ns = utc_ns,
           .monotonic_ns = utc_ns - start_utc_ns_,
-          .boot_ns = utc_ns - start_utc_ns_,
+          .boot_ns = VirtualLink::kBootAtStart_ns + utc_ns - start_utc_ns_,
+          .wall_minus_boot_ns = start_utc_ns_ - VirtualLink::kBootAtStart_ns + wall_lead_ns_,
+          .wall_error_ns = wall_error_ns_,
           .tick = false};
 }
 

@@ -23,11 +23,13 @@ public:
   void begin();
   // Another process of the daemon on the same host: its stages begin at this time.
   void restart(const std::vector<server::Stage *> &stages, std::int64_t utc_ns);
-  // Steps the host's wall clock. The true time, in which advance() counts, stays.
-  void step_wall_clock(std::int64_t by_ns) { wall_error_ns_ += by_ns; }
   // Steps every stage that is due by now, and delivers what it publishes. Time must not go back.
   void advance(std::int64_t utc_ns);
   [[nodiscard]] std::int64_t next_due_ns() const; // UTC
+
+  void step_wall_clock(std::int64_t by_ns) { wall_lead_ns_ += by_ns; }
+  // Maximal error that the host's time service states; 0: not synchronised.
+  void set_wall_error(std::int64_t error_ns) { wall_error_ns_ = error_ns; }
 
 private:
   struct Loop {
@@ -43,6 +45,7 @@ private:
   MemoryTopics &topics_;
   std::int64_t start_utc_ns_;
   std::int64_t now_utc_ns_;
+  std::int64_t wall_lead_ns_ = 0;
   std::int64_t wall_error_ns_ = 0;
   std::vector<Loop> loops_;
   Around around_;

@@ -37,7 +37,7 @@ VirtualOperation::VirtualOperation(const casefile::Case &a_case, const sim::Scen
                                    server::Config config)
     : room_(a_case, scenario, seed), config_(with_state(std::move(config), folder_.path())),
       wiring_(std::make_unique<server::Wiring>(config_.stages, topics_, static_cast<server::Host &>(*this))),
-      loops_(wiring_->stages(), topics_, kStart_ns), now_ns_(kStart_ns) {
+      loops_(wiring_->stages(), topics_, kStart_ns), link_(kStart_ns), now_ns_(kStart_ns) {
   topics_.observe<wire::NavigationState>([this](const wire::NavigationState &state) { on_state(state); });
   topics_.observe<wire::CommandReply>([this](const wire::CommandReply &reply) {
     replies_.push_back(reply);
@@ -59,6 +59,8 @@ bool VirtualOperation::run(double limit_s) {
   sim::RoomOutput out;
   loops_.begin();
   while (!room_.finished()) {
+    before_advance_(now_ns_);
+    link_.arrive(now_ns_);
     room_.advance(now_ns_, out);
     deliver(out);
     if (daemon_runs()) {
@@ -73,7 +75,7 @@ bool VirtualOperation::run(double limit_s) {
     }
     const std::int64_t line_ns = line_ != nullptr ? line_->next_due_ns() : server::Stage::kNever;
     const std::int64_t daemon_ns = daemon_runs() ? loops_.next_due_ns() : stopped_until_ns_;
-    now_ns_ = std::max(now_ns_ + 1, std::min({room_.next_due_ns(), daemon_ns, line_ns}));
+    now_ns_ = std::max(now_ns_ + 1, std::min({room_.next_due_ns(), daemon_ns, line_ns, link_.next_arrival_ns()}));
   }
   return !room_.failed();
 }
@@ -119,10 +121,15 @@ void VirtualOperation::deliver(const sim::RoomOutput &out) {
       topics_.put(sample);
     }
   };
-  put(out.frames);
-  put(out.robot_states);
-  put(out.range_samples);
-  put(out.force_samples);
+  const auto send = [this](const auto &samples) {
+    for (const auto &sample : samples) {
+      link_.send(sample, now_ns_, [this](const auto &arrived) { topics_.put(arrived); });
+    }
+  };
+  send(out.frames);
+  send(out.robot_states);
+  send(out.range_samples);
+  send(out.force_samples);
   put(out.commands);
 }
 

@@ -18,6 +18,7 @@
 #include "server/wiring.hpp"
 #include "tests/support/memory_topics.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/support/virtual_link.hpp"
 #include "tests/support/virtual_loops.hpp"
 
 namespace bregma::test {
@@ -61,6 +62,10 @@ public:
   // For observers of other topics and of steps.
   [[nodiscard]] MemoryTopics &topics() { return topics_; }
   [[nodiscard]] VirtualLoops &loops() { return loops_; }
+  // The driver's host and its network.
+  [[nodiscard]] VirtualLink &link() { return link_; }
+  // Called before every advance, for changes during the run.
+  void before_advance(std::function<void(std::int64_t utc_ns)> call) { before_advance_ = std::move(call); }
   // Runs the script to its end. False if a step failed (see failure()) or the virtual time exceeds limit_s.
   bool run(double limit_s = 600.0);
 
@@ -81,6 +86,7 @@ public:
 private:
   [[nodiscard]] std::optional<int> fixed_solver_steps() const noexcept override;
   [[nodiscard]] recording::RecorderStatus recorder() const noexcept override { return recorder_; }
+  [[nodiscard]] wire::BootIdentity boot_id() const override { return kDaemonBoot; }
 
   void start_killed_daemon();
   void deliver(const sim::RoomOutput &out);
@@ -93,9 +99,11 @@ private:
   MemoryTopics topics_;
   std::unique_ptr<server::Wiring> wiring_;
   VirtualLoops loops_;
+  VirtualLink link_;
   Observer observer_;
   Line *line_ = nullptr;
   recording::RecorderStatus recorder_;
+  std::function<void(std::int64_t)> before_advance_ = [](std::int64_t) {};
   std::int64_t now_ns_;
   std::int64_t stopped_until_ns_ = 0;
   bool killed_ = false;

@@ -100,7 +100,7 @@ void DeformationPipeline::step(const ProbeView &probe, const ForceView &force, s
     tissue::ProbeObservation seen;
     seen.seen = probe.live && now_ns <= probe.valid_until_ns;
     seen.pose = {Vector3d::Map(probe.tip_mm), Vector3d::Map(probe.shaft)};
-    if (seen.seen && now_ns - force.arrived_ns < kForceAge_ns) {
+    if (seen.seen && now_ns - force.acquired_ns < kForceAge_ns) {
       // A force up the shaft is the force with which the tissue pushes back.
       measured_N = Vector3d::Map(force.force_N).dot(Vector3d::Map(probe.shaft_in_tool));
       seen.force_N = measured_N;

@@ -1,5 +1,7 @@
 #include "server/stages/health/stage.hpp"
 
+#include <algorithm>
+
 #include "idl/commands.hpp"
 #include "idl/names.hpp"
 #include "idl/version.hpp"
@@ -13,15 +15,16 @@ void declare(base::ParameterSet &set, HealthParameters &p) {
 
 HealthStage::HealthStage(const HealthParameters &parameters, const StageContext &context)
     : Stage(kName, {.thread = ThreadClass::kWorker, .rate_hz = parameters.rate_hz}), host_(context.host),
-      health_(context.link) {}
+      health_(context.link), boot_id_(context.host.boot_id()) {}
 
 void HealthStage::connect(const runtime::LatestValue<inputs::StreamHealth> &trackers,
                           const runtime::LatestValue<inputs::StreamHealth> &sensors,
                           const runtime::LatestValue<SessionView> &session, const NavigationEvents &events,
-                          const AlarmEvents &conditions) {
+                          const AlarmEvents &conditions, const runtime::LatestValue<ClockView> &clock) {
   trackers_.connect(trackers);
   sensors_.connect(sensors);
   session_.connect(session);
+  clock_.connect(clock);
   events_ = &events;
   conditions_ = &conditions;
 }
@@ -30,6 +33,7 @@ void HealthStage::step(const Moment &now) noexcept {
   (void)trackers_.refresh();
   (void)sensors_.refresh();
   (void)session_.refresh();
+  (void)clock_.refresh();
   started_ns_ = started_ns_ == 0 ? now.utc_ns : started_ns_;
   wire::SystemHealth health{};
   (void)wire::set_name(health.daemon, wire::kDaemonName);
@@ -48,6 +52,13 @@ void HealthStage::step(const Moment &now) noexcept {
   health.record_dropped = recorder.dropped + events_->dropped() + conditions_->dropped();
   health.recorder_failing = recorder.failing;
   health.resident_bytes = runtime::resident_bytes();
+  std::copy(boot_id_.begin(), boot_id_.end(), health.boot_id);
+  health.published_boot_ns = now.boot_ns;
+  health.wall_time_ns = now.utc_ns + now.wall_lead_ns();
+  health.clock_error_ns = now.wall_error_ns;
+  health.clock_steps = clock_.value().steps;
+  health.clock_step_ns = clock_.value().step_ns;
+  health.clock_step_time_ns = clock_.value().step_time_ns;
   health_(health, now.utc_ns);
 }
 

@@ -30,7 +30,7 @@ public:
   void connect(const runtime::LatestValue<inputs::StreamHealth> &trackers,
                const runtime::LatestValue<inputs::StreamHealth> &sensors,
                const runtime::LatestValue<SessionView> &session, const NavigationEvents &events,
-               const AlarmEvents &conditions);
+               const AlarmEvents &conditions, const runtime::LatestValue<ClockView> &clock);
 
   void step(const Moment &now) noexcept override;
 
@@ -40,6 +40,8 @@ private:
   runtime::LatestInput<inputs::StreamHealth> trackers_;
   runtime::LatestInput<inputs::StreamHealth> sensors_;
   runtime::LatestInput<SessionView> session_;
+  runtime::LatestInput<ClockView> clock_;
+  wire::BootIdentity boot_id_;
   const NavigationEvents *events_ = nullptr;
   const AlarmEvents *conditions_ = nullptr;
   std::int64_t started_ns_ = 0; // UTC of the first step

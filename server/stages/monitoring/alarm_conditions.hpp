@@ -39,7 +39,7 @@ public:
   // Every kind for every device, tool, reference and unknown name at the same time. More would be watched too, at the
   // price of an allocation.
   static constexpr std::size_t kExpected =
-      2 * bregma_wire_MAX_DEVICES + 3 * bregma_wire_MAX_TOOLS + 4 * inputs::UnknownNames::kKept + 8;
+      3 * bregma_wire_MAX_DEVICES + 3 * bregma_wire_MAX_TOOLS + 4 * inputs::UnknownNames::kKept + 8;
 
 private:
   struct Watched {

@@ -1,6 +1,7 @@
 #include "server/stages/monitoring/pipeline.hpp"
 
 #include <cmath>
+#include <cstdio>
 #include <utility>
 
 #include "server/stages/monitoring/plausibility_text.hpp"
@@ -21,6 +22,9 @@ struct Sentence {
     return *this;
   }
 };
+
+// A measured rate above the stated one by this factor contradicts it.
+constexpr double kRateTolerance = 1.25;
 
 std::uint64_t rejected(const wire::DeviceHealth &device) noexcept {
   std::uint64_t sum = 0;
@@ -162,6 +166,7 @@ void MonitoringPipeline::step(const MonitoringView &view, std::int64_t now_ns) n
   watch_plausibility(view.tracking, now_ns);
   watch_unknown(view, now_ns);
   watch_system(view, now_ns);
+  watch_clock(view.wall_lead_ns, now_ns);
   // The test itself decides the time; its verdict is kept until the test is restarted.
   alarms_.update({alarm::kDrift, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kDemote, 0, 0},
                  wire::view(accuracy_.reference), drift_.detected(),
@@ -183,6 +188,10 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
 
       Sentence refused;
       refused << name << " sends samples that are rejected: see bregma status for the reasons";
+      Sentence rate;
+      rate << name << " sends more often than it states: its stated rate is not used";
+      alarms_.update(kind(alarm::kDeviceRate, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
+                     device.rate_hz > kRateTolerance * device.stated_rate_hz, rate.text, now_ns);
       const std::uint64_t count = rejected(device);
       // Faulty samples are single events: the first one raises an alarm, which clears after a time without any.
       alarms_.update({alarm::kRejected, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0,
@@ -263,6 +272,18 @@ void MonitoringPipeline::watch_unknown(const MonitoringView &view, std::int64_t 
     watch(stream->unknown_devices, alarm::kUnknownDevice, " sends samples, but is not configured: they are ignored");
     watch(stream->unknown_tools, alarm::kUnknownTool, " is tracked, but is no tool of the case: it is ignored");
   }
+}
+
+// A step is a single event: it raises an alarm at once, which clears after a time without another.
+void MonitoringPipeline::watch_clock(std::int64_t wall_lead_ns, std::int64_t now_ns) noexcept {
+  const bool stepped = clock_watch_.observe(wall_lead_ns, now_ns);
+  char text[128];
+  (void)std::snprintf(text, sizeof text,
+                      "the wall clock was stepped by %+lld ms: ages and alarms do not use it; check the time service",
+                      static_cast<long long>(clock_watch_.view().step_ns / 1'000'000));
+  alarms_.update(
+      {alarm::kWallClock, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)},
+      "", stepped, text, now_ns);
 }
 
 void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept {

@@ -13,6 +13,7 @@
 #include "server/recording/recorder.hpp"
 #include "server/stages/loaded_case.hpp"
 #include "server/stages/monitoring/alarm_conditions.hpp"
+#include "server/stages/monitoring/clock_watch.hpp"
 #include "server/stages/views.hpp"
 
 namespace bregma::server {
@@ -26,6 +27,7 @@ struct MonitoringView {
   const inputs::StreamHealth &sensors;
   const wire::RegistrationState &registration;
   recording::RecorderStatus recorder;
+  std::int64_t wall_lead_ns = 0; // the wall clock minus steady UTC
 };
 
 // Of the stage; the pipeline does not use rate and priority.
@@ -47,6 +49,7 @@ public:
   void step(const MonitoringView &view, std::int64_t now_ns) noexcept;
 
   [[nodiscard]] const wire::AccuracyState &accuracy() const noexcept { return accuracy_; }
+  [[nodiscard]] const ClockView &clock() const noexcept { return clock_watch_.view(); }
   // Turns accuracy() into the last one of its instance: the case is closed or replaced.
   void end_state(std::int64_t now_ns) noexcept;
 
@@ -62,6 +65,7 @@ private:
   void watch_plausibility(const TrackingView &tracking, std::int64_t now_ns) noexcept;
   void watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept;
+  void watch_clock(std::int64_t wall_lead_ns, std::int64_t now_ns) noexcept;
   [[nodiscard]] AlarmConditions::Kind kind(const char *name, wire::AlarmSeverity severity,
                                            SessionEffect effect) const noexcept;
 
@@ -76,6 +80,7 @@ private:
   std::uint32_t takeovers_seen_[bregma_wire_MAX_DEVICES] = {};
   std::uint64_t records_lost_seen_ = 0;
   std::uint64_t refusals_seen_[1 + bregma_wire_MAX_TOOLS] = {}; // of the reference, then of the tools
+  ClockWatch clock_watch_;
   wire::AccuracyState accuracy_{};
 };
 

@@ -31,6 +31,7 @@ public:
   void step(const Moment &now) noexcept override;
 
   AlarmEvents conditions; // for the session
+  runtime::LatestValue<ClockView> clock;
 
 private:
   Host &host_;

@@ -5,6 +5,7 @@
 #include "idl/validity.hpp"
 #include "server/inputs/device_names.hpp"
 #include "server/stages/host.hpp"
+#include "server/stages/host_clock.hpp"
 #include "server/stages/schedules.hpp"
 #include "server/stages/wire_values.hpp"
 
@@ -74,6 +75,7 @@ void NavigationStage::step(const Moment &now) noexcept {
   if (predicted_.refresh()) {
     pipeline_.on(predicted_.value());
   }
+  guard_.set_host(host_clock(now, boot_id_));
   const std::size_t taken =
       frames_.take_each(now.utc_ns, [&](const wire::TrackerFrame &frame, std::uint64_t writer) noexcept {
         const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);

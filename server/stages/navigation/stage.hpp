@@ -52,7 +52,7 @@ private:
   Inbox *inbox_ = nullptr;
   CaseLease lease_;
   runtime::LatestInput<PredictedTargets> predicted_;
-  std::array<std::uint8_t, 16> boot_id_;
+  wire::BootIdentity boot_id_;
   int tracker_ = -1; // index of the one that navigates; -1: none has sent yet
   std::int64_t frame_period_ns_ = 0;
   std::int64_t shared_ns_ = 0; // monotonic

@@ -3,6 +3,8 @@
 #include <algorithm>
 
 #include "server/inputs/device_names.hpp"
+#include "server/stages/host.hpp"
+#include "server/stages/host_clock.hpp"
 
 namespace bregma::server {
 namespace {
@@ -22,9 +24,13 @@ SensorStage::SensorStage(const SensorParameters &parameters, const StageContext 
       robot_guard_(inputs::split_names(parameters.robots), {}),
       range_guard_(inputs::split_names(parameters.ranges), {}),
       force_guard_(inputs::split_names(parameters.forces), {}), robots_(context.link), ranges_(context.link),
-      forces_(context.link) {}
+      forces_(context.link), boot_id_(context.host.boot_id()) {}
 
 void SensorStage::step(const Moment &now) noexcept {
+  const inputs::HostClock host = host_clock(now, boot_id_);
+  robot_guard_.set_host(host);
+  range_guard_.set_host(host);
+  force_guard_.set_host(host);
   std::size_t taken = robots_.take_each(now.utc_ns, [&](const wire::RobotState &sample, std::uint64_t writer) noexcept {
     (void)robot_guard_.check(sample, writer, now.utc_ns); // the guard counts rejected samples
   });
@@ -32,8 +38,9 @@ void SensorStage::step(const Moment &now) noexcept {
     (void)range_guard_.check(sample, writer, now.utc_ns);
   });
   taken += forces_.take_each(now.utc_ns, [&](const wire::ForceSample &sample, std::uint64_t writer) noexcept {
-    if (force_guard_.check(sample, writer, now.utc_ns).accepted) {
-      ForceView view{.arrived_ns = now.utc_ns};
+    const inputs::Verdict verdict = force_guard_.check(sample, writer, now.utc_ns);
+    if (verdict.accepted) {
+      ForceView view{.acquired_ns = verdict.acquired_time_ns};
       std::copy_n(sample.force_N, 3, view.force_N);
       force.store(view);
     }

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "base/parameters.hpp"
+#include "idl/host_clock.hpp"
 #include "server/inputs/input_guard.hpp"
 #include "server/runtime/latest_value.hpp"
 #include "server/stages/ports.hpp"
@@ -39,6 +40,7 @@ private:
   Subscriber<wire::RobotState> robots_;
   Subscriber<wire::RangeSample> ranges_;
   Subscriber<wire::ForceSample> forces_;
+  wire::BootIdentity boot_id_;
 };
 
 } // namespace bregma::server

@@ -47,6 +47,10 @@ public:
 class FakeHost final : public Host {
 public:
   [[nodiscard]] std::int64_t now_ns() const override { return now; }
+  [[nodiscard]] wire::WriteTime write_time() const override {
+    return {
+        .boot_id = {7}, .boot_ns = now - kStart_ns + kSecond, .wall_ns = now + wall_lead_ns, .wall_error_ns = 2 * kMs};
+  }
   bool wait_until(std::int64_t time_ns) override {
     waits_ns.push_back(time_ns - now);
     now = std::min(std::max(now, time_ns), stop_ns);
@@ -56,6 +60,7 @@ public:
 
   std::int64_t now = kStart_ns;
   std::int64_t stop_ns = kStart_ns + 3600 * kSecond;
+  std::int64_t wall_lead_ns = 0; // steps of the wall clock
   std::vector<std::int64_t> waits_ns;
 };
 

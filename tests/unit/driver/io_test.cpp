@@ -53,12 +53,25 @@ TEST_F(Samples, CarryTheDevicesNameAndTheHostsTime) {
   ASSERT_EQ(bus.written.size(), 1U);
   EXPECT_EQ(wire::view(bus.written[0].device), "Range");
   EXPECT_EQ(bus.written[0].sent_time_ns, host.now);
+  EXPECT_EQ(bus.written[0].boot_id[0], 7);
+  EXPECT_EQ(bus.written[0].sent_boot_ns, host.now - kStart_ns + kSecond);
+  EXPECT_EQ(bus.written[0].sent_clock_error_ns, 2 * kMs);
   wire::RangeSample named{};
   ASSERT_TRUE(wire::set_name(named.device, "Other"));
   named.device_time_ns = kSecond;
   io.start_connection();
   EXPECT_TRUE(io.publish(named));
   EXPECT_EQ(wire::view(bus.written[1].device), "Other");
+}
+
+TEST_F(Samples, AStepOfTheWallClockChangesOnlyTheStatedTimeOfTheWrite) {
+  send(2000);
+  host.wall_lead_ns = -3600 * kSecond;
+  send(100);
+  ASSERT_EQ(bus.written.size(), 2100U) << "none is dropped";
+  EXPECT_EQ(bus.written.back().sent_time_ns, host.now - 3600 * kSecond);
+  EXPECT_EQ(bus.written.back().sent_boot_ns, host.now - kStart_ns + kSecond);
+  EXPECT_NEAR(error_ms(bus.written.back()), 0.0, 0.1);
 }
 
 TEST_F(Samples, DeviceTimeIsMappedToTheHostsClock) {

@@ -36,11 +36,11 @@ TEST_F(DeviceMonitorTest, ADeviceThatWasNeverSeenHasNoFigures) {
   EXPECT_EQ(health_now.connections, 0U);
 }
 
-TEST_F(DeviceMonitorTest, IsStaleAfterThreePeriodsAndLostAtTheDeadline) {
+TEST_F(DeviceMonitorTest, IsStaleBeyondTheLiveLimitAndLostAtTheDeadline) {
   send(0, 500);
   const std::int64_t exposed = device().acquired_time_ns();
-  EXPECT_EQ(device().status(exposed + 3 * kPeriod_ns), bregma_wire_DEVICE_LIVE);
-  EXPECT_EQ(device().status(exposed + 3 * kPeriod_ns + 1), bregma_wire_DEVICE_STALE);
+  EXPECT_EQ(device().status(exposed + 100 * kMs), bregma_wire_DEVICE_LIVE);
+  EXPECT_EQ(device().status(exposed + 100 * kMs + 1), bregma_wire_DEVICE_STALE);
   const std::int64_t deadline_ns = wire::qos::kTracker.deadline_ns;
   EXPECT_EQ(device().status(at(499) + deadline_ns), bregma_wire_DEVICE_STALE);
   EXPECT_EQ(device().status(at(499) + deadline_ns + 1), bregma_wire_DEVICE_LOST);
@@ -183,6 +183,57 @@ TEST_F(DeviceMonitorTest, LateRateAgeAndLatencyAreMeasured) {
   EXPECT_NEAR(now.latency_p50_ms, 0.0, 0.05); // above the minimum, which is not stated here
   EXPECT_NEAR(now.latency_p99_ms, 0.0, 0.05);
   EXPECT_NEAR(now.clock_offset_ms, 1.0, 0.01);
+}
+
+TEST_F(DeviceMonitorTest, ASlowDeviceIsStaleBeforeItIsLost) {
+  constexpr std::int64_t kSlow_ns = 90 * kMs;
+  for (std::uint64_t i = 0; i < 20; ++i) {
+    verdict = guard.check(tracker_frame(i, kSlow_ns), kWriter, kStart_ns + static_cast<std::int64_t>(i) * kSlow_ns);
+  }
+  const std::int64_t exposed = device().acquired_time_ns();
+  EXPECT_EQ(device().status(exposed + 3 * kSlow_ns), bregma_wire_DEVICE_LIVE);
+  EXPECT_EQ(device().status(exposed + 3 * kSlow_ns + 1), bregma_wire_DEVICE_LOST) << "200 ms without a sample";
+}
+
+// The live limit is three periods: a device that states a longer period than it keeps would be live for too long.
+TEST_F(DeviceMonitorTest, AStatedPeriodThatTheNumbersContradictIsNotUsed) {
+  for (std::uint64_t i = 0; i < 400; ++i) {
+    auto frame = tracker_frame(i);
+    frame.period_ns = 7 * kMs; // keeps 4 ms
+    if (i % 10 == 3) {
+      continue; // losses do not make it slower
+    }
+    verdict = guard.check(frame, kWriter, at(i));
+    EXPECT_EQ(verdict.period_ns, i < 250 ? 7 * kMs : kPeriod_ns) << i;
+  }
+  EXPECT_NEAR(health(at(399)).stated_rate_hz, 1e3 / 7.0, 0.1);
+  EXPECT_EQ(device().period_ns(), kPeriod_ns);
+  send(400, 800);
+  EXPECT_EQ(verdict.period_ns, kPeriod_ns);
+}
+
+// A link that was down for longer than DDS' lease: the reader sees another writer, of the same process.
+TEST_F(DeviceMonitorTest, AReturningWriterWhoseNumbersGoOnKeepsItsCountOfLosses) {
+  send(0, 1'000);
+  guard.set_writers_alive(0);
+  send(4'000, 5'000, kOtherWriter); // 12 s later
+  const auto now = health(at(4'999));
+  EXPECT_EQ(now.taken, 2'000U);
+  EXPECT_EQ(now.lost, 3'000U);
+  EXPECT_EQ(now.taken + now.lost, 5'000U) << "every number";
+  EXPECT_EQ(now.connections, 2U);
+}
+
+TEST_F(DeviceMonitorTest, NumbersThatAreRejectedForALongTimeAreNotLost) {
+  send(0, 100);
+  for (std::uint64_t i = 100; i < 400; ++i) { // more than a window of 64
+    auto frame = tracker_frame(i);
+    frame.tools[0].T_tracker_tool.translation_mm[1] = wire::kUnknown;
+    static_cast<void>(guard.check(frame, kWriter, at(i)));
+  }
+  send(400, 500);
+  EXPECT_EQ(health(at(499)).lost, 0U);
+  EXPECT_EQ(health(at(499)).rejected[bregma_wire_REJECT_NOT_FINITE], 300U);
 }
 
 TEST_F(DeviceMonitorTest, TheStatedLatencyIsPartOfTheAgeButDoesNotMakeItStale) {

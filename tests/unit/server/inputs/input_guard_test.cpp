@@ -82,6 +82,7 @@ TYPED_TEST(EveryStream, ChecksWithoutAllocation) {
     auto sample = first;
     sample.frame += i;
     sample.device_time_ns += static_cast<std::int64_t>(i) * kPeriod_ns;
+    sample.sent_time_ns = sample.device_time_ns;
     static_cast<void>(guard.check(sample, 1, at(i)));
     static_cast<void>(guard.check(sample, 2, at(i)));
   }
@@ -156,6 +157,7 @@ TEST_P(FloodedInputGuard, CountsAllSamplesAndDoesNotAffectOtherDevices) {
       } else if (!flooding && i >= 1'000 && GetParam() != Flood::kCopies) {
         frame.frame += 4'500;
       }
+      frame.sent_time_ns = now_ns;
       static_cast<void>(guard.check(frame, 1, now_ns));
       ++sent;
     }

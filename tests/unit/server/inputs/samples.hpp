@@ -10,6 +10,7 @@
 namespace bregma::inputs {
 
 inline constexpr std::int64_t kMs = 1'000'000;
+inline constexpr std::int64_t kSecond = 1'000 * kMs;
 inline constexpr std::int64_t kStart_ns = 1'700'000'000'000 * kMs;
 inline constexpr std::int64_t kPeriod_ns = 4 * kMs;
 

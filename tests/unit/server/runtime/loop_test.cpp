@@ -126,17 +126,28 @@ TEST(LoopStatistics, StepsAreTimedWithoutAllocation) {
   EXPECT_LE(health.step_p99_us, health.step_max_us);
 }
 
-TEST(SystemClock, BootTimeContinuesWithMonotonicTime) {
+TEST(SystemClock, BootTimeContinuesWithMonotonicTimeAndIdentifiesTheBoot) {
   const SystemClock clock;
   EXPECT_GE(clock.boot_ns(), clock.monotonic_ns() - 1'000'000'000) << "it counts suspend too";
+  EXPECT_NE(wire::boot_id(), wire::BootIdentity{});
+  EXPECT_EQ(wire::boot_id(), wire::boot_id());
 }
 
-TEST(ManualClock, StepsOfUtcDoNotAffectMonotonicTime) {
+TEST(SystemClock, SteadyUtcIsTheWallClockThatWasNotSteppedSinceTheStart) {
+  const SystemClock clock;
+  const std::int64_t lead_ns = clock.wall_minus_boot_ns() - clock.utc_minus_boot_ns();
+  EXPECT_LT(std::abs(lead_ns), 1'000'000) << "the two clocks are read together";
+  EXPECT_GE(clock.wall_error_ns(), 0);
+}
+
+TEST(ManualClock, AStepOfTheWallClockAffectsNoOtherTime) {
   ManualClock clock(1'000);
   clock.advance(5);
-  clock.step_utc(-100);
-  EXPECT_EQ(clock.now_ns(), 905);
+  clock.step_wall_clock(-100);
+  EXPECT_EQ(clock.now_ns(), 1'005);
   EXPECT_EQ(clock.monotonic_ns(), 5);
+  EXPECT_EQ(clock.boot_ns(), 5);
+  EXPECT_EQ(clock.wall_minus_boot_ns(), 900);
 }
 
 } // namespace

@@ -142,11 +142,11 @@ TEST_F(Deformation, TheForceIsTheAxialComponentOfARecentSample) {
   build(2000);
   ForceView force;
   Vector3d::Map(force.force_N) = Vector3d(0.07, 5.0, -3.0); // the probe's body: x is up the shaft
-  force.arrived_ns = now_ns_;
+  force.acquired_ns = now_ns_;
   EXPECT_NEAR(step(probe_at(60.0), force).measured_force_N, 0.07, 1e-12);
   now_ns_ += 100'000'000;
   EXPECT_TRUE(std::isnan(step(probe_at(60.0), force).measured_force_N)) << "a tenth of a second old";
-  force.arrived_ns = now_ns_;
+  force.acquired_ns = now_ns_;
   ProbeView hidden = probe_at(60.0);
   hidden.live = false;
   EXPECT_TRUE(std::isnan(step(hidden, force).measured_force_N)) << "the direction of the shaft is unknown";
