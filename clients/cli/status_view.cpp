@@ -174,7 +174,11 @@ json device_json(const wire::DeviceHealth &device, const DaemonView &daemon) {
           {"kind", device_kind_label(device.kind)},
           {"status", device_status_label(device.status)},
           {"rate_hz", json_number(device.rate_hz)},
+          {"stated_rate_hz", json_number(device.stated_rate_hz)},
           {"age_ms", json_number(age_ms(device, daemon))},
+          {"age_sigma_ms", json_number(device.age_sigma_ms)},
+          {"transit_source", transit_source_label(device.transit_source)},
+          {"transit_ms", json_number(device.transit_ms)},
           {"latency_p50_ms", json_number(device.latency_p50_ms)},
           {"latency_p99_ms", json_number(device.latency_p99_ms)},
           {"taken", device.taken},
@@ -243,6 +247,12 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, const Now &now)
   out["wire"] = wire::text_of({health.wire_generation, health.wire_revision});
   out["other_wire_participants"] = health.other_wire;
   out["started_time_ns"] = health.started_time_ns;
+  const bool clock_stated = health.wall_time_ns != 0;
+  const double lead_ms = static_cast<double>(health.wall_time_ns - health.time_ns) * 1e-6;
+  out["wall_clock"] = {{"lead_ms", json_number(clock_stated ? lead_ms : wire::kUnknown)},
+                       {"error_ms", json_number(static_cast<double>(health.clock_error_ns) * 1e-6)},
+                       {"steps", health.clock_steps},
+                       {"last_step_ms", json_number(static_cast<double>(health.clock_step_ns) * 1e-6)}};
   out["unknown_device_samples"] = health.unknown_device_samples;
   out["resident_bytes"] = health.resident_bytes;
   out["recorder"] = {

@@ -107,6 +107,11 @@ std::string_view device_status_label(wire::DeviceStatus value) {
   return nth(kWords, value);
 }
 
+std::string_view transit_source_label(wire::TransitSource value) {
+  static constexpr std::array<std::string_view, 5> kWords{"unknown", "same host", "synchronised", "held", "envelope"};
+  return nth(kWords, value);
+}
+
 std::string_view driver_state_label(wire::DriverState value) {
   static constexpr std::array<std::string_view, 5> kWords{"unknown", "connecting", "connected", "waiting", "stopped"};
   return nth(kWords, value);

@@ -21,6 +21,7 @@ inline constexpr std::string_view kNotKnownHere = "not known here"; // a newer p
 [[nodiscard]] std::string_view reject_label(wire::RejectReason value);
 [[nodiscard]] std::string_view device_kind_label(wire::DeviceKind value);
 [[nodiscard]] std::string_view device_status_label(wire::DeviceStatus value);
+[[nodiscard]] std::string_view transit_source_label(wire::TransitSource value);
 [[nodiscard]] std::string_view driver_state_label(wire::DriverState value);
 [[nodiscard]] std::string_view alarm_label(wire::AlarmState value);
 [[nodiscard]] std::string_view severity_label(wire::AlarmSeverity value);

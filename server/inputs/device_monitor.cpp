@@ -13,7 +13,6 @@ namespace {
 using base::TimeVerdict;
 
 // A writer that is silent for longer may be replaced.
-constexpr std::int64_t kSilentPeriods = 3;
 constexpr std::int64_t kRateWindow_ns = 1'000'000'000;
 
 // 1 sigma of a mapped exposure, from the jitter between exposure and write (tests/unit/base/device_clock_test.cpp).
@@ -62,7 +61,7 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   }
   if (const Rejection rejection = judge(header, payload, writer, now_ns, host)) {
     ++health_.rejected[*rejection];
-    if (health_.taken > 0 && frames_.goes_on(header.frame, now_ns - arrived_ns_, stated_period_ns_)) {
+    if (health_.taken > 0 && frames_.goes_on(header.frame, elapsed_ns(header, now_ns), stated_period_ns_)) {
       frames_.refuse(header.frame);
     }
     return {.accepted = false, .reason = *rejection};
@@ -76,9 +75,9 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   count_other_writer(writer);
   writer_ = writer;
   writers_gone_ = false;
-  const std::int64_t written_ns = clock_of(header.write);
+  written_ns_ = clock_of(header.write);
   stated_period_ns_ = header.period_ns;
-  period_ns_ = stated_period_.check(header.frame, written_ns, header.period_ns);
+  period_ns_ = stated_period_.check(header.frame, written_ns_, header.period_ns);
   device_time_ns_ = header.device_time_ns;
   arrived_ns_ = now_ns;
   const double age_sigma_ns = std::hypot(static_cast<double>(transit_.sigma_ns), kMappingSigma_ns);
@@ -86,7 +85,7 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   health_.transit_source = transit_.source;
   health_.transit_ms = static_cast<double>(now_ns - transit_.written_ns) * 1e-6;
   // A better estimate of the clocks may move the line back. Accepted times must still increase.
-  const std::int64_t before_write_ns = written_ns - clock_.to_host_ns(header.device_time_ns);
+  const std::int64_t before_write_ns = written_ns_ - clock_.to_host_ns(header.device_time_ns);
   acquired_ns_ = std::max(transit_.written_ns - before_write_ns, acquired_ns_ + 1);
   latency_.add(now_ns - acquired_ns_);
   if (now_ns - acquired_ns_ - options_.clock.minimum_latency_ns > period_ns_) {
@@ -111,7 +110,7 @@ Rejection DeviceMonitor::judge(const SampleHeader &header, const Rejection &payl
   if (health_.taken > 0 && writer != writer_) {
     take_over(header, now_ns);
   }
-  const FrameVerdict number = frames_.judge(header.frame, now_ns - arrived_ns_, header.period_ns);
+  const FrameVerdict number = frames_.judge(header.frame, elapsed_ns(header, now_ns), header.period_ns);
   if (number == FrameVerdict::kDuplicate) {
     return bregma_wire_REJECT_DUPLICATE;
   }
@@ -170,6 +169,12 @@ void DeviceMonitor::count_other_writer(std::uint64_t writer) noexcept {
     other_confirmed_ = false;
   }
   other_waiting_ = 0;
+}
+
+// Time since the latest accepted sample. Samples that were held up arrive at the same time, but were written one by
+// one.
+std::int64_t DeviceMonitor::elapsed_ns(const SampleHeader &header, std::int64_t now_ns) const noexcept {
+  return std::max(now_ns - arrived_ns_, clock_of(header.write) - written_ns_);
 }
 
 void DeviceMonitor::count_rate(std::int64_t now_ns) noexcept {

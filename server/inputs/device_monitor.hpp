@@ -79,6 +79,7 @@ public:
 private:
   [[nodiscard]] Rejection judge(const SampleHeader &header, const Rejection &payload, std::uint64_t writer,
                                 std::int64_t now_ns, const HostClock &host) noexcept;
+  [[nodiscard]] std::int64_t elapsed_ns(const SampleHeader &header, std::int64_t now_ns) const noexcept;
   void take_over(const SampleHeader &header, std::int64_t now_ns) noexcept;
   void count_rate(std::int64_t now_ns) noexcept;
   [[nodiscard]] bool is_other_writer(std::uint64_t writer, std::int64_t now_ns) noexcept;
@@ -100,9 +101,10 @@ private:
   bool other_confirmed_ = false;    // writer_ has sent after it: they are two, not one that was restarted
   std::int64_t period_ns_ = 0;
   std::int64_t stated_period_ns_ = 0;
-  std::int64_t device_time_ns_ = 0; // latest accepted sample, like the next two
+  std::int64_t device_time_ns_ = 0; // latest accepted sample, like the next three
   std::int64_t acquired_ns_ = 0;
   std::int64_t arrived_ns_ = 0;
+  std::int64_t written_ns_ = 0;      // the driver's clock
   std::int64_t window_began_ns_ = 0; // start of the rate's window
   std::uint64_t window_count_ = 0;
   double rate_hz_ = 0.0;

@@ -20,7 +20,7 @@ public:
   void reset() noexcept;
 
   // Checks a number and updates only the run of implausible numbers. After kRenumbered of them in sequence the device
-  // is assumed to have restarted its count. elapsed_ns: since the last accepted sample arrived, on the host's clock.
+  // is assumed to have restarted its count. elapsed_ns: since the last accepted sample.
   [[nodiscard]] FrameVerdict judge(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) noexcept;
   // True if the number can follow the last accepted one. Another writer whose numbers go on is the same device.
   [[nodiscard]] bool goes_on(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) const noexcept;

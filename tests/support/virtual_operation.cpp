@@ -14,8 +14,8 @@ namespace bregma::test {
 namespace {
 
 constexpr std::int64_t kStart_ns = 1'800'000'000'000'000'000; // a time in 2027
-constexpr std::size_t kKeptTruths = 64; // more than the number of frames between exposure and delivery
-constexpr int kSolverSteps = 100;       // steps of the tissue model per period, more than it needs
+constexpr std::size_t kKeptTruths = 256; // more than the number of frames between exposure and delivery
+constexpr int kSolverSteps = 100;        // steps of the tissue model per period, more than it needs
 
 server::Config with_state(server::Config config, const std::filesystem::path &folder) {
   std::string &directory = config.stages.of<server::SessionParameters>().state_directory;
