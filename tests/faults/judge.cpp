@@ -61,8 +61,6 @@ Judge::Judge(const Cell &cell, During session, const std::string &tool, std::uin
   operation_.topics().observe<wire::SystemHealth>([this](const auto &health) {
     health_ = health;
     health_ns_ = now_ns();
-    faulty_display_.receive(health, now_ns(), line_.begin_ns(), line_.end_ns());
-    other_display_.receive(health, now_ns(), line_.begin_ns(), line_.end_ns());
   });
 }
 
@@ -98,7 +96,7 @@ void Judge::on_room(const sim::RoomOutput &sent) {
 }
 
 void Judge::draw(Display &display, Watch &watch) {
-  display.draw(now_ns(), line_.begin_ns(), line_.end_ns(), [&](const std::string &tool, std::uint64_t number) {
+  display.draw(now_ns(), fault(), [&](const std::string &tool, std::uint64_t number) {
     const FrameTruth *frame = line_.ledger().frame(number);
     if (frame == nullptr) {
       return; // the daemon itself is judged for this
@@ -146,8 +144,8 @@ void Judge::check_pause(Watch &watch, bool seen, std::int64_t since_last_ns, boo
 }
 
 void Judge::on_state(const wire::NavigationState &state) {
-  faulty_display_.receive(state, now_ns(), line_.begin_ns(), line_.end_ns());
-  other_display_.receive(state, now_ns(), line_.begin_ns(), line_.end_ns());
+  faulty_display_.receive(state, now_ns(), fault());
+  other_display_.receive(state, now_ns(), fault());
   if (!is_shown(state)) {
     return;
   }

@@ -99,6 +99,7 @@ private:
 
   void violate(const char *rule, const std::string &text);
   [[nodiscard]] std::int64_t now_ns() const { return operation_.now_ns(); }
+  [[nodiscard]] FaultTime fault() const { return {line_.begin_ns(), line_.end_ns()}; }
   [[nodiscard]] bool began() const { return line_.begin_ns() != 0 && now_ns() >= line_.begin_ns(); }
   [[nodiscard]] bool ended() const { return began() && now_ns() >= line_.end_ns(); }
   [[nodiscard]] bool poses_expected() const { return session_ >= During::kRegistered; }
