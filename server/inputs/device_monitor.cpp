@@ -12,7 +12,6 @@ namespace {
 
 using base::TimeVerdict;
 
-// A writer that is silent for longer may be replaced.
 constexpr std::int64_t kRateWindow_ns = 1'000'000'000;
 
 // 1 sigma of a mapped exposure, from the jitter between exposure and write (tests/unit/base/device_clock_test.cpp).
