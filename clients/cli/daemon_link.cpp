@@ -47,6 +47,18 @@ template <class T> bool has_ended(const T &sample, const dds::SampleInfo &info) 
   return info.ended;
 }
 
+template <class T> void store_one(std::optional<T> &place, const T &sample, bool ended) {
+  place = ended ? std::nullopt : std::optional(sample);
+}
+
+template <class Key, class Value> void store_in(std::map<Key, Value> &map, Key key, const Value &value, bool ended) {
+  if (ended) {
+    map.erase(key);
+  } else {
+    map[std::move(key)] = value;
+  }
+}
+
 constexpr std::int64_t kPeersPeriod_ns = 100'000'000;
 constexpr std::size_t kMaxWriters = 1024; // remembered; a forgotten one is asked for again
 
@@ -115,22 +127,6 @@ template <class T, class Store> std::size_t DaemonLink::take_state(dds::Reader<T
   (void)reader.status(); // clears the status: a change of liveliness would keep the wait set triggered
   return news;
 }
-
-namespace {
-
-template <class T> void store_one(std::optional<T> &place, const T &sample, bool ended) {
-  place = ended ? std::nullopt : std::optional(sample);
-}
-
-template <class Key, class Value> void store_in(std::map<Key, Value> &map, Key key, const Value &value, bool ended) {
-  if (ended) {
-    map.erase(key);
-  } else {
-    map[std::move(key)] = value;
-  }
-}
-
-} // namespace
 
 std::size_t DaemonLink::take_replies() {
   if (!control_) {
