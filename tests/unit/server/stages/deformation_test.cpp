@@ -155,9 +155,9 @@ TEST_F(Deformation, TheForceIsTheAxialComponentOfARecentSample) {
 TEST_F(Deformation, APoseThatIsTooOldToMeasureWithIsNotUsed) {
   build(2000);
   ForceView force;
-  force.arrived_ns = now_ns_ + kPeriod_ns;
+  force.acquired_ns = now_ns_ + kPeriod_ns;
   EXPECT_FALSE(std::isnan(step(probe_at(60.0), force).measured_force_N));
-  force.arrived_ns = now_ns_ + kPeriod_ns;
+  force.acquired_ns = now_ns_ + kPeriod_ns;
   ProbeView old = probe_at(60.0);
   old.valid_until_ns = now_ns_ + kPeriod_ns - 1;
   EXPECT_TRUE(std::isnan(step(old, force).measured_force_N));
