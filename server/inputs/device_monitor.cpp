@@ -60,12 +60,8 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   }
   if (const Rejection rejection = judge(header, payload, writer, now_ns, host)) {
     ++health_.rejected[*rejection];
-    if (health_.taken > 0 && writer == writer_) {
-      if (frames_.goes_on(header.frame, elapsed_ns(header, now_ns), stated_period_ns_)) {
-        frames_.refuse(header.frame);
-      } else {
-        frames_.late(header.frame);
-      }
+    if (health_.taken > 0 && frames_.goes_on(header.frame, elapsed_ns(header, now_ns), stated_period_ns_)) {
+      frames_.refuse(header.frame);
     }
     return {.accepted = false, .reason = *rejection};
   }

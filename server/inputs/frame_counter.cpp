@@ -10,18 +10,12 @@ constexpr std::uint64_t kWindow = 64;
 // Tolerance for a device that was delayed, or whose clock and count disagree slightly.
 constexpr std::uint64_t kSlack = 16;
 
-std::uint64_t shifted(std::uint64_t bits, std::uint64_t by) noexcept { return by >= kWindow ? 0 : bits << by; }
-std::uint64_t low_bits(std::uint64_t count) noexcept {
-  return count >= kWindow ? ~std::uint64_t{0} : (std::uint64_t{1} << count) - 1;
-}
-
 } // namespace
 
 void FrameCounter::reset() noexcept {
   started_ = false;
   refused_ = 0;
   refused_bits_ = 0;
-  missing_bits_ = 0;
   implausible_run_ = 0;
 }
 
@@ -56,11 +50,10 @@ void FrameCounter::accept(std::uint64_t frame) noexcept {
     std::uint64_t in_gap = refused_;
     if (refused_ > 0 && highest_refused_ >= frame) { // some are not below this one
       const std::uint64_t beyond = highest_refused_ - frame + 1;
-      in_gap -= static_cast<std::uint64_t>(std::popcount(refused_bits_ & low_bits(beyond)));
+      in_gap -= static_cast<std::uint64_t>(
+          std::popcount(beyond >= kWindow ? refused_bits_ : refused_bits_ & ((std::uint64_t{1} << beyond) - 1)));
     }
-    const std::uint64_t gap = frame - last_ - 1;
-    lost_ += gap - in_gap;
-    missing_bits_ = shifted(missing_bits_, gap + 1) | (low_bits(gap) & ~refused_below(frame));
+    lost_ += frame - last_ - 1 - in_gap;
   }
   started_ = true;
   last_ = frame;
@@ -71,7 +64,7 @@ void FrameCounter::accept(std::uint64_t frame) noexcept {
 void FrameCounter::refuse(std::uint64_t frame) noexcept {
   if (refused_ == 0 || frame > highest_refused_) {
     const std::uint64_t by = refused_ == 0 ? 0 : frame - highest_refused_;
-    refused_bits_ = shifted(refused_bits_, by) | 1;
+    refused_bits_ = (by >= kWindow ? 0 : refused_bits_ << by) | 1;
     highest_refused_ = frame;
     ++refused_;
     return;
@@ -81,30 +74,6 @@ void FrameCounter::refuse(std::uint64_t frame) noexcept {
     refused_bits_ |= std::uint64_t{1} << below;
     ++refused_;
   }
-}
-
-void FrameCounter::late(std::uint64_t frame) noexcept {
-  if (!started_ || frame >= last_ || last_ - frame > kWindow) {
-    return;
-  }
-  const std::uint64_t bit = std::uint64_t{1} << (last_ - frame - 1);
-  if ((missing_bits_ & bit) != 0) {
-    missing_bits_ &= ~bit;
-    --lost_;
-  }
-}
-
-// Which of the 64 numbers below this one arrived and were rejected (bit i: frame - 1 - i).
-std::uint64_t FrameCounter::refused_below(std::uint64_t frame) const noexcept {
-  if (refused_ == 0) {
-    return 0;
-  }
-  const std::uint64_t top = frame - 1;
-  if (highest_refused_ > top) {
-    const std::uint64_t above = highest_refused_ - top;
-    return above >= kWindow ? 0 : refused_bits_ >> above;
-  }
-  return shifted(refused_bits_, top - highest_refused_);
 }
 
 } // namespace bregma::inputs

@@ -26,14 +26,10 @@ public:
   [[nodiscard]] bool goes_on(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) const noexcept;
   void accept(std::uint64_t frame) noexcept;
   void refuse(std::uint64_t frame) noexcept; // the frame arrived, with a number that goes on
-  // A sample with this number was rejected: if the number is below the last accepted one and counts as lost, it was
-  // only overtaken. Looks back by 64 numbers.
-  void late(std::uint64_t frame) noexcept;
 
   [[nodiscard]] std::uint64_t lost() const noexcept { return lost_; }
 
 private:
-  [[nodiscard]] std::uint64_t refused_below(std::uint64_t frame) const noexcept;
   static constexpr int kRenumbered = 5;
   bool started_ = false;
   std::uint64_t last_ = 0;
@@ -42,7 +38,6 @@ private:
   std::uint64_t refused_ = 0;
   std::uint64_t highest_refused_ = 0;
   std::uint64_t refused_bits_ = 0;
-  std::uint64_t missing_bits_ = 0; // bit i: number last_ - 1 - i counts as lost
   std::uint64_t lost_ = 0;
   int implausible_run_ = 0;
   std::uint64_t implausible_last_ = 0;

@@ -236,20 +236,6 @@ TEST_F(DeviceMonitorTest, NumbersThatAreRejectedForALongTimeAreNotLost) {
   EXPECT_EQ(health(at(499)).rejected[bregma_wire_REJECT_NOT_FINITE], 300U);
 }
 
-TEST_F(DeviceMonitorTest, ANumberThatWasOvertakenIsRejectedAndNotLost) {
-  send(0, 10);
-  send(12, 13); // 10 and 11 are missing
-  EXPECT_EQ(health(at(12)).lost, 2U);
-  for (int times = 0; times < 2; ++times) {
-    EXPECT_FALSE(guard.check(tracker_frame(11), kWriter, at(12)).accepted);
-    EXPECT_EQ(health(at(12)).lost, 1U);
-  }
-  EXPECT_FALSE(guard.check(tracker_frame(10), kOtherWriter, at(12)).accepted);
-  EXPECT_EQ(health(at(12)).lost, 1U) << "another writer's numbers are its own";
-  send(13, 100);
-  EXPECT_EQ(health(at(99)).lost, 1U);
-}
-
 TEST_F(DeviceMonitorTest, TheStatedLatencyIsPartOfTheAgeButDoesNotMakeItStale) {
   InputGuard<wire::TrackerFrame> slow(names, DeviceOptions{.clock = {.minimum_latency_ns = 20 * kMs}});
   for (std::uint64_t i = 0; i < 300; ++i) {
