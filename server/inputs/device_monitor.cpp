@@ -60,8 +60,8 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   }
   if (const Rejection rejection = judge(header, payload, writer, now_ns, host)) {
     ++health_.rejected[*rejection];
-    if (health_.taken > 0 && frames_.goes_on(header.frame, elapsed_ns(header, now_ns), stated_period_ns_)) {
-      frames_.refuse(header.frame);
+    if (health_.taken > 0) {
+      frames_.refuse(header.frame, elapsed_ns(header, now_ns), stated_period_ns_);
     }
     return {.accepted = false, .reason = *rejection};
   }
@@ -92,6 +92,7 @@ Verdict DeviceMonitor::check(const SampleHeader &header, const Rejection &payloa
   }
   count_rate(now_ns);
   return {.accepted = true,
+          .written_time_ns = transit_.written_ns,
           .acquired_time_ns = acquired_ns_,
           .age_sigma_ns = std::llround(age_sigma_ns),
           .period_ns = period_ns_,
@@ -173,7 +174,8 @@ void DeviceMonitor::count_other_writer(std::uint64_t writer) noexcept {
 // Time since the latest accepted sample. Samples that were held up arrive at the same time, but were written one by
 // one.
 std::int64_t DeviceMonitor::elapsed_ns(const SampleHeader &header, std::int64_t now_ns) const noexcept {
-  return std::max(now_ns - arrived_ns_, clock_of(header.write) - written_ns_);
+  const std::int64_t arrival_ns = now_ns - arrived_ns_;
+  return is_well_formed(header) ? std::max(arrival_ns, clock_of(header.write) - written_ns_) : arrival_ns;
 }
 
 void DeviceMonitor::count_rate(std::int64_t now_ns) noexcept {

@@ -44,7 +44,8 @@ struct SampleHeader {
 struct Verdict {
   bool accepted = false;
   wire::RejectReason reason = bregma_wire_REJECT_MALFORMED; // valid if not accepted
-  // The next three are valid if accepted.
+  // The next four are valid if accepted.
+  std::int64_t written_time_ns = 0;  // the driver's write, on the host's clock
   std::int64_t acquired_time_ns = 0; // exposure on the host's clock
   std::int64_t age_sigma_ns = 0;     // 1-sigma uncertainty of that time, and so of every age derived from it
   std::int64_t period_ns = 0;        // as stated, or shorter where the measured rate contradicts it

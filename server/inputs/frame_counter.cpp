@@ -1,5 +1,6 @@
 #include "server/inputs/frame_counter.hpp"
 
+#include <algorithm>
 #include <bit>
 
 namespace bregma::inputs {
@@ -46,14 +47,17 @@ FrameVerdict FrameCounter::judge(std::uint64_t frame, std::int64_t elapsed_ns, s
 }
 
 void FrameCounter::accept(std::uint64_t frame) noexcept {
-  if (started_) {
-    std::uint64_t in_gap = refused_;
-    if (refused_ > 0 && highest_refused_ >= frame) { // some are not below this one
-      const std::uint64_t beyond = highest_refused_ - frame + 1;
-      in_gap -= static_cast<std::uint64_t>(
-          std::popcount(beyond >= kWindow ? refused_bits_ : refused_bits_ & ((std::uint64_t{1} << beyond) - 1)));
+  if (started_ && frame > last_) {
+    const std::uint64_t gap = frame - last_ - 1;
+    lost_ += gap - refused_below(frame);
+    // Newest first: those of the gap that are not among the rejected ones, then those before.
+    std::uint64_t bits = gap + 1 >= kWindow ? 0 : lost_bits_ << (gap + 1);
+    for (std::uint64_t i = 0; i < std::min(gap, kWindow); ++i) {
+      bits |= was_refused(frame - 1 - i) ? 0 : std::uint64_t{1} << i;
     }
-    lost_ += frame - last_ - 1 - in_gap;
+    lost_bits_ = bits;
+  } else {
+    lost_bits_ = 0;
   }
   started_ = true;
   last_ = frame;
@@ -61,7 +65,32 @@ void FrameCounter::accept(std::uint64_t frame) noexcept {
   refused_bits_ = 0;
 }
 
-void FrameCounter::refuse(std::uint64_t frame) noexcept {
+bool FrameCounter::was_refused(std::uint64_t frame) const noexcept {
+  return refused_ > 0 && frame <= highest_refused_ && highest_refused_ - frame < kWindow &&
+         (refused_bits_ >> (highest_refused_ - frame) & 1) != 0;
+}
+
+std::uint64_t FrameCounter::refused_below(std::uint64_t frame) const noexcept {
+  if (refused_ == 0 || highest_refused_ < frame) {
+    return refused_;
+  }
+  const std::uint64_t beyond = highest_refused_ - frame + 1;
+  const std::uint64_t mask = beyond >= kWindow ? ~std::uint64_t{0} : (std::uint64_t{1} << beyond) - 1;
+  return refused_ - static_cast<std::uint64_t>(std::popcount(refused_bits_ & mask));
+}
+
+void FrameCounter::refuse(std::uint64_t frame, std::int64_t elapsed_ns, std::int64_t period_ns) noexcept {
+  if (started_ && frame < last_) {
+    const std::uint64_t before = last_ - 1 - frame;
+    if (before < kWindow && (lost_bits_ >> before & 1) != 0) {
+      lost_bits_ &= ~(std::uint64_t{1} << before);
+      --lost_;
+    }
+    return;
+  }
+  if (!goes_on(frame, elapsed_ns, period_ns)) {
+    return;
+  }
   if (refused_ == 0 || frame > highest_refused_) {
     const std::uint64_t by = refused_ == 0 ? 0 : frame - highest_refused_;
     refused_bits_ = (by >= kWindow ? 0 : refused_bits_ << by) | 1;
@@ -69,9 +98,8 @@ void FrameCounter::refuse(std::uint64_t frame) noexcept {
     ++refused_;
     return;
   }
-  const std::uint64_t below = highest_refused_ - frame;
-  if (below < kWindow && (refused_bits_ >> below & 1) == 0) {
-    refused_bits_ |= std::uint64_t{1} << below;
+  if (highest_refused_ - frame < kWindow && !was_refused(frame)) {
+    refused_bits_ |= std::uint64_t{1} << (highest_refused_ - frame);
     ++refused_;
   }
 }

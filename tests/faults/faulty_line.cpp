@@ -102,7 +102,6 @@ const LinkFault *FaultyLine::link_fault(bool faulty, bool tracker, std::int64_t 
 
 template <class Sample> void FaultyLine::send(Stream<Sample> &stream, Sample sample, std::int64_t now_ns) {
   constexpr bool kTracker = std::is_same_v<Sample, wire::TrackerFrame>;
-  operation_.link().stamp(sample, now_ns);
   if constexpr (kTracker) {
     if (cell_.content == Content::kSecondWriter && lasts(now_ns)) {
       send_foreign(sample, now_ns);

@@ -39,6 +39,7 @@ public:
             .wall_error_ns = wall_error_ns};
   }
 
+  // States the time of the write.
   template <class Sample> void stamp(Sample &sample, std::int64_t utc_ns) const {
     const wire::WriteTime write = write_time(utc_ns);
     sample.sent_time_ns = write.wall_ns;
@@ -47,9 +48,8 @@ public:
     std::copy(write.boot_id.begin(), write.boot_id.end(), sample.boot_id);
   }
 
-  // Writes the sample now. deliver(sample) is called when it arrives: at once, or in arrive().
-  template <class Sample, class Deliver> void send(Sample sample, std::int64_t utc_ns, const Deliver &deliver) {
-    stamp(sample, utc_ns);
+  // deliver(sample) is called when it arrives: at once, or in arrive().
+  template <class Sample, class Deliver> void send(const Sample &sample, std::int64_t utc_ns, const Deliver &deliver) {
     const std::int64_t arrival_ns = std::max(utc_ns + delay_ns(utc_ns), latest_ns_);
     latest_ns_ = arrival_ns;
     if (arrival_ns <= utc_ns) {

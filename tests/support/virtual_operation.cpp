@@ -100,7 +100,7 @@ std::string VirtualOperation::failure() const {
   return timed_out_ ? "step " + room_.current_step() + " did not end in time" : room_.failure();
 }
 
-void VirtualOperation::deliver(const sim::RoomOutput &out) {
+void VirtualOperation::deliver(sim::RoomOutput &out) {
   for (const sim::StepEvent &event : out.events) {
     step_ = event.step;
     events_.push_back(event);
@@ -111,6 +111,15 @@ void VirtualOperation::deliver(const sim::RoomOutput &out) {
       truths_.pop_front();
     }
   }
+  const auto stamp = [this](auto &samples) {
+    for (auto &sample : samples) {
+      link_.stamp(sample, now_ns_);
+    }
+  };
+  stamp(out.frames);
+  stamp(out.robot_states);
+  stamp(out.range_samples);
+  stamp(out.force_samples);
   received_frames_ += out.frames.size();
   if (line_ != nullptr) {
     line_->carry(out, now_ns_, topics_);

@@ -62,7 +62,7 @@ public:
   // For observers of other topics and of steps.
   [[nodiscard]] MemoryTopics &topics() { return topics_; }
   [[nodiscard]] VirtualLoops &loops() { return loops_; }
-  // The driver's host and its network.
+  // The driver's host, and its network if there is no other line.
   [[nodiscard]] VirtualLink &link() { return link_; }
   // Called before every advance, for changes during the run.
   void before_advance(std::function<void(std::int64_t utc_ns)> call) { before_advance_ = std::move(call); }
@@ -89,7 +89,7 @@ private:
   [[nodiscard]] wire::BootIdentity boot_id() const override { return kDaemonBoot; }
 
   void start_killed_daemon();
-  void deliver(const sim::RoomOutput &out);
+  void deliver(sim::RoomOutput &out);
   void on_state(const wire::NavigationState &state);
   [[nodiscard]] const wire::SimulatedTruth *truth_of(std::uint64_t frame) const;
 

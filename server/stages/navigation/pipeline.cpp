@@ -119,7 +119,7 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposur
                                   std::int64_t now_ns) noexcept {
   any_frame_ = true;
   frame_ = frame.frame;
-  frame_sent_ns_ = frame.sent_time_ns;
+  frame_sent_ns_ = exposure.written_ns;
   copy_name(source_, frame.device);
   exposure_ = exposure;
   exposure_.acquired_ns = std::min(exposure.acquired_ns, now_ns); // an estimate; none is later than the arrival

@@ -56,6 +56,7 @@ struct Exposure {
   std::int64_t acquired_ns = 0; // on the host's clock
   std::int64_t sigma_ns = 0;    // 1 sigma of that time
   std::int64_t period_ns = 0;   // of the tracker
+  std::int64_t written_ns = 0;  // the driver's write, on the host's clock; 0: not known
 };
 
 class NavigationPipeline {

@@ -17,6 +17,7 @@ constexpr std::int64_t kShareInterval_ns = 100'000'000;
 inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
   inputs::DeviceOptions out;
   out.clock.minimum_latency_ns = ns_of_ms(parameters.latency_ms);
+  out.live_limit_ms = parameters.live_limit_ms;
   return out;
 }
 
@@ -81,7 +82,9 @@ void NavigationStage::step(const Moment &now) noexcept {
         const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);
         if (verdict.accepted && navigates(verdict.device, now.utc_ns)) {
           frame_period_ns_ = frame.period_ns;
-          pipeline_.on_frame(frame, {verdict.acquired_time_ns, verdict.age_sigma_ns, verdict.period_ns}, now.utc_ns);
+          pipeline_.on_frame(
+              frame, {verdict.acquired_time_ns, verdict.age_sigma_ns, verdict.period_ns, verdict.written_time_ns},
+              now.utc_ns);
           publish(now);
         }
       });

@@ -1,6 +1,7 @@
 // The age of a sample compared with the truth, for an hour of virtual time: delays of the network that rise by a step
 // or a ramp, and steps of every host's wall clock. The device's own clock has an offset and a drift.
 #include <cmath>
+#include <cstdio>
 #include <random>
 #include <string>
 
@@ -34,6 +35,11 @@ protected:
       link.boot_lead_ns = 55 * kSecond;
       link.drift_ppm = -30.0;
     }
+  }
+
+  void TearDown() override {
+    std::printf("%s: the age is at most %.2f ms too small and %.2f ms too large\n", GetParam().name,
+                static_cast<double>(too_small_ns) * 1e-6, static_cast<double>(too_large_ns) * 1e-6);
   }
 
   // One frame after the other until the given time. delay_ns(t): of the network, t since the start.

@@ -224,6 +224,17 @@ TEST_F(DeviceMonitorTest, AReturningWriterWhoseNumbersGoOnKeepsItsCountOfLosses)
   EXPECT_EQ(now.connections, 2U);
 }
 
+TEST_F(DeviceMonitorTest, ANumberThatIsOvertakenIsRejectedAndNotLost) {
+  for (std::uint64_t i = 0; i < 400; i += 2) { // every second one is overtaken
+    static_cast<void>(guard.check(tracker_frame(i + 1), kWriter, at(i + 1)));
+    EXPECT_FALSE(guard.check(tracker_frame(i), kWriter, at(i + 1)).accepted);
+    EXPECT_FALSE(guard.check(tracker_frame(i), kWriter, at(i + 1)).accepted) << "and again";
+  }
+  const auto now = health(at(399));
+  EXPECT_EQ(now.taken, 200U);
+  EXPECT_EQ(now.lost, 0U);
+}
+
 TEST_F(DeviceMonitorTest, NumbersThatAreRejectedForALongTimeAreNotLost) {
   send(0, 100);
   for (std::uint64_t i = 100; i < 400; ++i) { // more than a window of 64
