@@ -22,6 +22,7 @@
 
 namespace bregma::server {
 
+inline constexpr double kNanosecondsPerMs = 1e6;
 // Raised if the accepted registration has not been verified since a restart or a drift alarm.
 inline constexpr const char *kVerify = "verification";
 

@@ -11,7 +11,6 @@
 namespace bregma::server {
 
 namespace {
-constexpr double kNanosecondsPerMs = 1e6;
 // A check touch that is shown farther from its landmark is no touch of it.
 constexpr double kMaxCheckDistance_mm = 50.0;
 constexpr int kMissedChecks = 2; // after these the registration is demoted

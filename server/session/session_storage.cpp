@@ -9,7 +9,6 @@
 namespace bregma::server {
 namespace {
 
-constexpr double kNanosecondsPerMs = 1e6;
 // Interval for samples that arrive without a command, and for the next attempt if the disk fails.
 constexpr std::int64_t kSaveInterval_ns = 1'000'000'000;
 // A snapshot that takes longer raises an alarm.

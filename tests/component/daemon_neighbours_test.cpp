@@ -1,10 +1,12 @@
 // The real daemon beside others: a second daemon, a second user of its state directory, clients that flood it, and a
 // log that is not read.
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <fstream>
+#include <memory>
 #include <thread>
 
 #include <csignal>
@@ -74,6 +76,49 @@ private:
   dds::Reader<wire::CommandReply> replies_;
   std::string name_;
   std::uint64_t id_ = 0;
+};
+
+// Four clients that send commands as fast as they can, for as long as it exists.
+class Flood {
+public:
+  explicit Flood(std::uint32_t domain) {
+    for (std::size_t i = 0; i < threads_.size(); ++i) {
+      threads_[i] = std::thread([this, domain, i] {
+        Client client(domain, "flood-" + std::to_string(i));
+        while (!ended_.load() && !client.connected()) {
+          std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        }
+        while (!ended_.load()) {
+          client.send(client.command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {"drift", "Reference"}));
+          sent_[i].fetch_add(1);
+        }
+      });
+    }
+  }
+  ~Flood() {
+    ended_ = true;
+    for (std::thread &thread : threads_) {
+      thread.join();
+    }
+  }
+  Flood(const Flood &) = delete;
+  Flood &operator=(const Flood &) = delete;
+
+  [[nodiscard]] bool begun() const {
+    return std::all_of(sent_.begin(), sent_.end(), [](const auto &count) { return count.load() > 0; });
+  }
+  [[nodiscard]] std::uint64_t sent() const {
+    std::uint64_t sum = 0;
+    for (const auto &count : sent_) {
+      sum += count.load();
+    }
+    return sum;
+  }
+
+private:
+  std::atomic<bool> ended_{false};
+  std::array<std::atomic<std::uint64_t>, 4> sent_{};
+  std::array<std::thread, 4> threads_;
 };
 
 void start_serving(Operation &operation) {
@@ -165,7 +210,9 @@ TEST(Neighbours, ALogThatIsNotReadDelaysNothing) {
   daemon.signal(SIGTERM);
   EXPECT_EQ(daemon.wait(10.0), 0);
   std::printf("Longest reply %.0f ms, end after SIGTERM %.2f s\n", 1e3 * longest_s, seconds_since(begin));
-  EXPECT_LT(seconds_since(begin), 2.0);
+  if (!kSanitized) {
+    EXPECT_LT(seconds_since(begin), 2.0);
+  }
   close(held);
 }
 
@@ -178,18 +225,9 @@ TEST(Neighbours, AFloodOfCommandsDelaysNoReplyOfOthersAndLosesNoRecord) {
   Client client(operation.domain(), "surgeon");
   ASSERT_TRUE(operation.observe_until([&] { return client.connected(); }));
 
-  std::atomic<bool> ended{false};
-  std::atomic<std::uint64_t> sent{0};
-  std::vector<std::thread> flood;
-  for (int i = 0; i < 4; ++i) {
-    flood.emplace_back([&, i] {
-      Client flooder(operation.domain(), "flood-" + std::to_string(i));
-      while (!ended.load()) {
-        flooder.send(flooder.command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {"drift", "Reference"}));
-        sent.fetch_add(1);
-      }
-    });
-  }
+  auto flood = std::make_unique<Flood>(operation.domain());
+  ASSERT_TRUE(operation.observe_until([&] { return flood->begun(); }));
+  const std::uint64_t sent_before = flood->sent();
   double longest_s = 0.0;
   const auto begin = Clock::now();
   for (int i = 0; i < 50; ++i) {
@@ -198,19 +236,17 @@ TEST(Neighbours, AFloodOfCommandsDelaysNoReplyOfOthersAndLosesNoRecord) {
     longest_s = std::max(longest_s, *taken);
     operation.observe_for(0.1);
   }
-  const double lasted_s = seconds_since(begin);
-  ended = true;
-  for (std::thread &thread : flood) {
-    thread.join();
-  }
-  EXPECT_TRUE(operation.alarm_raised(server::alarm::kCommandFlood)) << operation.logs();
+  const double rate_hz = static_cast<double>(flood->sent() - sent_before) / seconds_since(begin);
+  flood.reset();
+  EXPECT_TRUE(operation.alarm_raised(server::alarm::kCommandFlood)) << rate_hz << " commands/s\n" << operation.logs();
   ASSERT_TRUE(operation.observe_until([&] { return operation.health.refused_commands > 0; }));
   std::printf("%.0f commands/s, longest reply of another client %.0f ms, %llu records dropped, %llu commands refused\n",
-              static_cast<double>(sent.load()) / lasted_s, 1e3 * longest_s,
-              static_cast<unsigned long long>(operation.health.record_dropped),
+              rate_hz, 1e3 * longest_s, static_cast<unsigned long long>(operation.health.record_dropped),
               static_cast<unsigned long long>(operation.health.refused_commands));
   EXPECT_EQ(operation.health.record_dropped, 0U);
-  EXPECT_LT(longest_s, 1.0);
+  if (!kSanitized) {
+    EXPECT_LT(longest_s, 1.0);
+  }
 }
 
 TEST(Neighbours, ADiskThatHangsDelaysOnlyWhatMustBeOnIt) {
@@ -254,9 +290,11 @@ TEST(Neighbours, ADiskThatHangsDelaysOnlyWhatMustBeOnIt) {
   std::printf(
       "Longest reply without a change %.0f ms, alarm %.2f s after the loss, end %.2f s after SIGTERM, status %d\n",
       1e3 * longest_s, alarm_s, end_s, status.value_or(-1));
-  EXPECT_LT(longest_s, 0.5);
-  EXPECT_LT(alarm_s, 1.0);
-  EXPECT_LT(end_s, 2.0);
+  if (!kSanitized) {
+    EXPECT_LT(longest_s, 0.5);
+    EXPECT_LT(alarm_s, 1.0);
+    EXPECT_LT(end_s, 2.0);
+  }
   EXPECT_EQ(status, runtime::kEndedByLimit) << "the snapshot was not on disk yet";
 }
 

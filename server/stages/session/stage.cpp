@@ -16,9 +16,9 @@ constexpr int kMaxBatches = 64;        // of commands per step
 constexpr std::int64_t kFloodShown_ns = 5'000'000'000;
 
 // Of the case that the stages use.
-class Prepared final : public PreparedCase {
+class PreparedForStages final : public PreparedCase {
 public:
-  explicit Prepared(std::unique_ptr<LoadedCase> a_case) : loaded(std::move(a_case)) {}
+  explicit PreparedForStages(std::unique_ptr<LoadedCase> a_case) : loaded(std::move(a_case)) {}
   std::unique_ptr<LoadedCase> loaded;
 };
 
@@ -35,11 +35,11 @@ SessionConfig config_of(const SessionParameters &parameters) {
   return out;
 }
 
-// The alarm if no session file could be created.
+// The alarm if no session file could be created. why: empty if one was.
 AlarmCondition not_recording(const std::string &why, std::int64_t now_ns) {
   AlarmCondition out{};
   (void)wire::set_name(out.kind, alarm::kDisk);
-  out.active = true;
+  out.active = !why.empty();
   out.severity = bregma_wire_SEVERITY_CRITICAL;
   out.effect = SessionEffect::kNone;
   out.time_ns = now_ns;
@@ -176,7 +176,7 @@ PrepareCase SessionStage::preparation() {
              std::shared_ptr<const casefile::Case> loaded) -> base::Result<std::shared_ptr<PreparedCase>> {
     const std::string file = (loaded->folder / "case.toml").string();
     try {
-      return std::make_shared<Prepared>(
+      return std::make_shared<PreparedForStages>(
           std::make_unique<LoadedCase>(std::move(loaded), correlation_length_mm, max_samples));
     } catch (const std::invalid_argument &error) {
       return base::failure(file + ": " + error.what());
@@ -185,8 +185,8 @@ PrepareCase SessionStage::preparation() {
 }
 
 void SessionStage::use_case(std::shared_ptr<const casefile::Case> loaded, std::shared_ptr<PreparedCase> prepared) {
-  const CaseChanged change =
-      cases.add(prepared ? std::move(static_cast<Prepared &>(*prepared).loaded) : std::unique_ptr<LoadedCase>());
+  const CaseChanged change = cases.add(prepared ? std::move(static_cast<PreparedForStages &>(*prepared).loaded)
+                                                : std::unique_ptr<LoadedCase>());
   to_navigation.send(change);
   to_registration.send(change);
   to_monitoring.send(change);
@@ -206,9 +206,8 @@ void SessionStage::tell_of_recording() {
     if (file == nullptr) {
       return;
     }
-    if (!*file) {
-      session_.on(not_recording(file->error().message, now_ns_), now_ns_);
-    } else if (file->value()) {
+    session_.on(not_recording(*file ? "" : file->error().message, now_ns_), now_ns_);
+    if (*file && file->value()) {
       session_.recording_to(*file->value());
     }
     recordings_.pop_front();
