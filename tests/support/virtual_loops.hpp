@@ -23,12 +23,11 @@ public:
   void begin();
   // Another process of the daemon on the same host: its stages begin at this time.
   void restart(const std::vector<server::Stage *> &stages, std::int64_t utc_ns);
-  // Steps the host's wall clock. The true time, in which advance() counts, stays.
-  void step_wall_clock(std::int64_t by_ns) { wall_error_ns_ += by_ns; }
   // Steps every stage that is due by now, and delivers what it publishes. Time must not go back.
   void advance(std::int64_t utc_ns);
   [[nodiscard]] std::int64_t next_due_ns() const; // UTC
 
+  // Steps the host's wall clock. The true time, in which advance() counts, stays.
   void step_wall_clock(std::int64_t by_ns) { wall_lead_ns_ += by_ns; }
   // Maximal error that the host's time service states; 0: not synchronised.
   void set_wall_error(std::int64_t error_ns) { wall_error_ns_ = error_ns; }
