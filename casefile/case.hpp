@@ -30,7 +30,9 @@ enum class ToolRole { kReference, kPointer, kProbe };
 struct ToolModel {
   std::string name;
   ToolRole role = ToolRole::kPointer;
-  std::vector<Eigen::Vector3d> markers_mm;                  // in the tool's body frame; at least three, not collinear
+  // In the tool's body frame; at least three, not collinear. Empty: of a tracker without markers, which states the
+  // covariance of each pose.
+  std::vector<Eigen::Vector3d> markers_mm;
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();        // direction that the markers face, in the body frame
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitX();         // from the body towards the tip
   Eigen::Vector3d nominal_tip_mm = Eigen::Vector3d::Zero(); // as manufactured; navigation needs a calibrated tip

@@ -221,7 +221,7 @@ Problem surfaces_problem(const Case &c) {
 
 Problem tool_problem(const ToolModel &tool, const std::string &key) {
   const auto &markers = tool.markers_mm;
-  if (markers.size() < 3 || markers.size() > kMaxMarkers) {
+  if (!markers.empty() && (markers.size() < 3 || markers.size() > kMaxMarkers)) {
     return CaseProblem{key + ".markers_mm", "holds " + std::to_string(markers.size()) +
                                                 " markers; a pose needs 3, and at most " + std::to_string(kMaxMarkers) +
                                                 " are allowed"};
@@ -234,9 +234,11 @@ Problem tool_problem(const ToolModel &tool, const std::string &key) {
       }
     }
   }
-  if (const double spread = spread_about_best_line(markers); spread < kMinMarkerSpread_mm) {
-    return CaseProblem{key + ".markers_mm", "the markers lie on a line (within " + text("%.1f mm", spread) +
-                                                "): the turn about it cannot be measured"};
+  if (!markers.empty()) {
+    if (const double spread = spread_about_best_line(markers); spread < kMinMarkerSpread_mm) {
+      return CaseProblem{key + ".markers_mm", "the markers lie on a line (within " + text("%.1f mm", spread) +
+                                                  "): the turn about it cannot be measured"};
+    }
   }
   if (std::abs(tool.normal.norm() - 1.0) > 1e-6) {
     return CaseProblem{key + ".normal", "must be a direction, not zero"};

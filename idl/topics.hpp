@@ -29,6 +29,7 @@ BREGMA_WIRE_TYPE(RangeStatus);
 BREGMA_WIRE_TYPE(SessionState);
 BREGMA_WIRE_TYPE(PoseStatus);
 BREGMA_WIRE_TYPE(Plausibility);
+BREGMA_WIRE_TYPE(PlausibilityReason);
 BREGMA_WIRE_TYPE(RegistrationStatus);
 BREGMA_WIRE_TYPE(RefusalReason);
 BREGMA_WIRE_TYPE(DeformationStatus);

@@ -30,10 +30,18 @@ Verdict InputGuard<Sample>::check(const Sample &sample, std::uint64_t writer, st
       const SampleHeader header{sample.frame, sample.device_time_ns, sample.sent_time_ns, sample.period_ns};
       Verdict verdict = devices_[i].check(header, check_payload(sample, tools_), writer, now_ns);
       verdict.device = static_cast<int>(i);
+      if constexpr (std::is_same_v<Sample, wire::TrackerFrame>) {
+        for (std::uint32_t tool = 0; verdict.accepted && tool < sample.tool_count; ++tool) {
+          if (!tools_.contains(wire::view(sample.tools[tool].tool))) {
+            unknown_tools_.add(sample.tools[tool].tool, now_ns);
+          }
+        }
+      }
       return verdict;
     }
   }
   ++unknown_;
+  unknown_devices_.add(sample.device, now_ns);
   return {.accepted = false, .reason = bregma_wire_REJECT_UNKNOWN_DEVICE};
 }
 
@@ -51,6 +59,8 @@ template <class Sample> StreamHealth InputGuard<Sample>::health(std::int64_t now
     out.devices[out.device_count++] = device.health(now_ns);
   }
   out.unknown_device_samples = unknown_;
+  out.unknown_devices = unknown_devices_;
+  out.unknown_tools = unknown_tools_;
   return out;
 }
 

@@ -18,9 +18,11 @@
 #include <deque>
 #include <span>
 #include <string>
+#include <type_traits>
 
 #include "idl/names.hpp"
 #include "server/inputs/device_monitor.hpp"
+#include "server/inputs/unknown_names.hpp"
 
 namespace bregma::inputs {
 
@@ -35,6 +37,8 @@ struct StreamHealth {
   std::uint32_t device_count = 0;
   wire::DeviceHealth devices[bregma_wire_MAX_DEVICES] = {};
   std::uint64_t unknown_device_samples = 0;
+  UnknownNames unknown_devices; // not configured
+  UnknownNames unknown_tools;   // not in the case; ignored in accepted frames
 };
 
 // Appends the stream's devices and adds its unknown samples. Devices beyond MAX_DEVICES are omitted.
@@ -44,6 +48,10 @@ template <class Health> void add_to(Health &health, const StreamHealth &stream) 
     health.devices[health.device_count++] = stream.devices[i];
   }
   health.unknown_device_samples += stream.unknown_device_samples;
+  if constexpr (std::is_same_v<Health, StreamHealth>) {
+    health.unknown_devices.add(stream.unknown_devices);
+    health.unknown_tools.add(stream.unknown_tools);
+  }
 }
 
 template <class Sample> class InputGuard {
@@ -66,6 +74,8 @@ private:
   std::deque<DeviceMonitor> devices_; // a deque, because a histogram of atomics cannot be moved
   KnownTools tools_;
   std::uint64_t unknown_ = 0;
+  UnknownNames unknown_devices_;
+  UnknownNames unknown_tools_;
 };
 
 extern template class InputGuard<wire::TrackerFrame>;

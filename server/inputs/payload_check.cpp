@@ -1,7 +1,10 @@
 #include "server/inputs/payload_check.hpp"
 
+#include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
+#include <iterator>
 
 #include "idl/names.hpp"
 
@@ -71,7 +74,7 @@ bool is_well_formed(const wire::TrackerFrame &sample) noexcept {
   }
   for (std::uint32_t i = 0; i < sample.tool_count; ++i) {
     const wire::TrackedTool &tool = sample.tools[i];
-    if (!is_name(tool.tool) || !is_constant(tool.status) || tool.marker_rms_mm < 0.0) {
+    if (!is_name(tool.tool) || !is_constant(tool.status)) {
       return false;
     }
     for (std::uint32_t j = 0; j < i; ++j) {
@@ -113,14 +116,12 @@ Rejection check_payload(const wire::TrackerFrame &sample, const KnownTools &tool
     return bregma_wire_REJECT_MALFORMED;
   }
   for (std::uint32_t i = 0; i < sample.tool_count; ++i) {
-    if (!tools.contains(wire::view(sample.tools[i].tool))) {
-      return bregma_wire_REJECT_UNKNOWN_TOOL;
-    }
-  }
-  for (std::uint32_t i = 0; i < sample.tool_count; ++i) {
     const wire::TrackedTool &tool = sample.tools[i];
-    if (!is_tracked(tool)) {
+    if (!is_tracked(tool) || !tools.contains(wire::view(tool.tool))) {
       continue;
+    }
+    if (tool.marker_rms_mm < 0.0) {
+      return bregma_wire_REJECT_MALFORMED;
     }
     if (!std::isfinite(tool.marker_rms_mm)) {
       return bregma_wire_REJECT_NOT_FINITE;
@@ -166,6 +167,44 @@ Rejection check_payload(const wire::RangeSample &sample, const KnownTools & /*to
 Rejection check_payload(const wire::ForceSample &sample, const KnownTools & /*tools*/) noexcept {
   const bool finite = are_finite(sample.force_N) && are_finite(sample.torque_Nmm);
   return finite ? std::nullopt : Rejection(bregma_wire_REJECT_NOT_FINITE);
+}
+
+MarkerFault check_markers(const wire::TrackedTool &tool, std::size_t markers) noexcept {
+  if (markers == 0) {
+    const bool stated =
+        std::any_of(std::begin(tool.covariance), std::end(tool.covariance), [](float entry) { return entry != 0.0F; });
+    return stated ? MarkerFault::kNone : MarkerFault::kNoCovariance;
+  }
+  const std::uint64_t all = (std::uint64_t{1} << std::min<std::size_t>(markers, 32)) - 1;
+  if ((tool.used_markers & ~all) != 0) {
+    return MarkerFault::kForeign;
+  }
+  if (std::popcount(tool.used_markers) < 3) {
+    return MarkerFault::kTooFew;
+  }
+  const bool has_all = tool.used_markers == all;
+  if (has_all != (tool.status == bregma_wire_TOOL_VISIBLE)) {
+    return has_all ? MarkerFault::kAll : MarkerFault::kNotAll;
+  }
+  return MarkerFault::kNone;
+}
+
+std::string_view describe(MarkerFault fault) noexcept {
+  switch (fault) {
+  case MarkerFault::kTooFew:
+    return "fewer than three markers that determine a pose";
+  case MarkerFault::kForeign:
+    return "markers that the tool does not have";
+  case MarkerFault::kNotAll:
+    return "status visible, but not every marker";
+  case MarkerFault::kAll:
+    return "status partly visible, but every marker";
+  case MarkerFault::kNoCovariance:
+    return "neither markers nor a covariance";
+  case MarkerFault::kNone:
+    break;
+  }
+  return "no fault";
 }
 
 std::string_view describe(RejectReason reason) noexcept {

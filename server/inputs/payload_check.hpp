@@ -3,6 +3,7 @@
 // Threads: any. No allocation, no exceptions.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -35,11 +36,25 @@ struct KnownTools {
 
 using Rejection = std::optional<wire::RejectReason>; // nullopt: accepted
 
-// The first violated rule, in the order: malformed, unknown tool, not finite, not a rotation.
+// The first violated rule, in the order: malformed, not finite, not a rotation. A tool that is not known is ignored,
+// with its values: the others of the frame are used.
 [[nodiscard]] Rejection check_payload(const wire::TrackerFrame &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::RobotState &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::RangeSample &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::ForceSample &sample, const KnownTools &tools) noexcept;
+
+// Contradictions between a visible tool's markers and its geometry. They refuse this tool in this frame, and no other.
+enum class MarkerFault : std::uint8_t {
+  kNone,
+  kTooFew,       // fewer than three, or all of them on one line
+  kForeign,      // used_markers has bits beyond the tool's markers
+  kNotAll,       // TOOL_VISIBLE, but used_markers lacks one
+  kAll,          // TOOL_PARTLY_VISIBLE, but used_markers has every one
+  kNoCovariance, // a tool without markers must state the covariance of its pose
+};
+// markers: number of markers of the tool; 0: a tracker without markers.
+[[nodiscard]] MarkerFault check_markers(const wire::TrackedTool &tool, std::size_t markers) noexcept;
+[[nodiscard]] std::string_view describe(MarkerFault fault) noexcept;
 
 // Text for messages: "not a rotation", "time backwards", ...
 [[nodiscard]] std::string_view describe(wire::RejectReason reason) noexcept;

@@ -64,6 +64,11 @@ struct PlanSelected {
   bool on;
 };
 
+// A check touch was where it is expected: tool and reference are where they are shown.
+struct TrackingConfirmed {
+  wire::Name tool;
+};
+
 // ---- to navigation, registration and monitoring ----
 
 // The registration accepted by the operator: T_image_reference exactly as navigation uses it from now on.
@@ -146,6 +151,7 @@ enum class CaptureStatus : std::uint8_t {
   kToolHidden,      // the tool was seen in too few of the window's frames
   kReferenceHidden, // the reference was seen in too few of them
   kNotNew,          // too many of them repeated an old pose or came late
+  kImplausible,     // too many of them were implausible (server/stages/plausibility)
   kMoved,           // see CaptureResult::motion_mm
   kNotCalibrated    // the tool has no tip
 };
@@ -192,7 +198,7 @@ struct AlarmCondition {
 };
 
 using NavigationMessage = std::variant<SessionChanged, CaptureRequest, TraceRequest, PivotRequest, ToolTip,
-                                       PlanSelected, RegistrationAccepted, RegistrationReset>;
+                                       PlanSelected, RegistrationAccepted, RegistrationReset, TrackingConfirmed>;
 using RegistrationMessage = std::variant<SessionChanged, FiducialSample, FiducialRemoved, SurfaceSample,
                                          RegistrationAccepted, RegistrationReset>;
 using MonitoringMessage =
@@ -209,7 +215,11 @@ inline constexpr const char *kTrackerLost = "tracker_lost"; // degrades
 inline constexpr const char *kDeviceLost = "device_lost";   // another device
 inline constexpr const char *kReferenceHidden = "reference_hidden";
 inline constexpr const char *kToolHidden = "tool_hidden";
-inline constexpr const char *kDrift = "drift"; // demotes
+inline constexpr const char *kDrift = "drift";              // demotes
+inline constexpr const char *kCheckMissed = "check_missed"; // demotes: check touches far from their landmarks
+inline constexpr const char *kImplausible = "implausible";  // data of a tool or the reference are refused
+inline constexpr const char *kUnknownTool = "unknown_tool";
+inline constexpr const char *kUnknownDevice = "unknown_device";
 inline constexpr const char *kLatency = "latency";
 inline constexpr const char *kRejected = "rejected_samples";
 inline constexpr const char *kDisk = "disk";

@@ -79,6 +79,8 @@ private:
   [[nodiscard]] Answer start_registration();
   [[nodiscard]] Outcome touch(const Ticket &ticket, wire::CaptureKind kind, const bregma_wire_TouchBody &body);
   [[nodiscard]] Answer take_fiducial(const CaptureRequest &request, const CaptureResult &result);
+  [[nodiscard]] Answer miss_check(const CaptureRequest &request, const JudgedCheck &check);
+  void clear_missed_checks();
   [[nodiscard]] Answer take_check(const CaptureRequest &request, const CaptureResult &result);
   [[nodiscard]] Answer remove_fiducial(const std::string &point);
   [[nodiscard]] Answer start_trace(const std::string &tool);
@@ -120,6 +122,7 @@ private:
   std::optional<PlanSelected> plan_;   // plan of the navigated tool
   std::string tracing_;                // the tracing tool; empty if there is none
   std::size_t traced_ = 0;             // samples of the current trace
+  int missed_checks_ = 0;              // since the last check touch at its landmark
   std::set<std::string> shown_tools_;  // with captured points on the bus
 };
 

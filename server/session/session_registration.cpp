@@ -12,6 +12,9 @@ namespace bregma::server {
 
 namespace {
 constexpr double kNanosecondsPerMs = 1e6;
+// A check touch that is shown farther from its landmark is no touch of it.
+constexpr double kMaxCheckDistance_mm = 50.0;
+constexpr int kMissedChecks = 2; // after these the registration is demoted
 } // namespace
 
 Answer Session::Impl::start_registration() {
@@ -86,6 +89,15 @@ Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureRes
   const std::string name = wire::text(request.point);
   const auto index = static_cast<std::size_t>(case_->landmark(name) - case_->landmarks.data());
   const JudgedCheck check = judge_check(*case_, *data_.accepted, index, request.tool, result);
+  if (!(check.distance_mm <= kMaxCheckDistance_mm)) {
+    return miss_check(request, check);
+  }
+  if (check.distance_mm <= case_->limits.max_check_mm) {
+    clear_missed_checks();
+    TrackingConfirmed confirmed{};
+    std::copy(std::begin(request.tool), std::end(request.tool), confirmed.tool);
+    ports_.send(NavigationMessage(confirmed));
+  }
   data_.checks[name] = check;
   unsaved_ = true;
   ports_.send(MonitoringMessage(check));
@@ -97,6 +109,34 @@ Answer Session::Impl::take_check(const CaptureRequest &request, const CaptureRes
     text += ": beyond the bound";
   }
   return {.text = text, .value_mm = check.distance_mm};
+}
+
+Answer Session::Impl::miss_check(const CaptureRequest &request, const JudgedCheck &check) {
+  const std::string name = wire::text(request.point);
+  if (++missed_checks_ >= kMissedChecks) {
+    AlarmCondition missed{};
+    (void)wire::set_name(missed.kind, alarm::kCheckMissed);
+    (void)wire::set_name(missed.subject, case_->reference() != nullptr ? case_->reference()->name : "");
+    missed.active = true;
+    missed.severity = bregma_wire_SEVERITY_CRITICAL;
+    missed.effect = SessionEffect::kDemote;
+    missed.time_ns = now_ns;
+    wire::set_text(missed.text, std::to_string(missed_checks_) + " check touches were more than " +
+                                    mm(kMaxCheckDistance_mm) +
+                                    " from their landmarks: the reference may have been "
+                                    "knocked off. Look at it, then check the landmarks or register anew.");
+    on_condition(missed);
+  }
+  return refused("the tip of " + wire::text(request.tool) + " is shown " + mm(check.distance_mm) + " from " + name +
+                 ": that is no touch of it (limit " + mm(kMaxCheckDistance_mm) +
+                 "). Touch the landmark itself; if you did, the reference has moved");
+}
+
+void Session::Impl::clear_missed_checks() {
+  missed_checks_ = 0;
+  if (case_ != nullptr && case_->reference() != nullptr) {
+    condition(alarm::kCheckMissed, case_->reference()->name, false, bregma_wire_SEVERITY_CRITICAL, "");
+  }
 }
 
 Answer Session::Impl::remove_fiducial(const std::string &point) {
@@ -207,6 +247,7 @@ Answer Session::Impl::take_registration() {
   if (const auto refusal = refuse_acceptance(*case_, *estimate_)) {
     return refused(*refusal);
   }
+  clear_missed_checks();
   data_.accepted = accept(*estimate_);
   data_.checks.clear();
   unsaved_ = true;
@@ -241,6 +282,7 @@ void Session::Impl::clear_samples() {
   data_.fiducials.clear();
   data_.surface.clear();
   data_.checks.clear();
+  clear_missed_checks();
   data_.accepted.reset();
   estimate_.reset();
   unsaved_ = true;

@@ -186,6 +186,8 @@ std::optional<std::string> refuse_capture(const CaptureRequest &request, const C
     return "the reference was hidden: " + frames;
   case CaptureStatus::kNotNew:
     return "the tracker repeats old poses of " + tool + " or sends them late: " + frames;
+  case CaptureStatus::kImplausible:
+    return "the tracker's data of " + tool + " or of the reference are implausible, see the alarms: " + frames;
   case CaptureStatus::kMoved:
     return tool + " was not held still: its tip strayed " + mm(result.motion_mm) + " from its mean, limit " +
            mm(request.max_motion_mm);

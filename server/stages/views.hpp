@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "idl/topics.hpp"
+#include "server/stages/plausibility/body_judge.hpp"
 
 namespace bregma::tissue {
 class BrainModel;
@@ -33,12 +34,15 @@ struct ForceView {
 // The latest navigation states, for monitoring.
 struct TrackingView {
   bool reference_visible = false;
+  wire::Name tracker{}; // empty before its first frame
+  BodyReport reference;
   std::uint32_t tool_count = 0;
   struct Tool {
     wire::Name tool{};
     wire::PoseStatus status = bregma_wire_POSE_UNKNOWN;
     bool planned = false;
     std::int64_t age_ns = 0;
+    BodyReport body;
   } tools[bregma_wire_MAX_TOOLS];
 };
 

@@ -245,12 +245,13 @@ TEST(Daemon, FaultySamplesAndAFloodAreCountedAndDoNotAffectOtherDevices) {
   ASSERT_TRUE(tracker != nullptr && force != nullptr && robot != nullptr) << operation.logs();
   for (const auto reason :
        {bregma_wire_REJECT_NOT_FINITE, bregma_wire_REJECT_NOT_A_ROTATION, bregma_wire_REJECT_TIME_BACKWARDS,
-        bregma_wire_REJECT_TIME_IN_FUTURE, bregma_wire_REJECT_UNKNOWN_TOOL, bregma_wire_REJECT_DUPLICATE,
-        bregma_wire_REJECT_MALFORMED}) {
+        bregma_wire_REJECT_TIME_IN_FUTURE, bregma_wire_REJECT_DUPLICATE, bregma_wire_REJECT_MALFORMED}) {
     EXPECT_GE(tracker->rejected[reason], 5U) << "reason " << reason << "\n" << operation.logs();
   }
   EXPECT_GE(operation.health.unknown_device_samples, 5U);
   EXPECT_TRUE(operation.alarm_raised(server::alarm::kRejected));
+  EXPECT_TRUE(operation.alarm_raised(server::alarm::kUnknownDevice));
+  EXPECT_TRUE(operation.alarm_raised(server::alarm::kUnknownTool));
   // The input check rejects the flood and accepts the others as before.
   std::uint64_t refused = 0;
   for (const std::uint64_t number : force->rejected) {

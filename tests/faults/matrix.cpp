@@ -60,6 +60,7 @@ void add_tracker(std::vector<Cell> &out) {
   add(kReordered, "", {.link = {.reordered = 0.2}, .expect = undisturbed()});
   add(kDuplicated, "", {.link = {.copies = 2}, .expect = undisturbed()});
   add(kFrozen, "", {.content = Content::kFrozen, .expect = implausible(tools)});
+  out.back().expect.reverify = true; // the reference is frozen as well
   add(kFrozen, "reference", {.content = Content::kFrozenReference, .expect = implausible({"Reference", "Tracker"})});
   out.back().expect.reverify = true;
   add(kNotFinite, "position", {.content = Content::kNotFinite, .expect = malformed("Tracker")});

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "algorithms/monitoring/alarm_latch.hpp"
+#include "server/inputs/unknown_names.hpp"
 #include "server/runtime/spsc_ring.hpp"
 #include "server/session/messages.hpp"
 
@@ -34,9 +35,10 @@ public:
   // Number of conditions that hold or are raised; only these are in the table.
   [[nodiscard]] std::size_t watched() const noexcept { return watched_.size(); }
 
-  // Every kind for every device, tool and reference of one case at the same time. More would be watched too, at the
+  // Every kind for every device, tool, reference and unknown name at the same time. More would be watched too, at the
   // price of an allocation.
-  static constexpr std::size_t kExpected = 2 * bregma_wire_MAX_DEVICES + 2 * bregma_wire_MAX_TOOLS + 8;
+  static constexpr std::size_t kExpected =
+      2 * bregma_wire_MAX_DEVICES + 3 * bregma_wire_MAX_TOOLS + 4 * inputs::UnknownNames::kKept + 8;
 
 private:
   struct Watched {

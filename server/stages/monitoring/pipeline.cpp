@@ -1,7 +1,9 @@
 #include "server/stages/monitoring/pipeline.hpp"
 
 #include <cmath>
+#include <utility>
 
+#include "server/stages/monitoring/plausibility_text.hpp"
 #include "server/stages/schedules.hpp"
 #include "server/stages/wire_values.hpp"
 
@@ -55,7 +57,8 @@ void MonitoringPipeline::end_state(std::int64_t now_ns) noexcept {
 
 void MonitoringPipeline::on(const CaseChanged &change) noexcept {
   // Conditions about tools and reference of an earlier case are void.
-  for (const char *kind : {alarm::kToolHidden, alarm::kLatency, alarm::kReferenceHidden, alarm::kDrift}) {
+  for (const char *kind : {alarm::kToolHidden, alarm::kLatency, alarm::kReferenceHidden, alarm::kDrift,
+                           alarm::kImplausible, alarm::kUnknownTool}) {
     alarms_.forget(kind, accuracy_.time_ns);
   }
   case_ = change.loaded;
@@ -156,6 +159,8 @@ void MonitoringPipeline::step(const MonitoringView &view, std::int64_t now_ns) n
 
   watch_devices(view, now_ns);
   watch_tracking(view.tracking, now_ns);
+  watch_plausibility(view.tracking, now_ns);
+  watch_unknown(view, now_ns);
   watch_system(view, now_ns);
   // The test itself decides the time; its verdict is kept until the test is restarted.
   alarms_.update({alarm::kDrift, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kDemote, 0, 0},
@@ -209,6 +214,44 @@ void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64
   alarms_.update(kind(alarm::kReferenceHidden, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone),
                  wire::view(accuracy_.reference), accepted_ && tracked && !tracking.reference_visible, hidden.text,
                  now_ns);
+}
+
+// A refusal may be shorter than the period of this stage, so its count is watched too.
+void MonitoringPipeline::watch_plausibility(const TrackingView &tracking, std::int64_t now_ns) noexcept {
+  const auto watch = [&](const BodyReport &body, std::string_view name, bool is_reference, std::uint64_t &seen) {
+    const bool refused = body.judgement.plausibility == bregma_wire_PLAUSIBILITY_REFUSED;
+    const bool new_one = body.refusals > std::exchange(seen, body.refusals); // below: another case
+    char text[256] = {};
+    if (refused || new_one) {
+      describe(body, {wire::view(tracking.tracker), name, is_reference}, text);
+    }
+    alarms_.update({alarm::kImplausible, is_reference ? bregma_wire_SEVERITY_CRITICAL : bregma_wire_SEVERITY_WARNING,
+                    SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)},
+                   name, refused || new_one, text, now_ns);
+  };
+  watch(tracking.reference, wire::view(accuracy_.reference), true, refusals_seen_[0]);
+  for (std::uint32_t i = 0; i < tracking.tool_count; ++i) {
+    watch(tracking.tools[i].body, wire::view(tracking.tools[i].tool), false, refusals_seen_[1 + i]);
+  }
+}
+
+void MonitoringPipeline::watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept {
+  const std::int64_t clear_after_ns = ns_of_ms(parameters_.clear_after_ms);
+  const auto watch = [&](const inputs::UnknownNames &names, const char *kind, const char *why) {
+    for (const inputs::UnknownNames::Entry &entry : names.entries()) {
+      if (entry.name[0] == '\0') {
+        continue;
+      }
+      Sentence text;
+      text << wire::view(entry.name) << why;
+      alarms_.update({kind, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0, clear_after_ns},
+                     wire::view(entry.name), now_ns - entry.last_ns < clear_after_ns, text.text, now_ns);
+    }
+  };
+  for (const inputs::StreamHealth *stream : {&view.trackers, &view.sensors}) {
+    watch(stream->unknown_devices, alarm::kUnknownDevice, " sends samples, but is not configured: they are ignored");
+    watch(stream->unknown_tools, alarm::kUnknownTool, " is tracked, but is no tool of the case: it is ignored");
+  }
 }
 
 void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept {

@@ -60,6 +60,8 @@ private:
   void predict_targets() noexcept;
   void watch_devices(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_plausibility(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept;
   [[nodiscard]] AlarmConditions::Kind kind(const char *name, wire::AlarmSeverity severity,
                                            SessionEffect effect) const noexcept;
@@ -72,6 +74,7 @@ private:
   monitoring::DriftMonitor drift_;
   std::uint64_t rejected_seen_[bregma_wire_MAX_DEVICES] = {}; // in the order of trackers, then sensors
   std::uint64_t overruns_seen_ = 0;
+  std::uint64_t refusals_seen_[1 + bregma_wire_MAX_TOOLS] = {}; // of the reference, then of the tools
   wire::AccuracyState accuracy_{};
 };
 

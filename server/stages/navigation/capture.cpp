@@ -16,7 +16,7 @@ void TouchCapture::start(const CaptureRequest &request) noexcept {
   busy_ = true;
   used_ = 0;
   parts_.fill({});
-  window_frames_ = reference_hidden_ = not_new_ = not_calibrated_ = 0;
+  window_frames_ = reference_hidden_ = not_new_ = implausible_ = not_calibrated_ = 0;
   marker_sum_.setZero();
   tip_covariance_.setZero();
 }
@@ -29,6 +29,7 @@ void TouchCapture::add(FrameContent content, const TipInReference &tip, std::uin
   ++window_frames_;
   reference_hidden_ += content == FrameContent::kReferenceHidden ? 1 : 0;
   not_new_ += content == FrameContent::kNotNew ? 1 : 0;
+  implausible_ += content == FrameContent::kImplausible ? 1 : 0;
   not_calibrated_ += content == FrameContent::kNotCalibrated ? 1 : 0;
   if (content != FrameContent::kTip) {
     return;
@@ -64,7 +65,8 @@ std::optional<CaptureResult> TouchCapture::finish(std::int64_t now_ns) noexcept 
   }
   if (used_ == 0 || used_ < kMinSeenShare * window_frames_) {
     const std::uint32_t unused = window_frames_ - used_;
-    result.status = 2 * not_new_ > unused            ? CaptureStatus::kNotNew
+    result.status = 2 * implausible_ > unused        ? CaptureStatus::kImplausible
+                    : 2 * not_new_ > unused          ? CaptureStatus::kNotNew
                     : 2 * reference_hidden_ > unused ? CaptureStatus::kReferenceHidden
                                                      : CaptureStatus::kToolHidden;
     return result;

@@ -20,7 +20,7 @@ struct TipInReference {
 };
 
 // kNotNew: the frame repeats an old pose or is too old to measure with.
-enum class FrameContent : std::uint8_t { kTip, kToolHidden, kReferenceHidden, kNotCalibrated, kNotNew };
+enum class FrameContent : std::uint8_t { kTip, kToolHidden, kReferenceHidden, kNotCalibrated, kNotNew, kImplausible };
 
 // Averages a tip that is held still.
 class TouchCapture {
@@ -28,6 +28,7 @@ public:
   void start(const CaptureRequest &request) noexcept;
   [[nodiscard]] bool busy() const noexcept { return busy_; }
   [[nodiscard]] const wire::Name &tool() const noexcept { return request_.tool; }
+  [[nodiscard]] wire::CaptureKind kind() const noexcept { return request_.kind; }
 
   // tip is read only with FrameContent::kTip.
   void add(FrameContent content, const TipInReference &tip, std::uint64_t frame, std::int64_t acquired_ns) noexcept;
@@ -51,6 +52,7 @@ private:
   std::uint32_t window_frames_ = 0;
   std::uint32_t reference_hidden_ = 0;
   std::uint32_t not_new_ = 0;
+  std::uint32_t implausible_ = 0;
   std::uint32_t not_calibrated_ = 0;
   std::uint64_t last_frame_ = 0;
   std::int64_t last_acquired_ns_ = 0;

@@ -1,7 +1,6 @@
 #include "server/stages/navigation/pipeline.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <limits>
 
 #include "server/stages/schedules.hpp"
@@ -39,6 +38,7 @@ void NavigationPipeline::on(const CaseChanged &change) noexcept {
   generation_ = change.generation;
   registration_.reset();
   reference_ = {};
+  judge_.reset();
   pivot_ = {};
   trace_ = {};
   tool_count_ = 0;
@@ -83,11 +83,18 @@ void NavigationPipeline::on(const NavigationMessage &message) noexcept {
     void operator()(const RegistrationAccepted &accepted) const noexcept {
       self.registration_ = Registration{wire::from_wire<frame::Image, frame::Reference>(accepted.T_image_reference),
                                         matrix_of(accepted.covariance)};
+      self.judge_.guard(true);
       self.reset_filters();
     }
     void operator()(const RegistrationReset &) const noexcept {
       self.registration_.reset();
+      self.judge_.guard(false);
       self.reset_filters();
+    }
+    void operator()(const TrackingConfirmed &confirmed) const noexcept {
+      if (const Tool *tool = self.find(confirmed.tool)) {
+        self.judge_.confirm(self.index_of(*tool));
+      }
     }
   };
   std::visit(Visitor{*this}, message);
@@ -108,30 +115,6 @@ NavigationPipeline::Tool *NavigationPipeline::find(const wire::Name &name) noexc
   return nullptr;
 }
 
-void NavigationPipeline::locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model,
-                                BodyInTracker &body) const noexcept {
-  body.visible = false;
-  for (std::uint32_t i = 0; i < frame.tool_count; ++i) {
-    const wire::TrackedTool &seen = frame.tools[i];
-    if (wire::view(seen.tool) != model.name) {
-      continue;
-    }
-    if (seen.status != bregma_wire_TOOL_VISIBLE && seen.status != bregma_wire_TOOL_PARTLY_VISIBLE) {
-      return;
-    }
-    const auto T = wire::from_wire<frame::Tracker, frame::Tool>(seen.T_tracker_tool);
-    body.visible = true;
-    body.T_tracker_body = {T, registration::marker_fit_covariance(model.markers_mm, seen.used_markers, T,
-                                                                  parameters_.marker_sigma_lateral_mm,
-                                                                  parameters_.marker_sigma_depth_mm)};
-    if (body.acquired_ns == 0 || std::memcmp(&body.pose, &seen.T_tracker_tool, sizeof body.pose) != 0) {
-      body.pose = seen.T_tracker_tool;
-      body.acquired_ns = exposure_.acquired_ns;
-    }
-    return;
-  }
-}
-
 void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposure &exposure,
                                   std::int64_t now_ns) noexcept {
   any_frame_ = true;
@@ -139,12 +122,16 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposur
   frame_sent_ns_ = frame.sent_time_ns;
   copy_name(source_, frame.device);
   exposure_ = exposure;
+  exposure_.acquired_ns = std::min(exposure.acquired_ns, now_ns); // an estimate; none is later than the arrival
   if (case_ != nullptr) {
     if (const casefile::ToolModel *reference = case_->data->reference()) {
       locate(frame, *reference, reference_);
     }
     for (std::size_t i = 0; i < tool_count_; ++i) {
       locate(frame, *tools_[i].model, tools_[i].body);
+    }
+    judge();
+    for (std::size_t i = 0; i < tool_count_; ++i) {
       record(tools_[i], now_ns);
     }
   }
@@ -188,15 +175,10 @@ std::int64_t NavigationPipeline::next_change_ns() const noexcept {
   return next_ns;
 }
 
-NavigationPipeline::TipPose NavigationPipeline::tip_in_reference(const Tool &tool) const noexcept {
-  const auto T_reference_tracker = geometry::inverse(geometry::UncertainPose<frame::Tracker, frame::Reference>{
-      reference_.T_tracker_body.pose.as<frame::Tracker, frame::Reference>(), reference_.T_tracker_body.covariance});
-  const geometry::UncertainPose<frame::Tool, frame::Tip> T_tool_tip{{Eigen::Quaterniond::Identity(), tool.tip_mm},
-                                                                    Matrix6d::Zero()};
-  return T_reference_tracker * tool.body.T_tracker_body * T_tool_tip;
-}
-
-FrameContent NavigationPipeline::content_of(const Tool &tool, std::int64_t now_ns) const noexcept {
+FrameContent NavigationPipeline::content_of(const Tool &tool, bool check_touch, std::int64_t now_ns) const noexcept {
+  if (reference_.malformed() || tool.body.malformed()) {
+    return FrameContent::kImplausible;
+  }
   if (!reference_.visible) {
     return FrameContent::kReferenceHidden;
   }
@@ -205,6 +187,10 @@ FrameContent NavigationPipeline::content_of(const Tool &tool, std::int64_t now_n
   }
   if (!tool.calibrated) {
     return FrameContent::kNotCalibrated;
+  }
+  const std::size_t index = index_of(tool);
+  if (!(check_touch ? judge_.steady(index) : judge_.trusted(index))) {
+    return FrameContent::kImplausible;
   }
   const bool repeated = acquired_ns(tool) != exposure_.acquired_ns;
   return repeated || now_ns > measured_until_ns(exposure_.acquired_ns) ? FrameContent::kNotNew : FrameContent::kTip;
@@ -215,7 +201,8 @@ void NavigationPipeline::record(Tool &tool, std::int64_t now_ns) noexcept {
   const bool touching = touch_.busy() && same(touch_.tool(), tool.name);
   const bool tracing = trace_.on(tool.name);
   if (touching || tracing) {
-    const FrameContent content = content_of(tool, now_ns);
+    const bool check_touch = touching && touch_.kind() == bregma_wire_CAPTURE_CHECK;
+    const FrameContent content = content_of(tool, check_touch, now_ns);
     TipInReference tip{};
     if (content == FrameContent::kTip) {
       const TipPose T = tip_in_reference(tool);
@@ -232,7 +219,8 @@ void NavigationPipeline::record(Tool &tool, std::int64_t now_ns) noexcept {
       }
     }
   }
-  const bool fresh = tool.body.visible && tool.body.acquired_ns == exposure_.acquired_ns &&
+  const bool fresh = tool.body.visible && judge_.tool(index_of(tool)).steady() &&
+                     tool.body.acquired_ns == exposure_.acquired_ns &&
                      now_ns <= measured_until_ns(exposure_.acquired_ns);
   if (pivot_.on && same(pivot_.tool, tool.name) && fresh) {
     PivotPose pose{};
@@ -257,6 +245,9 @@ wire::PoseStatus NavigationPipeline::status_of(const Tool &tool, std::int64_t no
   if (now_ns >= exposure_.acquired_ns + live_limit_ns()) {
     return bregma_wire_POSE_STALE;
   }
+  if (reference_.malformed() || tool.body.malformed()) {
+    return bregma_wire_POSE_IMPLAUSIBLE;
+  }
   if (!reference_.visible) {
     return bregma_wire_POSE_REFERENCE_HIDDEN;
   }
@@ -268,6 +259,9 @@ wire::PoseStatus NavigationPipeline::status_of(const Tool &tool, std::int64_t no
   }
   if (!registration_) {
     return bregma_wire_POSE_NOT_REGISTERED;
+  }
+  if (!judge_.trusted(index_of(tool))) {
+    return bregma_wire_POSE_IMPLAUSIBLE;
   }
   if (now_ns >= stale_at_ns(tool)) { // frames arrive, but repeat an old pose
     return bregma_wire_POSE_STALE;

@@ -27,6 +27,8 @@
 #include "server/stages/loaded_case.hpp"
 #include "server/stages/navigation/capture.hpp"
 #include "server/stages/navigation/tip_filter.hpp"
+#include "server/stages/plausibility/frame_judge.hpp"
+#include "server/stages/plausibility/tracker_volume.hpp"
 #include "server/stages/views.hpp"
 
 namespace bregma::server {
@@ -34,13 +36,14 @@ namespace bregma::server {
 using NavigationInput = std::variant<CaseChanged, NavigationMessage>;
 using NavigationEvents = runtime::SpscRing<NavigationEvent, 4096>;
 
-// Of the stage; the pipeline uses the noise, the latency and the filter.
+// Of the stage; the pipeline uses all but names, rate and priority.
 struct NavigationParameters {
   std::string trackers = "Tracker"; // names, separated by commas
   // Assumed noise of the poses: standard deviation per marker coordinate.
   double marker_sigma_lateral_mm = 0.10;
   double marker_sigma_depth_mm = 0.25;
   double latency_ms = 4.0; // exposure to the driver's write, as stated by the manufacturer
+  TrackerVolume volume;
   double floor_rate_hz = 50.0;
   double live_limit_ms = wire::kLiveLimit_ms; // maximal age of a live pose; three frame periods if they are longer
   double hand_acceleration_mm_s2 = 1500.0;    // of a motion that the filter does not know yet: 1 sigma of a coordinate
@@ -75,6 +78,10 @@ public:
   // One per navigable tool of the case, in the case's order, at the last frame or tick.
   [[nodiscard]] std::span<const wire::NavigationState> states() const noexcept { return {states_.data(), tool_count_}; }
   [[nodiscard]] bool reference_visible() const noexcept { return reference_.visible; }
+  [[nodiscard]] const wire::Name &tracker() const noexcept { return source_; } // of the last frame
+  // Plausibility of the bodies, for monitoring. The second: per tool, in the order of states().
+  [[nodiscard]] BodyReport reference_report() const noexcept;
+  [[nodiscard]] BodyReport report(std::size_t tool) const noexcept;
   // The probe at the last frame or tick, input of the tissue model.
   [[nodiscard]] ProbeView probe() const noexcept;
 
@@ -85,6 +92,11 @@ private:
     // Exposure of the first frame with this pose: a frame that repeats it to the last bit is no new exposure.
     wire::Pose pose{};
     std::int64_t acquired_ns = 0;
+    BodyFrame in_frame;                                     // what the last frame contains of it
+    inputs::MarkerFault fault = inputs::MarkerFault::kNone; // of the last malformed frame
+    std::uint32_t used_markers = 0;                         // in that frame
+
+    [[nodiscard]] bool malformed() const noexcept { return in_frame.content == BodyFrame::Content::kMalformed; }
   };
   struct Tool {
     const casefile::ToolModel *model = nullptr;
@@ -104,6 +116,11 @@ private:
   void on(const NavigationMessage &message) noexcept;
   [[nodiscard]] Tool *find(const wire::Name &name) noexcept;
   void locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model, BodyInTracker &body) const noexcept;
+  void locate(const wire::TrackedTool &seen, const casefile::ToolModel &model, BodyInTracker &body) const noexcept;
+  void judge() noexcept;
+  [[nodiscard]] std::size_t index_of(const Tool &tool) const noexcept {
+    return static_cast<std::size_t>(&tool - tools_.data());
+  }
   // Exposure of the pose of a tool in Reference: that of the older one of the two bodies.
   [[nodiscard]] std::int64_t acquired_ns(const Tool &tool) const noexcept;
   [[nodiscard]] std::int64_t live_limit_ns() const noexcept;
@@ -111,7 +128,8 @@ private:
   [[nodiscard]] std::int64_t lost_at_ns() const noexcept;
   [[nodiscard]] std::int64_t measured_until_ns(std::int64_t acquired_ns) const noexcept;
   [[nodiscard]] wire::PoseStatus status_of(const Tool &tool, std::int64_t now_ns) const noexcept;
-  [[nodiscard]] FrameContent content_of(const Tool &tool, std::int64_t now_ns) const noexcept;
+  // check_touch: it proves where a body is, which needs no trust.
+  [[nodiscard]] FrameContent content_of(const Tool &tool, bool check_touch, std::int64_t now_ns) const noexcept;
   void record(Tool &tool, std::int64_t now_ns) noexcept;
   void publish(Tool &tool, wire::NavigationState &state, std::int64_t now_ns) noexcept;
   // Fields that are known only with a shown pose. False, with nothing filled, if a value would not be finite.
@@ -126,6 +144,8 @@ private:
   [[nodiscard]] MovingTip moved(Tool &tool, const TipPose &T_reference_tip, double age_s) const noexcept;
   void update_states(std::int64_t now_ns) noexcept;
   void reset_filters() noexcept;
+  using ToolInReference = geometry::UncertainPose<geometry::frame::Reference, geometry::frame::Tool>;
+  [[nodiscard]] ToolInReference tool_in_reference(const Tool &tool) const noexcept;
   [[nodiscard]] TipPose tip_in_reference(const Tool &tool) const noexcept;
 
   NavigationParameters parameters_;
@@ -136,6 +156,7 @@ private:
   std::array<wire::NavigationState, bregma_wire_MAX_TOOLS> states_{};
   std::size_t tool_count_ = 0;
   BodyInTracker reference_;
+  FrameJudge judge_;
   std::optional<Registration> registration_;
   PredictedTargets predicted_;
   SessionChanged session_{bregma_wire_SESSION_IDLE, false};

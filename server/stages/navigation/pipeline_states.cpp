@@ -15,6 +15,13 @@ constexpr std::int64_t kPredictionAge_ns = 250'000'000;
 constexpr double kSameTarget_mm = 0.01;    // tolerance between the end of a plan and its target
 constexpr double kVelocityFilter_hz = 3.0; // for the velocity if the displayed position is not filtered
 
+void put(const Judgement &judgement, wire::NavigationState &state) noexcept {
+  state.plausibility = judgement.plausibility;
+  state.plausibility_reason = judgement.reason;
+  state.plausibility_statistic = judgement.statistic;
+  state.plausibility_threshold = judgement.threshold;
+}
+
 bool is_shown(wire::PoseStatus status) noexcept {
   return status == bregma_wire_POSE_LIVE || status == bregma_wire_POSE_UNVERIFIED;
 }
@@ -37,7 +44,8 @@ void NavigationPipeline::clear_pose(wire::NavigationState &state) noexcept {
   put_unknown(state.position_velocity_covariance_mm2_s);
   put_unknown(state.velocity_covariance_mm2_s2);
   state.acceleration_sigma_mm_s2 = wire::kUnknown;
-  state.plausibility_statistic = state.plausibility_threshold = wire::kUnknown;
+  state.valid_for_ns = 0;
+  put(Judgement{}, state);
 }
 
 void NavigationPipeline::update_states(std::int64_t now_ns) noexcept {
@@ -68,10 +76,11 @@ void NavigationPipeline::publish(Tool &tool, wire::NavigationState &state, std::
   if (is_shown(state.status)) {
     state.valid_for_ns = stale_at_ns(tool) - now_ns;
   } else {
-    state.valid_for_ns = 0;
     tool.filter.reset();
     clear_pose(state);
   }
+  const bool judged = (reference_.visible || reference_.malformed()) && (tool.body.visible || tool.body.malformed());
+  put(judged ? judge_.judgement(index_of(tool)) : Judgement{}, state);
 }
 
 // The tip at the time of publication. Rotation and its error are those of the frame. The position's error is that of

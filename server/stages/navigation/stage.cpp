@@ -31,6 +31,13 @@ void declare(base::ParameterSet &set, NavigationParameters &p) {
              "Error of a marker along the line of sight, 1 sigma.");
   set.number("tracker.latency_ms", &p.latency_ms, "ms", 0, 500,
              "From exposure to the driver's write, as the manufacturer states it.");
+  set.number("tracker.near_mm", &p.volume.near_mm, "mm", 0, 20000,
+             "The tracker's stated volume, a frustum: its smallest depth. A pose outside the volume is refused.");
+  set.number("tracker.far_mm", &p.volume.far_mm, "mm", 1, 20000, "The largest depth of the tracker's volume.");
+  set.number("tracker.half_width_deg", &p.volume.half_width_deg, "deg", 1, 85,
+             "Half of the horizontal angle of the tracker's volume.");
+  set.number("tracker.half_height_deg", &p.volume.half_height_deg, "deg", 1, 85,
+             "Half of the vertical angle of the tracker's volume.");
   set.number("navigation.floor_rate_hz", &p.floor_rate_hz, "Hz", 1, 1000,
              "The navigation state is published at least this often, also when no frame comes.");
   set.number("navigation.live_limit_ms", &p.live_limit_ms, "ms", wire::kMinLiveLimit_ms, wire::kMaxLiveLimit_ms,
@@ -127,8 +134,11 @@ void NavigationStage::share(const Moment &now) noexcept {
   devices.store(guard_.health(now.utc_ns));
   TrackingView view;
   view.reference_visible = pipeline_.reference_visible();
+  copy_name(view.tracker, pipeline_.tracker());
+  view.reference = pipeline_.reference_report();
   for (const wire::NavigationState &state : pipeline_.states()) {
-    TrackingView::Tool &tool = view.tools[view.tool_count++];
+    TrackingView::Tool &tool = view.tools[view.tool_count];
+    tool.body = pipeline_.report(view.tool_count++);
     copy_name(tool.tool, state.tool);
     tool.status = state.status;
     tool.planned = state.trajectory[0] != '\0';

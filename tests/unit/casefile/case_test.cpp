@@ -163,6 +163,7 @@ TEST_F(CaseOnDisk, ToolsWithoutADefinedPoseAreRefused) {
   const auto error = [&](auto change) { return error_after([&](Case &c) { change(c.tools[1]); }); };
   const auto two = error([](ToolModel &t) { t.markers_mm.resize(2); });
   EXPECT_NE(two.find("holds 2 markers; a pose needs 3, and at most 32 are allowed"), std::string::npos) << two;
+  EXPECT_EQ(error([](ToolModel &t) { t.markers_mm.clear(); }), "no error") << "of a tracker without markers";
   const auto line = error([](ToolModel &t) { t.markers_mm = {{0, 0, 0}, {50, 0, 0}, {100, 1, 0}}; });
   EXPECT_EQ(line.rfind("case.toml:", 0), 0U);
   EXPECT_NE(line.find("tools[1].markers_mm"), std::string::npos) << line;

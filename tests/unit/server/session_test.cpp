@@ -1,6 +1,7 @@
 // The session with loops that answer at once: the steps of a biopsy, messages to the loops, and interruptions.
 #include "session_fakes.hpp"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -244,6 +245,40 @@ TEST_F(SessionTest, TheTraceEndsAtItsMaximalNumberOfSamples) {
   EXPECT_FALSE(FakeLoops::last<TraceRequest>(loops.navigation).on);
   EXPECT_STREQ(harness.ask(bregma_wire_COMMAND_START_TRACE, "Stylus").text,
                "there are 30 surface samples, the maximum");
+}
+
+TEST_F(SessionTest, ACheckTouchFarFromItsLandmarkIsRefusedAndTheSecondDemotes) {
+  harness.up_to(kNavigating, ball);
+  const auto confirmations = FakeLoops::count<TrackingConfirmed>(loops.navigation);
+  EXPECT_EQ(confirmations, 3U) << "one per check touch within the limit";
+  const auto checks = FakeLoops::count<JudgedCheck>(loops.monitoring);
+  loops.miss_mm = {0.0, 367.0, 0.0};
+  const auto first = harness.ask(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L2");
+  EXPECT_EQ(first.result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_STREQ(first.text,
+               "the tip of Stylus is shown 367.00 mm from L2: that is no touch of it (limit 50.00 mm). Touch "
+               "the landmark itself; if you did, the reference has moved");
+  EXPECT_EQ(harness.session->state(), kNavigating);
+  EXPECT_EQ(harness.ask(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L2").result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_EQ(harness.session->state(), kRegistered) << "it may be a reference that was knocked off";
+  const auto alarm = std::find_if(loops.alarms.begin(), loops.alarms.end(), [](const wire::Alarm &one) {
+    return wire::view(one.kind) == alarm::kCheckMissed && one.state == bregma_wire_ALARM_RAISED;
+  });
+  ASSERT_NE(alarm, loops.alarms.end());
+  EXPECT_EQ(wire::view(alarm->subject), "Reference");
+  EXPECT_EQ(alarm->severity, bregma_wire_SEVERITY_CRITICAL);
+  EXPECT_EQ(FakeLoops::count<JudgedCheck>(loops.monitoring), checks) << "no touch is no evidence of drift";
+  EXPECT_EQ(FakeLoops::count<TrackingConfirmed>(loops.navigation), confirmations);
+
+  loops.miss_mm = Eigen::Vector3d::Zero();
+  harness.check_landmarks();
+  harness.done(bregma_wire_COMMAND_CONFIRM_VERIFICATION);
+  EXPECT_TRUE(std::any_of(loops.alarms.begin(), loops.alarms.end(), [](const wire::Alarm &one) {
+    return wire::view(one.kind) == alarm::kCheckMissed && one.state == bregma_wire_ALARM_CLEARED;
+  }));
+  loops.miss_mm = {0.0, 60.0, 0.0};
+  EXPECT_EQ(harness.ask(bregma_wire_COMMAND_CHECK_TOUCH, "Stylus", "L2").result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_EQ(harness.session->state(), kVerified) << "a good touch in between counts anew";
 }
 
 } // namespace

@@ -108,9 +108,30 @@ TEST(InputGuard, ToolsAreThoseOfTheCase) {
   InputGuard<wire::TrackerFrame> guard(kTrackers, {});
   EXPECT_TRUE(guard.check(tracker_frame(0), 1, at(0)).accepted);
   guard.set_tools(*known_tools(std::vector<std::string>{"Reference", "Probe"}));
-  EXPECT_EQ(guard.check(tracker_frame(1), 1, at(1)).reason, bregma_wire_REJECT_UNKNOWN_TOOL);
-  guard.set_tools(*known_tools(std::vector<std::string>{"Reference", "Stylus", "Probe"}));
-  EXPECT_TRUE(guard.check(tracker_frame(2), 1, at(2)).accepted);
+  EXPECT_EQ(guard.health(at(0)).unknown_tools.entries()[0].last_ns, 0);
+  EXPECT_TRUE(guard.check(tracker_frame(1), 1, at(1)).accepted) << "the other tools of the frame are used";
+  const UnknownNames::Entry unknown = guard.health(at(1)).unknown_tools.entries()[0];
+  EXPECT_EQ(wire::view(unknown.name), "Stylus");
+  EXPECT_EQ(unknown.last_ns, at(1));
+}
+
+TEST(InputGuard, NamesTheDevicesThatAreNotConfiguredAndKeepsTheNewest) {
+  InputGuard<wire::TrackerFrame> guard(kTrackers, {});
+  for (std::uint64_t i = 0; i < 1000; ++i) {
+    auto frame = tracker_frame(i);
+    name(frame.device, "Flood " + std::to_string(i));
+    EXPECT_FALSE(guard.check(frame, 1, at(i)).accepted);
+    name(frame.device, "Stranger");
+    EXPECT_FALSE(guard.check(frame, 1, at(i)).accepted);
+  }
+  std::size_t found = 0;
+  const StreamHealth health = guard.health(at(1000));
+  for (const UnknownNames::Entry &entry : health.unknown_devices.entries()) {
+    found += wire::view(entry.name) == "Stranger" && entry.last_ns == at(999) ? 1 : 0;
+    EXPECT_GE(entry.last_ns, at(990)) << wire::view(entry.name);
+  }
+  EXPECT_EQ(found, 1U);
+  EXPECT_EQ(guard.unknown_device_samples(), 2000U);
 }
 
 // Ten copies of every frame, or ten frames per period: samples of the device are accepted, and all of its neighbour's.

@@ -48,7 +48,6 @@ TEST(PayloadCheck, TrackerFrames) {
        {"negative residual", [](Frame &f) { f.tools[1].marker_rms_mm = -1.0; }, bregma_wire_REJECT_MALFORMED},
        {"a kilometre away", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[2] = -1e6; },
         bregma_wire_REJECT_MALFORMED},
-       {"unknown tool", [](Frame &f) { name(f.tools[1].tool, "Drill"); }, bregma_wire_REJECT_UNKNOWN_TOOL},
        {"NaN position", [](Frame &f) { f.tools[1].T_tracker_tool.translation_mm[0] = wire::kUnknown; },
         bregma_wire_REJECT_NOT_FINITE},
        {"infinite rotation", [](Frame &f) { f.tools[0].T_tracker_tool.rotation_wxyz[3] = kInf; },
@@ -65,6 +64,49 @@ TEST(PayloadCheck, TrackerFrames) {
        {"negative variance", [](Frame &f) { f.tools[0].covariance[0] = -1e-6F; }, bregma_wire_REJECT_MALFORMED},
        {"correlation without variance", [](Frame &f) { f.tools[0].covariance[1] = 1e-3F; },
         bregma_wire_REJECT_MALFORMED}});
+}
+
+TEST(PayloadCheck, AToolThatIsNotKnownIsIgnoredWithItsValues) {
+  const auto tools = known_tools(std::vector<std::string>{"Reference", "Stylus"});
+  auto frame = tracker_frame(1);
+  frame.tools[2] = frame.tools[1];
+  frame.tool_count = 3;
+  name(frame.tools[2].tool, "Drill");
+  frame.tools[2].T_tracker_tool.translation_mm[0] = wire::kUnknown;
+  EXPECT_EQ(check_payload(frame, *tools), std::nullopt);
+  EXPECT_EQ(check_payload(frame, KnownTools{}), bregma_wire_REJECT_NOT_FINITE) << "without a case all are known";
+}
+
+TEST(PayloadCheck, MarkersThatContradictTheToolOrItsStatus) {
+  struct Case {
+    wire::ToolStatus status;
+    std::uint32_t used;
+    std::size_t markers;
+    MarkerFault fault;
+  };
+  constexpr auto kVisible = bregma_wire_TOOL_VISIBLE;
+  constexpr auto kPartly = bregma_wire_TOOL_PARTLY_VISIBLE;
+  for (const Case &one : {Case{kVisible, 0b1111, 4, MarkerFault::kNone},
+                          {kPartly, 0b1011, 4, MarkerFault::kNone},
+                          {kVisible, 0xFFFFFFFF, 32, MarkerFault::kNone},
+                          {kVisible, 0b0011, 2, MarkerFault::kTooFew},
+                          {kPartly, 0b0011, 4, MarkerFault::kTooFew},
+                          {kPartly, 0, 4, MarkerFault::kTooFew},
+                          {kPartly, 0b10011, 4, MarkerFault::kForeign},
+                          {kVisible, 0x80000007, 3, MarkerFault::kForeign},
+                          {kVisible, 0b0111, 4, MarkerFault::kNotAll},
+                          {kPartly, 0b1111, 4, MarkerFault::kAll}}) {
+    auto tool = tracker_frame(1).tools[1];
+    tool.status = one.status;
+    tool.used_markers = one.used;
+    EXPECT_EQ(check_markers(tool, one.markers), one.fault) << std::hex << one.used << " of " << one.markers;
+  }
+  auto tool = tracker_frame(1).tools[1];
+  tool.used_markers = 0;
+  EXPECT_EQ(check_markers(tool, 0), MarkerFault::kNoCovariance);
+  tool.covariance[20] = 0.01F;
+  EXPECT_EQ(check_markers(tool, 0), MarkerFault::kNone);
+  EXPECT_EQ(describe(MarkerFault::kForeign), "markers that the tool does not have");
 }
 
 TEST(PayloadCheck, AStatusOfALaterRevisionIsAToolThatIsNotSeen) {

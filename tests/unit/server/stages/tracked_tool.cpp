@@ -10,8 +10,8 @@ namespace bregma::server::tracking_test {
 
 namespace {
 
-const Eigen::Quaterniond kFacingTheCamera(0.0, 0.96, 0.28, 0.0); // of both bodies: +z of the tool is -z of the tracker
-const Vector3d kReference_mm(-80.0, 30.0, 1600.0);               // in the tracker
+const Eigen::Quaterniond kFacingTheCamera = Eigen::Quaterniond(0.2, 0.93, 0.25, 0.15).normalized(); // of both bodies
+const Vector3d kReference_mm(-80.0, 30.0, 1600.0);                                                  // in the tracker
 
 } // namespace
 

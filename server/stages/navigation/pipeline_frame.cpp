@@ -1,0 +1,142 @@
+// From a tracker's frame to the bodies in it: visible, well-formed, plausible; and the tip of a tool in Reference.
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <numeric>
+
+#include "algorithms/registration/points/paired_points.hpp"
+#include "server/stages/navigation/pipeline.hpp"
+#include "server/stages/wire_values.hpp"
+
+namespace bregma::server {
+namespace {
+
+using inputs::MarkerFault;
+
+// Expected RMS residual of a fit to n markers: of the 3n coordinates' errors the fit takes up 6, of any direction.
+double expected_residual_mm(int markers, const NavigationParameters &parameters) noexcept {
+  const double variance = 2.0 * parameters.marker_sigma_lateral_mm * parameters.marker_sigma_lateral_mm +
+                          parameters.marker_sigma_depth_mm * parameters.marker_sigma_depth_mm;
+  return std::sqrt(variance * (markers - 2.0) / markers);
+}
+
+Matrix6d stated_covariance(const wire::PoseCovariance &upper) noexcept {
+  Matrix6d out;
+  for (std::size_t row = 0; row < 6; ++row) {
+    for (std::size_t column = row; column < 6; ++column) {
+      const double entry = upper[wire::upper_index(row, column)];
+      out(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(column)) = entry;
+      out(static_cast<Eigen::Index>(column), static_cast<Eigen::Index>(row)) = entry;
+    }
+  }
+  return out;
+}
+
+template <class A, class B>
+BodySample sample_of(const geometry::UncertainPose<A, B> &T, const Vector3d &point, std::int64_t time_ns) noexcept {
+  const Vector3d at = T.pose * point;
+  return {time_ns, at, uncertainty::tre_covariance(T.covariance, at).trace(), T.pose.rotation(),
+          T.covariance.template topLeftCorner<3, 3>().trace()};
+}
+
+} // namespace
+
+void NavigationPipeline::locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model,
+                                BodyInTracker &body) const noexcept {
+  body.visible = false;
+  body.in_frame = {};
+  for (std::uint32_t i = 0; i < frame.tool_count; ++i) {
+    const wire::TrackedTool &seen = frame.tools[i];
+    if (wire::view(seen.tool) == model.name) {
+      if (seen.status == bregma_wire_TOOL_VISIBLE || seen.status == bregma_wire_TOOL_PARTLY_VISIBLE) {
+        locate(seen, model, body);
+      }
+      return;
+    }
+  }
+}
+
+void NavigationPipeline::locate(const wire::TrackedTool &seen, const casefile::ToolModel &model,
+                                BodyInTracker &body) const noexcept {
+  const std::vector<Vector3d> &markers = model.markers_mm;
+  const auto T = wire::from_wire<frame::Tracker, frame::Tool>(seen.T_tracker_tool);
+  MarkerFault fault = inputs::check_markers(seen, markers.size());
+  if (fault == MarkerFault::kNone) {
+    body.T_tracker_body = {T, markers.empty() ? stated_covariance(seen.covariance)
+                                              : registration::marker_fit_covariance(markers, seen.used_markers, T,
+                                                                                    parameters_.marker_sigma_lateral_mm,
+                                                                                    parameters_.marker_sigma_depth_mm)};
+    fault = body.T_tracker_body.covariance.allFinite() ? MarkerFault::kNone : MarkerFault::kTooFew; // on one line
+  }
+  BodyFrame &out = body.in_frame;
+  out.markers = std::popcount(seen.used_markers);
+  if (fault != MarkerFault::kNone) {
+    out.content = BodyFrame::Content::kMalformed;
+    body.fault = fault;
+    body.used_markers = seen.used_markers;
+    return;
+  }
+  body.visible = true;
+  if (body.acquired_ns == 0 || std::memcmp(&body.pose, &seen.T_tracker_tool, sizeof body.pose) != 0) {
+    out.content = BodyFrame::Content::kNew;
+    body.pose = seen.T_tracker_tool;
+    body.acquired_ns = exposure_.acquired_ns;
+  } else {
+    out.content = BodyFrame::Content::kRepeated;
+    out.repeated_ns = exposure_.acquired_ns - body.acquired_ns;
+  }
+  const Vector3d middle = std::accumulate(markers.begin(), markers.end(), Vector3d(Vector3d::Zero())) /
+                          std::max<double>(1.0, static_cast<double>(markers.size()));
+  out.volume = parameters_.volume.position(T * middle);
+  if (!markers.empty()) {
+    out.residual_mm = seen.marker_rms_mm;
+    out.expected_residual_mm = expected_residual_mm(out.markers, parameters_);
+  }
+}
+
+// Tests the bodies of the last frame, and inflates the covariances of those whose markers fit badly.
+void NavigationPipeline::judge() noexcept {
+  if (reference_.visible) {
+    const geometry::UncertainPose<frame::Tracker, frame::Tool> &T = reference_.T_tracker_body;
+    reference_.in_frame.sample = sample_of(T, Vector3d::Zero(), exposure_.acquired_ns);
+    reference_.in_frame.placed = true;
+  }
+  std::array<BodyFrame, bregma_wire_MAX_TOOLS> bodies;
+  for (std::size_t i = 0; i < tool_count_; ++i) {
+    Tool &tool = tools_[i];
+    if (tool.body.visible && reference_.visible) {
+      tool.body.in_frame.sample = sample_of(tool_in_reference(tool), tool.model->nominal_tip_mm, exposure_.acquired_ns);
+      tool.body.in_frame.placed = true;
+    }
+    bodies[i] = tool.body.in_frame;
+  }
+  judge_.judge(reference_.in_frame, {bodies.data(), tool_count_}, live_limit_ns());
+  reference_.T_tracker_body.covariance *= judge_.reference().inflation();
+  for (std::size_t i = 0; i < tool_count_; ++i) {
+    tools_[i].body.T_tracker_body.covariance *= judge_.tool(i).inflation();
+  }
+}
+
+NavigationPipeline::ToolInReference NavigationPipeline::tool_in_reference(const Tool &tool) const noexcept {
+  const auto T_reference_tracker = geometry::inverse(geometry::UncertainPose<frame::Tracker, frame::Reference>{
+      reference_.T_tracker_body.pose.as<frame::Tracker, frame::Reference>(), reference_.T_tracker_body.covariance});
+  return T_reference_tracker * tool.body.T_tracker_body;
+}
+
+NavigationPipeline::TipPose NavigationPipeline::tip_in_reference(const Tool &tool) const noexcept {
+  const geometry::UncertainPose<frame::Tool, frame::Tip> T_tool_tip{{Eigen::Quaterniond::Identity(), tool.tip_mm},
+                                                                    Matrix6d::Zero()};
+  return tool_in_reference(tool) * T_tool_tip;
+}
+
+BodyReport NavigationPipeline::reference_report() const noexcept {
+  return {judge_.reference_judgement(), judge_.reference().refusals(), reference_.fault, reference_.used_markers};
+}
+
+BodyReport NavigationPipeline::report(std::size_t tool) const noexcept {
+  const BodyInTracker &body = tools_[tool].body;
+  return {judge_.tool(tool).judgement(), judge_.tool(tool).refusals(), body.fault, body.used_markers};
+}
+
+} // namespace bregma::server
