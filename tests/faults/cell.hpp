@@ -77,7 +77,7 @@ enum class HostFault {
   kNone,
   kStopped,          // SIGSTOP, then SIGCONT
   kKilled,           // SIGKILL, another process starts when the fault ends
-  kSecondDaemon,     // another daemon publishes on the domain
+  kSecondDaemon,     // another daemon is heard on the domain
   kWallClock,        // the wall clock of the daemon's host is set; it stays so
   kRecorderFails,    // the disk is full
   kRecordsDropped,   // records do not fit

@@ -5,7 +5,6 @@
 #include <fstream>
 
 #include "idl/names.hpp"
-#include "idl/version.hpp"
 
 namespace bregma::faults {
 namespace {
@@ -14,21 +13,9 @@ constexpr std::uint64_t kOtherWriter = 2;
 constexpr std::uint64_t kReturnedWriter = 3;
 constexpr std::int64_t kLease_ns = 1'000'000'000; // liveliness of the streams' writers
 constexpr std::int64_t kHiccup_ns = 60'000'000;   // of the first writer when a second one appears
-constexpr std::int64_t kHealthPeriod_ns = 500'000'000;
 const LinkFault kCut{.cut = true};
 
 bool concerns(const Cell &cell, Subject device) { return cell.subject == device || cell.subject == Subject::kNetwork; }
-
-wire::SystemHealth other_daemon(std::int64_t now_ns) {
-  wire::SystemHealth out{};
-  (void)wire::set_name(out.daemon, "bregmad");
-  out.time_ns = now_ns;
-  out.started_time_ns = now_ns - 3'600'000'000'000;
-  out.session = bregma_wire_SESSION_IDLE;
-  out.wire_generation = wire::kWireVersion.generation;
-  out.wire_revision = wire::kWireVersion.revision;
-  return out;
-}
 
 } // namespace
 
@@ -48,7 +35,7 @@ void FaultyLine::carry(const sim::RoomOutput &sent, std::int64_t now_ns, test::M
       end_ns_ = begin_ns_ + static_cast<std::int64_t>(cell_.lasts_s * 1e9);
     }
   }
-  host(now_ns, to);
+  host(now_ns);
   for (const wire::SimulatedTruth &truth : sent.truths) {
     exposures_[truth.frame] = truth.time_ns;
   }
@@ -179,7 +166,7 @@ void FaultyLine::record(const FaultyLink<wire::TrackerFrame>::Packet &packet) {
   ledger_.frames[number] = truth;
 }
 
-void FaultyLine::host(std::int64_t now_ns, test::MemoryTopics &to) {
+void FaultyLine::host(std::int64_t now_ns) {
   if (begin_ns_ == 0) {
     return;
   }
@@ -188,10 +175,6 @@ void FaultyLine::host(std::int64_t now_ns, test::MemoryTopics &to) {
   }
   if (now_ns >= end_ns_ && !std::exchange(host_ended_, true)) {
     end();
-  }
-  if (cell_.host == HostFault::kSecondDaemon && lasts(now_ns) && now_ns >= second_daemon_ns_) {
-    second_daemon_ns_ = now_ns + kHealthPeriod_ns;
-    to.put(other_daemon(now_ns), kOtherWriter);
   }
 }
 
@@ -223,13 +206,17 @@ void FaultyLine::begin() {
     fs::create_directories(state / "session.json.tmp");
     break;
   case HostFault::kSecondDaemon:
+    operation_.set_other_daemons("bregmad of another host");
+    break;
   case HostFault::kNone:
     break;
   }
 }
 
 void FaultyLine::end() {
-  if (cell_.host == HostFault::kRecorderFails) {
+  if (cell_.host == HostFault::kSecondDaemon) {
+    operation_.set_other_daemons("");
+  } else if (cell_.host == HostFault::kRecorderFails) {
     operation_.set_recorder({.open = true});
   } else if (cell_.host == HostFault::kStateNotWritable) {
     std::filesystem::remove(std::filesystem::path(operation_.state_directory()) / "session.json.tmp");

@@ -62,7 +62,7 @@ private:
 
   void begin();
   void end();
-  void host(std::int64_t now_ns, test::MemoryTopics &to);
+  void host(std::int64_t now_ns);
   template <class Sample> void send(Stream<Sample> &stream, Sample sample, std::int64_t now_ns);
   void send_foreign(const wire::TrackerFrame &frame, std::int64_t now_ns);
   template <class Sample> void deliver(Stream<Sample> &stream, std::int64_t now_ns, test::MemoryTopics &to);
@@ -87,7 +87,6 @@ private:
   std::int64_t frozen_exposure_ns_ = 0;
   std::uint64_t renumbered_by_ = 0; // the room's number minus that of the restarted tracker
   std::int64_t begin_ns_ = 0, end_ns_ = 0;
-  std::int64_t second_daemon_ns_ = 0; // its next sign of life
   bool host_began_ = false, host_ended_ = false;
   bool was_running_ = true, daemon_killed_ = false;
 };

@@ -67,6 +67,7 @@ bool VirtualOperation::run(double limit_s) {
       if (std::exchange(killed_, false)) {
         start_killed_daemon();
       }
+      process_alarms_.update(process_facts_, now_ns_);
       loops_.advance(now_ns_);
     }
     if (now_ns_ >= end_ns) {

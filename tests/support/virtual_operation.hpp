@@ -14,6 +14,7 @@
 
 #include "drivers/sim/simulated_room.hpp"
 #include "server/config.hpp"
+#include "server/process_alarms.hpp"
 #include "server/stages/host.hpp"
 #include "server/wiring.hpp"
 #include "tests/support/memory_topics.hpp"
@@ -58,6 +59,8 @@ public:
   [[nodiscard]] bool daemon_runs() const { return now_ns_ >= stopped_until_ns_; }
   // What the recorder reports from now on.
   void set_recorder(const recording::RecorderStatus &status) { recorder_ = status; }
+  // The other daemons that the process hears on its domain from now on; empty: none.
+  void set_other_daemons(const std::string &names) { process_facts_.other_daemons = names; }
   [[nodiscard]] const std::string &state_directory();
   // For observers of other topics and of steps.
   [[nodiscard]] MemoryTopics &topics() { return topics_; }
@@ -87,6 +90,7 @@ private:
   [[nodiscard]] std::optional<int> fixed_solver_steps() const noexcept override;
   [[nodiscard]] recording::RecorderStatus recorder() const noexcept override { return recorder_; }
   [[nodiscard]] wire::BootIdentity boot_id() const override { return kDaemonBoot; }
+  [[nodiscard]] server::AlarmEvents *conditions() noexcept override { return &process_alarms_.events; }
 
   void start_killed_daemon();
   void deliver(sim::RoomOutput &out);
@@ -103,6 +107,8 @@ private:
   Observer observer_;
   Line *line_ = nullptr;
   recording::RecorderStatus recorder_;
+  server::ProcessFacts process_facts_;
+  server::ProcessAlarms process_alarms_;
   std::function<void(std::int64_t)> before_advance_ = [](std::int64_t) {};
   std::int64_t now_ns_;
   std::int64_t stopped_until_ns_ = 0;
