@@ -1,10 +1,7 @@
 #include "idl/dds.hpp"
 
-#include <cstdlib>
 #include <cstring>
-#include <map>
 #include <memory>
-#include <mutex>
 
 #include <ddsc/dds.h>
 
@@ -47,32 +44,6 @@ QosPtr make_qos(const wire::Qos &qos) {
   return out;
 }
 
-// Cyclone's settings of a domain can be set only once, before its first participant. The result keeps the domain; it
-// ends with the last of its users.
-std::shared_ptr<void> use_domain(std::uint32_t domain_id) {
-  struct Domain {
-    Entity entity;
-    int users = 0;
-  };
-  static std::mutex mutex;
-  static std::map<std::uint32_t, Domain> domains;
-  const std::lock_guard lock(mutex);
-  if (!domains.contains(domain_id)) {
-    const char *uri = std::getenv("CYCLONEDDS_URI"); // NOLINT(concurrency-mt-unsafe): the environment is not changed
-    const char *configuration = uri != nullptr && *uri != '\0' ? uri : default_configuration();
-    Entity entity(
-        checked(dds_create_domain(domain_id, configuration), "cannot configure domain " + std::to_string(domain_id)));
-    domains[domain_id].entity = std::move(entity);
-  }
-  ++domains[domain_id].users;
-  return {nullptr, [domain_id](void *) {
-            const std::lock_guard last(mutex);
-            if (--domains[domain_id].users == 0) {
-              domains.erase(domain_id);
-            }
-          }};
-}
-
 Entity make_topic(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *name) {
   return Entity(checked(dds_create_topic(participant.handle(), &descriptor, name, nullptr, nullptr),
                         std::string("cannot create topic ") + name));
@@ -96,23 +67,16 @@ Entity::~Entity() {
   }
 }
 
-const char *default_configuration() {
-  return "<CycloneDDS><Domain>"
-         "<General><Interfaces><NetworkInterface name=\"lo\" multicast=\"false\"/></Interfaces>"
-         "<AllowMulticast>false</AllowMulticast></General>"
-         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
-         "<MaxAutoParticipantIndex>60</MaxAutoParticipantIndex>"
-         "<Peers><Peer Address=\"127.0.0.1\"/></Peers></Discovery>"
-         "</Domain></CycloneDDS>";
-}
+Participant::Participant(std::uint32_t domain_id, Role role) : Participant(domain_id, wire::own_announcement(), role) {}
 
-Participant::Participant(std::uint32_t domain_id, const wire::Announcement &announced)
-    : domain_(use_domain(domain_id)) {
+Participant::Participant(std::uint32_t domain_id, const wire::Announcement &announced, Role role)
+    : domain_(use_domain(domain_id, role)) {
   const QosPtr qos(dds_create_qos(), &dds_delete_qos);
   const std::string data = wire::to_user_data(announced);
   dds_qset_userdata(qos.get(), data.data(), data.size());
   entity_ = Entity(checked(dds_create_participant(domain_id, qos.get(), nullptr),
                            "cannot join domain " + std::to_string(domain_id)));
+  mismatches_ = std::make_unique<Mismatches>(entity_.handle());
 }
 
 namespace untyped {
@@ -120,15 +84,19 @@ namespace untyped {
 Entity make_writer(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *topic_name,
                    const wire::Qos &qos) {
   const Entity topic = make_topic(participant, descriptor, topic_name);
-  return Entity(checked(dds_create_writer(participant.handle(), topic.handle(), make_qos(qos).get(), nullptr),
-                        std::string("cannot write topic ") + topic_name));
+  Entity out(checked(dds_create_writer(participant.handle(), topic.handle(), make_qos(qos).get(), nullptr),
+                     std::string("cannot write topic ") + topic_name));
+  participant.mismatches().name(out.handle(), topic_name);
+  return out;
 }
 
 Entity make_reader(const Participant &participant, const dds_topic_descriptor_t &descriptor, const char *topic_name,
                    const wire::Qos &qos) {
   const Entity topic = make_topic(participant, descriptor, topic_name);
-  return Entity(checked(dds_create_reader(participant.handle(), topic.handle(), make_qos(qos).get(), nullptr),
-                        std::string("cannot read topic ") + topic_name));
+  Entity out(checked(dds_create_reader(participant.handle(), topic.handle(), make_qos(qos).get(), nullptr),
+                     std::string("cannot read topic ") + topic_name));
+  participant.mismatches().name(out.handle(), topic_name);
+  return out;
 }
 
 bool write(const Entity &writer, const void *sample) noexcept {

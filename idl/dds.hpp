@@ -12,19 +12,15 @@
 #include <memory>
 #include <optional>
 #include <span>
-#include <stdexcept>
 #include <string>
 #include <utility>
 
+#include "idl/dds_process.hpp"
+#include "idl/mismatches.hpp"
 #include "idl/topics.hpp"
 #include "idl/version.hpp"
 
 namespace bregma::dds {
-
-class Error : public std::runtime_error {
-public:
-  using std::runtime_error::runtime_error;
-};
 
 // A Cyclone handle, deleted with its owner.
 class Entity {
@@ -41,21 +37,21 @@ private:
   std::int32_t handle_;
 };
 
-// Cyclone's settings without CYCLONEDDS_URI: loopback only, discovery without multicast. A network must be configured
-// explicitly.
-[[nodiscard]] const char *default_configuration();
-
 // domain_id: 0 to 230; processes on different domains do not see each other. Cyclone's domain, with its threads and
 // plug-ins, ends with the last of its participants: no entity may outlive main.
-// announced: the participant's USER_DATA. Only tests announce another version than their own.
 class Participant {
 public:
-  explicit Participant(std::uint32_t domain_id, const wire::Announcement &announced = wire::own_announcement());
+  explicit Participant(std::uint32_t domain_id, Role role = Role::kClient);
+  // announced: the participant's USER_DATA. Only tests announce another version than their own.
+  Participant(std::uint32_t domain_id, const wire::Announcement &announced, Role role = Role::kClient);
   [[nodiscard]] std::int32_t handle() const noexcept { return entity_.handle(); }
+  // Its writers and readers that found another end which they cannot exchange samples with.
+  [[nodiscard]] const Mismatches &mismatches() const noexcept { return *mismatches_; }
 
 private:
   std::shared_ptr<void> domain_; // before the entity, which ends first
   Entity entity_;
+  std::unique_ptr<Mismatches> mismatches_;
 };
 
 // A participant's identity on the domain, the same on every topic.

@@ -7,6 +7,7 @@
 #include <optional>
 #include <random>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 #include <unistd.h>
@@ -62,6 +63,12 @@ std::uint64_t random_number() {
   return (std::uint64_t{device()} << 32U) | device() | 1U; // never 0: "not stated"
 }
 
+// Cyclone's messages come from its receive threads; the queue of our log takes them without waiting.
+void log_dds(dds::Severity severity, std::string_view line) {
+  constexpr LogLevel kLevels[] = {LogLevel::kInfo, LogLevel::kWarning, LogLevel::kError};
+  spdlog::log(spdlog_level(kLevels[static_cast<std::size_t>(severity)]), "dds: {}", line);
+}
+
 } // namespace
 
 class Daemon::Impl final : private Host {
@@ -104,15 +111,17 @@ private:
   Loops loops_;
 };
 
-Daemon::Daemon(const Config &config, std::string config_toml)
-    : impl_(std::make_unique<Impl>(config, std::move(config_toml))) {}
+Daemon::Daemon(const Config &config, std::string config_toml) {
+  dds::set_log(log_dds);
+  impl_ = std::make_unique<Impl>(config, std::move(config_toml));
+}
 Daemon::~Daemon() = default;
 void Daemon::run() { impl_->run(); }
 
 Daemon::Impl::Impl(const Config &config, std::string config_toml)
     : config_(config), config_toml_(std::move(config_toml)), state_lock_(lock_state(config_)), run_id_(random_number()),
-      participant_(static_cast<std::uint32_t>(config.domain_id)), other_daemons_(participant_, run_id_),
-      peers_(participant_),
+      participant_(static_cast<std::uint32_t>(config.domain_id), dds::Role::kServer),
+      other_daemons_(participant_, run_id_), peers_(participant_),
       recorder_({.interval = std::chrono::milliseconds(static_cast<int>(config.recorder.commit_ms))}),
       topics_(participant_, recorder_), wiring_(config_.stages, topics_, *this),
       loops_(wiring_.stages(), topics_, clock_) {}
@@ -123,6 +132,9 @@ void Daemon::Impl::run() {
     for (const std::string &sentence : runtime::lock_memory()) {
       spdlog::warn("memory: {}", sentence);
     }
+  }
+  if (const std::string advice = dds::send_buffer_advice(dds::send_buffer_bytes()); !advice.empty()) {
+    spdlog::warn("network: {}", advice);
   }
   record_truth();
   asio::signal_set signals(io_, SIGINT, SIGTERM);
@@ -242,6 +254,8 @@ void Daemon::Impl::complete(wire::SystemHealth &health) {
   peers_.update();
   const auto others = peers_.of_another_wire();
   health.other_wire = static_cast<std::uint32_t>(others.size());
+  health.ill_typed_samples = dds::ill_typed_samples();
+  wire::set_text(health.mismatches, participant_.mismatches().text());
   if (std::string text = dds::other_wire_text(others); text != other_wire_) {
     spdlog::warn("wire: {}", text.empty() ? "no participant of another wire is left" : text);
     other_wire_ = std::move(text);

@@ -193,6 +193,7 @@ void DaemonLink::choose() {
   Snapshot &followed = daemons_.followed();
   followed.drivers = driver_health_;
   followed.other_wire = dds::other_wire_text(peers_.of_another_wire());
+  followed.mismatches = participant_.mismatches().text();
   followed.other_daemons = others_text();
 }
 

@@ -12,6 +12,7 @@
 #include "clients/cli/commands.hpp"
 #include "clients/cli/completion.hpp"
 #include "clients/cli/doctor_measurements.hpp"
+#include "clients/cli/doctor_network.hpp"
 #include "clients/cli/output.hpp"
 #include "server/runtime/realtime.hpp"
 #include "server/runtime/state_directory.hpp"
@@ -106,6 +107,8 @@ int run_doctor(const DoctorOptions &options, const Context &context) {
   checks.push_back(check_timer(options.quick ? duration : 3s));
   checks.push_back(check_loopback(echo, 250.0, duration));
   checks.push_back(check_loopback(echo, 1000.0, duration));
+  checks.push_back(check_send_buffer(domain));
+  checks.push_back(check_unresolved_queue("/proc/sys/net/ipv4/neigh"));
   checks.push_back(check_disk(runtime::state_directory(options.state_directory), options.quick ? 20 : 100));
 
   const bool bad =

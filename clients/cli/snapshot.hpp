@@ -41,6 +41,7 @@ struct Snapshot {
   std::uint32_t changes = 0; // number of times that another daemon was followed, because the one before was lost
   std::string other_daemons; // who else writes the daemon's topics, as a text; empty: none
   std::string other_wire;    // participants with another wire generation, as a text; empty: none
+  std::string mismatches;    // endpoints of this program that do not match another's, as a text; empty: none
 };
 
 // Health is broadcast twice per second by default. After this time without it the daemon has stopped or does not

@@ -50,7 +50,12 @@ std::string wire_text(const Snapshot &snapshot) {
   std::string out = "Wire " + wire::text_of(daemon);
   out += daemon == wire::kWireVersion ? "" : ", this program " + wire::text_of(wire::kWireVersion);
   out += health.other_wire > 0 ? ", participants of another wire: " + std::to_string(health.other_wire) : "";
-  return out + (snapshot.other_wire.empty() ? "\n" : "; " + snapshot.other_wire + "\n");
+  out += snapshot.other_wire.empty() ? "\n" : "; " + snapshot.other_wire + "\n";
+  out += *health.mismatches == '\0' ? "" : "Mismatch at the daemon: " + printable(health.mismatches) + "\n";
+  out += snapshot.mismatches.empty() ? "" : "Mismatch at this program: " + printable(snapshot.mismatches) + "\n";
+  return out + (health.ill_typed_samples == 0
+                    ? ""
+                    : "Samples that are not of their topic's type: " + std::to_string(health.ill_typed_samples) + "\n");
 }
 
 std::string registration_text(const Snapshot &snapshot) {
@@ -246,6 +251,8 @@ json status_json(const Snapshot &snapshot, std::uint32_t domain, const Now &now)
   out["case_folder"] = health.case_folder;
   out["wire"] = wire::text_of({health.wire_generation, health.wire_revision});
   out["other_wire_participants"] = health.other_wire;
+  out["mismatches"] = {{"daemon", health.mismatches}, {"own", snapshot.mismatches}};
+  out["ill_typed_samples"] = health.ill_typed_samples;
   out["started_time_ns"] = health.started_time_ns;
   const bool clock_stated = health.wall_time_ns != 0;
   const double lead_ms = static_cast<double>(health.wall_time_ns - health.time_ns) * 1e-6;

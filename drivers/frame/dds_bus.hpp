@@ -17,7 +17,7 @@ template <class... Written, class... Read> class DdsBus<Topics<Written...>, Topi
 public:
   // Throws dds::Error.
   explicit DdsBus(std::uint32_t domain)
-      : participant_(domain),
+      : participant_(domain, dds::Role::kServer),
         writers_(dds::Writer<Written>(participant_)..., dds::Writer<wire::DriverHealth>(participant_)),
         readers_(dds::Reader<Read>(participant_)...) {}
 

@@ -42,9 +42,9 @@ casefile::Case checked_case(const std::filesystem::path &folder) {
   return *loaded;
 }
 
-std::uint32_t own_domain() { return 20 + static_cast<std::uint32_t>(getpid()) % 80; }
-
 } // namespace
+
+std::uint32_t operation_domain() { return 20 + static_cast<std::uint32_t>(getpid()) % 80; }
 
 const char *const kRegisterSteps = R"(
 [[steps]]
@@ -101,7 +101,7 @@ void register_in_virtual_time(const CaseFolder &folder, const std::string &state
 }
 
 Operation::Operation()
-    : domain_(own_domain()), participant_(domain_), navigation_(participant_), health_(participant_),
+    : domain_(operation_domain()), participant_(domain_), navigation_(participant_), health_(participant_),
       registration_(participant_), accuracy_(participant_), alarms_(participant_), replies_(participant_) {}
 
 void Operation::start_daemon(const std::vector<std::string> &settings, const std::vector<std::string> &before) {

@@ -42,6 +42,9 @@ extern const char *const kNavigateSteps;
 // session as Registered, for the patient of this seed.
 void register_in_virtual_time(const CaseFolder &folder, const std::string &state_folder, std::uint64_t seed = kSeed);
 
+// The DDS domain of this process's operations.
+[[nodiscard]] std::uint32_t operation_domain();
+
 // bregmad and bregma-sim-room, and an observer of their samples.
 class Operation {
 public:

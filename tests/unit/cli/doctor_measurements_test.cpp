@@ -1,8 +1,11 @@
 // The measurements of `bregma doctor`. The tests check no limits, which depend on the machine.
+#include <fstream>
+
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include "clients/cli/doctor_measurements.hpp"
+#include "clients/cli/doctor_network.hpp"
 #include "tests/support/temporary_folder.hpp"
 
 namespace {
@@ -20,6 +23,24 @@ TEST(Doctor, SecondProcessAnswersEveryFrame) {
   EXPECT_GT(measured->round_trip_us.p50, 0.0);
   EXPECT_LE(measured->round_trip_us.p50, measured->round_trip_us.p99);
   EXPECT_LE(measured->round_trip_us.p999, measured->round_trip_us.max);
+}
+
+TEST(Doctor, NamesTheInterfaceThatKeepsTooManyPacketsForSilentHosts) {
+  const test::TemporaryFolder folder;
+  const auto write = [&](const char *interface, const char *bytes) {
+    std::filesystem::create_directories(folder / interface);
+    std::ofstream(folder / interface / "unres_qlen_bytes") << bytes << "\n";
+  };
+  write("default", "212992");
+  write("lo", "99999999");
+  auto check = cli::check_unresolved_queue(folder.path());
+  EXPECT_EQ(check.fitness, runtime::Fitness::kGood);
+  EXPECT_EQ(check.finding, "at most 208 KiB are kept for each");
+  write("enp3s0", "8388608");
+  check = cli::check_unresolved_queue(folder.path());
+  EXPECT_EQ(check.fitness, runtime::Fitness::kLimited);
+  EXPECT_EQ(check.advice, "set sysctl net.ipv4.neigh.enp3s0.unres_qlen_bytes=212992");
+  EXPECT_EQ(cli::check_unresolved_queue(folder / "none").fitness, runtime::Fitness::kLimited);
 }
 
 TEST(Doctor, TheDiskMeasurementLeavesNoFile) {

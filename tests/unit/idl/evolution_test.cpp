@@ -1,7 +1,10 @@
 // Programs of different revisions on one bus: samples of an earlier and of a later revision, read with the types of
 // this program and vice versa, and types that cannot be extended. The rules are in docs/wire.md.
+#include <atomic>
 #include <chrono>
+#include <cstring>
 #include <optional>
+#include <string_view>
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -231,6 +234,44 @@ TEST(Evolution, TypesThatCannotGrowDoNotMatch) {
   EXPECT_FALSE((Bus<earlier_FinalStruct, later_FinalStruct>().matched(500ms)));
   EXPECT_FALSE((Bus<later_FixedArray, earlier_FixedArray>().matched(500ms))) << "a longer array";
   EXPECT_FALSE((Bus<later_PlainEnum, earlier_PlainEnum>().matched(500ms))) << "an enumerator more";
+}
+
+// A writer of another type that states no type, as a program of another vendor may.
+dds_topic_descriptor_t untyped_descriptor_named(const char *type) {
+  const dds_topic_descriptor_t &from = earlier_FinalStruct_desc;
+  const std::uint32_t flags =
+      (from.m_flagset & ~std::uint32_t{DDS_TOPIC_XTYPES_METADATA}) | DDS_TOPIC_RESTRICT_DATA_REPRESENTATION;
+  return {from.m_size, from.m_align, flags,       from.m_nkeys, type,         from.m_keys,
+          from.m_nops, from.m_ops,   from.m_meta, {nullptr, 0}, {nullptr, 0}, DDS_DATA_REPRESENTATION_FLAG_XCDR2};
+}
+
+TEST(Evolution, SamplesThatAreNotOfTheirTopicsTypeAreCountedAndLogged) {
+  const auto descriptor = untyped_descriptor_named(wire::Topic<wire::ForceSample>::descriptor().m_typename);
+  const dds::Participant ours(own_domain());
+  dds::Reader<wire::ForceSample> reader(ours);
+  std::atomic<int> logged{0};
+  dds::set_log([&](dds::Severity, std::string_view line) {
+    logged += line.find("ForceSample failed") != std::string_view::npos ? 1 : 0;
+  });
+  const dds::Participant other(own_domain());
+  const dds::Entity writer = dds::untyped::make_writer(other, descriptor, "ForceSample", wire::qos::kSensor);
+  for (int i = 0; i < 500 && dds::untyped::matched_readers(writer) == 0; ++i) {
+    usleep(10'000);
+  }
+  EXPECT_EQ(ours.mismatches().text(), "");
+  const std::uint64_t before = dds::ill_typed_samples();
+  earlier_FinalStruct sample{};
+  std::memset(&sample, 0x7f, sizeof sample);
+  for (int i = 0; i < 5; ++i) {
+    ASSERT_TRUE(dds::untyped::write(writer, &sample));
+  }
+  for (int i = 0; i < 500 && dds::ill_typed_samples() < before + 5; ++i) {
+    usleep(10'000);
+  }
+  EXPECT_EQ(dds::ill_typed_samples(), before + 5);
+  EXPECT_EQ(logged, 5);
+  EXPECT_EQ(reader.take_each([](const auto &, const auto &) {}), 0U);
+  dds::set_log([](dds::Severity, std::string_view) {});
 }
 
 TEST(WireVersion, IsAnnouncedAndReadBack) {

@@ -1,4 +1,5 @@
 // Cyclone accepts the supplied configurations, and samples are transferred with them.
+#include <algorithm>
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
@@ -17,6 +18,13 @@ namespace {
 
 using namespace std::chrono_literals;
 
+// As much as DDS wants, or as this machine allows.
+std::size_t expected_send_buffer() {
+  std::size_t most = 0;
+  std::ifstream("/proc/sys/net/core/wmem_max") >> most;
+  return std::min(most, dds::kSendBufferBytes);
+}
+
 // The participant throws if Cyclone does not know a setting.
 bool sample_passes(const char *file, std::uint32_t domain) {
   const std::filesystem::path path = std::filesystem::path(BREGMA_SOURCE_DIR) / "deploy" / file;
@@ -30,6 +38,7 @@ bool sample_passes(const char *file, std::uint32_t domain) {
   ::setenv("CYCLONEDDS_URI", configuration.c_str(), 1);
   const dds::Participant writing(domain);
   const dds::Participant reading(domain);
+  EXPECT_EQ(dds::send_buffer_bytes(), expected_send_buffer()) << file;
   const dds::Writer<wire::Alarm> writer(writing);
   dds::Reader<wire::Alarm> reader(reading);
   wire::Alarm alarm{};
