@@ -51,9 +51,9 @@ void MonitoringStage::step(const Moment &now) noexcept {
   (void)trackers_.refresh();
   (void)sensors_.refresh();
   (void)estimate_.refresh();
-  pipeline_.step({tracking_.value(), trackers_.value(), sensors_.value(), estimate_.value(), host_.recorder(),
-                  now.wall_lead_ns()},
-                 now.utc_ns);
+  pipeline_.step(
+      {tracking_.value(), trackers_.value(), sensors_.value(), estimate_.value(), host_.recorder(), now.wall_lead_ns()},
+      now.utc_ns);
   clock.store(pipeline_.clock());
   states_(pipeline_.accuracy(), now.utc_ns);
 }
