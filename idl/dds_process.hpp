@@ -30,8 +30,8 @@ inline constexpr std::size_t kSendBufferBytes = std::size_t{4} << 20;
 
 // Cyclone's settings without CYCLONEDDS_URI: loopback only. A network must be configured explicitly.
 [[nodiscard]] const char *default_configuration();
-// Everything that Cyclone is given: the file or text of CYCLONEDDS_URI, or default_configuration(), with the send
-// buffer if it states none, and with the role.
+// Everything that Cyclone is given: the file or text of CYCLONEDDS_URI, or default_configuration(), with send
+// buffer and discovery interval if it states none, and with the role.
 [[nodiscard]] std::string configuration(Role role);
 
 // Cyclone's settings of a domain can be set only once, before its first participant; the first user states the role.

@@ -166,7 +166,8 @@ protected:
       std::printf("%-17s %-12s %9.1f %9.1f %9.1f %9.1f\n", fault.name, kNames[at], figures.gap_ms, figures.hidden_ms,
                   figures.age_ms, figures.own_ms);
       EXPECT_LE(figures.age_ms, wire::kLiveLimit_ms + kAgeTolerance_ms + figures.own_ms) << kNames[at];
-      if (host == kClientHost && at != kClientHost) {
+      // A daemon whose cable is pulled still serves the displays of its own host: its writers do not block.
+      if ((host == kClientHost && at != kClientHost) || (host == kDaemonHost && at == kDaemonHost)) {
         EXPECT_LE(figures.gap_ms, kMaxGap_ms + figures.own_ms) << kNames[at];
       }
     }
