@@ -60,10 +60,10 @@ void FaultyLine::carry(const sim::RoomOutput &sent, std::int64_t now_ns, test::M
   deliver(force_, now_ns, to);
   deliver(range_, now_ns, to);
   for (const wire::Command &command : client_.commands(now_ns, begin_ns_, end_ns_)) {
-    commands_.send({command}, now_ns, nullptr, 0.0);
+    commands_.send({command, kOtherWriter}, now_ns, nullptr, 0.0);
   }
   if (operation_.daemon_runs()) {
-    commands_.deliver(now_ns, [&](const auto &packet) { to.put(packet.sample); });
+    commands_.deliver(now_ns, [&](const auto &packet) { to.put(packet.sample, packet.writer); });
   }
   was_running_ = operation_.daemon_runs();
 }

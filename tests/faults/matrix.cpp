@@ -31,8 +31,8 @@ Expectation critical(std::vector<std::string> words, During from = During::kIdle
 }
 // The same, and no pose pauses.
 Expectation noticed(std::vector<std::string> words) { return {.alarm = std::move(words)}; }
-Expectation malformed(const char *word) {
-  Expectation out = alarm({word});
+Expectation malformed(const char *word, During from = During::kIdle) {
+  Expectation out = alarm({word}, from);
   out.malformed = true;
   out.critical = true; // no usable frame for a second: the tracker counts as lost
   return out;
@@ -70,6 +70,7 @@ void add_tracker(std::vector<Cell> &out) {
   out.back().expect.reverify = true;
   add(kJumping, "residual", {.content = Content::kResidual, .expect = implausible(tools)});
   add(kWrongTool, "one more", {.content = Content::kStrangeTool, .expect = noticed({"Stranger"})});
+  out.back().expect.alarm_from = During::kCaseLoaded; // without a case every tool is known
   add(kWrongTool, "another device", {.content = Content::kStrangeDevice, .expect = critical({"Stranger"})});
   for (const double step_s : kSteps_s) {
     add(kClockStep, seconds(step_s).c_str(),
@@ -82,9 +83,11 @@ void add_tracker(std::vector<Cell> &out) {
   add(kMalformed, "too many tools", {.content = Content::kTooManyParts, .expect = malformed("Tracker")});
   add(kMalformed, "no period", {.content = Content::kNoPeriod, .expect = malformed("Tracker")});
   add(kMalformed, "name without end", {.content = Content::kNoName, .expect = malformed("Tracker")});
-  add(kMalformed, "two markers", {.content = Content::kTwoMarkers, .expect = malformed("Tracker")});
-  add(kMalformed, "foreign markers", {.content = Content::kForeignMarkers, .expect = malformed("Tracker")});
-  add(kMalformed, "mask against status", {.content = Content::kHiddenWithMarkers, .expect = malformed("Tracker")});
+  constexpr During kCase = During::kCaseLoaded; // without a case the markers are not known
+  add(kMalformed, "two markers", {.content = Content::kTwoMarkers, .expect = malformed("Tracker", kCase)});
+  add(kMalformed, "foreign markers", {.content = Content::kForeignMarkers, .expect = malformed("Tracker", kCase)});
+  add(kMalformed, "mask against status",
+      {.content = Content::kHiddenWithMarkers, .expect = malformed("Tracker", kCase)});
   add(kMalformed, "mirrored", {.content = Content::kMirrored, .expect = implausible(tools)});
   add(kMalformed, "transposed", {.content = Content::kTransposed, .expect = implausible(tools)});
   add(kMalformed, "in metres", {.content = Content::kMetres, .expect = implausible(tools)});
@@ -144,7 +147,8 @@ void add_client(std::vector<Cell> &out) {
         {.client = ClientFault::kClock, .step_s = error_s, .expect = undisturbed()});
   }
   add(kMalformed, "", {.client = ClientFault::kMalformed, .expect = undisturbed()});
-  add(kFlooded, "20,000 commands/s", {.lasts_s = 1.0, .client = ClientFault::kFloods, .expect = undisturbed()});
+  add(kFlooded, "20,000 commands/s",
+      {.lasts_s = 1.0, .client = ClientFault::kFloods, .expect = noticed({"command_flood"})});
 }
 
 void add_daemon(std::vector<Cell> &out) {
