@@ -73,6 +73,7 @@ duration_s = 300.0
   }
   display.signal(SIGTERM);
   EXPECT_EQ(display.wait(20.0), 0);
+  operation.observe_for(0.2); // the last frames that the display can have shown
 
   // Exposures by the boot clock, as the daemon stated them to this observer.
   std::map<std::uint64_t, std::int64_t> exposures;
