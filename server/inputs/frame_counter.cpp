@@ -61,8 +61,14 @@ void FrameCounter::accept(std::uint64_t frame) noexcept {
   }
   started_ = true;
   last_ = frame;
-  refused_ = 0;
-  refused_bits_ = 0;
+  keep_refused_above(frame);
+}
+
+// Numbers above this one arrived too, and were rejected before it came.
+void FrameCounter::keep_refused_above(std::uint64_t frame) noexcept {
+  const std::uint64_t above = refused_ > 0 && highest_refused_ > frame ? highest_refused_ - frame : 0;
+  refused_bits_ &= above >= kWindow ? ~std::uint64_t{0} : (std::uint64_t{1} << above) - 1;
+  refused_ = static_cast<std::uint64_t>(std::popcount(refused_bits_));
 }
 
 bool FrameCounter::was_refused(std::uint64_t frame) const noexcept {

@@ -34,6 +34,7 @@ public:
 private:
   [[nodiscard]] bool was_refused(std::uint64_t frame) const noexcept;
   [[nodiscard]] std::uint64_t refused_below(std::uint64_t frame) const noexcept;
+  void keep_refused_above(std::uint64_t frame) noexcept;
 
   static constexpr int kRenumbered = 5;
   bool started_ = false;

@@ -224,6 +224,16 @@ TEST_F(DeviceMonitorTest, AReturningWriterWhoseNumbersGoOnKeepsItsCountOfLosses)
   EXPECT_EQ(now.connections, 2U);
 }
 
+TEST_F(DeviceMonitorTest, ANumberThatIsRejectedBeforeALowerOneIsAcceptedIsNotLost) {
+  send(0, 10);
+  wire::TrackerFrame damaged = tracker_frame(11);
+  damaged.tools[0].marker_rms_mm = wire::kUnknown;
+  EXPECT_FALSE(guard.check(damaged, kWriter, at(11)).accepted);
+  EXPECT_TRUE(guard.check(tracker_frame(10), kWriter, at(11)).accepted);
+  send(12, 20);
+  EXPECT_EQ(health(at(19)).lost, 0U);
+}
+
 TEST_F(DeviceMonitorTest, ANumberThatIsOvertakenIsRejectedAndNotLost) {
   for (std::uint64_t i = 0; i < 400; i += 2) { // every second one is overtaken
     static_cast<void>(guard.check(tracker_frame(i + 1), kWriter, at(i + 1)));
