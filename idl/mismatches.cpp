@@ -61,22 +61,22 @@ struct Mismatches::Table {
 
   void add(const Event &event) {
     const std::lock_guard lock(mutex);
-    if (const auto topic = topics.find(event.endpoint); topic != topics.end()) {
+    if (const auto topic = topics_.find(event.endpoint); topic != topics_.end()) {
       add(event, topic->second);
     } else {
-      unnamed.push_back(event);
+      unnamed_.push_back(event);
     }
   }
 
   void name(dds_entity_t endpoint, const char *topic) {
     const std::lock_guard lock(mutex);
-    topics[endpoint] = topic;
-    for (const Event &event : unnamed) {
+    topics_[endpoint] = topic;
+    for (const Event &event : unnamed_) {
       if (event.endpoint == endpoint) {
         add(event, topic);
       }
     }
-    std::erase_if(unnamed, [endpoint](const Event &event) { return event.endpoint == endpoint; });
+    std::erase_if(unnamed_, [endpoint](const Event &event) { return event.endpoint == endpoint; });
   }
 
   mutable std::mutex mutex;
@@ -90,8 +90,8 @@ private:
     }
   }
 
-  std::map<dds_entity_t, std::string> topics;
-  std::vector<Event> unnamed;
+  std::map<dds_entity_t, std::string> topics_;
+  std::vector<Event> unnamed_;
 };
 
 Mismatches::Mismatches(std::int32_t participant) : participant_(participant), table_(std::make_unique<Table>()) {

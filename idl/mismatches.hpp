@@ -4,11 +4,11 @@
 // Threads: any. Errors: the constructor throws dds::Error.
 #pragma once
 
-#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
+#include <tuple>
 #include <vector>
 
 namespace bregma::dds {
@@ -20,7 +20,9 @@ struct Mismatch {
 
   // "TrackerFrame: a writer offers less than this program requires (deadline)"
   [[nodiscard]] std::string text() const;
-  friend auto operator<=>(const Mismatch &, const Mismatch &) = default;
+  friend bool operator<(const Mismatch &a, const Mismatch &b) {
+    return std::tie(a.topic, a.policy, a.writer) < std::tie(b.topic, b.policy, b.writer);
+  }
 };
 
 class Mismatches {

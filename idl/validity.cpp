@@ -113,7 +113,8 @@ TipError tip_error(const NavigationState &state, std::int64_t since_published_ns
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(0.5 * (grown + grown.transpose())); // smallest first
   for (int i = 0; i < 3; ++i) {
     out.region_95.semi_axes_mm[i] = kRadius95 * std::sqrt(std::max(0.0, solver.eigenvalues()[2 - i]));
-    Eigen::Map<Eigen::Vector3d>(out.region_95.axes + 3 * i) = solver.eigenvectors().col(2 - i);
+    Eigen::Map<Eigen::Vector3d>(out.region_95.axes + 3 * static_cast<std::ptrdiff_t>(i)) =
+        solver.eigenvectors().col(2 - i);
   }
   out.rms_mm = std::sqrt(std::max(0.0, grown.trace()));
   return out;
