@@ -225,7 +225,7 @@ base::Result<std::size_t> SessionReader::each_later(std::string_view topic, std:
                                                     const std::function<void(std::int64_t)> &visit) const {
   std::size_t number = 0;
   for (const SessionReader &reader : later_) {
-    const auto read = reader.each_body(topic, target, visit);
+    auto read = reader.each_body(topic, target, visit);
     if (!read) {
       return read;
     }

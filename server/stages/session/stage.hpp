@@ -29,8 +29,8 @@ struct SessionParameters {
   double trace_spacing_mm = SessionConfig{}.trace_spacing_mm;
   std::int64_t trace_max_samples = kMaxSurfaceSamples;
   double pivot_min_rotation_deg = 20.0;
-  std::int64_t pivot_max_samples = SessionConfig{}.pivot_max_samples;
-  std::int64_t min_checks = SessionConfig{}.min_checks;
+  std::int64_t pivot_max_samples = static_cast<std::int64_t>(SessionConfig{}.pivot_max_samples);
+  std::int64_t min_checks = static_cast<std::int64_t>(SessionConfig{}.min_checks);
   std::string state_directory; // empty: $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/bregma or ~/.local/state/bregma
   double correlation_length_mm = 12.0; // correlation of the surface error between neighbouring samples
 };
