@@ -15,8 +15,12 @@ namespace {
 // NORMAL in WAL mode: a commit writes to the log, which survives a crash of the process. The log is synced when it is
 // copied to the database, so a power failure can lose the last commits but not the file. A commit copies the log itself
 // only if it has grown to 64 MB, because nothing else has (SessionLog).
-constexpr const char *kPragmas = "PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL; PRAGMA temp_store=MEMORY;"
-                                 "PRAGMA wal_autocheckpoint=16384;";
+constexpr const char *kPragmas = "PRAGMA journal_mode=WAL; PRAGMA temp_store=MEMORY; PRAGMA wal_autocheckpoint=16384;";
+
+// The new file is made without waiting for the disk: on a busy one each sync can take a second, for which nothing would
+// be recorded. It reaches the disk when its log is first copied.
+constexpr const char *kWithoutSync = "PRAGMA synchronous=OFF;";
+constexpr const char *kWithSync = "PRAGMA synchronous=NORMAL;";
 
 constexpr const char *kSchema =
     "CREATE TABLE meta(key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;"
@@ -120,8 +124,10 @@ base::Result<SessionWriter> SessionWriter::create(const std::filesystem::path &f
   const std::string identity = "PRAGMA application_id=" + std::to_string(detail::kApplicationId) +
                                "; PRAGMA user_version=" + std::to_string(kSessionFileVersion) + ";";
   const std::string schema = "BEGIN IMMEDIATE;" + identity + kSchema + "COMMIT;";
-  const auto made = database->connection.execute(kPragmas)
+  const auto made = database->connection.execute(kWithoutSync)
+                        .and_then([&] { return database->connection.execute(kPragmas); })
                         .and_then([&] { return database->connection.execute(schema.c_str()); })
+                        .and_then([&] { return database->connection.execute(kWithSync); })
                         .and_then([&] { return database->prepare(); });
   if (!made) {
     return tl::unexpected(made.error());

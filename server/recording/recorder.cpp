@@ -170,6 +170,17 @@ void Recorder::run() {
 Result<void> Recorder::begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
                              const std::vector<casefile::MetaEntry> &meta) {
   static_cast<void>(finish()); // records that the disk did not accept are counted; another folder may have space
+  recording_.store(true, std::memory_order_relaxed); // records wait in the rings while the file is made
+  const auto made = make(file, attachments, meta);
+  if (!made) {
+    recording_.store(false, std::memory_order_relaxed);
+    drop_waiting();
+  }
+  return made;
+}
+
+Result<void> Recorder::make(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
+                            const std::vector<casefile::MetaEntry> &meta) {
   auto writer = casefile::SessionWriter::create(file);
   if (!writer) {
     return tl::unexpected(writer.error());
@@ -188,7 +199,6 @@ Result<void> Recorder::begin(const std::filesystem::path &file, const std::vecto
     if (auto log = casefile::SessionLog::open(file)) { // else the writer's commits copy the log
       copier_ = std::make_unique<LogCopier>(std::move(*log), options_.copy);
     }
-    recording_.store(true, std::memory_order_relaxed);
   }
   return written;
 }

@@ -8,7 +8,7 @@
 // recorder reports the error and retries, and the rings buffer records. Records that do not fit are dropped and
 // counted:
 //
-//   pushed = recorded + dropped + waiting   (pushes while no file is open are not counted)
+//   pushed = recorded + dropped + waiting   (pushes while no file is open or being made are not counted)
 //
 // Threads: the thread that owns the channel calls push. Any thread that may block calls open, attach, set_poll, close
 // and channel. Any thread may call status, which is wait-free.
@@ -130,6 +130,8 @@ private:
   void run();
   base::Result<void> begin(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
                            const std::vector<casefile::MetaEntry> &meta);
+  base::Result<void> make(const std::filesystem::path &file, const std::vector<casefile::Attachment> &attachments,
+                          const std::vector<casefile::MetaEntry> &meta);
   base::Result<void> finish();
   void drain();
   base::Result<std::uint64_t> write_waiting();

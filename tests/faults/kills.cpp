@@ -4,6 +4,7 @@
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <thread>
 #include <vector>
@@ -111,18 +112,25 @@ Kill Kills::next() {
   state_->kill();
   const auto reader = casefile::SessionReader::open(newest_session(operation.case_folder().loaded().folder));
   if (!reader) {
-    out.failure = reader.error().message;
+    char text[96];
+    (void)std::snprintf(
+        text, sizeof text, " (%.0f ms after its first pose)",
+        static_cast<double>(operation.probe.back().published_time_ns - operation.probe.front().published_time_ns) *
+            1e-6);
+    out.failure = reader.error().message + text;
     return out;
   }
-  std::int64_t recorded_ns = 0;
+  std::int64_t first_ns = 0, last_ns = 0;
   const auto read = reader->each<wire::NavigationState>([&](const wire::NavigationState &state, std::int64_t) {
-    recorded_ns = std::max(recorded_ns, state.published_time_ns);
+    first_ns = first_ns == 0 ? state.published_time_ns : first_ns;
+    last_ns = std::max(last_ns, state.published_time_ns);
   });
-  if (!read || recorded_ns == 0) {
+  if (!read || last_ns == 0) {
     out.failure = read ? "nothing was recorded" : read.error().message;
     return out;
   }
-  out.lost_ms = static_cast<double>(operation.probe.back().published_time_ns - recorded_ns) * 1e-6;
+  out.late_ms = static_cast<double>(first_ns - operation.probe.front().published_time_ns) * 1e-6;
+  out.lost_ms = static_cast<double>(operation.probe.back().published_time_ns - last_ns) * 1e-6;
   return out;
 }
 

@@ -10,7 +10,8 @@ namespace bregma::faults {
 struct Kill {
   std::string failure;       // empty: the daemon came back
   double registered_s = 0.0; // from its start to the restored registration
-  double lost_ms = 0.0;      // published before the kill and not in the session file
+  double late_ms = 0.0;      // from the first published state to the first recorded one
+  double lost_ms = 0.0;      // from the last recorded state to the last published one, before the kill
 };
 
 class Kills {

@@ -92,17 +92,16 @@ std::string json_line(const Planned &planned, const Outcome &outcome) {
 
 std::string table_row(int number, const Kill &kill, bool holds) {
   char text[128];
-  (void)std::snprintf(text, sizeof text, "kill %3d: %-3s registered after %.2f s, %5.1f ms of record lost ", number,
-                      holds ? "yes" : "NO", kill.registered_s, kill.lost_ms);
+  (void)std::snprintf(text, sizeof text,
+                      "kill %3d: %-3s registered after %.2f s, recorded after %.0f ms, %5.1f ms of record lost ",
+                      number, holds ? "yes" : "NO", kill.registered_s, kill.late_ms, kill.lost_ms);
   return text + kill.failure + "\n";
 }
 
 std::string json_line(int number, const Kill &kill, bool holds) {
-  const nlohmann::ordered_json out{{"kill", number},
-                                   {"holds", holds},
-                                   {"registered_s", kill.registered_s},
-                                   {"lost_ms", kill.lost_ms},
-                                   {"failure", kill.failure}};
+  const nlohmann::ordered_json out{
+      {"kill", number},          {"holds", holds},          {"registered_s", kill.registered_s},
+      {"late_ms", kill.late_ms}, {"lost_ms", kill.lost_ms}, {"failure", kill.failure}};
   return out.dump() + "\n";
 }
 
