@@ -67,12 +67,11 @@ void Session::Impl::set_recording(const std::filesystem::path &file) {
 
 void Session::Impl::start_loading(const std::string &folder, std::optional<Ticket> ticket,
                                   std::optional<SessionData> restoring) {
-  load_.emplace();
-  load_->folder = folder;
-  load_->deadline_ns = now_ns + std::llround(config_.load_timeout_ms * kNanosecondsPerMs);
-  load_->ticket = std::move(ticket);
-  load_->restoring = std::move(restoring);
-  load_->result = load_folder(folder, ports_.preparation(), executor_);
+  load_ = PendingLoad{.folder = folder,
+                      .result = load_folder(folder, ports_.preparation(), executor_),
+                      .deadline_ns = now_ns + std::llround(config_.load_timeout_ms * kNanosecondsPerMs),
+                      .ticket = std::move(ticket),
+                      .restoring = std::move(restoring)};
   poll_loading();
 }
 

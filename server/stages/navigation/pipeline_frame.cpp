@@ -1,8 +1,8 @@
 // From a tracker's frame to the bodies in it: visible, well-formed, plausible; and the tip of a tool in Reference.
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <numeric>
 
 #include "algorithms/registration/points/paired_points.hpp"
@@ -19,6 +19,10 @@ double expected_residual_mm(int markers, const NavigationParameters &parameters)
   const double variance = 2.0 * parameters.marker_sigma_lateral_mm * parameters.marker_sigma_lateral_mm +
                           parameters.marker_sigma_depth_mm * parameters.marker_sigma_depth_mm;
   return std::sqrt(variance * (markers - 2.0) / markers);
+}
+
+bool is_same(const wire::Pose &a, const wire::Pose &b) noexcept {
+  return std::ranges::equal(a.rotation_wxyz, b.rotation_wxyz) && std::ranges::equal(a.translation_mm, b.translation_mm);
 }
 
 Matrix6d stated_covariance(const wire::PoseCovariance &upper) noexcept {
@@ -78,7 +82,7 @@ void NavigationPipeline::locate(const wire::TrackedTool &seen, const casefile::T
     return;
   }
   body.visible = true;
-  if (body.acquired_ns == 0 || std::memcmp(&body.pose, &seen.T_tracker_tool, sizeof body.pose) != 0) {
+  if (body.acquired_ns == 0 || !is_same(body.pose, seen.T_tracker_tool)) {
     out.content = BodyFrame::Content::kNew;
     body.pose = seen.T_tracker_tool;
     body.acquired_ns = exposure_.acquired_ns;
