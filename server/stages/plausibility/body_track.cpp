@@ -11,7 +11,7 @@ namespace {
 // A minimum-jerk stroke of 0.4 m that reaches 2 m/s has a peak acceleration of 30 m/s^2: two sigma.
 constexpr double kAcceleration_mm_s2 = 15'000.0;
 constexpr double kUnknownSpeed_mm_s = 1'000.0; // 1 sigma of a coordinate: half of a hand's maximum
-constexpr double kMaxTurn_rad_s = 20.0;      // a hand that flicks a tool
+constexpr double kMaxTurn_rad_s = 20.0;        // a hand that flicks a tool
 
 } // namespace
 
@@ -38,7 +38,8 @@ double BodyTrack::test(const BodySample &sample) const noexcept {
 void BodyTrack::start(const BodySample &sample) noexcept {
   started_ = true;
   last_ = sample;
-  state_ = {sample.point_mm, geometry::Vector3d::Zero(), sample.variance_mm2, 0.0, kUnknownSpeed_mm_s * kUnknownSpeed_mm_s};
+  state_ = {sample.point_mm, geometry::Vector3d::Zero(), sample.variance_mm2, 0.0,
+            kUnknownSpeed_mm_s * kUnknownSpeed_mm_s};
 }
 
 void BodyTrack::update(const BodySample &sample) noexcept {

@@ -187,7 +187,7 @@ TEST(Validity, WhatWasQueuedWhileTheClientWasStoppedIsNotShown) {
     OtherHost host(-3 * kSecond_ns);
     host.run(kStart, kStart + joined_for);
     const std::int64_t wakes = kStart + joined_for + 3 * kSecond_ns;
-    for (int i = 0; i < 100; ++i) { // the socket's queue: the second after the stop, delivered within 5 ms
+    for (std::int64_t i = 0; i < 100; ++i) { // the socket's queue: the second after the stop, delivered within 5 ms
       const std::int64_t published = kStart + joined_for + i * 10 * kMillisecond_ns;
       const auto queued = host.sample(published, wakes - published + i * 50'000);
       EXPECT_EQ(wire::remaining_ns(pose, queued, queued.boot_ns), 0) << joined_for << " " << i;
@@ -241,7 +241,8 @@ TEST(TipError, GrowsWithTheTimeSincePublication) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(P);
   for (int i = 0; i < 3; ++i) {
     state.tre_95.semi_axes_mm[i] = std::sqrt(7.814727903251179 * solver.eigenvalues()[2 - i]);
-    Eigen::Map<Eigen::Vector3d>(state.tre_95.axes + 3 * i) = solver.eigenvectors().col(2 - i);
+    Eigen::Map<Eigen::Vector3d>(state.tre_95.axes + 3 * static_cast<std::ptrdiff_t>(i)) =
+        solver.eigenvectors().col(2 - i);
   }
   state.tre_rms_mm = std::sqrt(P.trace());
   const auto unchanged = wire::tip_error(state, 100 * kMillisecond_ns);
