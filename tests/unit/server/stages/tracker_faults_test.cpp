@@ -169,7 +169,7 @@ INSTANTIATE_TEST_SUITE_P(All, TrackerFault,
 
 bool is_finite(const wire::NavigationState &state) {
   const auto finite = [](const auto &values) {
-    return Eigen::Map<const Eigen::ArrayXd>(values, std::size(values)).allFinite();
+    return Eigen::Map<const Eigen::ArrayXd>(values, std::ssize(values)).allFinite();
   };
   return finite(state.T_image_tip.rotation_wxyz) && finite(state.T_image_tip.translation_mm) &&
          finite(state.velocity_mm_s) && finite(state.covariance) && std::isfinite(state.tre_rms_mm) &&
