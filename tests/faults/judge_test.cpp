@@ -37,7 +37,7 @@ TEST(Judge, ASessionThatIsLostIsNotRecoveredFrom) {
 
 TEST(DeviceLedger, CountsANumberOnceAndAGapOnce) {
   DeviceLedger ledger;
-  for (const std::uint64_t number : {5, 6, 8, 8, 7, 12}) {
+  for (const std::uint64_t number : {5U, 6U, 8U, 8U, 7U, 12U}) {
     ledger.arrived(number, true, static_cast<std::int64_t>(number));
   }
   EXPECT_EQ(ledger.lost(4), 1U); // 7 is still missing

@@ -94,7 +94,7 @@ TEST(LiveView, APoseEndsWithItsTimeAndItsErrorGrowsUntilThen) {
   auto snapshot = navigating();
   auto &state = snapshot.tools["Probe"];
   std::fill_n(state.tre_95.semi_axes_mm, 3, 1.0);
-  for (int i = 0; i < 3; ++i) {
+  for (std::size_t i = 0; i < 3; ++i) {
     state.tre_95.axes[4 * i] = 1.0;
     state.velocity_covariance_mm2_s2[4 * i] = 400.0;
   }

@@ -86,7 +86,7 @@ TEST_F(ReportCommand, TheFilesOfAnOperationWithARestartAreOneReport) {
     health.started_time_ns = daemon_ns;
     health.device_count = 1;
     ASSERT_TRUE(wire::set_name(health.devices[0].device, "Tracker"));
-    for (const std::uint64_t lost : {0, 7}) {
+    for (const std::uint64_t lost : {0U, 7U}) {
       health.time_ns = daemon_ns + static_cast<std::int64_t>(lost + 1) * 100 * test::kMs;
       health.devices[0].lost = lost;
       health.devices[0].taken = 100 * (lost + 1);
