@@ -111,6 +111,9 @@ TEST(Soak, EverySampleIsCountedAndMemoryIsConstant) {
   Operation operation;
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
   operation.start_daemon();
+  // The recording begins with the restored case, which is loaded beside the loops.
+  ASSERT_TRUE(operation.observe_until([&] { return operation.health.session == bregma_wire_SESSION_REGISTERED; }))
+      << operation.logs();
   operation.start_room(scenario(seconds), {"--json"});
 
   std::vector<MemoryAt> memory;
