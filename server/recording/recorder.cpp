@@ -171,7 +171,7 @@ Result<void> Recorder::begin(const std::filesystem::path &file, const std::vecto
                              const std::vector<casefile::MetaEntry> &meta) {
   static_cast<void>(finish()); // records that the disk did not accept are counted; another folder may have space
   recording_.store(true, std::memory_order_relaxed); // records wait in the rings while the file is made
-  const auto made = make(file, attachments, meta);
+  auto made = make(file, attachments, meta);
   if (!made) {
     recording_.store(false, std::memory_order_relaxed);
     drop_waiting();
