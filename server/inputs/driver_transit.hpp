@@ -8,9 +8,8 @@
 // - measured by the wall clocks where both are synchronised, to the sum of their stated errors. A step of one of them
 //   contradicts the offset before it: that is held, with an uncertainty that grows by the drift of two crystals;
 // - otherwise only bounded: a transit is not negative, so the offset is at most the lower envelope of arrival minus
-// write.
-//   The envelope is held for as long as drift allows (base/device_clock.hpp), so that a latency that rises and stays
-//   remains visible. The shortest transit is then part of the uncertainty.
+//   write. The envelope is held for as long as drift allows (base/device_clock.hpp), so that a latency that rises and
+//   stays remains visible. The shortest transit is then part of the uncertainty.
 //
 // Threads: one. No allocation, no exceptions.
 #pragma once
@@ -49,8 +48,9 @@ public:
   static constexpr double kDrift_ppm = 100.0;
   // Bound of the shortest transit of a path without synchronised clocks.
   static constexpr std::int64_t kShortestTransit_ns = 10'000'000;
-  // A boot clock that is ahead of ours by more is not the same one.
-  static constexpr std::int64_t kSameClock_ns = 1'000'000;
+  // A boot clock that is ahead of ours by more is not the same one. The arrival is the time at which the stage's step
+  // began. A step that is preempted takes samples that were written after that; their transit is 0.
+  static constexpr std::int64_t kSameClock_ns = 100'000'000;
   // Differences of synchronised clocks below this are not significant: two clocks are not read at the same instant.
   static constexpr std::int64_t kLeastError_ns = 1'000'000;
 

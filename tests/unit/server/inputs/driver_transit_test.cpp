@@ -79,8 +79,14 @@ TEST_F(TransitTest, IsExactOnOneHostWhateverTheDelayDoesAndTheWallClocksDo) {
   EXPECT_EQ(refused, 0);
 }
 
+TEST_F(TransitTest, ASampleThatWasWrittenDuringALongStepHasArrivedAtOnce) {
+  const Transit during = clock.observe(link.write_time(now_ns + 20 * kMs), now_ns, host);
+  EXPECT_EQ(during.verdict, base::TimeVerdict::kInStep);
+  EXPECT_EQ(during.written_ns, now_ns);
+}
+
 TEST_F(TransitTest, ASampleOfThisBootFromTheFutureIsRefused) {
-  const Transit early = clock.observe(link.write_time(now_ns + 2 * kMs), now_ns, host);
+  const Transit early = clock.observe(link.write_time(now_ns + 101 * kMs), now_ns, host);
   EXPECT_EQ(early.verdict, base::TimeVerdict::kInFuture);
 }
 
