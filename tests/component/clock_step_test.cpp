@@ -51,7 +51,7 @@ TEST(ClockStep, OfAnyWallClockDuringANavigationCostsNothingAndRaisesAnAlarm) {
   constexpr std::int64_t kEvery_ns = 3 * kSecond;
   constexpr std::int64_t kSteps_ms[] = {-3'600'000, -5'000, -100, 50, 3'600'000};
   const CaseFolder folder;
-  VirtualOperation operation(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps), kSeed);
+  VirtualOperation operation(folder.loaded(), scenario_of(kRegisterSteps + kNavigateSteps), kSeed);
   Watched probe(operation);
   std::int64_t next_ns = 0;
   std::vector<std::int64_t> daemon_steps_ns;
@@ -89,7 +89,7 @@ TEST(ClockStep, WhileTheTrackerIsSilentLeavesNoOldPoseLive) {
   const CaseFolder folder;
   for (const std::int64_t step_ms : {-3'600'000, -5'000, -100, 50, 3'600'000}) {
     SCOPED_TRACE(std::to_string(step_ms) + " ms");
-    VirtualOperation operation(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps + R"(
+    VirtualOperation operation(folder.loaded(), scenario_of(kRegisterSteps + kNavigateSteps + R"(
 [[faults]]
 kind = "tracker_silent"
 step = "follow_trajectory"
@@ -118,7 +118,7 @@ TEST(ClockStep, ADelayOfTheNetworkIsInTheAgeOfAPose) {
   const CaseFolder folder;
   for (const bool other_host : {false, true}) {
     SCOPED_TRACE(other_host ? "synchronised hosts" : "one host");
-    VirtualOperation operation(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps), kSeed);
+    VirtualOperation operation(folder.loaded(), scenario_of(kRegisterSteps + kNavigateSteps), kSeed);
     Watched probe(operation);
     VirtualLink &link = operation.link();
     if (other_host) {

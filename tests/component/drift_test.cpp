@@ -22,7 +22,7 @@ const wire::Alarm *drift_alarm(const VirtualOperation &operation) {
 
 // The operation up to a verified registration, followed by three check touches.
 std::string checked_twice(const std::string &fault) {
-  return std::string(kRegisterSteps) + R"(
+  return kRegisterSteps + R"(
 [[steps]]
 do = "check_landmarks"
 tool = "Stylus"

@@ -63,8 +63,7 @@ TEST(EndedCase, LeavesNothingOnTheTopicsThatAClientThatJoinsLateCouldTakeForTheP
   const std::string end = "[[steps]]\ndo = \"stop_navigation\"\n[[steps]]\ndo = \"close_case\"\n" + kWait;
   server::Config config = quick_config();
   config.stages.of<server::TissueModelParameters>().elements = 2000;
-  VirtualOperation operation(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps + end), kSeed,
-                             config);
+  VirtualOperation operation(folder.loaded(), scenario_of(kRegisterSteps + kNavigateSteps + end), kSeed, config);
   Bus bus(operation.topics());
   wire::NavigationState last{};
   operation.topics().observe<wire::NavigationState>([&](const wire::NavigationState &state) {
@@ -104,9 +103,8 @@ TEST(EndedCase, LeavesNothingOnTheTopicsThatAClientThatJoinsLateCouldTakeForTheP
 
 TEST(EndedCase, ARegistrationThatIsStartedAnewEndsThePointsOfTheLastOne) {
   const CaseFolder folder;
-  VirtualOperation operation(
-      folder.loaded(), scenario_of(std::string(kRegisterSteps) + "[[steps]]\ndo = \"start_registration\"\n" + kWait),
-      kSeed);
+  VirtualOperation operation(folder.loaded(),
+                             scenario_of(kRegisterSteps + "[[steps]]\ndo = \"start_registration\"\n" + kWait), kSeed);
   Bus bus(operation.topics());
   ASSERT_TRUE(operation.run()) << operation.failure();
   EXPECT_EQ(bus.alive("CapturedPoint"), 0U);

@@ -19,7 +19,7 @@ TEST(LoopStep, NoStepOfAnyLoopAllocatesInACompleteOperation) {
   const CaseFolder folder;
   server::Config config = quick_config();
   config.stages.of<server::TissueModelParameters>().elements = 2000;
-  VirtualOperation operation(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps), kSeed, config);
+  VirtualOperation operation(folder.loaded(), scenario_of(kRegisterSteps + kNavigateSteps), kSeed, config);
   struct Count {
     std::uint64_t steps = 0;
     std::uint64_t allocations = 0;

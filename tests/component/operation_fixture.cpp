@@ -46,7 +46,7 @@ casefile::Case checked_case(const std::filesystem::path &folder) {
 
 std::uint32_t operation_domain() { return 20 + static_cast<std::uint32_t>(getpid()) % 80; }
 
-const char *const kRegisterSteps = R"(
+const std::string kCalibrateSteps = R"(
 [[steps]]
 do = "load_case"
 [[steps]]
@@ -57,6 +57,9 @@ duration_s = 6.0
 do = "pivot"
 tool = "Probe"
 duration_s = 6.0
+)";
+
+const std::string kRegisterSteps = kCalibrateSteps + R"(
 [[steps]]
 do = "start_registration"
 [[steps]]
@@ -70,7 +73,7 @@ length_mm = 900.0
 do = "accept_registration"
 )";
 
-const char *const kNavigateSteps = R"(
+const std::string kNavigateSteps = R"(
 [[steps]]
 do = "check_landmarks"
 tool = "Stylus"

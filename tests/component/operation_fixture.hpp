@@ -33,8 +33,9 @@ private:
 };
 
 // The steps up to an accepted registration, and those from there to navigation, as scenario text.
-extern const char *const kRegisterSteps;
-extern const char *const kNavigateSteps;
+extern const std::string kCalibrateSteps;
+extern const std::string kRegisterSteps; // contain those to calibrate
+extern const std::string kNavigateSteps;
 
 [[nodiscard]] sim::Scenario scenario_of(const std::string &toml);
 

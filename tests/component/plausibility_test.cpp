@@ -75,7 +75,7 @@ private:
 
 TEST(Plausibility, CleanOperationsAreLiveAndRaiseNoAlarm) {
   const CaseFolder folder;
-  const sim::Scenario scenario = scenario_of(std::string(kRegisterSteps) + kNavigateSteps);
+  const sim::Scenario scenario = scenario_of(kRegisterSteps + kNavigateSteps);
   double least = 1.0;
   std::uint64_t frames = 0;
   std::uint64_t refused = 0;
@@ -123,7 +123,7 @@ TEST(Plausibility, CleanOperationsAreLiveAndRaiseNoAlarm) {
 // An operation whose probe's data are spoiled from a time after it was shown live for a second.
 struct Spoiled {
   explicit Spoiled(const CaseFolder &folder, std::uint64_t seed, const std::function<void(wire::TrackedTool &)> &spoil)
-      : operation(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps), seed),
+      : operation(folder.loaded(), scenario_of(kRegisterSteps + kNavigateSteps), seed),
         line([this, spoil](wire::TrackerFrame &frame) {
           const bool begun = begin_ns && operation.now_ns() >= *begin_ns;
           for (std::uint32_t i = 0; begun && i < frame.tool_count; ++i) {
@@ -178,7 +178,7 @@ TEST(Plausibility, AFaultyProbeIsNotLiveAndItsAlarmNamesToolAndReason) {
 
 TEST(Plausibility, AnUnknownToolInAFrameIsNamedAndTheOthersNavigate) {
   const CaseFolder folder;
-  VirtualOperation operation(folder.loaded(), scenario_of(std::string(kRegisterSteps) + kNavigateSteps), kSeed);
+  VirtualOperation operation(folder.loaded(), scenario_of(kRegisterSteps + kNavigateSteps), kSeed);
   SpoilingLine line([](wire::TrackerFrame &frame) {
     wire::TrackedTool &extra = frame.tools[frame.tool_count++];
     extra = frame.tools[0];

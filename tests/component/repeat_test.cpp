@@ -72,7 +72,7 @@ void expect_same(const std::vector<Published> &first, const std::vector<Publishe
 
 TEST(VirtualTime, AnOperationPublishesTheSameBytesTwice) {
   const CaseFolder folder;
-  const std::string steps = std::string(kRegisterSteps) + kNavigateSteps;
+  const std::string steps = kRegisterSteps + kNavigateSteps;
   const auto first = operate(folder, steps, quick_config());
   EXPECT_GT(first.size(), 10'000U);
   expect_same(first, operate(folder, steps, quick_config()));
@@ -80,7 +80,7 @@ TEST(VirtualTime, AnOperationPublishesTheSameBytesTwice) {
 
 TEST(VirtualTime, AnOperationWithTheTissueModelPublishesTheSameBytesTwice) {
   const CaseFolder folder;
-  const std::string steps = std::string(kRegisterSteps) + kNavigateSteps;
+  const std::string steps = kRegisterSteps + kNavigateSteps;
   server::Config config = quick_config();
   config.stages.of<server::TissueModelParameters>().elements = 2000;
   const auto first = operate(folder, steps, config);

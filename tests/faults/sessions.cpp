@@ -21,19 +21,6 @@ force_rate_hz = 50.0
 range_rate_hz = 25.0
 )";
 
-constexpr const char *kCalibrate = R"(
-[[steps]]
-do = "load_case"
-[[steps]]
-do = "pivot"
-tool = "Stylus"
-duration_s = 6.0
-[[steps]]
-do = "pivot"
-tool = "Probe"
-duration_s = 6.0
-)";
-
 constexpr const char *kVerify = R"(
 [[steps]]
 do = "check_landmarks"
@@ -104,7 +91,7 @@ Sessions::Sessions() {
       throw std::runtime_error("the session cannot be prepared: " + operation.failure());
     }
   };
-  bring(kCalibrate, calibrated_);
+  bring(test::kCalibrateSteps, calibrated_);
   bring(test::kRegisterSteps, registered_);
 }
 
