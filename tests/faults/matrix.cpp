@@ -43,13 +43,17 @@ Expectation implausible(std::vector<std::string> words) {
   return out;
 }
 
-void add_tracker(std::vector<Cell> &out) {
-  const auto add = [&out](Fault fault, const char *variant, Cell cell) {
-    cell.subject = kTracker;
+auto adder(std::vector<Cell> &out, Subject subject) {
+  return [&out, subject](Fault fault, const char *variant, Cell cell) {
+    cell.subject = subject;
     cell.fault = fault;
     cell.variant = variant;
     out.push_back(std::move(cell));
   };
+}
+
+void add_tracker(std::vector<Cell> &out) {
+  const auto add = adder(out, kTracker);
   const std::vector<std::string> tools{"Stylus", "Probe", "Tracker"};
   add(kSilent, "", {.lasts_s = 2.0, .link = {.cut = true}, .expect = critical({"tracker_lost Tracker"})});
   add(kLate, "20 ms", {.link = {.delay_ms = 20.0}, .expect = undisturbed()});
@@ -100,12 +104,7 @@ void add_tracker(std::vector<Cell> &out) {
 
 void add_sensor(std::vector<Cell> &out, Subject subject, const char *device) {
   const std::string name(device);
-  const auto add = [&out, subject](Fault fault, const char *variant, Cell cell) {
-    cell.subject = subject;
-    cell.fault = fault;
-    cell.variant = variant;
-    out.push_back(std::move(cell));
-  };
+  const auto add = adder(out, subject);
   add(kSilent, "", {.lasts_s = 2.0, .link = {.cut = true}, .expect = noticed({"device_lost " + name})});
   add(kLate, "500 ms", {.link = {.delay_ms = 500.0}, .expect = undisturbed()});
   add(kReordered, "", {.link = {.reordered = 0.2}, .expect = undisturbed()});
@@ -127,12 +126,7 @@ void add_sensor(std::vector<Cell> &out, Subject subject, const char *device) {
 }
 
 void add_client(std::vector<Cell> &out) {
-  const auto add = [&out](Fault fault, const char *variant, Cell cell) {
-    cell.subject = kClient;
-    cell.fault = fault;
-    cell.variant = variant;
-    out.push_back(std::move(cell));
-  };
+  const auto add = adder(out, kClient);
   add(kSilent, "link cut", {.lasts_s = 1.5, .link = {.cut = true}, .expect = undisturbed()});
   add(kLate, "20 ms", {.link = {.delay_ms = 20.0}, .expect = undisturbed()});
   add(kLate, "500 ms", {.link = {.delay_ms = 500.0}, .expect = undisturbed()});
