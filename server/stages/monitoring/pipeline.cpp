@@ -224,10 +224,13 @@ void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64
     hidden << name << " is not seen by the tracker";
     alarms_.update(kind(alarm::kToolHidden, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
                    navigating && tool.planned && tool.status == bregma_wire_POSE_TOOL_HIDDEN, hidden.text, now_ns);
+    const bool stale = tool.status == bregma_wire_POSE_STALE;
     Sentence late;
-    late << name << " is shown late: its pose is older than the limit when it is published";
+    late << name
+         << (stale ? " is not shown: its poses arrive too late"
+                   : " is shown late: its pose is older than the limit when it is published");
     alarms_.update(kind(alarm::kLatency, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
-                   shown && tool.age_ns > ns_of_ms(parameters_.max_age_ms), late.text, now_ns);
+                   (shown || stale) && tool.age_ns > ns_of_ms(parameters_.max_age_ms), late.text, now_ns);
   }
   Sentence hidden;
   hidden << wire::view(accuracy_.reference) << " is not seen by the tracker: no tool is shown";
