@@ -71,6 +71,8 @@ inline constexpr Qos kState{true, true, 1, 0, 1'000 * kMillisecond_ns};
 // A display that joins late can draw the complete trace: fiducials, the longest trace (2,000 samples) and checks.
 inline constexpr Qos kCaptures{true, true, 4096, 0, 1'000 * kMillisecond_ns};
 inline constexpr Qos kControl{true, false, 0, 0, 0};
+// The key is the client: one that does not read loses its own oldest replies, and delays nobody.
+inline constexpr Qos kReplies{true, false, 64, 0, 0};
 } // namespace qos
 
 // X(type, quality of service)
@@ -92,7 +94,7 @@ inline constexpr Qos kControl{true, false, 0, 0, 0};
   X(FiducialReport, kState)                                                                                            \
   X(Alarm, kState)                                                                                                     \
   X(Command, kControl)                                                                                                 \
-  X(CommandReply, kControl)                                                                                            \
+  X(CommandReply, kReplies)                                                                                            \
   X(SimulatedTruth, kTruth)                                                                                            \
   X(DriverHealth, kState)
 
