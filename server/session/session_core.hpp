@@ -132,6 +132,8 @@ private:
 
   // Publishes a captured point; its instance ends with the set of samples.
   void show(const wire::CapturedPoint &point);
+  void show_points(); // all of the registration: fiducials and surface
+  void hide_points(); // ends the instances of all tools
   // Ends running operations. Waiting commands are refused with the reason.
   void abandon(const std::string &reason);
   void end_trace();

@@ -149,6 +149,8 @@ Answer Session::Impl::remove_fiducial(const std::string &point) {
   (void)wire::set_name(removed.point, point);
   changed();
   ports_.send(RegistrationMessage(removed));
+  hide_points(); // a point cannot be taken back from an instance: those that are left are published again
+  show_points();
   return {.text = point + " is removed, " + std::to_string(data_.fiducials.size()) + " fiducials are left"};
 }
 
@@ -285,6 +287,25 @@ void Session::Impl::clear_samples() {
   data_.accepted.reset();
   estimate_.reset();
   changed();
+  hide_points();
+  send_all(RegistrationReset{++data_.revision});
+}
+
+void Session::Impl::show(const wire::CapturedPoint &point) {
+  shown_tools_.insert(wire::text(point.tool));
+  ports_.publish(point);
+}
+
+void Session::Impl::show_points() {
+  for (const auto &[name, sample] : data_.fiducials) {
+    show(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, name));
+  }
+  for (const SurfaceSample &sample : data_.surface) {
+    show(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
+  }
+}
+
+void Session::Impl::hide_points() {
   for (const std::string &tool : std::exchange(shown_tools_, {})) {
     wire::CapturedPoint last{};
     (void)wire::set_name(last.tool, tool);
@@ -293,12 +314,6 @@ void Session::Impl::clear_samples() {
     last.ended = true;
     ports_.publish(last);
   }
-  send_all(RegistrationReset{++data_.revision});
-}
-
-void Session::Impl::show(const wire::CapturedPoint &point) {
-  shown_tools_.insert(wire::text(point.tool));
-  ports_.publish(point);
 }
 
 } // namespace bregma::server

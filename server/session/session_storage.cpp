@@ -153,13 +153,12 @@ base::Result<void> Session::Impl::bring_back(SessionData data, const LoadedFolde
   for (auto &[name, sample] : data_.fiducials) {
     sample.revision = data_.revision;
     ports_.send(RegistrationMessage(sample));
-    show(captured_point(sample, bregma_wire_CAPTURE_FIDUCIAL_TOUCH, name));
   }
   for (SurfaceSample &sample : data_.surface) {
     sample.revision = data_.revision;
     ports_.send(RegistrationMessage(sample));
-    show(captured_point(sample, bregma_wire_CAPTURE_SURFACE, ""));
   }
+  show_points();
   if (data_.accepted) {
     send_all(*data_.accepted);
     condition(kVerify, "", true, bregma_wire_SEVERITY_WARNING,

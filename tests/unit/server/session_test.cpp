@@ -111,6 +111,19 @@ TEST_F(SessionTest, AnEstimateThatLacksTheLastSampleIsNotAccepted) {
   EXPECT_EQ(harness.session->data().accepted->revision, loops.revision);
 }
 
+TEST_F(SessionTest, ARemovedFiducialIsNoCapturedPointAnyMore) {
+  harness.up_to(kRegistering, ball);
+  for (const char *fiducial : {"F1", "F2", "F3"}) {
+    harness.done(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, "Stylus", fiducial);
+  }
+  loops.captured.clear();
+  harness.done(bregma_wire_COMMAND_REMOVE_FIDUCIAL, "F2");
+  ASSERT_EQ(loops.captured.size(), 3U);
+  EXPECT_TRUE(loops.captured[0].ended) << "the instance of the tool";
+  EXPECT_EQ(wire::view(loops.captured[1].point), "F1");
+  EXPECT_EQ(wire::view(loops.captured[2].point), "F3");
+}
+
 TEST_F(SessionTest, ALostTrackerDegradesAndTheSessionResumesAutomatically) {
   harness.up_to(kNavigating, ball);
   harness.condition(alarm::kTrackerLost, "Tracker", true, SessionEffect::kDegrade);
