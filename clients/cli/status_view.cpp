@@ -121,6 +121,14 @@ std::string devices_text(const wire::SystemHealth &health, const DaemonView &dae
                    std::string(reject_label(static_cast<wire::RejectReason>(i))) + "\n";
       }
     }
+    if (device.malformed_bodies > 0) {
+      reasons +=
+          "  " + name + " sent " + std::to_string(device.malformed_bodies) + " malformed tools in other samples\n";
+    }
+    if (device.other_writer > 0 || device.takeovers > 0) {
+      reasons += "  " + name + " has a second driver: " + std::to_string(device.other_writer) +
+                 " of its samples were refused, it took over " + std::to_string(device.takeovers) + " times\n";
+    }
   }
   if (health.unknown_device_samples > 0) {
     reasons += "  " + std::to_string(health.unknown_device_samples) + " samples of devices that are not configured\n";
@@ -189,6 +197,9 @@ json device_json(const wire::DeviceHealth &device, const DaemonView &daemon) {
           {"taken", device.taken},
           {"rejected", rejected(device)},
           {"rejected_by_reason", std::move(by_reason)},
+          {"malformed_bodies", device.malformed_bodies},
+          {"other_writer", device.other_writer},
+          {"takeovers", device.takeovers},
           {"lost", device.lost},
           {"late", device.late},
           {"clock_offset_ms", json_number(device.clock_offset_ms)},

@@ -182,8 +182,11 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
       const bool tracker = device.kind == bregma_wire_DEVICE_TRACKER;
       Sentence lost;
       lost << name << (tracker ? " is silent: no pose is shown" : " is silent");
-      alarms_.update(tracker ? kind(alarm::kTrackerLost, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kDegrade)
-                             : kind(alarm::kDeviceLost, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone),
+      // A device counts as lost only after its deadline, so half of the hysteresis is enough for a step of its clock.
+      alarms_.update({tracker ? alarm::kTrackerLost : alarm::kDeviceLost,
+                      tracker ? bregma_wire_SEVERITY_CRITICAL : bregma_wire_SEVERITY_WARNING,
+                      tracker ? SessionEffect::kDegrade : SessionEffect::kNone,
+                      ns_of_ms(0.5 * parameters_.raise_after_ms), ns_of_ms(parameters_.clear_after_ms)},
                      name, device.status == bregma_wire_DEVICE_LOST, lost.text, now_ns);
 
       Sentence refused;

@@ -14,6 +14,10 @@ const char *what(wire::PlausibilityReason reason) noexcept {
     return "it is outside the tracker's stated volume (relative position";
   case bregma_wire_IMPLAUSIBLE_JUMP:
     return "it moved as no hand can (statistic";
+  case bregma_wire_IMPLAUSIBLE_ROTATION:
+    return "it turned as no hand can, is it mirrored or transposed? (statistic";
+  case bregma_wire_IMPLAUSIBLE_DISPLACED:
+    return "it is not where it was before it was hidden (statistic";
   case bregma_wire_IMPLAUSIBLE_RESIDUAL:
     return "its markers do not fit its geometry (residual / expected";
   default:

@@ -103,6 +103,7 @@ void NavigationPipeline::on(const NavigationMessage &message) noexcept {
 void NavigationPipeline::reset_filters() noexcept {
   for (Tool &tool : tools_) {
     tool.filter.reset();
+    tool.turn_rate.reset();
   }
 }
 
@@ -131,7 +132,9 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposur
       locate(frame, *tools_[i].model, tools_[i].body);
     }
     judge();
+    malformed_bodies_ += reference_.malformed() ? 1 : 0;
     for (std::size_t i = 0; i < tool_count_; ++i) {
+      malformed_bodies_ += tools_[i].body.malformed() ? 1 : 0;
       record(tools_[i], now_ns);
     }
   }

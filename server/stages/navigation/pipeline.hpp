@@ -27,6 +27,7 @@
 #include "server/stages/loaded_case.hpp"
 #include "server/stages/navigation/capture.hpp"
 #include "server/stages/navigation/tip_filter.hpp"
+#include "server/stages/navigation/turn_rate.hpp"
 #include "server/stages/plausibility/frame_judge.hpp"
 #include "server/stages/plausibility/tracker_volume.hpp"
 #include "server/stages/views.hpp"
@@ -83,6 +84,8 @@ public:
   // Plausibility of the bodies, for monitoring. The second: per tool, in the order of states().
   [[nodiscard]] BodyReport reference_report() const noexcept;
   [[nodiscard]] BodyReport report(std::size_t tool) const noexcept;
+  // Bodies that were refused as malformed in accepted frames, since the start.
+  [[nodiscard]] std::uint64_t malformed_bodies() const noexcept { return malformed_bodies_; }
   // The probe at the last frame or tick, input of the tissue model.
   [[nodiscard]] ProbeView probe() const noexcept;
 
@@ -108,6 +111,7 @@ private:
     geometry::Matrix3d tip_covariance = geometry::Matrix3d::Zero();
     const casefile::Trajectory *plan = nullptr;
     TipFilter filter;
+    TurnRate turn_rate;
     planning::CriticalStructures::Warm warm;
   };
   using TipPose = geometry::UncertainPose<geometry::frame::Reference, geometry::frame::Tip>;
@@ -165,6 +169,7 @@ private:
   SurfaceTrace trace_;
   PivotRequest pivot_{};
 
+  std::uint64_t malformed_bodies_ = 0;
   bool any_frame_ = false;
   std::uint64_t frame_ = 0;
   std::int64_t frame_sent_ns_ = 0;

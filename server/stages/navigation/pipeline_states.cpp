@@ -77,15 +77,16 @@ void NavigationPipeline::publish(Tool &tool, wire::NavigationState &state, std::
     state.valid_for_ns = stale_at_ns(tool) - now_ns;
   } else {
     tool.filter.reset();
+    tool.turn_rate.reset();
     clear_pose(state);
   }
   const bool judged = (reference_.visible || reference_.malformed()) && (tool.body.visible || tool.body.malformed());
   put(judged ? judge_.judgement(index_of(tool)) : Judgement{}, state);
 }
 
-// The tip at the time of publication. Rotation and its error are those of the frame. The position's error is that of
-// the filter, or of the frame if configured, and grows with the age. The cross-covariance with the rotation is reduced
-// by the filter's gain.
+// The tip at the time of publication. The rotation is that of the frame. The position's error is that of the filter, or
+// of the frame if configured; both errors grow with the age. The cross-covariance with the rotation is reduced by the
+// filter's gain.
 NavigationPipeline::MovingTip NavigationPipeline::moved(Tool &tool, const TipPose &T_reference_tip,
                                                         double age_s) const noexcept {
   // Conversion between perturbations about Reference's origin and about the tip.
@@ -100,6 +101,8 @@ NavigationPipeline::MovingTip NavigationPipeline::moved(Tool &tool, const TipPos
   const Vector3d path_of_a_sigma = 1e-9 * static_cast<double>(exposure_.sigma_ns) * tip.velocity_mm_s;
   tip.P += path_of_a_sigma * path_of_a_sigma.transpose();
 
+  tool.turn_rate.add(T_reference_tip.pose.rotation(), acquired_ns(tool));
+  covariance.topLeftCorner<3, 3>() += tool.turn_rate.growth(age_s);
   covariance.bottomRightCorner<3, 3>() = tip.P;
   if (filtered) {
     covariance.topRightCorner<3, 3>() = (covariance.topRightCorner<3, 3>() * tool.filter.gain().transpose()).eval();

@@ -12,7 +12,7 @@
 namespace bregma::server {
 namespace {
 
-constexpr std::int64_t kShareInterval_ns = 100'000'000;
+constexpr std::int64_t kShareInterval_ns = 50'000'000;
 
 inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
   inputs::DeviceOptions out;
@@ -82,9 +82,11 @@ void NavigationStage::step(const Moment &now) noexcept {
         const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);
         if (verdict.accepted && navigates(verdict.device, now.utc_ns)) {
           frame_period_ns_ = frame.period_ns;
+          const std::uint64_t malformed = pipeline_.malformed_bodies();
           pipeline_.on_frame(
               frame, {verdict.acquired_time_ns, verdict.age_sigma_ns, verdict.period_ns, verdict.written_time_ns},
               now.utc_ns);
+          malformed_bodies_[static_cast<std::size_t>(verdict.device)] += pipeline_.malformed_bodies() - malformed;
           publish(now);
         }
       });
@@ -146,7 +148,11 @@ void NavigationStage::publish(const Moment &now) noexcept {
 }
 
 void NavigationStage::share(const Moment &now) noexcept {
-  devices.store(guard_.health(now.utc_ns));
+  inputs::StreamHealth health = guard_.health(now.utc_ns);
+  for (std::uint32_t i = 0; i < health.device_count; ++i) {
+    health.devices[i].malformed_bodies = malformed_bodies_[i];
+  }
+  devices.store(health);
   TrackingView view;
   view.reference_visible = pipeline_.reference_visible();
   copy_name(view.tracker, pipeline_.tracker());

@@ -55,8 +55,9 @@ private:
   wire::BootIdentity boot_id_;
   int tracker_ = -1; // index of the one that navigates; -1: none has sent yet
   std::int64_t frame_period_ns_ = 0;
-  std::int64_t shared_ns_ = 0; // monotonic
-  bool published_ = false;     // since the last tick
+  std::int64_t shared_ns_ = 0;                                            // monotonic
+  bool published_ = false;                                                // since the last tick
+  std::array<std::uint64_t, bregma_wire_MAX_DEVICES> malformed_bodies_{}; // of each tracker
 };
 
 } // namespace bregma::server

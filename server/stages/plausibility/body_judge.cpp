@@ -49,31 +49,34 @@ void BodyJudge::residual(double rms_mm, double expected_mm) noexcept {
   }
 }
 
-double BodyJudge::motion(const BodySample &sample) const noexcept {
-  return track_.knows(sample.time_ns) ? track_.test(sample) : 0.0;
+Motion BodyJudge::motion(const BodySample &sample) const noexcept {
+  return track_.knows(sample.time_ns) ? track_.by_hand(sample) : Motion{};
 }
 
-void BodyJudge::take(const BodySample &sample, double statistic, bool jumped) noexcept {
-  const bool continued = statistic <= BodyTrack::kThreshold;
+Motion BodyJudge::displacement(const BodySample &sample) const noexcept {
+  return track_.unseen_ns(sample.time_ns) > kUnseen_ns ? track_.from_rest(sample) : Motion{};
+}
+
+void BodyJudge::take(const BodySample &sample, const Motion &motion, wire::PlausibilityReason blamed) noexcept {
   const bool was_connected = connected_;
-  if (jumped) {
+  if (blamed != bregma_wire_IMPLAUSIBLE_NONE) {
     if (connected_) {
       trusted_sample_ = track_.last();
       connected_ = false;
     } else {
       const double elapsed_s = 1e-9 * static_cast<double>(sample.time_ns - trusted_sample_.time_ns);
-      const double scatter_mm = std::sqrt(BodyTrack::kThreshold * (sample.variance_mm2 + trusted_sample_.variance_mm2));
+      const double scatter_mm = std::sqrt(Motion::kThreshold * (sample.variance_mm2 + trusted_sample_.variance_mm2));
       connected_ =
           (sample.point_mm - trusted_sample_.point_mm).norm() <= BodyTrack::kMaxSpeed_mm_s * elapsed_s + scatter_mm;
     }
     if (!connected_) {
-      refuse(bregma_wire_IMPLAUSIBLE_JUMP, statistic, BodyTrack::kThreshold);
+      refuse(blamed, motion.statistic(), Motion::kThreshold);
     }
   }
   if (!track_.knows(sample.time_ns)) {
     connected_ = true;
   }
-  if (continued && track_.knows(sample.time_ns)) {
+  if (!motion.excluded() && track_.knows(sample.time_ns)) {
     track_.update(sample);
   } else {
     track_.start(sample);

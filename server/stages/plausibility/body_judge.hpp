@@ -4,7 +4,8 @@
 //   frozen    the pose repeats the last one to the bit, for longer than a pose may be live
 //   volume    its position is outside the tracker's stated volume
 //   residual  the fit to its markers is worse than their error allows: first the covariance is inflated
-//   jump      it has moved as no hand can (body_track.hpp)
+//   jump      it has moved, or turned, as no hand can (body_track.hpp)
+//   displaced only for the reference: it rested, and is elsewhere after it was not seen
 // A refused body is steady again after kConsistentFrames frames in a row that pass. It is trusted again only if it is
 // also back: after a jump, what follows is as implausible as its first frame, until the body jumps to where a hand can
 // have carried it from the last trusted place, or was not seen for a second. confirm() restores the trust at once.
@@ -42,6 +43,7 @@ public:
   // Residuals relative to the expected one: RMS over a few frames.
   static constexpr double kInflateAbove = 1.5;
   static constexpr double kRefuseAbove = 2.5;
+  static constexpr std::int64_t kUnseen_ns = 100'000'000; // enough for a knock
 
   void reset() noexcept { *this = BodyJudge{}; }
 
@@ -50,11 +52,13 @@ public:
   void frozen(std::int64_t repeated_ns, std::int64_t limit_ns) noexcept;
   void outside_volume(double statistic) noexcept; // above 1: outside
   void residual(double rms_mm, double expected_mm) noexcept;
-  // Statistic of the motion to this sample; 0 if nothing is known of the body.
-  [[nodiscard]] double motion(const BodySample &sample) const noexcept;
-  // Takes the sample. jumped: the caller blames this body for a motion beyond the threshold. A track that is not
-  // continued and not blamed (the frame of reference has moved) begins again.
-  void take(const BodySample &sample, double statistic, bool jumped) noexcept;
+  // Motion to this sample; 0 if nothing is known of the body.
+  [[nodiscard]] Motion motion(const BodySample &sample) const noexcept;
+  // The same if the body rested while it was not seen, for longer than kUnseen_ns; else 0.
+  [[nodiscard]] Motion displacement(const BodySample &sample) const noexcept;
+  // A caller that blames this body for a motion beyond the threshold states the reason, else IMPLAUSIBLE_NONE.
+  // A track that is not continued and not blamed (the frame of reference has moved) begins again.
+  void take(const BodySample &sample, const Motion &motion, wire::PlausibilityReason blamed) noexcept;
 
   // A check touch has shown that the body is where it is shown.
   void confirm() noexcept;

@@ -1,6 +1,5 @@
 #include "server/stages/plausibility/body_track.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include "algorithms/geometry/angles.hpp"
@@ -12,6 +11,12 @@ namespace {
 constexpr double kAcceleration_mm_s2 = 15'000.0;
 constexpr double kUnknownSpeed_mm_s = 1'000.0; // 1 sigma of a coordinate: half of a hand's maximum
 constexpr double kMaxTurn_rad_s = 20.0;        // a hand that flicks a tool
+
+// Squared ratio of a displacement to the largest that is allowed besides the scatter, on the scale of Motion.
+double relative(double displacement, double allowed, double variance) noexcept {
+  const double ratio = displacement / (allowed + std::sqrt(Motion::kThreshold * variance));
+  return Motion::kThreshold * ratio * ratio;
+}
 
 } // namespace
 
@@ -26,13 +31,18 @@ BodyTrack::State BodyTrack::predicted(std::int64_t time_ns) const noexcept {
   return out;
 }
 
-double BodyTrack::test(const BodySample &sample) const noexcept {
+Motion BodyTrack::by_hand(const BodySample &sample) const noexcept {
   const State now = predicted(sample.time_ns);
-  const double moved = (sample.point_mm - now.position_mm).squaredNorm() / (now.pp + sample.variance_mm2);
   const double dt = 1e-9 * static_cast<double>(sample.time_ns - last_.time_ns);
-  const double scatter_rad = std::sqrt(kThreshold * (sample.rotation_variance + last_.rotation_variance));
-  const double turned = geometry::angle_between(last_.rotation, sample.rotation) / (kMaxTurn_rad_s * dt + scatter_rad);
-  return std::max(moved, kThreshold * turned * turned);
+  return {(sample.point_mm - now.position_mm).squaredNorm() / (now.pp + sample.variance_mm2),
+          relative(geometry::angle_between(last_.rotation, sample.rotation), kMaxTurn_rad_s * dt,
+                   sample.rotation_variance + last_.rotation_variance)};
+}
+
+Motion BodyTrack::from_rest(const BodySample &sample) const noexcept {
+  return {relative((sample.point_mm - last_.point_mm).norm(), kRest_mm, sample.variance_mm2 + last_.variance_mm2),
+          relative(geometry::angle_between(last_.rotation, sample.rotation), kRest_rad,
+                   sample.rotation_variance + last_.rotation_variance)};
 }
 
 void BodyTrack::start(const BodySample &sample) noexcept {

@@ -9,6 +9,7 @@
 // One thread. No allocation, no exceptions.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "algorithms/geometry/rigid3.hpp"
@@ -24,20 +25,39 @@ struct BodySample {
   double rotation_variance = 0.0; // rad^2: trace of its covariance
 };
 
+// How far a sample is from what the track allows, as squared distances relative to their variance.
+struct Motion {
+  // An excluded motion exceeds this: 6 sigma.
+  static constexpr double kThreshold = 36.0;
+
+  double moved = 0.0;
+  double turned = 0.0;
+
+  [[nodiscard]] double statistic() const noexcept { return std::max(moved, turned); }
+  // NaN too.
+  [[nodiscard]] bool excluded() const noexcept { return !(moved <= kThreshold && turned <= kThreshold); }
+};
+
 class BodyTrack {
 public:
-  // Squared innovation relative to its variance; an excluded one exceeds this. 6 sigma.
-  static constexpr double kThreshold = 36.0;
   static constexpr double kMaxSpeed_mm_s = 2000.0; // of a hand
   // A body that was not seen for longer can be anywhere.
   static constexpr std::int64_t kForgotten_ns = 1'000'000'000;
+  // Displacements of a body at rest that the scatter of its markers does not explain and that still mean nothing.
+  static constexpr double kRest_mm = 5.0;
+  static constexpr double kRest_rad = 0.05;
 
   void reset() noexcept { started_ = false; }
   [[nodiscard]] bool knows(std::int64_t time_ns) const noexcept {
     return started_ && time_ns - last_.time_ns <= kForgotten_ns;
   }
-  // Statistic of a sample after the last one. Precondition: knows() its time.
-  [[nodiscard]] double test(const BodySample &sample) const noexcept;
+  [[nodiscard]] std::int64_t unseen_ns(std::int64_t time_ns) const noexcept {
+    return started_ ? time_ns - last_.time_ns : 0;
+  }
+  // Motion to a sample after the last one, relative to that of a hand. Precondition: knows() its time.
+  [[nodiscard]] Motion by_hand(const BodySample &sample) const noexcept;
+  // The same relative to a body that has rested, however long it was not seen. Precondition: unseen_ns() > 0.
+  [[nodiscard]] Motion from_rest(const BodySample &sample) const noexcept;
   // Starts with a sample, of which nothing else is known.
   void start(const BodySample &sample) noexcept;
   // Takes a sample that has passed the test.

@@ -1,6 +1,7 @@
 #include "server/stages/plausibility/frame_judge.hpp"
 
 #include <algorithm>
+#include <optional>
 
 namespace bregma::server {
 namespace {
@@ -26,6 +27,13 @@ bool test_alone(BodyJudge &judge, const BodyFrame &body, std::int64_t limit_ns) 
   return body.placed;
 }
 
+// A turn is the cause of a jump of the point, not the other way round.
+wire::PlausibilityReason reason_of(const Motion &motion) noexcept {
+  return !motion.excluded()                       ? bregma_wire_IMPLAUSIBLE_NONE
+         : !(motion.turned <= Motion::kThreshold) ? bregma_wire_IMPLAUSIBLE_ROTATION
+                                                  : bregma_wire_IMPLAUSIBLE_JUMP;
+}
+
 } // namespace
 
 void FrameJudge::reset() noexcept {
@@ -44,29 +52,34 @@ void FrameJudge::guard(bool guarded) noexcept {
 }
 
 void FrameJudge::judge(const BodyFrame &reference, std::span<const BodyFrame> tools, std::int64_t limit_ns) noexcept {
-  constexpr double kUntested = -1.0;
   const bool reference_new = test_alone(reference_, reference, limit_ns);
-  const double reference_motion = reference_new ? reference_.motion(reference.sample) : 0.0;
-  const bool reference_jumped = reference_motion > BodyTrack::kThreshold;
+  Motion reference_motion = reference_new ? reference_.motion(reference.sample) : Motion{};
+  wire::PlausibilityReason reason = reason_of(reference_motion);
+  if (reference_new && guarded_ && !reference_motion.excluded()) {
+    reference_motion = reference_.displacement(reference.sample);
+    reason = reference_motion.excluded() ? bregma_wire_IMPLAUSIBLE_DISPLACED : bregma_wire_IMPLAUSIBLE_NONE;
+  }
 
-  std::array<double, bregma_wire_MAX_TOOLS> motions{};
+  std::array<std::optional<Motion>, bregma_wire_MAX_TOOLS> motions{};
   int staying = 0;
   int jumping = 0;
   for (std::size_t i = 0; i < tools.size(); ++i) {
     const bool established = tools_[i].established(tools[i].sample.time_ns);
-    motions[i] = test_alone(tools_[i], tools[i], limit_ns) ? tools_[i].motion(tools[i].sample) : kUntested;
-    if (motions[i] != kUntested && established) {
-      ++(motions[i] > BodyTrack::kThreshold ? jumping : staying);
+    if (test_alone(tools_[i], tools[i], limit_ns)) {
+      motions[i] = tools_[i].motion(tools[i].sample);
+      staying += established && !motions[i]->excluded() ? 1 : 0;
+      jumping += established && motions[i]->excluded() ? 1 : 0;
     }
   }
-  const bool camera_moved = reference_jumped && staying > 0 && jumping == 0;
-  const bool reference_blamed = reference_jumped && !camera_moved;
+  const bool camera_moved = staying > 0 && jumping == 0;
+  const bool reference_blamed = reference_motion.excluded() && !camera_moved;
   if (reference_new) {
-    reference_.take(reference.sample, reference_motion, reference_blamed);
+    reference_.take(reference.sample, reference_motion, reference_blamed ? reason : bregma_wire_IMPLAUSIBLE_NONE);
   }
   for (std::size_t i = 0; i < tools.size(); ++i) {
-    if (motions[i] != kUntested) {
-      tools_[i].take(tools[i].sample, motions[i], motions[i] > BodyTrack::kThreshold && !reference_blamed);
+    if (motions[i]) {
+      tools_[i].take(tools[i].sample, *motions[i],
+                     reference_blamed ? bregma_wire_IMPLAUSIBLE_NONE : reason_of(*motions[i]));
     }
   }
   const Judgement now = reference_.judgement();

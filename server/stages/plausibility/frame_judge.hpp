@@ -4,6 +4,9 @@
 // moved. A jump of the reference is the camera's if every trusted tool stays where it was in Reference; otherwise it is
 // the reference's, and not the tools'.
 //
+// A reference that was not seen for a moment and is then elsewhere may have been knocked by what hid it. The head and
+// the camera rest, so once a registration is accepted, its displacement is refused like a jump.
+//
 // A refused tool is trusted again by itself (body_judge.hpp). A refused reference may have been knocked off the head,
 // so once a registration is accepted, only a check touch ends it: confirm(). Before that nothing depends on it.
 //

@@ -284,7 +284,7 @@ TEST(WireVersion, IsAnnouncedAndReadBack) {
   for (const char *none : {"", "bregma.wire=", "bregma.wire=2", "bregma.wire=2.", "bregma.wire=x.1", "wire=2.0"}) {
     EXPECT_FALSE(wire::from_user_data(none)) << none;
   }
-  EXPECT_EQ(wire::version_from("2.1"), wire::kWireVersion);
+  EXPECT_EQ(wire::version_from("2.2"), wire::kWireVersion);
   EXPECT_FALSE(wire::version_from("2.1 "));
 }
 
@@ -303,7 +303,7 @@ TEST(Peers, NameParticipantsOfAnotherGenerationWhileTheyArePresent) {
     }
     return text;
   };
-  const std::string end = ", this program speaks wire 2.1: install one release on both";
+  const std::string end = ", this program speaks wire 2.2: install one release on both";
   {
     // A revision of the same generation is not reported, and neither is a program without a topic of Bregma.
     const dds::Participant revision(own_domain(), {{2, 9}, "newer"});

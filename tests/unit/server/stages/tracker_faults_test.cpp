@@ -56,6 +56,7 @@ std::vector<Fault> faults() {
   constexpr auto kMarkers = bregma_wire_IMPLAUSIBLE_MARKERS;
   constexpr auto kResidual = bregma_wire_IMPLAUSIBLE_RESIDUAL;
   constexpr auto kJump = bregma_wire_IMPLAUSIBLE_JUMP;
+  constexpr auto kRotation = bregma_wire_IMPLAUSIBLE_ROTATION;
   constexpr auto kVolume = bregma_wire_IMPLAUSIBLE_VOLUME;
   const auto partly = [](std::uint32_t used) {
     return [used](Body &body) {
@@ -77,10 +78,10 @@ std::vector<Fault> faults() {
           {"a fifth of four markers", Of::kTool, true, kMarkers, partly(0b10111)},
           {"visible with three of four", Of::kTool, true, kMarkers, [](Body &body) { body.used_markers = 0b0111; }},
           {"partly visible with all", Of::kTool, true, kMarkers, partly(0b1111)},
-          {"mirrored tool", Of::kTool, false, kJump, mirror},
-          {"mirrored tracker", Of::kBoth, false, kJump, mirror},
-          {"transposed tool", Of::kTool, false, kJump, transpose},
-          {"transposed tracker", Of::kBoth, false, kJump, transpose},
+          {"mirrored tool", Of::kTool, false, kRotation, mirror},
+          {"mirrored tracker", Of::kBoth, false, kRotation, mirror},
+          {"transposed tool", Of::kTool, false, kRotation, transpose},
+          {"transposed tracker", Of::kBoth, false, kRotation, transpose},
           {"tool in metres", Of::kTool, false, kVolume, to_metres},
           {"tracker in metres", Of::kBoth, false, kVolume, to_metres},
           {"tool jumps", Of::kTool, false, kJump, jump},
