@@ -5,11 +5,14 @@
 
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
+#include "idl/version.hpp"
 #include "tests/component/operation_fixture.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
 
 namespace bregma::test {
 namespace {
+
+const std::string kOwnWire = wire::text_of(wire::kWireVersion);
 
 constexpr int kRefused = 1;
 
@@ -34,15 +37,17 @@ protected:
 TEST_F(CommandLine, AParticipantOfAnotherWireIsCountedLoggedAndNamed) {
   EXPECT_EQ(operation.health.wire_generation, wire::kWireVersion.generation);
   EXPECT_EQ(operation.health.other_wire, 0U);
-  EXPECT_NE(bregma("status").out.find("\nWire 2.1\n"), std::string::npos);
+  EXPECT_NE(bregma("status").out.find("\nWire " + kOwnWire + "\n"), std::string::npos);
   const dds::Participant future(operation.domain(), {{3, 0}, "future-driver"});
   const dds::Writer<wire::RangeSample> samples(future);
   ASSERT_TRUE(operation.observe_until([this] { return operation.health.other_wire == 1; })) << operation.logs();
-  const std::string text = "future-driver speaks wire 3.0, this program speaks wire 2.1: install one release on both";
+  const std::string text =
+      "future-driver speaks wire 3.0, this program speaks wire " + kOwnWire + ": install one release on both";
   EXPECT_NE(operation.logs().find("wire: " + text), std::string::npos) << operation.logs();
   const auto status = bregma("status");
   EXPECT_EQ(status.exit_code, 0) << "the daemon itself is understood";
-  EXPECT_NE(status.out.find("Wire 2.1, participants of another wire: 1; " + text), std::string::npos) << status.out;
+  EXPECT_NE(status.out.find("Wire " + kOwnWire + ", participants of another wire: 1; " + text), std::string::npos)
+      << status.out;
   EXPECT_EQ(bregma("status --json").json()["other_wire"], text);
 }
 

@@ -9,9 +9,12 @@
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/daemon_link.hpp"
 #include "clients/cli/live_view.hpp"
+#include "idl/version.hpp"
 #include "tests/unit/cli/fake_daemon.hpp"
 
 namespace {
+
+const std::string kOwnWire = wire::text_of(wire::kWireVersion);
 
 using namespace bregma;
 using namespace bregma::cli;
@@ -105,7 +108,8 @@ TEST(DaemonLink, ADaemonOfAnotherWireIsNamedWithBothVersions) {
   const auto there = link.wait_for_daemon(1s);
   ASSERT_FALSE(there.has_value());
   EXPECT_EQ(there.error().message, "no bregmad answers on domain " + std::to_string(own_domain()) +
-                                       ": bregmad speaks wire 3.1, this program speaks wire 2.1: install one release "
+                                       ": bregmad speaks wire 3.1, this program speaks wire " + kOwnWire +
+                                       ": install one release "
                                        "on both");
   EXPECT_NE(watch_line(link.snapshot(), {}, Now::read()).find("wire: bregmad speaks wire 3.1, this program"),
             std::string::npos);

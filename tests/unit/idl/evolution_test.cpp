@@ -14,6 +14,7 @@
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
 #include "idl/peers.hpp"
+#include "idl/version.hpp"
 #include "later.h"
 
 #define TEST_TOPIC(Type, name)                                                                                         \
@@ -285,7 +286,7 @@ TEST(WireVersion, IsAnnouncedAndReadBack) {
     EXPECT_FALSE(wire::from_user_data(none)) << none;
   }
   EXPECT_EQ(wire::version_from("2.2"), wire::kWireVersion);
-  EXPECT_FALSE(wire::version_from("2.1 "));
+  EXPECT_FALSE(wire::version_from("2.2 "));
 }
 
 TEST(Peers, NameParticipantsOfAnotherGenerationWhileTheyArePresent) {
@@ -303,7 +304,8 @@ TEST(Peers, NameParticipantsOfAnotherGenerationWhileTheyArePresent) {
     }
     return text;
   };
-  const std::string end = ", this program speaks wire 2.2: install one release on both";
+  const std::string end =
+      ", this program speaks wire " + wire::text_of(wire::kWireVersion) + ": install one release on both";
   {
     // A revision of the same generation is not reported, and neither is a program without a topic of Bregma.
     const dds::Participant revision(own_domain(), {{2, 9}, "newer"});

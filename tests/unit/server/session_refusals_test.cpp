@@ -9,9 +9,12 @@
 #include <gtest/gtest.h>
 
 #include "idl/names.hpp"
+#include "idl/version.hpp"
 
 namespace bregma::server::testing {
 namespace {
+
+const std::string kOwnWire = wire::text_of(wire::kWireVersion);
 
 class RefusalTest : public ::testing::Test {
 protected:
@@ -229,9 +232,9 @@ TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
   auto command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
   command.kind = 77; // a command of a later revision with another body
   command.body._d = 40;
-  expect(command, "command kind 77 is not known: this daemon speaks wire 2.1");
+  expect(command, "command kind 77 is not known: this daemon speaks wire " + kOwnWire);
   command.kind = bregma_wire_COMMAND_UNKNOWN;
-  expect(command, "command kind 0 is not known: this daemon speaks wire 2.1");
+  expect(command, "command kind 0 is not known: this daemon speaks wire " + kOwnWire);
   expect(harness.command(bregma_wire_COMMAND_STOP_ROBOT, "Arm"),
          "this daemon cannot stop the robot (STOP_ROBOT): it has no part that does it");
 }

@@ -5,10 +5,13 @@
 #include <sqlite3.h>
 
 #include "casefile/session_file/session_file.hpp"
+#include "idl/version.hpp"
 #include "tests/unit/server/recording/recording_support.hpp"
 
 namespace bregma::casefile {
 namespace {
+
+const std::string kOwnWire = wire::text_of(wire::kWireVersion);
 
 using test::navigation;
 using test::range;
@@ -76,7 +79,7 @@ TEST(SessionFile, ReturnsEveryByteInTheOrderOfRecording) {
   EXPECT_EQ(topics[0].count, 500U);
   EXPECT_EQ(reader.meta("case").value(), "colin27 again");
   EXPECT_EQ(reader.meta("no such key").value(), std::nullopt);
-  EXPECT_EQ(reader.meta("wire").value(), "2.1");
+  EXPECT_EQ(reader.meta("wire").value(), kOwnWire);
   EXPECT_EQ(reader.meta()->size(), 2U);
   EXPECT_EQ(reader.attachment("scalp.ply").value(), mesh);
   EXPECT_EQ(reader.attachment("empty").value(), "");
@@ -195,12 +198,13 @@ TEST(SessionFile, RefusesWhatItIsNot) {
   const auto generation = folder / "generation";
   EXPECT_TRUE(create(generation).commit());
   run_sql(generation, "UPDATE meta SET value='3.1' WHERE key='wire'");
-  EXPECT_EQ(refusal(generation), generation.string() +
-                                     ": recorded with wire 3.1; this program reads wire 2.1: it takes the version of "
+  EXPECT_EQ(refusal(generation), generation.string() + ": recorded with wire 3.1; this program reads wire " + kOwnWire +
+                                     ": it takes the version of "
                                      "Bregma that recorded it");
   run_sql(generation, "DELETE FROM meta WHERE key='wire'");
-  EXPECT_EQ(refusal(generation), generation.string() +
-                                     ": recorded with wire (not stated); this program reads wire 2.1: it takes the "
+  EXPECT_EQ(refusal(generation), generation.string() + ": recorded with wire (not stated); this program reads wire " +
+                                     kOwnWire +
+                                     ": it takes the "
                                      "version of Bregma that recorded it");
 }
 
