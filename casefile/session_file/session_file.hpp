@@ -89,6 +89,8 @@ public:
   SessionLog &operator=(SessionLog &&) noexcept;
   ~SessionLog();
 
+  // Brings a new file, its log and their names in the folder to the disk, so that it survives a power failure.
+  [[nodiscard]] base::Result<void> sync();
   // Copies what is committed. The writer may commit meanwhile.
   [[nodiscard]] base::Result<void> copy();
 

@@ -1,9 +1,12 @@
+#include <cerrno>
 #include <map>
 #include <string>
 #include <system_error>
 #include <utility>
 
+#include <fcntl.h>
 #include <sqlite3.h>
+#include <unistd.h>
 
 #include "casefile/session_file/session_database.hpp"
 #include "casefile/session_file/session_file.hpp"
@@ -18,7 +21,7 @@ namespace {
 constexpr const char *kPragmas = "PRAGMA journal_mode=WAL; PRAGMA temp_store=MEMORY; PRAGMA wal_autocheckpoint=16384;";
 
 // The new file is made without waiting for the disk: on a busy one each sync can take a second, for which nothing would
-// be recorded. It reaches the disk when its log is first copied.
+// be recorded. SessionLog::sync() brings it to the disk.
 constexpr const char *kWithoutSync = "PRAGMA synchronous=OFF;";
 constexpr const char *kWithSync = "PRAGMA synchronous=NORMAL;";
 
@@ -196,6 +199,22 @@ base::Result<SessionLog> SessionLog::open(const std::filesystem::path &file) {
     database->connection = std::move(opened);
     return SessionLog(std::move(database));
   });
+}
+
+base::Result<void> SessionLog::sync() {
+  const std::filesystem::path file = database_->connection.file();
+  const auto folder = file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
+  for (const std::filesystem::path &part : {file, std::filesystem::path(file.string() + "-wal"), folder}) {
+    const int handle = ::open(part.c_str(), O_RDONLY | O_CLOEXEC);
+    const int error = handle < 0 || ::fsync(handle) != 0 ? errno : 0;
+    if (handle >= 0) {
+      ::close(handle);
+    }
+    if (error != 0) {
+      return base::failure(part.string() + ": " + std::generic_category().message(error));
+    }
+  }
+  return {};
 }
 
 base::Result<void> SessionLog::copy() {

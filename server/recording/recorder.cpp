@@ -32,8 +32,9 @@ private:
     std::mutex mutex;
     std::condition_variable_any wake;
     std::unique_lock lock(mutex);
+    static_cast<void>(log_.sync()); // a disk that fails is noticed by the recorder's commits
     while (!wake.wait_for(lock, stop, interval, [&stop] { return stop.stop_requested(); })) {
-      static_cast<void>(log_.copy()); // a disk that fails is noticed by the recorder's commits
+      static_cast<void>(log_.copy());
     }
   }
 

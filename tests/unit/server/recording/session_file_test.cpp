@@ -208,6 +208,23 @@ TEST(SessionFile, RefusesWhatItIsNot) {
                                      "version of Bregma that recorded it");
 }
 
+TEST(SessionFile, ANewFileIsBroughtToTheDiskWhileItIsWritten) {
+  const test::TemporaryFolder folder;
+  const auto file = folder / "new.bregma";
+  auto writer = SessionWriter::create(file);
+  ASSERT_TRUE(writer);
+  auto log = SessionLog::open(file);
+  ASSERT_TRUE(log);
+  const auto synced = log->sync();
+  EXPECT_TRUE(synced) << synced.error().message;
+  ASSERT_TRUE(writer->set_meta("case", "ball"));
+  EXPECT_TRUE(writer->commit());
+  std::filesystem::remove(file);
+  const auto gone = log->sync();
+  ASSERT_FALSE(gone);
+  EXPECT_EQ(gone.error().message, file.string() + ": No such file or directory");
+}
+
 TEST(SessionFile, DamageIsReportedNotSkipped) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
