@@ -115,6 +115,7 @@ template <class Sample> void FaultyLine::send(Stream<Sample> &stream, Sample sam
     }
   }
   stream.last = sample;
+  stream.sent_ns[sample.frame] = now_ns;
   const double fault_s = static_cast<double>(now_ns - begin_ns_) * 1e-9;
   stream.link.send({sample, stream.writer, stream.faulty && lasts(now_ns)}, now_ns,
                    link_fault(stream.faulty, kTracker, now_ns), fault_s);
@@ -143,7 +144,9 @@ template <class Sample> void FaultyLine::deliver(Stream<Sample> &stream, std::in
   }
   stream.link.deliver(now_ns, [&](const typename FaultyLink<Sample>::Packet &packet) {
     if (wire::view(packet.sample.device) == stream.device) {
-      ledger_.devices[stream.device].arrived(packet.sample.frame, !is_foreign(packet.writer), now_ns);
+      const auto sent = stream.sent_ns.find(packet.sample.frame);
+      ledger_.devices[stream.device].arrived(packet.sample.frame, !is_foreign(packet.writer),
+                                             sent != stream.sent_ns.end() ? sent->second : now_ns, now_ns);
     }
     record(packet);
     to.put(packet.sample, packet.writer);

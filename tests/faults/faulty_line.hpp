@@ -57,6 +57,7 @@ private:
     FaultyLink<Sample> link;
     Sample last{};
     std::uint64_t writer = test::MemoryTopics::kWriter;
+    std::map<std::uint64_t, std::int64_t> sent_ns; // by number
     bool began = false, ended = false;
   };
 

@@ -61,7 +61,22 @@ Judge::Judge(const Cell &cell, During session, const std::string &tool, std::uin
   operation_.topics().observe<wire::SystemHealth>([this](const auto &health) {
     health_ = health;
     health_ns_ = now_ns();
+    check_devices();
   });
+}
+
+// A device that is called live has sent lately. The health has the status of up to kHealthLag_ns ago.
+void Judge::check_devices() {
+  for (const auto &[name, ledger] : line_.ledger().devices) {
+    for (std::uint32_t i = 0; i < health_.device_count; ++i) {
+      const wire::DeviceHealth &device = health_.devices[i];
+      const std::int64_t age_ns = now_ns() - ledger.newest_sent_ns();
+      if (wire::view(device.device) == name && device.status == bregma_wire_DEVICE_LIVE &&
+          age_ns > kLimit_ns + kHealthLag_ns) {
+        violate("too old", name + " is called live, its newest sample was sent " + text_of(ms(age_ns), "ms ago"));
+      }
+    }
+  }
 }
 
 void Judge::violate(const char *rule, const std::string &text) {

@@ -3,11 +3,15 @@
 //
 // The rules, all for the published states and, where it says so, for the displays:
 //   too old      a shown pose is at most max(100 ms, three frame periods) and 300 ms old, from its true exposure
-//   (displays too) outside      the true tip at the time of publication is where the state's covariance allows it (tail
-//   kTail) not finite   a shown pose has finite values unusable     no pose of a malformed sample is shown; every shown
-//   pose is of a frame that has arrived understated  the stated age is at most 5 ms too small gap          poses that
-//   are not concerned by the fault do not pause (displays too) not counted  taken + rejected = arrived, lost = the
-//   numbers that never arrived no alarm     within 1 s false alarm  a critical alarm, where the fault gives no reason
+//                (displays too); a device that is called live has sent within that time
+//   outside      the true tip at the time of publication is where the state's covariance allows it (tail kTail)
+//   not finite   a shown pose has finite values
+//   unusable     no pose of a malformed sample is shown; every shown pose is of a frame that has arrived
+//   understated  the stated age is at most 5 ms too small
+//   gap          poses that are not concerned by the fault do not pause (displays too)
+//   not counted  taken + rejected = arrived, lost = the numbers that never arrived
+//   no alarm     within 1 s
+//   false alarm  a critical alarm, where the fault gives no reason
 //   no reply     a command is not answered, or not as what it is
 //   not back     poses are shown again within 3 s of the fault's end; the session goes on
 #pragma once
@@ -92,6 +96,7 @@ private:
   void draw(Display &display, Watch &watch);
   void saw(Watch &watch, std::int64_t exposure_ns);
   void check_pause(Watch &watch, bool seen, std::int64_t since_last_ns, bool may_pause);
+  void check_devices();
   void check_counts();
   void check_count(const wire::DeviceHealth &device, const DeviceLedger &ledger);
   void check_alarm();

@@ -38,7 +38,7 @@ TEST(Judge, ASessionThatIsLostIsNotRecoveredFrom) {
 TEST(DeviceLedger, CountsANumberOnceAndAGapOnce) {
   DeviceLedger ledger;
   for (const std::uint64_t number : {5U, 6U, 8U, 8U, 7U, 12U}) {
-    ledger.arrived(number, true, static_cast<std::int64_t>(number));
+    ledger.arrived(number, true, 0, static_cast<std::int64_t>(number));
   }
   EXPECT_EQ(ledger.lost(4), 1U); // 7 is still missing
   EXPECT_EQ(ledger.lost(5), 0U);
@@ -48,11 +48,12 @@ TEST(DeviceLedger, CountsANumberOnceAndAGapOnce) {
 
 TEST(DeviceLedger, ForeignSamplesAndNewNumbersLeaveNoGap) {
   DeviceLedger ledger;
-  ledger.arrived(5, true, 1);
-  ledger.arrived(1'000'000, false, 2);
+  ledger.arrived(5, true, 0, 1);
+  ledger.arrived(1'000'000, false, 0, 2);
   ledger.restart_numbers();
-  ledger.arrived(1, true, 3);
+  ledger.arrived(1, true, 7, 3);
   EXPECT_EQ(ledger.lost(3), 0U);
+  EXPECT_EQ(ledger.newest_sent_ns(), 7);
 }
 
 } // namespace

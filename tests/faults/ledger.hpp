@@ -1,6 +1,7 @@
 // What has truly arrived at the daemon: the judge compares the daemon's counts and poses with it.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -14,14 +15,18 @@ namespace bregma::faults {
 // Samples of one device. A number counts once, however often it arrives.
 class DeviceLedger {
 public:
-  // counted: the sample belongs to the device's own count. False for another writer's.
-  void arrived(std::uint64_t number, bool counted, std::int64_t now_ns) {
+  // counted: the sample belongs to the device's own count. False for another writer's. sent_ns: when the device sent
+  // it.
+  void arrived(std::uint64_t number, bool counted, std::int64_t sent_ns, std::int64_t now_ns) {
     arrivals_.push_back({number, series_, counted, now_ns});
+    newest_sent_ns_ = std::max(newest_sent_ns_, sent_ns);
   }
   // The device's numbers begin anew; those that are lost in between cannot be known.
   void restart_numbers() { ++series_; }
   void clear() { arrivals_.clear(); }
 
+  // When the newest of the samples that have arrived was sent; 0: none has arrived.
+  [[nodiscard]] std::int64_t newest_sent_ns() const { return newest_sent_ns_; }
   // Number of samples that had arrived at this time.
   [[nodiscard]] std::uint64_t arrivals(std::int64_t until_ns) const;
   // Numbers that are missing among the first arrivals: last - first + 1 - distinct numbers, for each series.
@@ -36,6 +41,7 @@ private:
   };
   std::vector<Arrival> arrivals_;
   int series_ = 0;
+  std::int64_t newest_sent_ns_ = 0;
 };
 
 // A tracker frame as it arrived.
