@@ -3,6 +3,7 @@
 
 #include <charconv>
 #include <optional>
+#include <string>
 #include <string_view>
 #include <system_error>
 #include <vector>
@@ -25,6 +26,14 @@ namespace bregma::base {
     out.push_back(trimmed(line.substr(0, end)));
     line.remove_prefix(end == std::string_view::npos ? line.size() : end + 1);
   } while (end != std::string_view::npos);
+  return out;
+}
+
+[[nodiscard]] inline std::string lower(std::string_view text) { // ASCII
+  std::string out(text);
+  for (char &c : out) {
+    c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  }
   return out;
 }
 
