@@ -1,10 +1,9 @@
 // Reads curves from files. markups.cpp reads the points of Slicer's files; tables are read here.
-#include <cmath>
-#include <fstream>
 #include <map>
 
 #include "base/text.hpp"
 #include "casefile/markups.hpp"
+#include "casefile/point_table.hpp"
 
 namespace bregma::casefile {
 
@@ -41,51 +40,33 @@ struct TableCurve {
   std::vector<Eigen::Vector3d> points;
 };
 
-base::Result<std::vector<TableCurve>> read_table(const fs::path &file) {
-  std::error_code error;
-  std::ifstream in(file);
-  if (!in || fs::is_directory(file, error)) {
-    return base::failure(file.string() + ": no such file, or it cannot be read");
+base::Result<std::vector<TableCurve>> read_table(const fs::path &file, Notes *notes) {
+  const auto table = read_point_table(file, {.curves = true});
+  if (!table) {
+    return tl::unexpected(table.error());
+  }
+  if (notes != nullptr) {
+    notes->insert(notes->end(), table->notes.begin(), table->notes.end());
   }
   std::vector<TableCurve> out;
   std::map<std::string, std::size_t, std::less<>> index;
-  bool header_allowed = true;
-  std::string line;
-  for (int number = 1; std::getline(in, line); ++number) {
-    const std::string place = file.string() + ":" + std::to_string(number) + ": ";
-    const auto row = base::cells(line, ',');
-    if (base::trimmed(line).empty() || line.starts_with('#')) {
-      continue;
+  for (const TablePoint &point : table->points) {
+    if (point.curve.empty()) {
+      return base::failure(file.string() + ": point " + point.name +
+                           " has no curve: the columns must be \"curve,x,y,z\"");
     }
-    if (row.size() != 4) {
-      return base::failure(place + "must be \"curve,x,y,z\", this line has " + std::to_string(row.size()) + " cells");
-    }
-    const bool header = !base::parsed_number<double>(row[1]) && !base::parsed_number<double>(row[2]) &&
-                        !base::parsed_number<double>(row[3]);
-    if (std::exchange(header_allowed, false) && header) {
-      continue;
-    }
-    Eigen::Vector3d position;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto value = base::parsed_number<double>(row[axis + 1]);
-      if (!value || !std::isfinite(*value)) {
-        return base::failure(place + "curve " + std::string(row[0]) + ": " + static_cast<char>('x' + axis) + " = \"" +
-                             std::string(row[axis + 1]) + "\": must be a finite number");
-      }
-      position[static_cast<Eigen::Index>(axis)] = *value;
-    }
-    const auto [entry, fresh] = index.try_emplace(std::string(row[0]), out.size());
+    const auto [entry, fresh] = index.try_emplace(point.curve, out.size());
     if (fresh) {
-      out.push_back({std::string(row[0]), {}});
+      out.push_back({point.curve, {}});
     }
-    out[entry->second].points.push_back(position);
+    out[entry->second].points.push_back(point.position_mm);
   }
   return out;
 }
 
 } // namespace
 
-base::Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
+base::Result<std::vector<MarkedCurve>> read_curves(const fs::path &file, Notes *notes) {
   std::vector<MarkedCurve> out;
   std::map<std::string, int, std::less<>> names;
   const auto keep = [&](std::string name, std::vector<Eigen::Vector3d> points, bool closed) -> base::Result<void> {
@@ -99,8 +80,8 @@ base::Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
     out.push_back(std::move(*curve));
     return {};
   };
-  if (file.extension() == ".csv") {
-    auto table = read_table(file);
+  if (is_point_table(file)) {
+    auto table = read_table(file, notes);
     if (!table) {
       return tl::unexpected(table.error());
     }
@@ -110,7 +91,7 @@ base::Result<std::vector<MarkedCurve>> read_curves(const fs::path &file) {
       }
     }
   } else {
-    const auto markups = read_markups(file);
+    const auto markups = read_markups(file, notes);
     if (!markups) {
       return tl::unexpected(markups.error());
     }

@@ -1,7 +1,12 @@
 #include "casefile/itk_transform.hpp"
 
+#include <algorithm>
+#include <array>
+#include <bit>
 #include <charconv>
 #include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <fstream>
 #include <optional>
 #include <string>
@@ -11,6 +16,7 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
+#include "base/read_file.hpp"
 #include "base/text.hpp"
 #include "casefile/pose_text.hpp"
 
@@ -43,20 +49,19 @@ struct Content {
   int type_line = 0, parameters_line = 0, fixed_line = 0;
 };
 
-base::Result<Content> read_content(const fs::path &file) {
-  std::error_code error;
-  std::ifstream in(file);
-  if (!in || fs::is_directory(file, error)) {
-    return base::failure(file.string() + ": no such file, or it cannot be read");
-  }
+constexpr std::string_view kComposite = "CompositeTransform";
+
+base::Result<Content> read_text(const std::string &file, std::string_view all) {
   Content out;
-  std::string line;
-  for (int number = 1; std::getline(in, line); ++number) {
-    const std::string place = file.string() + ":" + std::to_string(number) + ": ";
-    const std::string_view text = base::trimmed(line);
+  int number = 0;
+  while (!all.empty()) {
+    const std::size_t end = std::min(all.find('\n'), all.size());
+    const std::string_view text = base::trimmed(all.substr(0, end));
+    all.remove_prefix(std::min(end + 1, all.size()));
+    const std::string place = file + ":" + std::to_string(++number) + ": ";
     if (number == 1 && !text.starts_with(kFirstLine)) {
       return base::failure(place + "is not an ITK transform file: it must begin with \"" + std::string(kFirstLine) +
-                           "\"");
+                           "\", or be a .mat file of ANTs");
     }
     if (text.empty() || text.front() == '#') {
       continue;
@@ -65,6 +70,9 @@ base::Result<Content> read_content(const fs::path &file) {
     const std::string_view key = base::trimmed(text.substr(0, colon));
     const std::string_view value = colon == std::string_view::npos ? "" : base::trimmed(text.substr(colon + 1));
     if (key == "Transform") {
+      if (out.type.empty() && value.starts_with(kComposite)) {
+        continue; // of one, or the next transform is a second one
+      }
       if (!out.type.empty()) {
         return base::failure(place + "is a second transform (" + std::string(value) + "), only one is read");
       }
@@ -83,9 +91,97 @@ base::Result<Content> read_content(const fs::path &file) {
     }
   }
   if (out.type.empty()) {
-    return base::failure(file.string() + ": holds no transform");
+    return base::failure(file + ": holds no transform");
   }
   return out;
+}
+
+// MATLAB level 4: matrices of doubles or floats, each with a header of five 32-bit integers and a name. ITK writes the
+// parameters under the transform's type, then the fixed parameters under "fixed". Little endian only.
+class MatFile {
+public:
+  MatFile(std::string file, std::string_view bytes) : file_(std::move(file)), left_(bytes) {}
+
+  // Every such file begins with the type of its first matrix: little endian, by columns, 0 double or 10 float.
+  static bool is_one(std::string_view bytes) {
+    return bytes.size() >= 4 && (bytes[0] == 0 || bytes[0] == 10) && bytes[1] == 0 && bytes[2] == 0 && bytes[3] == 0;
+  }
+
+  base::Result<Content> read() {
+    Content out;
+    while (!left_.empty()) {
+      std::string name;
+      auto values = read_matrix(name);
+      if (!values) {
+        return tl::unexpected(values.error());
+      }
+      const bool fixed = name == "fixed";
+      if (!fixed && !out.type.empty()) {
+        return base::failure(file_ + ": holds a second transform (" + name + "), only one is read");
+      }
+      (fixed ? out.fixed : out.parameters) = std::move(*values);
+      out.type = fixed ? out.type : name;
+    }
+    return out.type.empty() ? base::Result<Content>(base::failure(file_ + ": holds no transform")) : out;
+  }
+
+private:
+  template <class Number> Number take() {
+    Number out{};
+    std::memcpy(&out, left_.data(), sizeof out);
+    left_.remove_prefix(sizeof out);
+    return out;
+  }
+
+  base::Result<std::vector<double>> read_matrix(std::string &name) {
+    static_assert(std::endian::native == std::endian::little);
+    const auto not_whole = [this](std::uint64_t needed) {
+      return base::failure(file_ + ": is not whole: a matrix has " + std::to_string(left_.size()) + " of " +
+                           std::to_string(needed) + " bytes");
+    };
+    constexpr std::size_t kHeader = 5 * sizeof(std::int32_t);
+    constexpr std::int64_t kMost = 1000; // of rows, columns and letters, in a transform
+    if (left_.size() < kHeader) {
+      return not_whole(kHeader);
+    }
+    const auto type = take<std::int32_t>();
+    const std::int64_t rows = take<std::int32_t>();
+    const std::int64_t columns = take<std::int32_t>();
+    const auto imaginary = take<std::int32_t>();
+    const std::int64_t letters = take<std::int32_t>();
+    if ((type != 0 && type != 10) || imaginary != 0 || rows < 1 || rows > kMost || columns != 1 || letters < 1 ||
+        letters > kMost) {
+      return base::failure(file_ + ": is no .mat file of a transform (level 4)");
+    }
+    const std::size_t each = type == 0 ? sizeof(double) : sizeof(float);
+    const auto needed = static_cast<std::uint64_t>(letters) + static_cast<std::uint64_t>(rows) * each;
+    if (left_.size() < needed) {
+      return not_whole(needed);
+    }
+    name = left_.substr(0, static_cast<std::size_t>(letters));
+    name.resize(std::min(name.find('\0'), name.size()));
+    left_.remove_prefix(static_cast<std::size_t>(letters));
+    std::vector<double> out;
+    for (std::int64_t i = 0; i < rows; ++i) {
+      out.push_back(type == 0 ? take<double>() : static_cast<double>(take<float>()));
+      if (!std::isfinite(out.back())) {
+        return base::failure(file_ + ": " + name + ": number " + std::to_string(i + 1) + " is not finite");
+      }
+    }
+    return out;
+  }
+
+  std::string file_;
+  std::string_view left_;
+};
+
+base::Result<Content> read_content(const fs::path &file) {
+  constexpr std::size_t kMaxBytes = std::size_t{1} << 20;
+  const auto bytes = base::read_file(file, kMaxBytes);
+  if (!bytes) {
+    return tl::unexpected(bytes.error());
+  }
+  return MatFile::is_one(*bytes) ? MatFile(file.string(), *bytes).read() : read_text(file.string(), *bytes);
 }
 
 // Rotation of Euler3DTransform: about z, x, y, or z, y, x if the last fixed parameter is set (itkEuler3DTransform.hxx).
@@ -96,6 +192,10 @@ Matrix3d euler(const Vector3d &angles_rad, bool zyx) {
   return zyx ? Matrix3d(z * y * x) : Matrix3d(z * x * y);
 }
 
+constexpr std::array<std::string_view, 7> kKinds{
+    "AffineTransform",        "MatrixOffsetTransformBase", "Rigid3DTransform",    "Euler3DTransform",
+    "VersorRigid3DTransform", "QuaternionRigidTransform",  "TranslationTransform"};
+
 struct LinearPart {
   Matrix3d matrix;
   Vector3d translation;
@@ -103,11 +203,21 @@ struct LinearPart {
 
 std::optional<LinearPart> linear_part(const Content &content, std::string_view kind) {
   const std::vector<double> &p = content.parameters;
-  if (kind == "AffineTransform" || kind == "MatrixOffsetTransformBase") {
+  if (kind == "AffineTransform" || kind == "MatrixOffsetTransformBase" || kind == "Rigid3DTransform") {
     if (p.size() != 12) {
       return std::nullopt;
     }
     return LinearPart{Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(p.data()), Vector3d(p.data() + 9)};
+  }
+  if (kind == "TranslationTransform") {
+    return p.size() == 3 ? std::optional(LinearPart{Matrix3d::Identity(), Vector3d(p.data())}) : std::nullopt;
+  }
+  if (kind == "QuaternionRigidTransform") { // x, y, z, w
+    const bool whole = p.size() == 7;
+    const Eigen::Quaterniond q = whole ? Eigen::Quaterniond(p[3], p[0], p[1], p[2]) : Eigen::Quaterniond::Identity();
+    return whole && std::abs(q.norm() - 1.0) < kRigidTolerance
+               ? std::optional(LinearPart{q.normalized().toRotationMatrix(), Vector3d(p.data() + 4)})
+               : std::nullopt;
   }
   if (p.size() != 6) {
     return std::nullopt;
@@ -160,13 +270,17 @@ base::Result<Matrix4d> read_itk_transform(const fs::path &file) {
   const std::string_view type = content->type;
   const std::string_view kind = type.substr(0, type.find('_'));
   const std::string_view scalars = type.substr(kind.size());
-  const bool known = kind == "AffineTransform" || kind == "MatrixOffsetTransformBase" || kind == "Euler3DTransform" ||
-                     kind == "VersorRigid3DTransform";
-  if (!known || (scalars != "_double_3_3" && scalars != "_float_3_3")) {
+  if (std::find(kKinds.begin(), kKinds.end(), kind) == kKinds.end() ||
+      (scalars != "_double_3_3" && scalars != "_float_3_3")) {
+    std::string names;
+    for (const std::string_view name : kKinds) {
+      names += (names.empty() ? "" : ", ") + std::string(name);
+    }
     return base::failure(place(content->type_line) + "Transform: " + content->type +
-                         ": only affine and rigid transforms of three dimensions are read");
+                         ": is not read; read are transforms of three dimensions (_double_3_3, _float_3_3): " + names);
   }
-  if (content->fixed.size() != 3 && !(kind == "Euler3DTransform" && content->fixed.size() == 4)) {
+  const bool centred = kind != "TranslationTransform";
+  if (content->fixed.size() != (centred ? 3 : 0) && !(kind == "Euler3DTransform" && content->fixed.size() == 4)) {
     return base::failure(place(content->fixed_line) + "FixedParameters: " + std::to_string(content->fixed.size()) +
                          " numbers, the centre has 3");
   }
@@ -175,7 +289,7 @@ base::Result<Matrix4d> read_itk_transform(const fs::path &file) {
     return base::failure(place(content->parameters_line) + "Parameters: " + std::to_string(content->parameters.size()) +
                          " numbers that are no " + std::string(kind));
   }
-  const Vector3d centre(content->fixed.data());
+  const Vector3d centre = centred ? Vector3d(content->fixed.data()) : Vector3d::Zero();
   Matrix4d moving_fixed = Matrix4d::Identity();
   moving_fixed.topLeftCorner<3, 3>() = linear->matrix;
   moving_fixed.topRightCorner<3, 1>() = linear->translation + centre - linear->matrix * centre;

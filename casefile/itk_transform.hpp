@@ -1,8 +1,9 @@
-// Transforms in ITK's text format (.tfm, "#Insight Transform File V1.0"), which Slicer, ANTs and elastix read.
+// Transforms in ITK's text format (.tfm, "#Insight Transform File V1.0"), which Slicer, ANTs and elastix read, and in
+// ITK's binary format (.mat, MATLAB level 4), which ANTs writes.
 //
 // In memory: maps points of the source (moving) into the target (fixed), RAS, mm. In the file: LPS, in resampling
 // direction, from a point of the fixed image to that of the moving one, which is the inverse. Reader and writer are our
-// own, since the format has four lines and the rest of casefile needs no ITK. The tests compare them with ITK's. Errors
+// own, since the formats are short and the rest of casefile needs no ITK. The tests compare them with ITK's. Errors
 // name the file, the line and the value.
 #pragma once
 
@@ -22,8 +23,10 @@ using TargetFromSource = geometry::Rigid3<geometry::frame::Target, geometry::fra
 [[nodiscard]] base::Result<void> write_itk_transform(const std::filesystem::path &file,
                                                      const Eigen::Matrix4d &T_target_source);
 
-// One affine (AffineTransform, MatrixOffsetTransformBase) or rigid (Euler3DTransform, VersorRigid3DTransform) transform
-// of three dimensions, in double or float. Refused: others, several, a matrix that cannot be inverted.
+// One affine (AffineTransform, MatrixOffsetTransformBase) or rigid transform (Rigid3DTransform, Euler3DTransform,
+// VersorRigid3DTransform, QuaternionRigidTransform, TranslationTransform) of three dimensions, in double or float, also
+// as the only one of a CompositeTransform. The content decides between text and binary, not the extension. Refused:
+// others, several, a binary file that is not whole, a matrix that cannot be inverted.
 [[nodiscard]] base::Result<Eigen::Matrix4d> read_itk_transform(const std::filesystem::path &file);
 
 // The same, refused where it is not rigid to kRigidTolerance.

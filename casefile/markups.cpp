@@ -1,13 +1,16 @@
 #include "casefile/markups.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
-#include <sstream>
+#include <functional>
 
 #include <nlohmann/json.hpp>
 
+#include "base/csv_table.hpp"
 #include "base/read_file.hpp"
 #include "base/text.hpp"
+#include "casefile/length_unit.hpp"
 #include "casefile/space.hpp"
 
 namespace bregma::casefile {
@@ -39,12 +42,38 @@ std::optional<Markup::Kind> kind_of(const std::string &type) {
   return std::nullopt;
 }
 
-std::string shown(const Json &value) { return value.is_string() ? value.get<std::string>() : value.dump(); }
+// A file may contain anything, also text that is not UTF-8.
+std::string shown(const Json &value) {
+  return value.is_string() ? value.get<std::string>() : value.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+// "mm", or an entry of the code UCUM: ["mm", "UCUM", "millimeter"], {"codeValue": "mm", ...}.
+std::string unit_text(const Json &value) {
+  if (value.is_array() && !value.empty()) {
+    return shown(value.front());
+  }
+  return value.is_object() && value.contains("codeValue") ? shown(value["codeValue"]) : shown(value);
+}
+
+// Keeps a note, or refuses the file where no notes are kept.
+base::Result<void> leave_out(const std::string &sentence, const char *remedy, Notes *notes) {
+  if (notes == nullptr) {
+    return base::failure(sentence + remedy);
+  }
+  notes->push_back(sentence + ": it is left out");
+  return {};
+}
+
+const char *noun_of(Markup::Kind kind) {
+  return kind == Markup::Kind::kPoints ? "list of points" : kind == Markup::Kind::kLine ? "line" : "curve";
+}
+
+constexpr const char *kPlaceIt = ": place it, or delete it";
 
 // Reader of one file. Every message starts with the file's name.
 class JsonMarkups {
 public:
-  explicit JsonMarkups(const fs::path &file) : file_(file.string()) {}
+  JsonMarkups(const fs::path &file, Notes *notes) : file_(file.string()), notes_(notes) {}
 
   base::Result<std::vector<Markup>> read(const Json &document) const {
     const auto markups = document.find("markups");
@@ -52,12 +81,35 @@ public:
       return base::failure(file_ + ": is not a Slicer markups file: it has no list \"markups\"");
     }
     std::vector<Markup> out;
+    std::vector<std::string> others;
+    std::size_t number = 0;
     for (const Json &item : *markups) {
-      auto markup = read_markup(item, "markup " + std::to_string(out.size() + 1));
+      const std::string which = "markup " + std::to_string(++number);
+      const std::string type = item.is_object() && item.contains("type") ? shown(item["type"]) : "";
+      const auto kind = kind_of(type);
+      if (item.is_object() && !kind) {
+        others.push_back(file_ + ": " + which + ": type = \"" + type + "\"");
+        continue;
+      }
+      auto markup = read_markup(item, which);
       if (!markup) {
         return tl::unexpected(markup.error());
       }
+      markup->kind = *kind;
+      if (markup->kind == Markup::Kind::kLine && markup->points.size() != 2) {
+        return base::failure(file_ + ": " + which + ": a line has two control points, this one has " +
+                             std::to_string(markup->points.size()));
+      }
       out.push_back(std::move(*markup));
+    }
+    for (const std::string &other : others) {
+      constexpr const char *kOnly = ": only Fiducial, Line, Curve and ClosedCurve are read";
+      if (out.empty()) {
+        return base::failure(other + kOnly);
+      }
+      if (auto left = leave_out(other, kOnly, notes_); !left) {
+        return tl::unexpected(left.error());
+      }
     }
     return out;
   }
@@ -68,13 +120,6 @@ private:
       return base::failure(file_ + ": " + which + ": is not a markup");
     }
     Markup markup;
-    const std::string type = item.contains("type") ? shown(item["type"]) : "";
-    const auto kind = kind_of(type);
-    if (!kind) {
-      return base::failure(file_ + ": " + which + ": type = \"" + type +
-                           "\": only Fiducial, Line, Curve and ClosedCurve are read");
-    }
-    markup.kind = *kind;
     if (item.contains("name") && item["name"].is_string()) {
       markup.name = item["name"].get<std::string>();
     }
@@ -83,42 +128,46 @@ private:
     if (!space) {
       return base::failure(file_ + ": " + which + ": coordinateSystem = \"" + space_text + "\": must be LPS or RAS");
     }
-    if (item.contains("coordinateUnits") && shown(item["coordinateUnits"]) != "mm") {
-      return base::failure(file_ + ": " + which + ": coordinateUnits = \"" + shown(item["coordinateUnits"]) +
-                           "\": must be mm");
+    const std::string unit_name = item.contains("coordinateUnits") ? unit_text(item["coordinateUnits"]) : "mm";
+    const auto unit = unit_named(unit_name);
+    if (!unit) {
+      return base::failure(file_ + ": " + which + ": coordinateUnits = \"" + unit_name + "\": must be mm, cm, m or um");
     }
     const auto points = item.find("controlPoints");
     if (points == item.end() || !points->is_array()) {
       return base::failure(file_ + ": " + which + ": has no list \"controlPoints\"");
     }
+    std::size_t number = 0;
     for (const Json &point : *points) {
-      const std::string place = file_ + ": " + which + ", control point " + std::to_string(markup.points.size() + 1);
-      auto read = read_point(point, place, *space);
+      std::string place = file_ + ": " + which + ", control point " + std::to_string(++number);
+      const std::string label = point.is_object() && point.contains("label") ? shown(point["label"]) : "";
+      place += label.find_first_not_of(' ') == std::string::npos ? "" : " (" + label + ")";
+      if (point.is_object() && point.contains("positionStatus") && shown(point["positionStatus"]) != "defined") {
+        const std::string never =
+            place + ": positionStatus = \"" + shown(point["positionStatus"]) + "\": it was never placed";
+        if (auto left = leave_out(never, kPlaceIt, notes_); !left) {
+          return tl::unexpected(left.error());
+        }
+        continue;
+      }
+      auto read = read_point(point, label, place);
       if (!read) {
         return tl::unexpected(read.error());
       }
+      read->position_mm *= mm_per(*unit);
+      read->position_mm = *space == Space::kLps ? flipped(read->position_mm) : read->position_mm;
       markup.points.push_back(std::move(*read));
-    }
-    if (markup.kind == Markup::Kind::kLine && markup.points.size() != 2) {
-      return base::failure(file_ + ": " + which + ": a line has two control points, this one has " +
-                           std::to_string(markup.points.size()));
     }
     return markup;
   }
 
-  static base::Result<NamedPoint> read_point(const Json &point, std::string place, Space space) {
-    NamedPoint out;
-    if (point.is_object() && point.contains("label") && point["label"].is_string()) {
-      out.name = point["label"].get<std::string>();
-    }
-    place += out.name.find_first_not_of(' ') == std::string::npos ? "" : " (" + out.name + ")";
+  // In the coordinates of the file.
+  static base::Result<NamedPoint> read_point(const Json &point, const std::string &label, const std::string &place) {
     if (!point.is_object()) {
       return base::failure(place + ": is not a control point");
     }
-    if (point.contains("positionStatus") && shown(point["positionStatus"]) != "defined") {
-      return base::failure(place + ": positionStatus = \"" + shown(point["positionStatus"]) +
-                           "\": it was never placed");
-    }
+    NamedPoint out;
+    out.name = label;
     const auto position = point.find("position");
     if (position == point.end()) {
       return base::failure(place + ": has no position");
@@ -126,73 +175,106 @@ private:
     const bool three = position->is_array() && position->size() == 3;
     for (std::size_t i = 0; i < 3; ++i) {
       if (!three || !(*position)[i].is_number()) {
-        return base::failure(place + ": position = " + position->dump() + ": must be three numbers");
+        return base::failure(place + ": position = " + shown(*position) + ": must be three numbers");
       }
       out.position_mm[static_cast<Eigen::Index>(i)] = (*position)[i].get<double>();
     }
     if (!out.position_mm.allFinite()) {
-      return base::failure(place + ": position = " + position->dump() + ": must be finite");
-    }
-    if (space == Space::kLps) {
-      out.position_mm = flipped(out.position_mm);
+      return base::failure(place + ": position = " + shown(*position) + ": must be finite");
     }
     return out;
   }
 
   std::string file_;
+  Notes *notes_;
 };
 
-// Slicer's older format: comment lines with the coordinate system and the columns, then one point per line.
-base::Result<std::vector<Markup>> read_fcsv(const fs::path &file, std::istream &in) {
-  Markup markup;
-  markup.name = file.stem().string();
-  Space space = Space::kRas; // the default of Slicer 4 without that line
-  std::vector<std::string> columns{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
-  std::string line;
-  for (int line_number = 1; std::getline(in, line); ++line_number) {
-    const std::string place = file.string() + ":" + std::to_string(line_number);
-    const std::string_view text = base::trimmed(line);
-    if (text.starts_with("#")) {
-      const auto equals = text.find('=');
-      const std::string value(equals == std::string_view::npos ? "" : base::trimmed(text.substr(equals + 1)));
-      if (text.find("CoordinateSystem") != std::string::npos) {
-        const auto given = space_of(value);
-        if (!given) {
-          return base::failure(place + ": CoordinateSystem = " + value + ": must be LPS or RAS (1 or 0)");
+// Slicer's older format: comment lines with the coordinate system and the columns, then one point per line. Slicer 5
+// writes two cells more than it names: the status of the position, and whether it was made automatically.
+class Fcsv {
+public:
+  static base::Result<std::vector<Markup>> read(const fs::path &file, Notes *notes) {
+    const auto table = base::read_csv(file);
+    if (!table) {
+      return tl::unexpected(table.error());
+    }
+    Fcsv reader(*table);
+    if (auto header = reader.read_comments(); !header) {
+      return tl::unexpected(header.error());
+    }
+    Markup markup;
+    markup.name = file.stem().string();
+    std::size_t number = 0;
+    for (const base::CsvRow &row : table->rows) {
+      const std::string name = reader.cell(row, "label");
+      const std::string place =
+          table->place(row) + "control point " + std::to_string(++number) + (name.empty() ? "" : " (" + name + ")");
+      const std::string status = reader.status(row);
+      if (!status.empty() && status != kDefined) {
+        if (auto left = leave_out(place + ": positionStatus = " + status + ": it was never placed", kPlaceIt, notes);
+            !left) {
+          return tl::unexpected(left.error());
         }
-        space = *given;
-      } else if (text.find("columns") != std::string::npos) {
-        const auto names = base::cells(value, ',');
-        columns.assign(names.begin(), names.end());
-      }
-      continue;
-    }
-    if (text.empty()) {
-      continue;
-    }
-    const std::vector<std::string_view> row = base::cells(text, ',');
-    NamedPoint point;
-    for (std::size_t i = 0; i < columns.size(); ++i) {
-      const std::string &name = columns[i];
-      const std::string cell(i < row.size() ? row[i] : "");
-      if (name == "label") {
-        point.name = cell;
-      }
-      if (name != "x" && name != "y" && name != "z") {
         continue;
       }
-      const auto value = base::parsed_number<double>(cell);
-      if (!value || !std::isfinite(*value)) {
-        return base::failure(place + ": control point " + std::to_string(markup.points.size() + 1) + ": " + name +
-                             " = " + cell + ": must be a finite number");
+      auto position = reader.position(row, place);
+      if (!position) {
+        return tl::unexpected(position.error());
       }
-      point.position_mm[name[0] - 'x'] = *value;
+      markup.points.push_back({name, *position});
     }
-    point.position_mm = space == Space::kLps ? flipped(point.position_mm) : point.position_mm;
-    markup.points.push_back(point);
+    return std::vector<Markup>{std::move(markup)};
   }
-  return std::vector<Markup>{markup};
-}
+
+private:
+  static constexpr const char *kDefined = "2"; // vtkMRMLMarkupsNode::PositionDefined
+
+  explicit Fcsv(const base::CsvTable &table) : table_(table) {}
+
+  base::Result<void> read_comments() {
+    for (const base::CsvComment &comment : table_.comments) {
+      const std::size_t equals = comment.text.find('=');
+      const std::string value(equals == std::string::npos ? "" : base::trimmed(comment.text.substr(equals + 1)));
+      if (comment.text.find("CoordinateSystem") != std::string::npos) {
+        const auto given = space_of(value);
+        if (!given) {
+          return base::failure(table_.file + ":" + std::to_string(comment.line) + ": CoordinateSystem = " + value +
+                               ": must be LPS or RAS (1 or 0)");
+        }
+        space_ = *given;
+      } else if (comment.text.find("columns") != std::string::npos) {
+        columns_ = base::csv_cells(value).value_or(columns_);
+      }
+    }
+    return {};
+  }
+
+  [[nodiscard]] std::string cell(const base::CsvRow &row, std::string_view column) const {
+    const auto at = static_cast<std::size_t>(std::find(columns_.begin(), columns_.end(), column) - columns_.begin());
+    return at < std::min(columns_.size(), row.cells.size()) ? row.cells[at] : "";
+  }
+
+  [[nodiscard]] std::string status(const base::CsvRow &row) const {
+    return row.cells.size() > columns_.size() ? row.cells[columns_.size()] : "";
+  }
+
+  [[nodiscard]] base::Result<Eigen::Vector3d> position(const base::CsvRow &row, const std::string &place) const {
+    Eigen::Vector3d out;
+    for (const char axis : {'x', 'y', 'z'}) {
+      const std::string text = cell(row, {&axis, 1});
+      const auto value = table_.number(text);
+      if (!value || !std::isfinite(*value)) {
+        return base::failure(place + ": " + axis + " = " + text + ": must be a finite number");
+      }
+      out[axis - 'x'] = *value;
+    }
+    return space_ == Space::kLps ? flipped(out) : out;
+  }
+
+  const base::CsvTable &table_;
+  Space space_ = Space::kRas; // the default of Slicer 4 without that line
+  std::vector<std::string> columns_{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
+};
 
 Json control_point(std::size_t index, const std::string &label, const Eigen::Vector3d &ras) {
   const Eigen::Vector3d lps = flipped(ras);
@@ -231,54 +313,80 @@ base::Result<void> write(const fs::path &file, Json markups) {
   return {};
 }
 
-} // namespace
-
-base::Result<std::vector<Markup>> read_markups(const fs::path &file) {
-  const auto content = base::read_file(file, kMaxMarkupBytes);
-  if (!content) {
-    return tl::unexpected(content.error());
-  }
-  if (file.extension() == ".fcsv") {
-    std::istringstream in(*content);
-    return read_fcsv(file, in);
-  }
-  try {
-    return JsonMarkups(file).read(Json::parse(*content));
-  } catch (const Json::exception &problem) {
-    return base::failure(file.string() + ": is not JSON: " + problem.what());
-  }
-}
-
-base::Result<std::vector<NamedPoint>> read_points(const fs::path &file) {
-  const auto markups = read_markups(file);
+// Markups of one kind. Others beside them are left out; a file of others alone is refused.
+base::Result<std::vector<Markup>> read_only(const fs::path &file, Notes *notes, const char *expected,
+                                            const std::function<bool(Markup::Kind)> &wanted) {
+  auto markups = read_markups(file, notes);
   if (!markups) {
-    return tl::unexpected(markups.error());
+    return markups;
   }
-  std::vector<NamedPoint> out;
-  for (const Markup &markup : *markups) {
-    if (markup.kind != Markup::Kind::kPoints) {
-      return base::failure(file.string() + ": \"" + markup.name + "\" is a " +
-                           (markup.kind == Markup::Kind::kLine ? "line" : "curve") + " where points are expected");
+  std::vector<Markup> out;
+  std::vector<std::string> others;
+  for (Markup &markup : *markups) {
+    if (wanted(markup.kind)) {
+      out.push_back(std::move(markup));
+    } else {
+      others.push_back(file.string() + ": \"" + markup.name + "\" is a " + noun_of(markup.kind) + " where " + expected +
+                       " are expected");
     }
-    out.insert(out.end(), markup.points.begin(), markup.points.end());
+  }
+  for (const std::string &other : others) {
+    if (auto left = out.empty() ? base::failure(other) : leave_out(other, "", notes); !left) {
+      return tl::unexpected(left.error());
+    }
   }
   return out;
 }
 
-base::Result<std::vector<Trajectory>> read_trajectories(const fs::path &file) {
-  const auto markups = read_markups(file);
-  if (!markups) {
-    return tl::unexpected(markups.error());
+} // namespace
+
+base::Result<std::vector<Markup>> read_markups(const fs::path &file, Notes *notes) {
+  if (base::lower(file.extension().string()) == ".fcsv") {
+    return Fcsv::read(file, notes);
+  }
+  auto content = base::read_file(file, kMaxMarkupBytes).and_then([&](std::string bytes) {
+    return base::utf8_of(file, std::move(bytes));
+  });
+  if (!content) {
+    return tl::unexpected(content.error());
+  }
+  try {
+    return JsonMarkups(file, notes).read(Json::parse(*content));
+  } catch (const Json::parse_error &problem) {
+    // The number of characters read, with that at which the error was noticed.
+    const std::size_t at = std::min(std::max<std::size_t>(problem.byte, 1) - 1, content->size());
+    const auto line = 1 + std::count(content->begin(), content->begin() + static_cast<std::ptrdiff_t>(at), '\n');
+    const std::string_view left = base::trimmed(std::string_view(*content).substr(at));
+    const std::string place = file.string() + ":" + std::to_string(line) + ": ";
+    return base::failure(left.empty()
+                             ? place + "is not whole: its JSON ends within a value"
+                             : place + "is not JSON: \"" + std::string(left.substr(0, 20)) + "\" is not expected here");
+  } catch (const Json::exception &) { // a number beyond every double
+    return base::failure(file.string() + ": is not JSON: a value cannot be read");
+  }
+}
+
+base::Result<std::vector<NamedPoint>> read_points(const fs::path &file, Notes *notes) {
+  const auto lists = read_only(file, notes, "points", [](Markup::Kind kind) { return kind == Markup::Kind::kPoints; });
+  if (!lists) {
+    return tl::unexpected(lists.error());
+  }
+  std::vector<NamedPoint> out;
+  for (const Markup &list : *lists) {
+    out.insert(out.end(), list.points.begin(), list.points.end());
+  }
+  return out;
+}
+
+base::Result<std::vector<Trajectory>> read_trajectories(const fs::path &file, Notes *notes) {
+  const auto lines = read_only(file, notes, "lines", [](Markup::Kind kind) { return kind == Markup::Kind::kLine; });
+  if (!lines) {
+    return tl::unexpected(lines.error());
   }
   std::vector<Trajectory> out;
-  for (const Markup &markup : *markups) {
-    if (markup.kind != Markup::Kind::kLine) {
-      return base::failure(file.string() + ": \"" + markup.name + "\" is a " +
-                           (markup.kind == Markup::Kind::kPoints ? "list of points" : "curve") +
-                           " where lines are expected");
-    }
-    const std::string name = markup.name.empty() ? file.stem().stem().string() : markup.name;
-    out.push_back({name, markup.points[0].position_mm, markup.points[1].position_mm});
+  for (const Markup &line : *lines) {
+    const std::string name = line.name.empty() ? file.stem().stem().string() : line.name;
+    out.push_back({name, line.points[0].position_mm, line.points[1].position_mm});
   }
   return out;
 }

@@ -1,8 +1,8 @@
 // Points, lines and curves in the formats of 3D Slicer's Markups module: .mrk.json (read and written, schema 1.0) and
 // .fcsv (read).
 //
-// In memory all positions are RAS, mm. Files state LPS or RAS and are converted; written files are LPS, as Slicer
-// writes them. Errors name the file, the control point and the value.
+// In memory all positions are RAS, mm. Files state LPS or RAS, and their unit, and are converted; written files are LPS
+// in mm, as Slicer writes them. Errors name the file, the control point and the value.
 #pragma once
 
 #include <filesystem>
@@ -31,20 +31,28 @@ struct MarkedCurve {
   bool closed = false;
 };
 
-// Every markup of a file, in its order. Kinds other than Fiducial, Line, Curve and ClosedCurve are refused.
-[[nodiscard]] base::Result<std::vector<Markup>> read_markups(const std::filesystem::path &file);
+// What a reader left out: sentences that name the file. A reader without it (nullptr) refuses the file instead.
+using Notes = std::vector<std::string>;
 
-// The points of all lists of a file, in order. Lines are refused. Labels are not checked here, but by load_case.
-[[nodiscard]] base::Result<std::vector<NamedPoint>> read_points(const std::filesystem::path &file);
+// Every markup of a file, in its order. Left out: points that were never placed, and kinds other than Fiducial, Line,
+// Curve and ClosedCurve beside one of these.
+[[nodiscard]] base::Result<std::vector<Markup>> read_markups(const std::filesystem::path &file, Notes *notes = nullptr);
+
+// The points of all lists of a file, in order. Left out: other kinds beside a list. Labels are not checked here, but by
+// load_case.
+[[nodiscard]] base::Result<std::vector<NamedPoint>> read_points(const std::filesystem::path &file,
+                                                                Notes *notes = nullptr);
 
 // Every line of a file: the first control point is the entry, the second the target. A line without a name gets that of
-// its file.
-[[nodiscard]] base::Result<std::vector<Trajectory>> read_trajectories(const std::filesystem::path &file);
+// its file. Left out: other kinds beside a line.
+[[nodiscard]] base::Result<std::vector<Trajectory>> read_trajectories(const std::filesystem::path &file,
+                                                                      Notes *notes = nullptr);
 
-// The curves of a .mrk.json file (a line is one of two points), or of a table .csv with the columns curve,x,y,z: the
-// rows of a name, which need not be neighbours, are its points in order; a curve whose last point is its first is
-// closed. Names must differ. The positions of a .csv file are not converted.
-[[nodiscard]] base::Result<std::vector<MarkedCurve>> read_curves(const std::filesystem::path &file);
+// The curves of a .mrk.json file (a line is one of two points), or of a table with a column curve (point_table.hpp):
+// the rows of a name, which need not be neighbours, are its points in order; a curve whose last point is its first is
+// closed. Names must differ. Left out of a .mrk.json file: other kinds beside a curve.
+[[nodiscard]] base::Result<std::vector<MarkedCurve>> read_curves(const std::filesystem::path &file,
+                                                                 Notes *notes = nullptr);
 
 [[nodiscard]] base::Result<void> write_points(const std::filesystem::path &file, const std::string &list_name,
                                               std::span<const NamedPoint> points);

@@ -55,8 +55,8 @@ TEST(Curves, ATableHoldsSeveralInAnyOrderOfRows) {
 }
 
 TEST(Curves, ErrorsAreReportedWithTheirPlace) {
-  EXPECT_EQ(curves_error("c.csv", "A,0,0,0\nA,1,nan,0\n"), "c.csv:2: curve A: y = \"nan\": must be a finite number");
-  EXPECT_EQ(curves_error("c.csv", "A,0,0,0\nA,1,0\n"), "c.csv:2: must be \"curve,x,y,z\", this line has 3 cells");
+  EXPECT_EQ(curves_error("c.csv", "A,0,0,0\nA,1,nan,0\n"), "c.csv:2: point 2: y = \"nan\": must be a finite number");
+  EXPECT_EQ(curves_error("c.csv", "A,0,0,0\nA,1,0\n"), "c.csv:2: has 3 cells, there are 4 columns");
   EXPECT_EQ(curves_error("c.csv", "A,0,0,0\n"), "c.csv: curve \"A\": has 1 points, a curve has at least 2");
   EXPECT_EQ(curves_error("c.csv", "A,0,0,0\nA,1,0,0\nA,1,0,0\n"), "c.csv: curve \"A\": points 2 and 3 are the same");
   EXPECT_EQ(curves_error("c.csv", "curve,x,y,z\n"), "c.csv: holds no curve");
@@ -65,7 +65,7 @@ TEST(Curves, ErrorsAreReportedWithTheirPlace) {
   EXPECT_EQ(curves_error("c.mrk.json",
                          slicer_curve("ClosedCurve", "Rim", R"({"position": [0, 0, 0]}, {"position": [0, 0, 5]})")),
             "c.mrk.json: curve \"Rim\": has 2 points, a closed curve has at least 3");
-  EXPECT_EQ(read_curves("/nowhere/c.csv").error().message, "/nowhere/c.csv: no such file, or it cannot be read");
+  EXPECT_EQ(read_curves("/nowhere/c.csv").error().message, "/nowhere/c.csv: No such file or directory");
 }
 
 } // namespace

@@ -69,14 +69,16 @@ TEST(ItkTransform, UnreadableContentIsRefusedWithLineAndValue) {
   const std::string affine = "Transform: AffineTransform_double_3_3\n";
   const std::string parameters = "Parameters: 1 0 0 0 1 0 0 0 1 0 0 0\n";
   EXPECT_EQ(transform_error("hello\n"),
-            "a.tfm:1: is not an ITK transform file: it must begin with \"#Insight Transform File V1.0\"");
+            "a.tfm:1: is not an ITK transform file: it must begin with \"#Insight Transform File V1.0\", or be a .mat "
+            "file of ANTs");
   EXPECT_EQ(transform_error(kHead), "a.tfm: holds no transform");
-  EXPECT_EQ(
-      transform_error(kHead + "Transform: BSplineTransform_double_3_3\n"),
-      "a.tfm:3: Transform: BSplineTransform_double_3_3: only affine and rigid transforms of three dimensions are read");
-  EXPECT_EQ(
-      transform_error(kHead + "Transform: AffineTransform_double_2_2\n"),
-      "a.tfm:3: Transform: AffineTransform_double_2_2: only affine and rigid transforms of three dimensions are read");
+  for (const std::string type : {"BSplineTransform_double_3_3", "AffineTransform_double_2_2"}) {
+    EXPECT_EQ(transform_error(kHead + "Transform: " + type + "\n"),
+              "a.tfm:3: Transform: " + type +
+                  ": is not read; read are transforms of three dimensions (_double_3_3, _float_3_3): AffineTransform, "
+                  "MatrixOffsetTransformBase, Rigid3DTransform, Euler3DTransform, VersorRigid3DTransform, "
+                  "QuaternionRigidTransform, TranslationTransform");
+  }
   EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 0 1 0 0 0 1 0 0\nFixedParameters: 0 0 0\n"),
             "a.tfm:4: Parameters: 11 numbers that are no AffineTransform");
   EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 0 nan 0 0 0 1 0 0 0\n"),
@@ -93,6 +95,39 @@ TEST(ItkTransform, UnreadableContentIsRefusedWithLineAndValue) {
             "a.tfm:4: Parameters: 6 numbers that are no VersorRigid3DTransform");
   const TemporaryFolder folder;
   EXPECT_FALSE(write_itk_transform(folder.path() / "b.tfm", Matrix4d::Zero()));
+}
+
+// The files of tests/data/faults/transforms hold one pose.
+TEST(ItkTransform, EveryRigidKindOfItkAndAntsIsReadAsTheSamePose) {
+  const std::filesystem::path folder = BREGMA_SOURCE_DIR "/tests/data/faults/transforms";
+  const auto expected = read_itk_transform(folder / "affine.tfm");
+  ASSERT_TRUE(expected) << expected.error().message;
+  for (const char *name : {"rigid3d.tfm", "versor.tfm", "quat.tfm", "composite.tfm", "ants0GenericAffine.mat"}) {
+    const auto T = read_itk_transform(folder / name);
+    ASSERT_TRUE(T) << T.error().message;
+    EXPECT_LT((*T - *expected).cwiseAbs().maxCoeff(), 1e-6) << name;
+  }
+}
+
+TEST(ItkTransform, ABinaryFileThatIsNotWholeIsRefused) {
+  const TemporaryFolder folder;
+  const std::string whole =
+      bregma::tests::read_file(BREGMA_SOURCE_DIR "/tests/data/faults/transforms/ants0GenericAffine.mat");
+  for (std::size_t size = 1; size < whole.size(); ++size) {
+    ASSERT_FALSE(read_itk_transform(folder.write("cut.mat", whole.substr(0, size)))) << size << " bytes";
+  }
+}
+
+TEST(ItkTransform, ACompositeOfTwoIsRefused) {
+  const TemporaryFolder folder;
+  const std::string one = "Transform: TranslationTransform_double_3_3\nParameters: 1 2 3\nFixedParameters:\n";
+  const std::string head = "#Insight Transform File V1.0\nTransform: CompositeTransform_double_3_3\n";
+  const auto read = read_itk_transform(folder.write("one.tfm", head + one));
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_TRUE((Eigen::Vector3d(read->topRightCorner<3, 1>()).isApprox(Eigen::Vector3d(1, 2, -3))));
+  const auto two = read_itk_transform(folder.write("two.tfm", head + one + one));
+  ASSERT_FALSE(two);
+  EXPECT_NE(two.error().message.find(":6: is a second transform"), std::string::npos) << two.error().message;
 }
 
 } // namespace

@@ -79,20 +79,22 @@ TEST(Markups, ErrorsNameTheControlPointAndTheValue) {
   EXPECT_EQ(markups_error(points_file(R"({"label": "A", "position": [1, 2]})")),
             ": markup 1, control point 1 (A): position = [1,2]: must be three numbers");
   EXPECT_EQ(markups_error(points_file(R"({"label": " "})")), ": markup 1, control point 1: has no position");
-  EXPECT_EQ(markups_error(points_file(R"({"label": "A", "position": [0, 0, 0], "positionStatus": "undefined"})")),
-            ": markup 1, control point 1 (A): positionStatus = \"undefined\": it was never placed");
+  EXPECT_EQ(
+      markups_error(points_file(R"({"label": "A", "position": [0, 0, 0], "positionStatus": "undefined"})")),
+      ": markup 1, control point 1 (A): positionStatus = \"undefined\": it was never placed: place it, or delete it");
   EXPECT_EQ(markups_error(points_file("", "\"coordinateSystem\": \"XYZ\",")),
             ": markup 1: coordinateSystem = \"XYZ\": must be LPS or RAS");
   EXPECT_EQ(markups_error(points_file("", "", "Plane")),
             ": markup 1: type = \"Plane\": only Fiducial, Line, Curve and ClosedCurve are read");
-  EXPECT_EQ(markups_error(points_file("", "\"coordinateUnits\": \"m\",")),
-            ": markup 1: coordinateUnits = \"m\": must be mm");
+  EXPECT_EQ(markups_error(points_file("", "\"coordinateUnits\": \"inch\",")),
+            ": markup 1: coordinateUnits = \"inch\": must be mm, cm, m or um");
   EXPECT_EQ(markups_error("{}"), ": is not a Slicer markups file: it has no list \"markups\"");
   EXPECT_EQ(markups_error("[1, 2]"), ": is not a Slicer markups file: it has no list \"markups\"");
   EXPECT_EQ(markups_error("{\"markups\": [3]}"), ": markup 1: is not a markup");
-  EXPECT_NE(markups_error("{\"markups\": [").find("is not JSON"), std::string::npos);
-  EXPECT_NE(markups_error(points_file(R"({"label": "A", "position": [NaN, 0, 0]})")).find("is not JSON"),
-            std::string::npos);
+  EXPECT_EQ(markups_error("{\n\"markups\": ["), ":2: is not whole: its JSON ends within a value");
+  EXPECT_NE(markups_error(points_file(R"({"label": "A", "position": [NaN, 0, 0]})")).find("is not JSON: \""),
+            std::string::npos)
+      << markups_error(points_file(R"({"label": "A", "position": [NaN, 0, 0]})"));
   EXPECT_NE(markups_error(points_file(R"({"label": "A", "position": [1e999, 0, 0]})")).find("f.mrk.json"), 0U);
 }
 
@@ -118,9 +120,39 @@ TEST(Markups, FcsvIsRead) {
   EXPECT_EQ(points->front().name, "AC");
   EXPECT_EQ(points->front().position_mm, Eigen::Vector3d(0.832, 5.670, -9.659));
   EXPECT_EQ(markups_error(header + "vtk_1,0.832,five,-9.659,0,0,0,1,1,1,0,AC,,\n", "b.fcsv"),
-            ":4: control point 1: y = five: must be a finite number");
+            ":4: control point 1 (AC): y = five: must be a finite number");
   EXPECT_EQ(markups_error("# CoordinateSystem = 7\n", "c.fcsv"),
             ":1: CoordinateSystem = 7: must be LPS or RAS (1 or 0)");
+}
+
+TEST(Markups, UnitsOfAnyFormAreApplied) {
+  TemporaryFolder folder;
+  for (const char *unit :
+       {"\"m\"", "[\"m\", \"UCUM\", \"meter\"]", "{\"codeValue\": \"m\", \"codingSchemeDesignator\": \"UCUM\"}"}) {
+    const auto points =
+        read_points(folder.write("u.mrk.json", points_file(R"({"label": "A", "position": [-0.01, -0.02, 0.03]})",
+                                                           std::string("\"coordinateUnits\": ") + unit + ",")));
+    ASSERT_TRUE(points) << points.error().message;
+    EXPECT_TRUE(points->front().position_mm.isApprox(Eigen::Vector3d(10, 20, 30))) << unit;
+  }
+}
+
+TEST(Markups, WhatCannotBeUsedBesideAListIsLeftOutAndSaid) {
+  TemporaryFolder folder;
+  const auto file = folder.write("b.mrk.json", R"({"markups": [{"type": "Plane", "controlPoints": []},
+      {"type": "Fiducial", "controlPoints": [{"label": "A", "position": [0, 0, 0]},
+        {"label": "B", "position": [0, 0, 0], "positionStatus": "preview"}]},
+      {"type": "Line", "name": "L", "controlPoints": [{"position": [0, 0, 0]}, {"position": [0, 0, 1]}]}]})");
+  Notes notes;
+  const auto points = read_points(file, &notes);
+  ASSERT_TRUE(points) << points.error().message;
+  EXPECT_EQ(points->size(), 1U);
+  ASSERT_EQ(notes.size(), 3U);
+  EXPECT_NE(notes[0].find("control point 2 (B): positionStatus = \"preview\": it was never placed: it is left out"),
+            std::string::npos);
+  EXPECT_NE(notes[1].find("markup 1: type = \"Plane\": it is left out"), std::string::npos);
+  EXPECT_NE(notes[2].find("\"L\" is a line where points are expected: it is left out"), std::string::npos);
+  EXPECT_FALSE(read_points(file)) << "a reader that tells nobody refuses the file";
 }
 
 // CT and MR of a distortion phantom, from Slicer.

@@ -1,0 +1,439 @@
+#include "casefile/point_table.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <span>
+#include <string_view>
+
+#include <Eigen/Cholesky>
+
+#include "base/csv_table.hpp"
+#include "base/text.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+using base::CsvRow;
+using base::CsvTable;
+
+enum class Content {
+  kX,
+  kY,
+  kZ,
+  kName,
+  kId,
+  kCurve,
+  kSigma,
+  kSigmaX,
+  kSigmaY,
+  kSigmaZ,
+  kCxx,
+  kCxy,
+  kCxz,
+  kCyy,
+  kCyz,
+  kCzz,
+  kTime,
+  kDefined,
+  kNotUsed
+};
+
+// What a header's word says about a column: axis and sign are those of RAS.
+struct Column {
+  Content content = Content::kNotUsed;
+  double sign = 1.0;
+  bool space_stated = false;
+  std::optional<LengthUnit> unit = std::nullopt;
+  std::string word; // as in the file
+};
+
+struct KnownWord {
+  std::string_view word;
+  Content content;
+  double sign = 1.0;
+  bool space_stated = false;
+};
+
+constexpr auto kWords = std::to_array<KnownWord>({
+    {"x", Content::kX},
+    {"y", Content::kY},
+    {"z", Content::kZ},
+    {"r", Content::kX, 1.0, true},
+    {"a", Content::kY, 1.0, true},
+    {"s", Content::kZ, 1.0, true},
+    {"l", Content::kX, -1.0, true},
+    {"p", Content::kY, -1.0, true},
+    {"i", Content::kZ, -1.0, true},
+    {"name", Content::kName},
+    {"label", Content::kName},
+    {"point", Content::kName},
+    {"id", Content::kId},
+    {"curve", Content::kCurve},
+    {"sigma", Content::kSigma},
+    {"sx", Content::kSigmaX},
+    {"sy", Content::kSigmaY},
+    {"sz", Content::kSigmaZ},
+    {"cxx", Content::kCxx},
+    {"cxy", Content::kCxy},
+    {"cxz", Content::kCxz},
+    {"cyy", Content::kCyy},
+    {"cyz", Content::kCyz},
+    {"czz", Content::kCzz},
+    {"t", Content::kTime},
+    {"defined", Content::kDefined},
+    {"selected", Content::kNotUsed},
+    {"visible", Content::kNotUsed},
+    {"locked", Content::kNotUsed},
+    {"description", Content::kNotUsed},
+    {"desc", Content::kNotUsed},
+    {"comment", Content::kNotUsed},
+    {"associatednodeid", Content::kNotUsed},
+    {"mass", Content::kNotUsed},
+    {"volume", Content::kNotUsed},
+    {"count", Content::kNotUsed},
+    {"type", Content::kNotUsed},
+    {"index", Content::kNotUsed},
+});
+
+// "x [cm]", "x (cm)", "x_cm": the word and the unit.
+std::pair<std::string, std::optional<LengthUnit>> split_unit(const std::string &word) {
+  const auto open = word.find_first_of("[(_");
+  if (open == std::string::npos || open == 0) {
+    return {word, std::nullopt};
+  }
+  std::string_view unit = std::string_view(word).substr(open + 1);
+  if (word[open] != '_' && !unit.empty()) {
+    unit.remove_suffix(1);
+  }
+  const auto known = unit_named(base::trimmed(unit));
+  return known ? std::pair(std::string(base::trimmed(std::string_view(word).substr(0, open))), known)
+               : std::pair(word, std::optional<LengthUnit>());
+}
+
+std::optional<Column> column_named(const std::string &cell) {
+  const auto [word, unit] = split_unit(base::lower(cell));
+  const auto known =
+      std::find_if(kWords.begin(), kWords.end(), [&w = word](const KnownWord &one) { return one.word == w; });
+  if (known == kWords.end()) {
+    return std::nullopt;
+  }
+  return Column{known->content, known->sign, known->space_stated, unit, cell};
+}
+
+// A header names at least one column and contains no number.
+bool is_header(const CsvTable &table, const CsvRow &row) {
+  bool names = false;
+  for (const std::string &cell : row.cells) {
+    if (table.number(cell)) {
+      return false;
+    }
+    names = names || column_named(cell).has_value();
+  }
+  return names;
+}
+
+// "# x y z", as numpy writes it: a comment whose words are all columns.
+std::optional<CsvRow> header_in_comments(const CsvTable &table) {
+  for (const base::CsvComment &comment : table.comments) {
+    auto cells = base::csv_cells(comment.text);
+    const auto is_column = [](const std::string &cell) { return column_named(cell).has_value(); };
+    if (cells && cells->size() > 2 && std::all_of(cells->begin(), cells->end(), is_column)) {
+      return CsvRow{comment.line, std::move(*cells)};
+    }
+  }
+  return std::nullopt;
+}
+
+constexpr const char *kWithoutHeader =
+    "without a header a row is x,y,z or name,x,y,z, and may go on with sx,sy,sz or cxx,cxy,cxz,cyy,cyz,czz";
+
+std::vector<Column> plain_columns(std::span<const Content> contents) {
+  std::vector<Column> out;
+  constexpr std::array<const char *, 3> kAxes{"x", "y", "z"};
+  for (const Content content : contents) {
+    const auto known =
+        std::find_if(kWords.begin(), kWords.end(), [content](const KnownWord &one) { return one.content == content; });
+    out.push_back(
+        {.content = content,
+         .word = content <= Content::kZ ? kAxes[static_cast<std::size_t>(content)] : std::string(known->word)});
+  }
+  return out;
+}
+
+// Columns of a table without a header, from the number of its cells. Empty: not one of these.
+std::vector<Column> columns_by_count(const CsvRow &first, const PointTableOptions &options) {
+  using enum Content;
+  std::vector<Content> out{kX, kY, kZ};
+  std::size_t cells = first.cells.size();
+  constexpr std::array<std::string_view, 4> kSimNibs{"fiducial", "electrode", "referenceelectrode", "generic"};
+  if (cells == 5 && std::find(kSimNibs.begin(), kSimNibs.end(), base::lower(first.cells[0])) != kSimNibs.end()) {
+    return plain_columns(std::array{kNotUsed, kX, kY, kZ, kName});
+  }
+  if (cells % 3 == 1) {
+    out.insert(out.begin(), options.curves ? kCurve : kName);
+    --cells;
+  }
+  if (cells == 6) {
+    out.insert(out.end(), {kSigmaX, kSigmaY, kSigmaZ});
+  } else if (cells == 9) {
+    out.insert(out.end(), {kCxx, kCxy, kCxz, kCyy, kCyz, kCzz});
+  } else if (cells != 3) {
+    return {};
+  }
+  return plain_columns(out);
+}
+
+// Position of each content in a row.
+class Layout {
+public:
+  Layout(std::vector<Column> columns, std::string place) : columns_(std::move(columns)), place_(std::move(place)) {}
+
+  // Each content once, and three coordinates.
+  [[nodiscard]] base::Result<void> check() {
+    for (std::size_t i = 0; i < columns_.size(); ++i) {
+      const Column &column = columns_[i];
+      if (column.content == Content::kNotUsed) {
+        continue;
+      }
+      if (const auto [at, fresh] = at_.try_emplace(column.content, i); !fresh) {
+        return base::failure(place_ + "the columns \"" + columns_[at->second].word + "\" and \"" + column.word +
+                             "\" mean the same");
+      }
+    }
+    for (const auto &[content, names] :
+         {std::pair(Content::kX, "x, r or l"), {Content::kY, "y, a or p"}, {Content::kZ, "z, s or i"}}) {
+      if (!has(content)) {
+        return base::failure(place_ + "has no column " + names);
+      }
+    }
+    const auto stated = [this](Content content) { return columns_[at_.at(content)].space_stated; };
+    if (stated(Content::kX) != stated(Content::kY) || stated(Content::kX) != stated(Content::kZ)) {
+      return base::failure(place_ + "mixes columns x, y, z with columns that state their direction");
+    }
+    return {};
+  }
+
+  [[nodiscard]] bool has(Content content) const { return at_.contains(content); }
+  [[nodiscard]] std::size_t at(Content content) const { return at_.at(content); }
+  [[nodiscard]] const std::vector<Column> &columns() const { return columns_; }
+  [[nodiscard]] bool space_stated() const { return columns_[at_.at(Content::kX)].space_stated; }
+  [[nodiscard]] std::optional<LengthUnit> unit() const { return columns_[at_.at(Content::kX)].unit; }
+
+private:
+  std::vector<Column> columns_;
+  std::string place_; // "file:line: "
+  std::map<Content, std::size_t> at_;
+};
+
+class Reader {
+public:
+  Reader(const CsvTable &table, const Layout &layout, const PointTableOptions &options)
+      : table_(table), layout_(layout), scale_(mm_per(layout.unit().value_or(options.unit))) {
+    const bool lps = layout.has(Content::kTime) || options.space == Space::kLps;
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      const Column &column = layout.columns()[layout.at(static_cast<Content>(axis))];
+      signs_[axis] = column.space_stated ? column.sign : lps && axis < 2 ? -1.0 : 1.0;
+    }
+  }
+
+  // index: from 1, the name of a point without one.
+  [[nodiscard]] std::string name(const CsvRow &row, std::size_t index) const {
+    const std::string stated = cell(row, Content::kName).empty() ? cell(row, Content::kId) : cell(row, Content::kName);
+    return stated.empty() ? std::to_string(index) : stated;
+  }
+
+  // Empty: the point was never placed.
+  [[nodiscard]] base::Result<std::optional<TablePoint>> read(const CsvRow &row, std::size_t index) const {
+    TablePoint out;
+    out.name = name(row, index);
+    out.curve = cell(row, Content::kCurve);
+    const std::string place = table_.place(row) + "point " + out.name + ": ";
+    if (row.cells.size() != layout_.columns().size()) {
+      return base::failure(table_.place(row) + "has " + std::to_string(row.cells.size()) + " cells, there are " +
+                           std::to_string(layout_.columns().size()) + " columns");
+    }
+    if (layout_.has(Content::kDefined) && table_.number(cell(row, Content::kDefined)) == 0.0) {
+      return std::nullopt;
+    }
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      const auto value = number(row, static_cast<Content>(axis), place);
+      if (!value) {
+        return tl::unexpected(value.error());
+      }
+      out.position_mm[axis] = scale_ * signs_[axis] * *value;
+    }
+    auto covariance = covariance_of(row, place);
+    if (!covariance) {
+      return tl::unexpected(covariance.error());
+    }
+    out.covariance_mm2 = *covariance;
+    return out;
+  }
+
+private:
+  [[nodiscard]] std::string cell(const CsvRow &row, Content content) const {
+    return layout_.has(content) && layout_.at(content) < row.cells.size() ? row.cells[layout_.at(content)] : "";
+  }
+
+  [[nodiscard]] base::Result<double> number(const CsvRow &row, Content content, const std::string &place) const {
+    const std::string text = cell(row, content);
+    const auto value = table_.number(text);
+    if (!value || !std::isfinite(*value)) {
+      const bool comma = text.find(',') != std::string::npos;
+      return base::failure(place + layout_.columns()[layout_.at(content)].word + " = \"" + text +
+                           "\": must be a finite number" +
+                           (comma ? ", and it is not clear whether the comma begins its decimals" : ""));
+    }
+    return *value;
+  }
+
+  [[nodiscard]] base::Result<std::optional<Eigen::Matrix3d>> covariance_of(const CsvRow &row,
+                                                                           const std::string &place) const {
+    using enum Content;
+    const auto all = [this](std::initializer_list<Content> contents) {
+      return std::all_of(contents.begin(), contents.end(), [this](Content one) { return layout_.has(one); });
+    };
+    const bool each = all({kSigmaX, kSigmaY, kSigmaZ});
+    const bool whole = all({kCxx, kCxy, kCxz, kCyy, kCyz, kCzz});
+    if (!layout_.has(kSigma) && !each && !whole) {
+      return std::nullopt;
+    }
+    std::array<double, 6> values{};
+    const auto contents = whole  ? std::vector{kCxx, kCxy, kCxz, kCyy, kCyz, kCzz}
+                          : each ? std::vector{kSigmaX, kSigmaY, kSigmaZ}
+                                 : std::vector{kSigma, kSigma, kSigma};
+    for (std::size_t i = 0; i < contents.size(); ++i) {
+      const auto value = number(row, contents[i], place);
+      if (!value) {
+        return tl::unexpected(value.error());
+      }
+      values[i] = *value;
+    }
+    Eigen::Matrix3d out;
+    if (whole) {
+      out << values[0], values[1], values[2], values[1], values[3], values[4], values[2], values[4], values[5];
+    } else {
+      out = Eigen::Vector3d(values.data()).cwiseAbs2().asDiagonal();
+    }
+    const bool positive = whole ? out.llt().info() == Eigen::Success : Eigen::Vector3d(values.data()).minCoeff() > 0.0;
+    if (!positive) {
+      return base::failure(place + "its error must be positive in every direction");
+    }
+    return Eigen::Matrix3d(scale_ * scale_ * signs_.asDiagonal() * out * signs_.asDiagonal());
+  }
+
+  const CsvTable &table_;
+  const Layout &layout_;
+  double scale_;
+  Eigen::Vector3d signs_;
+};
+
+std::string list_of(const std::vector<std::string> &words) {
+  std::string out;
+  for (const std::string &word : words) {
+    out += (out.empty() ? "" : ", ") + word;
+  }
+  return out;
+}
+
+base::Result<Layout> layout_of(const CsvTable &table, const std::optional<CsvRow> &header,
+                               const PointTableOptions &options) {
+  std::vector<Column> columns;
+  if (header) {
+    for (const std::string &cell : header->cells) {
+      auto column = column_named(cell);
+      if (!column) {
+        return base::failure(table.place(*header) + "column \"" + cell +
+                             "\" is not known; known are x y z, r a s, l p s, name, label, curve, sigma, sx sy sz and "
+                             "the columns of Slicer and ANTs");
+      }
+      columns.push_back(std::move(*column));
+    }
+  } else if (!table.rows.empty()) {
+    columns = columns_by_count(table.rows.front(), options);
+    if (columns.empty()) {
+      return base::failure(table.place(table.rows.front()) + "has " + std::to_string(table.rows.front().cells.size()) +
+                           " cells: " + kWithoutHeader);
+    }
+  }
+  Layout layout(std::move(columns), header ? table.place(*header) : table.file + ": ");
+  if (auto checked = table.rows.empty() && !header ? base::Result<void>() : layout.check(); !checked) {
+    return tl::unexpected(checked.error());
+  }
+  return layout;
+}
+
+std::vector<std::string> notes_of(const CsvTable &table, const Layout &layout, const PointTableOptions &options) {
+  std::vector<std::string> out;
+  std::vector<std::string> not_used;
+  for (const Column &column : layout.columns()) {
+    if (column.content == Content::kNotUsed || column.content == Content::kTime) {
+      not_used.push_back(column.word);
+    }
+  }
+  const bool times = layout.has(Content::kTime);
+  if (times) {
+    out.push_back(table.file + ": a column t is ANTs': LPS is read");
+  } else if (!layout.space_stated() && !options.space) {
+    out.push_back(table.file + ": the space of x, y, z is not stated: RAS is assumed");
+  }
+  const bool contradicts = options.space && (layout.space_stated() || (times && options.space == Space::kRas));
+  if (contradicts) {
+    out.push_back(table.file + ": its columns state their directions, which have priority over an option");
+  }
+  if (layout.unit() && *layout.unit() != options.unit && options.unit != LengthUnit::kMillimetre) {
+    out.push_back(table.file + ": its columns state their unit, which has priority over an option");
+  }
+  if (!not_used.empty()) {
+    out.push_back(table.file + ": not used: column" + (not_used.size() > 1 ? "s " : " ") + list_of(not_used));
+  }
+  return out;
+}
+
+} // namespace
+
+bool is_point_table(const std::filesystem::path &file) {
+  const std::string extension = base::lower(file.extension().string());
+  return extension == ".csv" || extension == ".tsv" || extension == ".txt";
+}
+
+base::Result<PointTable> read_point_table(const std::filesystem::path &file, const PointTableOptions &options) {
+  auto table = base::read_csv(file);
+  if (!table) {
+    return tl::unexpected(table.error());
+  }
+  PointTable out;
+  std::optional<CsvRow> header = header_in_comments(*table);
+  std::span<const CsvRow> rows(table->rows);
+  if (!rows.empty() && is_header(*table, rows.front())) {
+    header = rows.front();
+    rows = rows.subspan(1);
+  }
+  const auto layout = layout_of(*table, header, options);
+  if (!layout) {
+    return tl::unexpected(layout.error());
+  }
+  if (rows.empty()) {
+    return out;
+  }
+  out.named = layout->has(Content::kName) || layout->has(Content::kId);
+  out.notes = notes_of(*table, *layout, options);
+  const Reader reader(*table, *layout, options);
+  for (const CsvRow &row : rows) {
+    auto point = reader.read(row, out.points.size() + 1);
+    if (!point) {
+      return tl::unexpected(point.error());
+    }
+    if (*point) {
+      out.points.push_back(std::move(**point));
+    } else {
+      out.notes.push_back(table->place(row) + "\"" + reader.name(row, out.points.size() + 1) +
+                          "\" was never placed: it is left out");
+    }
+  }
+  return out;
+}
+
+} // namespace bregma::casefile

@@ -1,0 +1,95 @@
+#include "casefile/point_table.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/unit/casefile/files.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+class PointTableTest : public testing::Test {
+protected:
+  base::Result<PointTable> read(const std::string &content, const PointTableOptions &options = {}) {
+    return read_point_table(folder.write("p.csv", content), options);
+  }
+  // The position of the first point, and its name.
+  void expect(const std::string &content, const Eigen::Vector3d &position, const std::string &name,
+              const PointTableOptions &options = {}) {
+    const auto table = read(content, options);
+    ASSERT_TRUE(table) << content << ": " << table.error().message;
+    ASSERT_FALSE(table->points.empty()) << content;
+    EXPECT_TRUE(table->points[0].position_mm.isApprox(position, 1e-12)) << content << table->points[0].position_mm;
+    EXPECT_EQ(table->points[0].name, name) << content;
+  }
+  std::string refusal(const std::string &content) {
+    const auto table = read(content);
+    return table ? "" : table.error().message.substr(table.error().message.find("p.csv"));
+  }
+
+  test::TemporaryFolder folder;
+  const Eigen::Vector3d p{1.0, 2.0, 3.0};
+};
+
+TEST_F(PointTableTest, ColumnsAreReadByName) {
+  expect("name,x,y,z\nA,1,2,3\n", p, "A");
+  expect("Z;Y;X;Label\n3;2;1;A\n", p, "A");
+  expect("label,l,p,s\nA,-1,-2,3\n", p, "A");
+  expect("label,R,A,I\nA,1,2,-3\n", p, "A");
+  expect("id,x,y,z,label\n7,1,2,3,A\n", p, "A");
+  expect("id,x,y,z\n7,1,2,3\n", p, "7");
+  expect("x [cm],y (cm),z_cm\n0.1,0.2,0.3\n", p, "1");
+  expect("x,y,z,t\n-1,-2,3,0\n", p, "1");
+  expect("# x y z\n1 2 3\n", p, "1");
+  expect("name,x,y,z\nA,-1,-2,3\n", p, "A", {.space = Space::kLps});
+  expect("name,x,y,z\nA,0.001,0.002,0.003\n", p, "A", {.unit = LengthUnit::kMetre});
+}
+
+TEST_F(PointTableTest, WithoutAHeaderTheNumberOfCellsDecides) {
+  expect("1,2,3\n", p, "1");
+  expect("A,1,2,3\n", p, "A");
+  expect("+1,+2,+3\n4,5,6\n", p, "1");
+  expect("Fiducial,1,2,3,Nz\n", p, "Nz");
+  EXPECT_EQ(read("A,1,2,3\n", {.curves = true})->points[0].curve, "A");
+  const auto errors = read("A,1,2,3,0.1,0.2,0.3\n");
+  ASSERT_TRUE(errors);
+  EXPECT_NEAR((*errors->points[0].covariance_mm2)(1, 1), 0.04, 1e-12);
+}
+
+TEST_F(PointTableTest, AStatedErrorTurnsWithTheSpace) {
+  const auto table = read("name,l,p,s,cxx,cxy,cxz,cyy,cyz,czz\nA,-1,-2,3,4,1,2,5,0,6\n");
+  ASSERT_TRUE(table) << table.error().message;
+  Eigen::Matrix3d expected;
+  expected << 4, 1, -2, 1, 5, 0, -2, 0, 6;
+  EXPECT_TRUE(table->points[0].covariance_mm2->isApprox(expected));
+  EXPECT_NEAR((*read("name,x,y,z,sigma\nA,1,2,3,0.5\n")->points[0].covariance_mm2)(2, 2), 0.25, 1e-12);
+}
+
+TEST_F(PointTableTest, WhatIsAssumedOrNotUsedIsSaid) {
+  EXPECT_NE(read("1,2,3\n")->notes[0].find("the space of x, y, z is not stated: RAS is assumed"), std::string::npos);
+  EXPECT_TRUE(read("r,a,s\n1,2,3\n")->notes.empty());
+  EXPECT_TRUE(read("1,2,3\n", {.space = Space::kRas})->notes.empty());
+  const auto unplaced = read("label,r,a,s,defined\nA,0,0,0,0\nB,1,2,3,1\n");
+  ASSERT_EQ(unplaced->points.size(), 1U);
+  EXPECT_NE(unplaced->notes[0].find(":2: \"A\" was never placed: it is left out"), std::string::npos);
+}
+
+TEST_F(PointTableTest, WhatCannotBeReadIsRefusedByLineAndCell) {
+  EXPECT_EQ(refusal("name,x,y,z,weight\nA,1,2,3,4\n"),
+            "p.csv:1: column \"weight\" is not known; known are x y z, r a s, l p s, name, label, curve, sigma, sx sy "
+            "sz and the columns of Slicer and ANTs");
+  EXPECT_EQ(refusal("name,x,y\nA,1,2\n"), "p.csv:1: has no column z, s or i");
+  EXPECT_EQ(refusal("name,x,r,y,z\nA,1,1,2,3\n"), "p.csv:1: the columns \"x\" and \"r\" mean the same");
+  EXPECT_EQ(refusal("r,y,s\n1,2,3\n"), "p.csv:1: mixes columns x, y, z with columns that state their direction");
+  EXPECT_EQ(refusal("A,1,2,3\nB,1,2\n"), "p.csv:2: has 3 cells, there are 4 columns");
+  EXPECT_EQ(refusal("A,1,2,inf\n"), "p.csv:1: point A: z = \"inf\": must be a finite number");
+  EXPECT_EQ(
+      refusal("A,1,2,\"1,234\"\nB,1.5,2,3\n"),
+      "p.csv:1: point A: z = \"1,234\": must be a finite number, and it is not clear whether the comma begins its "
+      "decimals");
+  EXPECT_EQ(refusal("nothing,known,here,too\n1,2,3,4\n"),
+            "p.csv:1: point nothing: x = \"known\": must be a finite number");
+  EXPECT_EQ(refusal("A,1,2,3,0,1,1\n"), "p.csv:1: point A: its error must be positive in every direction");
+}
+
+} // namespace
+} // namespace bregma::casefile
