@@ -19,6 +19,8 @@
 
 namespace bregma::registration {
 
+inline constexpr int kMaxFiducials = 64;
+
 using ImageFromReference = geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference>;
 
 struct FiducialObservation {

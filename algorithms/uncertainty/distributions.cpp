@@ -43,6 +43,14 @@ double chi_square_upper_quantile(double tail, double dof) noexcept {
   return is_probability(tail) && dof > 0.0 ? quantile(complement(ChiSquare(dof), tail)) : geometry::kUnknown;
 }
 
+double f_survival(double x, double dof_above, double dof_below) noexcept {
+  if (std::isnan(x) || !(dof_above > 0.0) || !(dof_below > 0.0)) {
+    return geometry::kUnknown;
+  }
+  // dof_below / (dof_below + dof_above X) is beta distributed.
+  return x <= 0.0 ? 1.0 : cdf(Beta(0.5 * dof_below, 0.5 * dof_above), dof_below / (dof_below + dof_above * x));
+}
+
 double normal_quantile(double probability) noexcept {
   return is_probability(probability) ? quantile(Normal(), probability) : geometry::kUnknown;
 }

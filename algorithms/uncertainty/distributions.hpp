@@ -1,4 +1,4 @@
-// Chi-square, normal and T-square distributions, by Boost.Math with its errors turned off: nothing here throws or
+// Chi-square, F, normal and T-square distributions, by Boost.Math with its errors turned off: nothing here throws or
 // allocates, and arguments outside a function's domain give NaN. Pure, reentrant.
 //
 // Cost on a 2.6 GHz core: a survival 0.05 to 0.2 us, a chi-square quantile 0.4 to 1.1 us, a T-square quantile 3 us. A
@@ -11,6 +11,9 @@ namespace bregma::uncertainty {
 [[nodiscard]] double chi_square_survival(double x, double dof) noexcept;
 // The x that is exceeded with the probability tail, 0 < tail < 1.
 [[nodiscard]] double chi_square_upper_quantile(double tail, double dof) noexcept;
+
+// P(X > x) of the ratio of two mean squares with these degrees of freedom (Fisher's F); 1 for x <= 0.
+[[nodiscard]] double f_survival(double x, double dof_above, double dof_below) noexcept;
 
 // The x below which a standard normal variable lies with this probability, 0 < probability < 1.
 [[nodiscard]] double normal_quantile(double probability) noexcept;

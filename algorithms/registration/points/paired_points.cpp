@@ -28,8 +28,8 @@ Matrix3d residual_covariance(const PointPair &pair, const Matrix3d &R) {
 }
 
 std::optional<PairedPose> start_pose(std::span<const PointPair> pairs) {
-  std::array<Vector3d, kMaxFiducials> source;
-  std::array<Vector3d, kMaxFiducials> target;
+  std::array<Vector3d, kMaxPairs> source;
+  std::array<Vector3d, kMaxPairs> target;
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     source[i] = pairs[i].source_mm;
     target[i] = pairs[i].target_mm;
@@ -136,7 +136,7 @@ FiducialFit assess_fiducial(const PointPair &pair, const PairedPose &T_target_so
 
 PairedFit fit_paired(std::span<const PointPair> pairs, const PairedPose *start) noexcept {
   PairedFit out;
-  if (pairs.size() < 3 || pairs.size() > kMaxFiducials) {
+  if (pairs.size() < 3 || pairs.size() > kMaxPairs) {
     return out;
   }
   const std::optional<PairedPose> by_svd = start_pose(pairs);

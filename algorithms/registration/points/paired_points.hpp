@@ -18,7 +18,7 @@ using geometry::Matrix6d;
 using geometry::Vector3d;
 using PairedPose = geometry::Rigid3<geometry::frame::Target, geometry::frame::Source>;
 
-inline constexpr int kMaxFiducials = 64;
+inline constexpr int kMaxPairs = 256;
 
 // Least squares, sum w_i |T s_i - t_i|^2, by singular values [Arun 1987], with reflections handled as in
 // [Umeyama 1991]. Empty weights: all one. No result when there are fewer than three points, the lists differ in
@@ -60,12 +60,12 @@ struct PairedFit {
   double fre_expected_mm = 0.0; // expected from the stated covariances
   double chi_square = 0.0;      // sum of the squared weighted residuals, 3 count - 6 degrees of freedom
   double p_value = 1.0;
-  std::array<FiducialFit, kMaxFiducials> fiducials{}; // the first count are used
+  std::array<FiducialFit, kMaxPairs> fiducials{}; // the first count are used
 };
 
 // Maximum likelihood: Gauss-Newton with the residual's covariance R Cs R' + Ct updated in each iteration
 // (generalised total least squares [Balachandran 2009] [Moghari 2007]). Starts from fit_rigid
-// unless a start is given. converged is false for what fit_rigid refuses, for more than kMaxFiducials pairs, and for
+// unless a start is given. converged is false for what fit_rigid refuses, for more than kMaxPairs pairs, and for
 // covariances that are not positive definite.
 [[nodiscard]] PairedFit fit_paired(std::span<const PointPair> pairs, const PairedPose *start = nullptr) noexcept;
 

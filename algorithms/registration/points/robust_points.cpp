@@ -93,7 +93,7 @@ bool only_three_agree(std::span<const PointPair> four, const RobustFit &fit, dou
 
 RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOptions &options) noexcept {
   RobustFit out;
-  if (pairs.size() < 3 || pairs.size() > kMaxFiducials || !(options.false_alarm > 0.0 && options.false_alarm < 1.0)) {
+  if (pairs.size() < 3 || pairs.size() > kMaxPairs || !(options.false_alarm > 0.0 && options.false_alarm < 1.0)) {
     return out;
   }
   out.count = static_cast<int>(pairs.size());
@@ -108,8 +108,8 @@ RobustFit fit_paired_robust(std::span<const PointPair> pairs, const RobustOption
     out.inlier[i] = misfit(pairs[i], proposal.pose, nullptr) < kProposalSlack * limit;
   }
 
-  std::array<PointPair, kMaxFiducials> chosen;
-  std::array<std::size_t, kMaxFiducials> index{};
+  std::array<PointPair, kMaxPairs> chosen;
+  std::array<std::size_t, kMaxPairs> index{};
   PairedFit fit;
   std::size_t used = 0;
   for (int round = 0; round < kMaxRounds; ++round) {

@@ -3,8 +3,8 @@
 // Every triple of pairs proposes a pose. The pose with the largest consensus is taken: a pair agrees within the
 // distance that its own covariance allows at a false-alarm rate [Fischler 1981]. All triples are tried instead of
 // random ones, so that the answer is always the same. fit_paired then refines the pose over the pairs that agree. Pairs
-// are tested again against what the others predict for them, until none changes. Up to 64 pairs; beyond kMaxTriples
-// triples, an even selection of them is tried. Of four pairs three suffice where no other three agree too.
+// are tested again against what the others predict for them, until none changes. Up to kMaxPairs pairs; beyond
+// kMaxTriples triples, an even selection of them is tried. Of four pairs three suffice where no other three agree too.
 //
 // Units: mm. Does not allocate or throw; reentrant.
 #pragma once
@@ -25,10 +25,10 @@ struct RobustFit {
   // empty (not converged).
   bool found = false;
   PairedFit fit; // over the inliers; fit.fiducials are in the order of all pairs, the residuals of outliers included
-  std::array<bool, kMaxFiducials> inlier{}; // the first `count`
+  std::array<bool, kMaxPairs> inlier{}; // the first `count`
   // Probability of at least this distance from the inliers' prediction if the stated errors hold; not corrected for the
   // number of pairs.
-  std::array<double, kMaxFiducials> p_value{};
+  std::array<double, kMaxPairs> p_value{};
   int count = 0;
   int outliers = 0;
 };
