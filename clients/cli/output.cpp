@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <system_error>
 
 #include "clients/cli/commands.hpp"
 #include "clients/cli/plain_text.hpp"
@@ -122,6 +124,25 @@ std::string json_text(const nlohmann::json &json, int indent) {
 void print_json(const nlohmann::json &json) { print(json_text(json, 2) + "\n"); }
 
 bool flush_output() { return std::fflush(stdout) == 0 && std::ferror(stdout) == 0; }
+
+void print_notes(const std::vector<std::string> &notes) {
+  std::fflush(stdout);
+  for (const std::string &note : notes) {
+    const std::string line = "note: " + printable(note) + "\n";
+    std::fwrite(line.data(), 1, line.size(), stderr);
+  }
+}
+
+base::Result<void> check_output(std::string_view option, const std::string &output,
+                                const std::vector<std::string> &inputs) {
+  for (const std::string &input : inputs) {
+    std::error_code no_such_file; // then it is not the same
+    if (!output.empty() && !input.empty() && std::filesystem::equivalent(output, input, no_such_file)) {
+      return base::failure(std::string(option) + " " + output + " is an input file: it is not written over");
+    }
+  }
+  return {};
+}
 
 int fail(std::string_view message) {
   std::fflush(stdout);

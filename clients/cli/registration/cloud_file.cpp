@@ -1,8 +1,12 @@
 #include "clients/cli/registration/cloud_file.hpp"
 
+#include <algorithm>
+#include <array>
 #include <filesystem>
 #include <utility>
 
+#include "base/text.hpp"
+#include "casefile/point_table.hpp"
 #include "casefile/volumes/surface.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/case/progress_line.hpp"
@@ -11,24 +15,30 @@ namespace bregma::cli {
 
 namespace {
 
+constexpr std::array kImageExtensions{".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd"};
+
 bool is_point_list(const std::string &name) {
-  return name.ends_with(".csv") || name.ends_with(".json") || name.ends_with(".fcsv");
+  const std::string lower = base::lower(name);
+  return casefile::is_point_table(name) || lower.ends_with(".json") || lower.ends_with(".fcsv");
 }
 
 bool is_image(const std::string &name) {
   std::error_code ignored;
-  return name.ends_with(".nii") || name.ends_with(".nii.gz") || name.ends_with(".nrrd") || name.ends_with(".nhdr") ||
-         name.ends_with(".mha") || name.ends_with(".mhd") || std::filesystem::is_directory(name, ignored);
+  const std::string lower = base::lower(name);
+  return std::filesystem::is_directory(name, ignored) ||
+         std::any_of(kImageExtensions.begin(), kImageExtensions.end(),
+                     [&lower](const char *extension) { return lower.ends_with(extension); });
 }
 
-std::string remark_of(const InputFile &file, const casefile::SurfaceFile &surface) {
-  std::string out;
+std::vector<std::string> notes_of(const InputFile &file, const casefile::SurfaceFile &surface) {
+  std::vector<std::string> out;
   if (!surface.space_stated) {
-    out = file.path + " (" + surface.format + ") does not say its space: taken as " +
-          std::string(casefile::name_of(surface.space)) + " (--" + file.side + "-space)\n";
+    out.push_back(file.path + " (" + surface.format + ") does not say its space: taken as " +
+                  std::string(casefile::name_of(surface.space)) + " (--" + file.side + "-space)");
   }
   if (surface.triangles_left_out > 0) {
-    out += file.path + ": " + std::to_string(surface.triangles_left_out) + " triangles without area are left out\n";
+    out.push_back(file.path + ": " + std::to_string(surface.triangles_left_out) +
+                  " triangles without area are left out");
   }
   return out;
 }
@@ -55,12 +65,13 @@ base::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits
     for (const casefile::NamedPoint &point : read->points) {
       out.points_mm.push_back(point.position_mm);
     }
+    out.notes = std::move(read->notes);
   } else {
     auto read = casefile::read_surface(file.path, file.surface_options(size));
     if (!read) {
       return tl::unexpected(read.error());
     }
-    out.remark = remark_of(file, *read);
+    out.notes = notes_of(file, *read);
     out.points_mm = std::move(read->mesh.vertices_mm);
   }
   return out;
@@ -73,7 +84,7 @@ base::Result<Surface> read_surface_or_image(const InputFile &file) {
       return tl::unexpected(read.error());
     }
     turn_outward(read->mesh);
-    return Surface{std::move(read->mesh), remark_of(file, *read)};
+    return Surface{std::move(read->mesh), notes_of(file, *read)};
   }
   const auto image = casefile::read_volume(file.path);
   if (!image) {
@@ -91,8 +102,9 @@ base::Result<Surface> read_surface_or_image(const InputFile &file) {
   if (!problem.empty()) {
     return base::failure(file.path + ": " + problem);
   }
-  std::string remark = file.path + ": its scalp has " + std::to_string(scalp->mesh.vertices_mm.size()) + " vertices\n";
-  return Surface{std::move(scalp->mesh), std::move(remark)};
+  std::vector<std::string> notes{file.path + ": its scalp has " + std::to_string(scalp->mesh.vertices_mm.size()) +
+                                 " vertices"};
+  return Surface{std::move(scalp->mesh), std::move(notes)};
 }
 
 } // namespace bregma::cli

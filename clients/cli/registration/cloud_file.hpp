@@ -15,13 +15,13 @@ namespace bregma::cli {
 
 struct Cloud {
   std::vector<Eigen::Vector3d> points_mm;
-  std::string remark; // assumptions to be shown to the user; may be empty
+  std::vector<std::string> notes; // what was assumed or left out
 };
 [[nodiscard]] base::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits &size);
 
 struct Surface {
   surface::TriangleMesh mesh; // RAS, mm; oriented outwards if closed
-  std::string remark;
+  std::vector<std::string> notes;
 };
 // The scalp of an image (NIfTI, NRRD, MetaImage, a folder of DICOM) is extracted in seconds, with progress on standard
 // error.

@@ -1,8 +1,4 @@
-// Lists of points in files: .csv (x,y,z or name,x,y,z, with or without a header line), .mrk.json and .fcsv.
-//
-// After the position a .csv file may have the point's error: sx,sy,sz, 1 sigma per coordinate, or
-// cxx,cxy,cxz,cyy,cyz,czz, its covariance. Slicer's files state LPS or RAS and are converted to RAS; a .csv file is not
-// converted unless the caller states that it is LPS.
+// Lists of points in files: tables (casefile/point_table.hpp), and Slicer's .mrk.json and .fcsv (casefile/markups.hpp).
 #pragma once
 
 #include <filesystem>
@@ -18,12 +14,15 @@
 namespace bregma::cli {
 
 struct PointFile {
-  std::vector<casefile::NamedPoint> points; // finite; mm
+  std::vector<casefile::NamedPoint> points; // RAS, mm; finite
   std::vector<Eigen::Matrix3d> covariances; // mm^2, one per point, positive definite; empty if the file has none
+  bool named = false;                       // the names are those of the file; otherwise numbers in its order
+  std::vector<std::string> notes;           // what was assumed or left out
 };
 
 struct PointFileOptions {
-  std::optional<casefile::Space> space = std::nullopt; // space of a .csv file
+  // Of a table that does not state its own. Slicer's files state space and unit.
+  std::optional<casefile::Space> space = std::nullopt;
   casefile::LengthUnit unit = casefile::LengthUnit::kMillimetre;
   casefile::SizeLimits size = casefile::kPointsSize; // not checked for a single point
   std::string unit_option = "another unit";          // advice in the message about a refused width

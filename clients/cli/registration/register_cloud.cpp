@@ -151,6 +151,11 @@ json details_json(const Drift &drift) {
 }
 
 int register_cloud(const CloudArguments &arguments, const Context &context) {
+  if (auto kept = check_output("--tfm", arguments.files.tfm,
+                               {arguments.files.source.path, arguments.files.target.path, arguments.targets});
+      !kept) {
+    return fail(kept.error());
+  }
   const casefile::SizeLimits size = arguments.any_size ? casefile::kAnySize : casefile::kPointsSize;
   const auto source = read_cloud(arguments.files.source, size);
   if (!source) {
@@ -168,7 +173,7 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
   const Points3 targets = columns(target->points_mm);
   const Drift drift = register_clouds(sources, targets, arguments);
   const CpdResult<3> &r = drift.result;
-  const std::string remarks = source->remark + target->remark;
+  const std::vector<std::string> notes = joined({source->notes, target->notes, points->notes});
   if (!r.has_estimate()) {
     return refuse("refused",
                   std::string(registration::name(r.outcome)) + " (" + std::to_string(sources.cols()) + " and " +
@@ -192,7 +197,7 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
     return refuse("ambiguous", "the points do not determine the pose: they can slide on each other", context,
                   details_json(drift));
   }
-  const auto errors = covariance ? errors_at(*points, *covariance) : std::vector<PointError>();
+  const auto errors = covariance ? errors_at(points->points, *covariance) : std::vector<PointError>();
   if (context.json) {
     json out = transforms_json(T, arguments.files);
     if (covariance) {
@@ -200,10 +205,11 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
       out["targets"] = errors_json(errors);
     }
     out.update(details_json(drift));
-    out.update({{"accepted", true}, {"verdict", "found"}, {"reason", ""}, {"remarks", remarks}});
+    out.update({{"accepted", true}, {"verdict", "found"}, {"reason", ""}, {"notes", notes}});
     print_json(out);
   } else {
-    print(remarks + transforms_text(T) + "\n" + std::to_string(sources.cols()) + " points onto " +
+    print_notes(notes);
+    print(transforms_text(T) + "\n" + std::to_string(sources.cols()) + " points onto " +
           std::to_string(targets.cols()) + ", " + fixed(100.0 * r.outlier_share, 1) +
           " % of these treated as outliers; the rest is " + fixed(r.sigma_mm, 3, "mm") + " per coordinate, scale " +
           fixed(r.scale, 6) + "\n" + errors_text(errors) + "Registered in " + fixed(drift.time_ms, 0, "ms") + "\n");

@@ -11,12 +11,14 @@
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/geometry/unknown.hpp"
+#include "algorithms/registration/points/paired_points.hpp"
 #include "algorithms/registration/splines/curves.hpp"
 #include "algorithms/registration/splines/thin_plate_spline.hpp"
 #include "casefile/markups.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/registration/image_warp.hpp"
+#include "clients/cli/registration/point_pairs.hpp"
 #include "clients/cli/registration/register_commands.hpp"
 #include "clients/cli/registration/registration_output.hpp"
 
@@ -42,6 +44,7 @@ struct CurvesArguments {
 
 // The target is the reference and the source is the floating image: the spline maps in the direction of resampling.
 struct Pairs {
+  std::vector<std::string> notes;
   registration::PointSets<3> landmarks{Points3(3, 0), Points3(3, 0)};
   std::vector<std::string> landmark_names;
   std::vector<registration::CurvePair<3>> curves;
@@ -57,11 +60,11 @@ Points3 columns_of(const std::vector<Eigen::Vector3d> &points) {
 }
 
 Result<void> pair_curves(const CurvesArguments &arguments, Pairs &out) {
-  const auto source = casefile::read_curves(arguments.source);
+  const auto source = casefile::read_curves(arguments.source, &out.notes);
   if (!source) {
     return tl::unexpected(source.error());
   }
-  const auto target = casefile::read_curves(arguments.target);
+  const auto target = casefile::read_curves(arguments.target, &out.notes);
   if (!target) {
     return tl::unexpected(target.error());
   }
@@ -96,20 +99,71 @@ Result<void> pair_landmarks(const CurvesArguments &arguments, Pairs &out) {
   if (!target) {
     return tl::unexpected(target.error());
   }
+  const auto pairing = pair_points({arguments.source_points, &*source}, {arguments.target_points, &*target}, false);
+  if (!pairing) {
+    return tl::unexpected(pairing.error());
+  }
+  out.notes = joined({out.notes, source->notes, target->notes, pairing->notes});
   std::vector<Eigen::Vector3d> reference;
   std::vector<Eigen::Vector3d> floating;
-  for (const casefile::NamedPoint &point : source->points) {
-    const auto other = std::find_if(target->points.begin(), target->points.end(),
-                                    [&point](const casefile::NamedPoint &p) { return p.name == point.name; });
-    if (other == target->points.end()) {
-      return base::failure(arguments.target_points + ": has no point \"" + point.name + "\"");
-    }
-    floating.push_back(point.position_mm);
-    reference.push_back(other->position_mm);
-    out.landmark_names.push_back(point.name);
+  for (const Pairing::Pair &pair : pairing->pairs) {
+    floating.push_back(source->points[pair.source].position_mm);
+    reference.push_back(target->points[pair.target].position_mm);
+    out.landmark_names.push_back(pair.name);
   }
   out.landmarks = {columns_of(reference), columns_of(floating)};
   return {};
+}
+
+// RMS distance of a curve under the rigid pose of what is paired; one direction of the curve may be exchanged.
+double rms_of(const Pairs &pairs, std::size_t curve, bool reversed) {
+  using registration::Vector3d;
+  std::vector<Vector3d> from;
+  std::vector<Vector3d> to;
+  const auto add = [&](const Points3 &reference, const Points3 &floating, bool backwards) {
+    for (Eigen::Index i = 0; i < reference.cols(); ++i) {
+      from.emplace_back(reference.col(i));
+      to.emplace_back(floating.col(backwards ? floating.cols() - 1 - i : i));
+    }
+  };
+  add(pairs.landmarks.reference_mm, pairs.landmarks.floating_mm, false);
+  std::size_t begin = 0;
+  std::size_t end = 0;
+  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
+    const auto &pair = pairs.curves[i];
+    begin = i == curve ? from.size() : begin;
+    const auto reference = registration::subdivide<3>(pair.reference_mm, pair.count, pair.closed);
+    const auto floating = registration::subdivide<3>(pair.floating_mm, pair.count, pair.closed);
+    if (reference && floating) { // else the fit says why
+      add(*reference, *floating, i == curve && reversed);
+    }
+    end = i == curve ? from.size() : end;
+  }
+  const auto T = registration::fit_rigid(from, to);
+  if (!T || begin == end) {
+    return geometry::kUnknown;
+  }
+  double squares = 0.0;
+  for (std::size_t i = begin; i < end; ++i) {
+    squares += (*T * from[i] - to[i]).squaredNorm();
+  }
+  return std::sqrt(squares / static_cast<double>(end - begin));
+}
+
+// Curves of which one list goes the other way: reversed they fit several times as well. Empty: none.
+std::string reversed_curves(const Pairs &pairs) {
+  constexpr double kClearly = 3.0;
+  std::string out;
+  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
+    const double as_marked = rms_of(pairs, i, false);
+    const double reversed = rms_of(pairs, i, true);
+    if (!pairs.curves[i].closed && as_marked > kClearly * reversed) {
+      out += (out.empty() ? "" : "; ") + ("curve \"" + printable(pairs.curve_names[i])) +
+             "\" is marked in the other direction: " + fixed(as_marked, 1, "mm") + " apart (RMS, rigid), reversed " +
+             fixed(reversed, 1, "mm");
+    }
+  }
+  return out;
 }
 
 // Landmarks on slices: all points of a side have the same z.
@@ -192,6 +246,7 @@ json to_json(const CurvesArguments &arguments, const Pairs &pairs, const Fitted 
   }
   json out = {{"accepted", true},
               {"verdict", "found"},
+              {"notes", pairs.notes},
               {"frames", {{"source", arguments.source}, {"target", arguments.target}, {"axes", "RAS"}, {"unit", "mm"}}},
               {"spline_from", "target"},
               {"spline_to", "source"},
@@ -286,6 +341,9 @@ int register_curves(const CurvesArguments &arguments, const Context &context) {
   if (arguments.source_points.empty() != arguments.target_points.empty()) {
     return fail("--source-points and --target-points go together");
   }
+  if (auto kept = check_output("--warped", arguments.warped, {arguments.source_image, arguments.target_image}); !kept) {
+    return fail(kept.error());
+  }
   if (arguments.source_image.empty() != arguments.target_image.empty() ||
       (!arguments.warped.empty() && arguments.source_image.empty())) {
     return fail("--source-image and --target-image go together, and --warped needs them");
@@ -295,6 +353,12 @@ int register_curves(const CurvesArguments &arguments, const Context &context) {
     if (const auto done = read(arguments, pairs); !done) {
       return fail(done.error());
     }
+  }
+  if (!context.json) {
+    print_notes(pairs.notes);
+  }
+  if (const std::string reversed = reversed_curves(pairs); !reversed.empty()) {
+    return refuse("refused", reversed, context, {{"notes", pairs.notes}});
   }
   if (!lies_in_plane(pairs)) {
     return register_in<3>(arguments, pairs, context);

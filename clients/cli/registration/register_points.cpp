@@ -6,16 +6,17 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
-#include <set>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "algorithms/registration/points/explanations.hpp"
 #include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
+#include "clients/cli/registration/point_pairs.hpp"
 #include "clients/cli/registration/register_commands.hpp"
 #include "clients/cli/registration/registration_output.hpp"
 
@@ -33,6 +34,8 @@ using registration::RobustFit;
 
 // Below this spread the rotation about the line through the points is nearly undetermined.
 constexpr double kMinSpread_mm = 3.0;
+// Root mean square distance with which people place anatomical landmarks in images (docs/sources.md).
+constexpr double kPlacement_mm = 3.0;
 // Significance level: below this p-value the stated error or a point is wrong.
 constexpr double kContradiction = 0.001;
 
@@ -44,6 +47,8 @@ struct PointsArguments {
   std::vector<double> at_mm; // a point in source coordinates to predict the TRE at; empty or three numbers
   std::string targets;       // a file of points in target coordinates
   bool leave_out_suspects = false;
+  bool by_order = false;
+  double max_fre_mm = kPlacement_mm; // for points without a stated error
 };
 
 struct Pair {
@@ -53,70 +58,34 @@ struct Pair {
   Matrix3d target_covariance = Matrix3d::Zero();
 };
 
-bool all_named(const std::vector<NamedPoint> &points) {
-  return std::all_of(points.begin(), points.end(),
-                     [](const NamedPoint &p) { return p.name.find_first_not_of("0123456789 ") != std::string::npos; });
-}
-
-Result<void> check_names(const std::string &file, const std::vector<NamedPoint> &points) {
-  std::set<std::string> seen;
-  for (const NamedPoint &point : points) {
-    if (!seen.insert(point.name).second) {
-      return base::failure(file + ": two points are called \"" + point.name + "\"");
-    }
-  }
-  return {};
-}
-
-// Numbers count as names if both lists contain the same numbers: Slicer numbers anatomical points, and users save them
-// in different orders.
-bool same_names(const std::vector<NamedPoint> &a, const std::vector<NamedPoint> &b) {
-  std::multiset<std::string> names_a;
-  std::multiset<std::string> names_b;
-  for (const NamedPoint &point : a) {
-    names_a.insert(point.name);
-  }
-  for (const NamedPoint &point : b) {
-    names_b.insert(point.name);
-  }
-  return names_a == names_b && std::set<std::string>(names_a.begin(), names_a.end()).size() == a.size();
-}
-
-// Pairs points by name if both lists have names, otherwise by order.
-Result<std::vector<Pair>> make_pairs(const PointFile &source, const PointFile &target, const RegistrationFiles &files) {
-  if (source.points.size() != target.points.size()) {
-    return base::failure(files.source.path + " has " + std::to_string(source.points.size()) + " points, " +
-                         files.target.path + " has " + std::to_string(target.points.size()) + ": they must be pairs");
-  }
-  const bool by_name =
-      same_names(source.points, target.points) || (all_named(source.points) && all_named(target.points));
-  if (by_name) {
-    for (const auto &[file, points] : {std::pair(&files.source, &source), {&files.target, &target}}) {
-      if (auto unique = check_names(file->path, points->points); !unique) {
-        return tl::unexpected(unique.error());
-      }
-    }
-  }
-  std::vector<Pair> pairs;
-  for (std::size_t i = 0; i < source.points.size(); ++i) {
-    const NamedPoint &point = source.points[i];
-    const auto other = by_name ? std::find_if(target.points.begin(), target.points.end(),
-                                              [&](const NamedPoint &p) { return p.name == point.name; })
-                               : target.points.begin() + static_cast<std::ptrdiff_t>(i);
-    if (other == target.points.end()) {
-      return base::failure(files.target.path + ": has no point \"" + point.name + "\"");
-    }
-    Pair pair{by_name ? point.name : std::to_string(i + 1), point.position_mm, other->position_mm};
+std::vector<Pair> pairs_of(const Pairing &pairing, const PointFile &source, const PointFile &target) {
+  std::vector<Pair> out;
+  for (const Pairing::Pair &pair : pairing.pairs) {
+    Pair &added = out.emplace_back(
+        Pair{pair.name, source.points[pair.source].position_mm, target.points[pair.target].position_mm});
     if (!source.covariances.empty()) {
-      pair.source_covariance = source.covariances[i];
+      added.source_covariance = source.covariances[pair.source];
     }
     if (!target.covariances.empty()) {
-      pair.target_covariance = target.covariances[static_cast<std::size_t>(other - target.points.begin())];
+      added.target_covariance = target.covariances[pair.target];
     }
-    pairs.push_back(std::move(pair));
   }
-  return pairs;
+  return out;
 }
+
+// What is registered: the files as read.
+struct Input {
+  std::vector<Pair> pairs;
+  std::size_t source_count = 0, target_count = 0;
+  std::vector<NamedPoint> targets;
+  std::vector<std::string> notes;
+
+  [[nodiscard]] std::vector<Vector3d> points(Vector3d Pair::*side) const {
+    std::vector<Vector3d> out;
+    std::transform(pairs.begin(), pairs.end(), std::back_inserter(out), [side](const Pair &p) { return p.*side; });
+    return out;
+  }
+};
 
 struct Registration {
   PairedFit fit;
@@ -127,6 +96,7 @@ struct Registration {
   bool sigma_stated = false; // by the option or by the files
   bool left_out = false;     // the fit excludes the suspects
   double time_ms = 0.0;      // computing time of the estimate
+  std::string refusal;       // empty: found
 
   [[nodiscard]] bool contradicts() const { return sigma_stated && fit.p_value < kContradiction; }
   [[nodiscard]] bool suspect(std::size_t i) const { return sigma_stated && robust.found && !robust.inlier[i]; }
@@ -160,18 +130,14 @@ Registration weigh(std::vector<Pair> &pairs, const registration::PairedPose &sta
   return out;
 }
 
-tl::expected<Registration, std::string> solve(std::vector<Pair> pairs, const PointsArguments &arguments) {
-  if (pairs.size() < 3 || pairs.size() > static_cast<std::size_t>(registration::kMaxFiducials)) {
-    return tl::unexpected(arguments.files.source.path + " has " + std::to_string(pairs.size()) +
-                          " points; 3 are needed, and at most " + std::to_string(registration::kMaxFiducials) +
-                          " are taken");
+tl::expected<Registration, std::string> solve(Input &input, const PointsArguments &arguments) {
+  std::vector<Pair> &pairs = input.pairs;
+  if (pairs.size() < 3 || pairs.size() > static_cast<std::size_t>(registration::kMaxPairs)) {
+    return tl::unexpected("3 pairs of points are needed and at most " + std::to_string(registration::kMaxPairs) +
+                          " are taken, there are " + std::to_string(pairs.size()));
   }
-  std::vector<Vector3d> sources;
-  std::vector<Vector3d> targets;
-  for (const Pair &pair : pairs) {
-    sources.push_back(pair.source);
-    targets.push_back(pair.target);
-  }
+  const std::vector<Vector3d> sources = input.points(&Pair::source);
+  const std::vector<Vector3d> targets = input.points(&Pair::target);
   const double spread = std::min(registration::spread_mm(sources)[1], registration::spread_mm(targets)[1]);
   const auto start = registration::fit_rigid(sources, targets);
   if (!start || spread < kMinSpread_mm) {
@@ -219,9 +185,100 @@ std::string suspects_text(const Registration &r, const std::vector<Pair> &pairs)
 std::string contradiction(const Registration &r, const std::vector<Pair> &pairs) {
   const std::string chance =
       "the residuals are too large for the stated error (probability " + scientific(r.fit.p_value) + ")";
-  return r.suspects() > 0
-             ? chance + ", and these points contradict the others: " + suspects_text(r, pairs)
-             : chance + ": several points are wrong, or the error is larger; the residuals do not show which";
+  return r.suspects() > 0 ? chance + ", and these points contradict the others: " + suspects_text(r, pairs) : chance;
+}
+
+// "the source is in cm and the target in mm", for the ratio of their lengths.
+std::string scale_text(double scale, const InputFile &source, const InputFile &target) {
+  struct Factor {
+    double value;
+    const char *unit; // of the side with the smaller numbers; empty: no unit explains it
+  };
+  constexpr std::array<Factor, 4> kFactors{{{10.0, "cm"}, {25.4, ""}, {100.0, ""}, {1000.0, "m"}}};
+  const bool source_smaller = scale > 1.0;
+  const double factor = source_smaller ? scale : 1.0 / scale;
+  const InputFile &smaller = source_smaller ? source : target;
+  const std::string lengths = "the lengths in " + (source_smaller ? target : source).path + " are " + fixed(factor, 3) +
+                              " times those in " + smaller.path;
+  for (const Factor &known : kFactors) {
+    if (std::abs(factor / known.value - 1.0) < 0.05) {
+      return "scale " + fixed(known.value, known.value == 25.4 ? 1 : 0) + ": " + lengths +
+             (known.unit[0] != '\0'
+                  ? "; if it is in " + std::string(known.unit) + ", say --" + smaller.side + "-units " + known.unit
+              : known.value == 25.4 ? "; inches are not read"
+                                    : "");
+    }
+  }
+  return "scale " + fixed(scale, 3) + ": " + lengths;
+}
+
+std::string names_of(const std::vector<Pair> &pairs, const std::vector<std::size_t> &indices) {
+  std::string out;
+  for (const std::size_t i : indices) {
+    out += (out.empty() ? "\"" : ", \"") + printable(pairs[i].name) + "\"";
+  }
+  return out;
+}
+
+std::string order_text(const std::vector<Pair> &pairs, const std::vector<std::size_t> &order) {
+  std::string out;
+  std::size_t moved = 0;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    if (order[i] != i && ++moved <= 8) {
+      out += (out.empty() ? "\"" : ", \"") + printable(pairs[i].name) + "\" to \"" + printable(pairs[order[i]].name) +
+             "\"";
+    }
+  }
+  return out + (moved > 8 ? " and " + std::to_string(moved - 8) + " more" : "");
+}
+
+// What would explain the pairs instead; empty: nothing that was tried.
+std::string explanations_text(const Input &input, const PointsArguments &arguments, double limit_mm) {
+  const std::vector<Vector3d> sources = input.points(&Pair::source);
+  const std::vector<Vector3d> targets = input.points(&Pair::target);
+  std::string out;
+  for (const registration::Explanation &one : registration::explain(sources, targets, limit_mm)) {
+    using Kind = registration::Explanation::Kind;
+    const std::string what =
+        one.kind == Kind::kMirrored
+            ? "one list is the mirror image of the other: are both in the space that is assumed?"
+        : one.kind == Kind::kScaled    ? scale_text(one.scale, arguments.files.source, arguments.files.target)
+        : one.kind == Kind::kReordered ? "another order: " + order_text(input.pairs, one.indices)
+                                       : "wrong: " + names_of(input.pairs, one.indices) +
+                                             (one.indices.size() == 1 ? " does" : " do") + " not belong to the others";
+    out += "; explained by " + what + " (then FRE " + fixed(one.rms_mm, 3, "mm") + ")";
+  }
+  return out;
+}
+
+// The reason for which the registration must not be used; empty: none.
+std::string refusal_of(const Registration &r, const Input &input, const PointsArguments &arguments) {
+  const double limit_mm =
+      r.sigma_stated ? std::max(kPlacement_mm, 2.0 * std::sqrt(3.0) * r.sigma_mm) : arguments.max_fre_mm;
+  if (r.contradicts()) {
+    const std::string other = explanations_text(input, arguments, limit_mm);
+    return contradiction(r, input.pairs) +
+           (r.suspects() == 0 && other.empty()
+                ? ": several points are wrong, or the error is larger; the residuals do not show which"
+                : other);
+  }
+  if (r.sigma_stated) {
+    return {};
+  }
+  if (!(r.fit.fre_mm <= arguments.max_fre_mm)) {
+    const std::string other = explanations_text(input, arguments, limit_mm);
+    return "FRE " + fixed(r.fit.fre_mm, 3, "mm") + ": people place points within " +
+           fixed(arguments.max_fre_mm, 1, "mm") + " (--max-fre-mm)" +
+           (other.empty() ? "; neither a mirror image, a scale, another order nor one or two wrong "
+                            "pairs explain it"
+                          : other);
+  }
+  const auto odd =
+      registration::find_odd_pair(input.points(&Pair::source), input.points(&Pair::target), arguments.max_fre_mm);
+  return odd ? "\"" + printable(input.pairs[odd->index].name) + "\" is " + fixed(odd->from_the_others_mm, 2, "mm") +
+                   " from where the others predict it, which their residuals exclude: is it the same point in both "
+                   "lists?"
+             : "";
 }
 
 double tre_at(const Registration &r, const Vector3d &source_point) {
@@ -237,9 +294,7 @@ Vector3d centroid(const std::vector<Pair> &pairs) {
   return sum / static_cast<double>(pairs.size());
 }
 
-std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const PointsArguments &arguments,
-                    const std::vector<PointError> &errors) {
-  std::string out = transforms_text(r.fit.T_target_source.matrix()) + "\n";
+std::string residuals_text(const Registration &r, const std::vector<Pair> &pairs) {
   Table table({"Point", "dx mm", "dy mm", "dz mm", "Residual mm", "Left out mm", "p", ""});
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const registration::FiducialFit &f = r.fit.fiducials[i];
@@ -250,7 +305,13 @@ std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const
                : r.left_out  ? "left out"
                              : "suspect"});
   }
-  out += table.text();
+  return table.text();
+}
+
+std::string to_text(const Registration &r, const Input &input, const PointsArguments &arguments,
+                    const std::vector<PointError> &errors) {
+  const std::vector<Pair> &pairs = input.pairs;
+  std::string out = transforms_text(r.fit.T_target_source.matrix()) + "\n" + residuals_text(r, pairs);
   if (r.suspects() > 0) {
     out += "\nSuspect: " + suspects_text(r, pairs) + (r.left_out ? "; left out\n" : "\n");
   }
@@ -266,8 +327,11 @@ std::string to_text(const Registration &r, const std::vector<Pair> &pairs, const
   return out + errors_text(errors);
 }
 
-json to_json(const Registration &r, const std::vector<Pair> &pairs, const PointsArguments &arguments,
+// Of a refused registration nothing that could be used: null.
+json to_json(const Registration &r, const Input &input, const PointsArguments &arguments,
              const std::vector<PointError> &errors) {
+  const std::vector<Pair> &pairs = input.pairs;
+  const bool found = r.refusal.empty();
   json points = json::array();
   json suspects = json::array();
   for (std::size_t i = 0; i < pairs.size(); ++i) {
@@ -286,60 +350,110 @@ json to_json(const Registration &r, const std::vector<Pair> &pairs, const Points
   }
   json out = transforms_json(r.fit.T_target_source.matrix(), arguments.files);
   add_covariance(out, r.fit.covariance);
-  out.update({{"accepted", !r.contradicts()},
-              {"verdict", r.contradicts() ? "refused" : "found"},
-              {"reason", r.contradicts() ? contradiction(r, pairs) : ""},
-              {"fre_mm", r.fit.fre_mm},
-              {"sigma_mm", r.sigma_mm},
+  out.update({{"accepted", found},
+              {"verdict", found ? "found" : "refused"},
+              {"reason", r.refusal},
+              {"notes", input.notes},
+              {"points_read", {{"source", input.source_count}, {"target", input.target_count}}},
+              {"fre_mm", json_number(r.fit.fre_mm)},
+              {"sigma_mm", json_number(r.sigma_mm)},
               {"sigma_estimated", !r.sigma_stated},
               {"p_value", r.sigma_stated ? json_number(r.fit.p_value) : json(nullptr)},
-              {"tre_centroid_mm", tre_at(r, centroid(pairs))},
+              {"tre_centroid_mm", json_number(tre_at(r, centroid(pairs)))},
               {"time_ms", r.time_ms},
               {"points", std::move(points)},
               {"suspects", std::move(suspects)},
               {"suspects_left_out", r.left_out},
               {"targets", errors_json(errors)}});
   if (!arguments.at_mm.empty()) {
-    out["tre_at_mm"] = tre_at(r, Vector3d(arguments.at_mm.data()));
+    out["tre_at_mm"] = json_number(tre_at(r, Vector3d(arguments.at_mm.data())));
+  }
+  if (!found) {
+    for (const char *key :
+         {"T_target_source", "T_source_target", "covariance", "tre_centroid_mm", "tre_at_mm", "targets"}) {
+      if (out.contains(key)) {
+        out[key] = nullptr;
+      }
+    }
   }
   return out;
 }
 
-int register_points(const PointsArguments &arguments, const Context &context) {
-  const auto source = read_point_file(arguments.files.source.path, arguments.files.source.point_options());
+// A target far from the points is in another unit or space. Only distances that no body has are refused.
+Result<void> check_targets(const std::string &file, const std::vector<NamedPoint> &targets,
+                           const std::vector<Pair> &pairs) {
+  constexpr double kFarthest_mm = 1000.0;
+  for (const NamedPoint &target : targets) {
+    for (const Pair &pair : pairs) {
+      if (const double distance = (target.position_mm - pair.target).norm(); distance > kFarthest_mm) {
+        return base::failure(file + ": \"" + target.name + "\" is " + fixed(1e-3 * distance, 1, "m") + " from \"" +
+                             pair.name + "\": is it in another unit or space?");
+      }
+    }
+  }
+  return {};
+}
+
+Result<Input> read_input(const PointsArguments &arguments) {
+  const RegistrationFiles &files = arguments.files;
+  const auto source = read_point_file(files.source.path, files.source.point_options());
   if (!source) {
-    return fail(source.error());
+    return tl::unexpected(source.error());
   }
-  const auto target = read_point_file(arguments.files.target.path, arguments.files.target.point_options());
+  const auto target = read_point_file(files.target.path, files.target.point_options());
   if (!target) {
-    return fail(target.error());
-  }
-  const auto targets = read_targets(arguments.targets, arguments.files.target);
-  if (!targets) {
-    return fail(targets.error());
+    return tl::unexpected(target.error());
   }
   if (arguments.sigma_mm && !(source->covariances.empty() && target->covariances.empty())) {
-    return fail("the files state the error of their points: --sigma-mm is for files that do not");
+    return base::failure("the files state the error of their points: --sigma-mm is for files that do not");
   }
-  const auto pairs = make_pairs(*source, *target, arguments.files);
-  if (!pairs) {
-    return fail(pairs.error());
+  auto targets = read_targets(arguments.targets, files.target);
+  if (!targets) {
+    return tl::unexpected(targets.error());
   }
-  const auto solved = solve(*pairs, arguments);
+  const auto pairing = pair_points({files.source.path, &*source}, {files.target.path, &*target}, arguments.by_order);
+  if (!pairing) {
+    return tl::unexpected(pairing.error());
+  }
+  Input out{pairs_of(*pairing, *source, *target), source->points.size(), target->points.size(),
+            std::move(targets->points), joined({source->notes, target->notes, targets->notes, pairing->notes})};
+  return check_targets(arguments.targets, out.targets, out.pairs).map([&] { return std::move(out); });
+}
+
+int register_points(const PointsArguments &arguments, const Context &context) {
+  if (auto kept = check_output("--tfm", arguments.files.tfm,
+                               {arguments.files.source.path, arguments.files.target.path, arguments.targets});
+      !kept) {
+    return fail(kept.error());
+  }
+  auto input = read_input(arguments);
+  if (!input) {
+    return fail(input.error());
+  }
+  auto solved = solve(*input, arguments);
   if (!solved) {
     return refuse("refused", solved.error(), context);
   }
-  const auto errors = errors_at(*targets, solved->fit.covariance);
-  if (context.json) {
-    print_json(to_json(*solved, *pairs, arguments, errors));
-  } else {
-    print(to_text(*solved, *pairs, arguments, errors));
+  solved->refusal = refusal_of(*solved, *input, arguments);
+  if (registration::are_coplanar(input->points(&Pair::source))) {
+    input->notes.emplace_back("the points lie in a plane (within 3 mm): they fit their own mirror image, so a mirrored "
+                              "list would not be noticed");
   }
-  if (!solved->contradicts()) {
+  const auto errors = errors_at(input->targets, solved->fit.covariance);
+  if (context.json) {
+    print_json(to_json(*solved, *input, arguments, errors));
+  } else {
+    print_notes(input->notes);
+    print("Read " + std::to_string(input->source_count) + " points from " + printable(arguments.files.source.path) +
+          " and " + std::to_string(input->target_count) + " from " + printable(arguments.files.target.path) + "\n\n");
+    print(solved->refusal.empty() ? to_text(*solved, *input, arguments, errors)
+                                  : residuals_text(*solved, input->pairs));
+  }
+  if (solved->refusal.empty()) {
     return write_tfm(arguments.files, solved->fit.T_target_source.matrix());
   }
   if (!context.json) {
-    static_cast<void>(fail("refused: " + contradiction(*solved, *pairs)));
+    static_cast<void>(fail("refused: " + solved->refusal));
   }
   return kRefused;
 }
@@ -350,21 +464,28 @@ void add_register_points(CLI::App &parent, Context &context) {
   auto *command = parent.add_subcommand("points", "Registers two lists of points that are in files");
   auto arguments = std::make_shared<PointsArguments>();
   add_registration_files(*command, arguments->files, "source",
-                         "Points to map: .csv (name,x,y,z and perhaps their errors), .mrk.json or .fcsv", "target",
-                         "The same points in the target; paired by name, otherwise by order");
+                         "Points to map: a table (.csv: name,x,y,z and perhaps their errors), .mrk.json or .fcsv",
+                         "target",
+                         "The same points in the target; paired by name or number, by order if they have no names");
   command
       ->add_option("--sigma-mm", arguments->sigma_mm, "Error of a point, 1 sigma per coordinate, both lists combined")
       ->check(CLI::Range(1e-4, 100.0));
   command->add_flag("--leave-out-suspects", arguments->leave_out_suspects,
                     "Register with the points that agree within their stated error; the others are named");
+  command->add_flag("--by-order", arguments->by_order, "Pair the points by their order, whatever their names");
+  command
+      ->add_option("--max-fre-mm", arguments->max_fre_mm,
+                   "Refuse a larger FRE of points whose error is not stated: people place landmarks within 3 mm (RMS)")
+      ->check(CLI::Range(1e-4, 100.0))
+      ->capture_default_str();
   command->add_option("--at", arguments->at_mm, "A point in source coordinates to predict the TRE at")
       ->expected(3)
       ->type_name("X Y Z");
   command->add_option("--targets", arguments->targets, "Points in target coordinates to predict the TRE at");
   add_json_flag(*command, context);
-  command->footer("Slicer's files are converted to RAS, .csv is taken as RAS. Errors in a .csv file: "
-                  "name,x,y,z,sx,sy,sz (1 sigma) or\n"
-                  "name,x,y,z,cxx,cxy,cxz,cyy,cyz,czz (covariance), mm.\n\nExamples:\n"
+  command->footer("Slicer's files state their space. The columns of a table are read by name: name, x y z (RAS unless "
+                  "said\notherwise), r a s or l p s, and perhaps sx sy sz (1 sigma) or cxx cxy cxz cyy cyz czz "
+                  "(covariance).\n\nExamples:\n"
                   "  bregma register points touched.csv fiducials.mrk.json --targets lesion.mrk.json\n"
                   "  bregma register points touched.csv fiducials.mrk.json --sigma-mm 0.3 --tfm patient_to_image.tfm\n"
                   "  bregma register points a.csv b.csv --sigma-mm 0.3 --at 10 -20 35 --json");

@@ -211,6 +211,12 @@ std::string to_text(const Answer &answer, const std::vector<PointError> &errors)
 }
 
 int register_surface(const SurfaceArguments &arguments, const Context &context) {
+  if (auto kept =
+          check_output("--tfm", arguments.files.tfm,
+                       {arguments.files.source.path, arguments.files.target.path, arguments.targets, arguments.start});
+      !kept) {
+    return fail(kept.error());
+  }
   const auto samples = read_cloud(arguments.files.source, casefile::kPointsSize);
   if (!samples) {
     return fail(samples.error());
@@ -239,20 +245,23 @@ int register_surface(const SurfaceArguments &arguments, const Context &context) 
       start ? locally(field, samples->points_mm, *start, arguments) : globally(field, samples->points_mm, arguments);
   answer.prepare_ms = prepare_ms;
   json document = common_json(answer, arguments);
-  const std::string remarks = samples->remark + surface->remark;
-  document["remarks"] = remarks;
+  const std::vector<std::string> notes = joined({samples->notes, targets->notes, surface->notes});
+  document["notes"] = notes;
+  if (!context.json) {
+    print_notes(notes);
+  }
   if (answer.verdict != Verdict::kFound) {
     if (!context.json) {
-      print(remarks + answer.details_text);
+      print(answer.details_text);
     }
     return refuse(name_of(answer.verdict), answer.reason, context, std::move(document));
   }
-  const auto errors = errors_at(*targets, answer.covariance);
+  const auto errors = errors_at(targets->points, answer.covariance);
   if (context.json) {
     document.update(to_json(answer, field, samples->points_mm, arguments, errors));
     print_json(document);
   } else {
-    print(remarks + to_text(answer, errors));
+    print(to_text(answer, errors));
   }
   return write_tfm(arguments.files, answer.T_target_source.matrix());
 }

@@ -70,18 +70,21 @@ json errors_json(const std::vector<PointError> &errors) {
   return out;
 }
 
-base::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file, const InputFile &target) {
+base::Result<PointFile> read_targets(const std::string &file, const InputFile &target) {
   if (file.empty()) {
-    return std::vector<casefile::NamedPoint>();
+    return PointFile();
   }
   // Lesions may be close to each other.
   auto read = read_point_file(file, target.point_options({0.0, casefile::kPointsSize.largest_mm}));
-  if (!read) {
-    return tl::unexpected(read.error());
+  return read && read->points.empty() ? base::failure(file + ": holds no points") : read;
+}
+
+std::vector<std::string> joined(std::initializer_list<std::vector<std::string>> lists) {
+  std::vector<std::string> out;
+  for (const std::vector<std::string> &list : lists) {
+    out.insert(out.end(), list.begin(), list.end());
   }
-  return read->points.empty()
-             ? base::Result<std::vector<casefile::NamedPoint>>(base::failure(file + ": holds no points"))
-             : std::move(read->points);
+  return out;
 }
 
 int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_source) {

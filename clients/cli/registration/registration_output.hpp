@@ -2,6 +2,7 @@
 // errors, verdicts.
 #pragma once
 
+#include <initializer_list>
 #include <string>
 #include <vector>
 
@@ -36,8 +37,10 @@ struct PointError {
 [[nodiscard]] nlohmann::json errors_json(const std::vector<PointError> &errors);
 
 // The points of a --targets file, in the frame, space and unit of the target; empty without a file.
-[[nodiscard]] base::Result<std::vector<casefile::NamedPoint>> read_targets(const std::string &file,
-                                                                           const InputFile &target);
+[[nodiscard]] base::Result<PointFile> read_targets(const std::string &file, const InputFile &target);
+
+// The notes of several files.
+[[nodiscard]] std::vector<std::string> joined(std::initializer_list<std::vector<std::string>> lists);
 
 // Writes files.tfm if requested; returns kOk, or the result of fail().
 int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_source);

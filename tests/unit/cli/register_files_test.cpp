@@ -136,7 +136,7 @@ TEST(RegisterSurface, ColinIsFoundFromAnywhereAndRefinedFromAStart) {
   for (const auto &residual : json["residuals_mm"]) {
     EXPECT_LT(std::abs(residual.get<double>()), 4.0); // noise: 0.5 mm
   }
-  EXPECT_NE(json["remarks"].get<std::string>().find("does not say its space: taken as RAS"), std::string::npos);
+  EXPECT_NE(json["notes"].dump().find("does not say its space: taken as RAS"), std::string::npos);
 
   run = run_bregma(folder, files + "--start found.tfm");
   ASSERT_EQ(run.exit_code, 0) << run.err;

@@ -66,7 +66,7 @@ TEST(RegisterPoints, ResidualsThatContradictTheStatedErrorAreRefused) {
 TEST(RegisterPoints, PointsThatDoNotDetermineAPoseAreRefused) {
   Outcome run = register_points("0,0,0\n50,0,0\n", "0,0,0\n50,0,0\n");
   EXPECT_EQ(run.exit_code, 1);
-  EXPECT_EQ(run.err, "bregma: refused: source.csv has 2 points; 3 are needed, and at most 64 are taken\n");
+  EXPECT_EQ(run.err, "bregma: refused: 3 pairs of points are needed and at most 256 are taken, there are 2\n");
   const std::string line = "0,0,0\n50,0,0\n100,1,0\n";
   run = register_points(line, line);
   EXPECT_EQ(run.exit_code, 1);
@@ -86,22 +86,24 @@ TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
             "bregma: source.csv:2: point A: y = \"zero\": must be a finite number\n");
   EXPECT_EQ(error_of("A,0,nan,0\n", kTarget), "bregma: source.csv:1: point A: y = \"nan\": must be a finite number\n");
   EXPECT_EQ(error_of("1,2\n", kTarget),
-            "bregma: source.csv:1: must be \"x,y,z\" or \"name,x,y,z\", and may go on with \"sx,sy,sz\" or "
-            "\"cxx,cxy,cxz,cyy,cyz,czz\"; this line has 2 cells\n");
-  EXPECT_EQ(error_of("A,0,0,0\nB,50,0\n", kTarget), "bregma: source.csv:2: has 3 cells, the lines before have 4\n");
+            "bregma: source.csv:1: has 2 cells: without a header a row is x,y,z or name,x,y,z, and may go on with "
+            "sx,sy,sz or cxx,cxy,cxz,cyy,cyz,czz\n");
+  EXPECT_EQ(error_of("A,0,0,0\nB,50,0\n", kTarget), "bregma: source.csv:2: has 3 cells, there are 4 columns\n");
   EXPECT_EQ(error_of("A,0,0,0,1,1,1\nB,50,0,0,1,0,1\n", kTarget),
             "bregma: source.csv:2: point B: its error must be positive in every direction\n");
   EXPECT_EQ(error_of("A,0,0,0,1,0,0,1,2,1\n", kTarget),
             "bregma: source.csv:1: point A: its error must be positive in every direction\n");
   EXPECT_EQ(error_of("A,0,0,0\nA,50,0,0\nC,0,50,0\nD,0,0,50\n", kTarget),
-            "bregma: source.csv: two points are called \"A\"\n");
-  EXPECT_EQ(error_of(kSource, "A,0,0,0\n"), "bregma: source.csv has 4 points, target.csv has 1: they must be pairs\n");
-  EXPECT_EQ(error_of(kSource, "A,0,0,0\nB,50,0,0\nC,0,50,0\nX,0,0,50\n"), "bregma: target.csv: has no point \"D\"\n");
+            "bregma: source.csv: two points are called \"A\"; --by-order pairs the points by their order\n");
+  EXPECT_EQ(error_of("0,0,0\n50,0,0\n0,50,0\n", "0,0,0\n50,0,0\n0,50,0\n0,0,50\n"),
+            "bregma: source.csv has 3 points, target.csv has 4: they must be pairs to be paired by their order\n");
+  EXPECT_EQ(error_of("A,0,0,0\nB,50,0,0\nC,0,50,0\n", "A,0,0,0\nX,50,0,0\nY,0,50,0\n"),
+            "bregma: source.csv and target.csv have 1 names in common: \"A\", \"B\", \"C\" and \"A\", \"X\", \"Y\"; "
+            "--by-order pairs the points by their order\n");
   const TemporaryFolder folder;
-  EXPECT_EQ(run_bregma(folder, "register points a.txt b.csv").err,
-            "bregma: a.txt: is neither .csv nor .mrk.json nor .fcsv\n");
-  EXPECT_EQ(run_bregma(folder, "register points a.csv b.csv").err,
-            "bregma: a.csv: no such file, or it cannot be read\n");
+  EXPECT_EQ(run_bregma(folder, "register points a.dat b.csv").err,
+            "bregma: a.dat: is neither a table (.csv, .tsv, .txt) nor .mrk.json nor .fcsv\n");
+  EXPECT_EQ(run_bregma(folder, "register points a.csv b.csv").err, "bregma: a.csv: No such file or directory\n");
 }
 
 // CT and MR positions of a phantom's markers: far more points than a patient's fiducials are rejected.
@@ -204,10 +206,11 @@ TEST(RegisterPoints, SuspectsAreLeftOutOnlyWhenAsked) {
   EXPECT_NE(three.err.find("the residuals do not show which"), std::string::npos) << three.err;
 }
 
-TEST(RegisterPoints, WithoutAStatedErrorNoPointIsSuspect) {
+TEST(RegisterPoints, WithoutAStatedErrorAWrongPairIsRefusedByName) {
   const Outcome run = register_points(kEight, kOneWrong, "--json");
-  ASSERT_EQ(run.exit_code, 0) << run.err;
-  EXPECT_TRUE(run.json()["suspects"].empty());
+  EXPECT_EQ(run.exit_code, 1);
+  EXPECT_TRUE(run.json()["suspects"].empty()) << "only a stated error can be contradicted";
+  EXPECT_NE(run.json()["reason"].get<std::string>().find("\"E\""), std::string::npos) << run.out;
 }
 
 TEST(RegisterPoints, TargetsHaveTheirPredictedErrorInTheTargetsFrame) {
@@ -229,7 +232,7 @@ TEST(RegisterPoints, TargetsHaveTheirPredictedErrorInTheTargetsFrame) {
   const auto text = run_bregma(folder, "register points source.csv target.csv --targets lesions.csv");
   EXPECT_NE(text.out.find("Predicted TRE mm (RMS)"), std::string::npos) << text.out;
   EXPECT_EQ(run_bregma(folder, "register points source.csv target.csv --targets none.csv").err,
-            "bregma: none.csv: no such file, or it cannot be read\n");
+            "bregma: none.csv: No such file or directory\n");
 }
 
 TEST(RegisterPoints, TheTransformIsWrittenForItkUnlessItIsRefused) {

@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 
 #include <cstdlib>
+#include <sstream>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -14,7 +15,9 @@ namespace bregma::tests {
 
 struct Outcome {
   int exit_code = -1;
-  std::string out, err;
+  std::string out;
+  std::string err;   // without its notes
+  std::string notes; // lines "note: ..." of standard error
   [[nodiscard]] nlohmann::json json() const { return nlohmann::json::parse(out, nullptr, false); }
 };
 
@@ -26,7 +29,12 @@ inline Outcome run_bregma(const test::TemporaryFolder &folder, const std::string
                               "' 2>'" + err + "' </dev/null";
   const int status =
       std::system(command.c_str()); // NOLINT(bugprone-command-processor,cert-env33-c): a test's own words
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(out), read_file(err)};
+  Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(out), {}, {}};
+  std::istringstream lines(read_file(err));
+  for (std::string line; std::getline(lines, line);) {
+    (line.starts_with("note: ") ? outcome.notes : outcome.err) += line + "\n";
+  }
+  return outcome;
 }
 
 } // namespace bregma::tests
