@@ -32,10 +32,11 @@ Progress within(const Progress &progress, double from, double to, const std::str
 }
 
 // Self-contained files are copied unchanged, so that nothing is lost. Others are written as NIfTI.
-base::Result<fs::path> store_image(const fs::path &source, const Volume &volume, const fs::path &folder) {
-  const std::string name = source.filename().string();
+base::Result<fs::path> store_image(const fs::path &source, const Volume &volume, bool as_it_is,
+                                   const fs::path &folder) {
+  const std::string name = base::lower(source.filename().string());
   for (const std::string extension : {".nii.gz", ".nii", ".nrrd", ".mha"}) {
-    if (!name.ends_with(extension) || !fs::is_regular_file(source)) {
+    if (!as_it_is || !name.ends_with(extension) || !fs::is_regular_file(source)) {
       continue;
     }
     std::error_code error;
@@ -102,14 +103,14 @@ private:
       if (file->empty()) {
         continue;
       }
-      auto read = read_points(*file);
+      auto read = read_points(*file, &created_.notes);
       if (!read) {
         return tl::unexpected(read.error());
       }
       *points = std::move(*read);
     }
     if (!sources_.trajectories.empty()) {
-      auto read = read_trajectories(sources_.trajectories);
+      auto read = read_trajectories(sources_.trajectories, &created_.notes);
       if (!read) {
         return tl::unexpected(read.error());
       }
@@ -133,7 +134,7 @@ private:
       return sources_.structures.empty() ? base::Result<void>()
                                          : base::failure("structures are asked for, but there is no label image");
     }
-    auto labels = read_labels(sources_.labels);
+    auto labels = read_labels(sources_.labels, {.space = sources_.space}, &created_.notes);
     if (!labels) {
       return tl::unexpected(labels.error());
     }
@@ -166,11 +167,13 @@ private:
   }
 
   base::Result<void> make_scalp() {
-    const auto image = read_volume(sources_.image, sources_.series);
+    const auto image =
+        read_volume(sources_.image, {.series = sources_.series, .space = sources_.space}, &created_.notes);
     if (!image) {
       return tl::unexpected(image.error());
     }
-    auto stored = store_image(sources_.image, *image, created_.value.folder);
+    // A file that does not state its space is written anew, with the one that was taken.
+    auto stored = store_image(sources_.image, *image, states_its_space(sources_.image), created_.value.folder);
     if (!stored) {
       return tl::unexpected(stored.error());
     }
@@ -183,7 +186,7 @@ private:
   }
 
   base::Result<void> make_brain() {
-    const auto image = read_volume(sources_.brain);
+    const auto image = read_volume(sources_.brain, {.space = sources_.space}, &created_.notes);
     if (!image) {
       return tl::unexpected(image.error());
     }

@@ -27,12 +27,13 @@ struct StructureRequest {
 // The craniotomy of the case is centred on the first trajectory, if there is one.
 struct CaseSources {
   std::string id;
-  std::filesystem::path image;              // image of the head: a file or a DICOM folder
-  std::string series;                       // series of the DICOM folder, if it has several
-  std::filesystem::path brain;              // the same head without skull: every voxel above 0 is brain
-  std::filesystem::path labels;             // regions; may be empty, then there are no structures
-  std::filesystem::path label_names;        // empty: next to the labels, with ".txt" for ".gz"
-  std::vector<StructureRequest> structures; // empty: aal_critical_structures()
+  std::filesystem::path image;               // image of the head: a file or a DICOM folder
+  std::string series;                        // series of the DICOM folder, if it has several
+  std::optional<Space> space = std::nullopt; // of images that do not state theirs
+  std::filesystem::path brain;               // the same head without skull: every voxel above 0 is brain
+  std::filesystem::path labels;              // regions; may be empty, then there are no structures
+  std::filesystem::path label_names;         // empty: next to the labels, with ".txt" for ".gz"
+  std::vector<StructureRequest> structures;  // empty: aal_critical_structures()
   // Slicer markups; all but the first may be empty.
   std::filesystem::path fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::filesystem::path tools;           // TOML with [[tools]]
@@ -52,6 +53,7 @@ struct SurfaceSummary {
 struct CreatedCase {
   Case value;
   std::vector<SurfaceSummary> surfaces; // scalp, brain, structures
+  std::vector<std::string> notes;       // what the files do not state and was assumed, or was left out
 };
 
 // Makes `folder` completely or not at all: it is written next to it under a hidden name and then renamed. An existing

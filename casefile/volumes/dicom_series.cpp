@@ -2,18 +2,22 @@
 // gaps along their common normal. Other tags about "slice spacing" are not used.
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <cstring>
+#include <fstream>
+#include <set>
 #include <sstream>
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <Eigen/Geometry>
+#include <gdcmReader.h>
 #include <gdcmTrace.h>
 #include <itkGDCMImageIO.h>
 #include <itkGDCMSeriesFileNames.h>
 #include <itkImageSeriesReader.h>
 #include <itkMetaDataObject.h>
 
+#include "base/text.hpp"
 #include "casefile/volumes/itk_grid.hpp"
 
 namespace bregma::casefile {
@@ -21,8 +25,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kGapTolerance = 0.01; // fraction of the median gap: positions are written with few digits
-constexpr double kGapTolerance_mm = 0.01;
+constexpr double kGapTolerance = 0.01;        // fraction of the median gap
+constexpr double kRounding_mm = 0.06;         // positions are written with one decimal at the least
 constexpr double kTiltTolerance_rad = 0.0018; // 0.1 degrees: 0.35 mm over a stack of 200 mm
 constexpr double kOrientationTolerance = 1e-4;
 
@@ -130,9 +134,15 @@ base::Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> 
   }
 
   std::string wrong;
-  const double tolerance = kGapTolerance_mm + kGapTolerance * median;
+  const double even = (slices.back().depth_mm - slices.front().depth_mm) / static_cast<double>(gaps.size());
+  double off_mm = 0.0; // of a slice from an even stack
+  for (std::size_t at = 0; at < slices.size(); ++at) {
+    off_mm = std::max(off_mm, std::abs(slices[at].depth_mm - slices.front().depth_mm - static_cast<double>(at) * even));
+  }
+  const double tolerance = 2.0 * kRounding_mm + kGapTolerance * median;
   const auto is_odd = [&](double gap) { return std::abs(gap - median) > tolerance; };
-  if (const auto odd = std::count_if(gaps.begin(), gaps.end(), is_odd); odd > 0) {
+  if (off_mm > kRounding_mm + kGapTolerance * median) {
+    const auto odd = std::count_if(gaps.begin(), gaps.end(), is_odd);
     const auto smallest = static_cast<std::size_t>(std::min_element(gaps.begin(), gaps.end()) - gaps.begin());
     const auto largest = static_cast<std::size_t>(std::max_element(gaps.begin(), gaps.end()) - gaps.begin());
     const auto between = [&](std::size_t at) {
@@ -145,7 +155,7 @@ base::Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> 
   const Eigen::Vector3d normal = slices.front().row.cross(slices.front().column).normalized();
   const Eigen::Vector3d along = slices.back().position_mm - slices.front().position_mm;
   const double tilt = std::atan2(along.cross(normal).norm(), along.dot(normal));
-  if (tilt > kTiltTolerance_rad) {
+  if (tilt > kTiltTolerance_rad + 2.0 * kRounding_mm / along.norm()) {
     wrong += (wrong.empty() ? "" : "; it also ") +
              std::string("has a tilted gantry: the slices are shifted sideways by ") + shown(tilt * 180.0 / M_PI, 1) +
              " degrees";
@@ -157,16 +167,129 @@ base::Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> 
   return Stack{normal, along.norm() / static_cast<double>(gaps.size())};
 }
 
-base::Result<std::vector<std::string>> files_of(const fs::path &folder, const std::string &series) {
+std::string tag_text(const itk::MetaDataDictionary &tags, const std::string &tag) {
+  std::string text;
+  itk::ExposeMetaData(tags, tag, text);
+  return std::string(base::trimmed(text.substr(0, text.find('\0'))));
+}
+
+// "UID (T1 MPRAGE, 176 slices, 20240131)"
+std::string described(const std::string &uid, const std::vector<std::string> &files) {
+  auto io = itk::GDCMImageIO::New();
+  io->SetFileName(files.front());
+  io->ReadImageInformation();
+  const std::string description = tag_text(io->GetMetaDataDictionary(), "0008|103e");
+  const std::string date = tag_text(io->GetMetaDataDictionary(), "0008|0020");
+  return uid + " (" + (description.empty() ? "without a description" : description) + ", " +
+         std::to_string(files.size()) + (files.size() == 1 ? " file" : " files") + (date.empty() ? "" : ", " + date) +
+         ")";
+}
+
+bool is_dicom(const fs::path &file) {
+  std::ifstream in(file, std::ios::binary);
+  std::array<char, 132> head{};
+  in.read(head.data(), head.size());
+  return in && std::string_view(head.data() + 128, 4) == "DICM";
+}
+
+// Files that begin like DICOM and belong to no series: damaged ones are an error, because a slice at the end of a stack
+// would be missing in silence; others (a report, a directory) are named.
+base::Result<std::vector<std::string>> notes_on_others(const fs::path &folder, bool recursive,
+                                                       const std::set<std::string> &used) {
+  std::vector<std::string> out;
+  std::vector<fs::path> others;
+  std::error_code error;
+  const auto consider = [&](const fs::directory_entry &entry) {
+    if (entry.is_regular_file(error) && !used.contains(entry.path().string()) && is_dicom(entry.path())) {
+      others.push_back(entry.path());
+    }
+  };
+  if (recursive) {
+    for (const auto &entry : fs::recursive_directory_iterator(folder, error)) {
+      consider(entry);
+    }
+  } else {
+    for (const auto &entry : fs::directory_iterator(folder, error)) {
+      consider(entry);
+    }
+  }
+  std::sort(others.begin(), others.end());
+  for (const fs::path &other : others) {
+    gdcm::Reader reader;
+    reader.SetFileName(other.c_str());
+    if (!reader.Read()) {
+      return base::failure(other.string() +
+                           ": is not whole, or damaged: a slice may be missing at the end of the stack");
+    }
+    if (other.filename() != "DICOMDIR") {
+      out.push_back(other.string() + " holds no image: it is left out");
+    }
+  }
+  return out;
+}
+
+// The pixels of a slice that is not compressed are all there. GDCM notices a compressed one that ends early.
+base::Result<void> check_pixels(const std::string &file) {
+  gdcm::Reader reader;
+  reader.SetFileName(file.c_str());
+  if (!reader.Read()) {
+    return base::failure(file + ": is not whole, or damaged");
+  }
+  const gdcm::DataSet &data = reader.GetFile().GetDataSet();
+  const gdcm::Tag pixels(0x7fe0, 0x0010);
+  if (!data.FindDataElement(pixels)) {
+    return base::failure(file + ": holds no pixels");
+  }
+  const gdcm::ByteValue *bytes = data.GetDataElement(pixels).GetByteValue();
+  if (bytes == nullptr) {
+    return {}; // fragments of a compressed image
+  }
+  const auto number = [&data](std::uint16_t element) -> std::uint64_t {
+    const gdcm::Tag tag(0x0028, element);
+    if (!data.FindDataElement(tag)) {
+      return 1;
+    }
+    const gdcm::ByteValue *value = data.GetDataElement(tag).GetByteValue();
+    std::uint16_t out = 1;
+    if (value != nullptr && value->GetLength() >= sizeof out) {
+      std::memcpy(&out, value->GetPointer(), sizeof out);
+    }
+    return out;
+  };
+  const std::uint64_t needed = number(0x0010) * number(0x0011) * number(0x0002) * ((number(0x0100) + 7) / 8);
+  return bytes->GetLength() >= needed
+             ? base::Result<void>()
+             : base::failure(file + ": is not whole: it holds " + std::to_string(bytes->GetLength()) +
+                             " bytes of pixels, its header asks for " + std::to_string(needed));
+}
+
+struct SeriesFiles {
+  std::vector<std::string> files;
+  std::vector<std::string> notes;
+};
+
+// A folder of slices, or a folder of folders as on a CD.
+base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &series) {
+  bool recursive = false;
   auto names = itk::GDCMSeriesFileNames::New();
   names->SetInputDirectory(folder.string());
-  const std::vector<std::string> found = names->GetSeriesUIDs();
+  std::vector<std::string> found = names->GetSeriesUIDs();
+  if (found.empty()) {
+    recursive = true;
+    names = itk::GDCMSeriesFileNames::New();
+    names->SetRecursive(true);
+    names->SetInputDirectory(folder.string());
+    found = names->GetSeriesUIDs();
+  }
   if (found.empty()) {
     return base::failure(folder.string() + ": the folder holds no DICOM images");
   }
   std::string list;
+  std::set<std::string> used;
   for (const std::string &uid : found) {
-    list += (list.empty() ? "" : ", ") + uid;
+    const std::vector<std::string> files = names->GetFileNames(uid);
+    used.insert(files.begin(), files.end());
+    list += (list.empty() ? "" : "; ") + described(uid, files);
   }
   if (series.empty() && found.size() > 1) {
     return base::failure(folder.string() + ": the folder holds " + std::to_string(found.size()) +
@@ -175,21 +298,25 @@ base::Result<std::vector<std::string>> files_of(const fs::path &folder, const st
   if (!series.empty() && std::find(found.begin(), found.end(), series) == found.end()) {
     return base::failure(folder.string() + ": the folder holds no DICOM series " + series + ", only: " + list);
   }
-  return names->GetFileNames(series.empty() ? found.front() : series);
+  auto notes = notes_on_others(folder, recursive, used);
+  if (!notes) {
+    return tl::unexpected(notes.error());
+  }
+  return SeriesFiles{names->GetFileNames(series.empty() ? found.front() : series), std::move(*notes)};
 }
 
 } // namespace
 
-base::Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const std::string &series) {
+base::Result<PlacedVolume> read_dicom_series(const fs::path &folder, const std::string &series) {
   gdcm::Trace::WarningOff(); // relevant problems are returned as an Error
   gdcm::Trace::ErrorOff();
-  const auto files = files_of(folder, series);
-  if (!files) {
-    return tl::unexpected(files.error());
+  const auto found = files_of(folder, series);
+  if (!found) {
+    return tl::unexpected(found.error());
   }
   std::vector<Slice> slices;
-  for (const std::string &file : *files) {
-    auto slice = read_slice(folder, file);
+  for (const std::string &file : found->files) {
+    auto slice = check_pixels(file).and_then([&] { return read_slice(folder, file); });
     if (!slice) {
       return tl::unexpected(slice.error());
     }
@@ -219,20 +346,15 @@ base::Result<ItkVolume::Pointer> read_dicom_series(const fs::path &folder, const
   reader->SetFileNames(sorted);
   reader->Update();
 
-  // Uses the grid that was checked, not the reader's interpretation of the headers.
-  ItkVolume::Pointer image = reader->GetOutput();
+  // The grid that was checked, not the reader's interpretation of the headers; LPS to RAS.
   const Slice &first = slices.front();
-  ItkVolume::DirectionType direction;
-  for (unsigned row = 0; row < 3; ++row) {
-    direction[row][0] = first.row[row];
-    direction[row][1] = first.column[row];
-    direction[row][2] = stack->normal[row];
-  }
-  const double spacing[] = {first.spacing_mm[0], first.spacing_mm[1], stack->gap_mm};
-  image->SetOrigin(first.position_mm.data());
-  image->SetSpacing(spacing);
-  image->SetDirection(direction);
-  return image;
+  const Eigen::DiagonalMatrix<double, 3> flip(-1.0, -1.0, 1.0);
+  PlacedVolume out{reader->GetOutput(), Eigen::Matrix4d::Identity(), true, found->notes};
+  out.T_ras_index.col(0).head<3>() = first.spacing_mm[0] * (flip * first.row);
+  out.T_ras_index.col(1).head<3>() = first.spacing_mm[1] * (flip * first.column);
+  out.T_ras_index.col(2).head<3>() = stack->gap_mm * (flip * stack->normal);
+  out.T_ras_index.col(3).head<3>() = flip * first.position_mm;
+  return out;
 }
 
 } // namespace bregma::casefile

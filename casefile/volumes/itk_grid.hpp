@@ -10,18 +10,16 @@ namespace bregma::casefile {
 
 using ItkVolume = itk::Image<float, 3>;
 
-// The evenly spaced, untilted stack of slices of one DICOM series in the folder, in LPS as in ITK.
-[[nodiscard]] base::Result<ItkVolume::Pointer> read_dicom_series(const std::filesystem::path &folder,
-                                                                 const std::string &series);
+struct PlacedVolume {
+  ItkVolume::Pointer voxels; // in the order of the file; its own grid is not used
+  Eigen::Matrix4d T_ras_index = Eigen::Matrix4d::Identity();
+  bool space_stated = true;
+  std::vector<std::string> notes;
+};
 
-// Errors that the NIfTI library does not detect: a truncated file (it would return zeros), a header without extent.
-[[nodiscard]] base::Result<void> check_nifti_size(const std::filesystem::path &path, const itk::ImageIOBase &io);
-
-// A NIfTI file may contain two matrices, or none; refused where the image's position is ambiguous.
-[[nodiscard]] base::Result<void> check_nifti_placement(const std::filesystem::path &path, const itk::ImageIOBase &io,
-                                                       const ItkVolume &image);
-
-[[nodiscard]] Eigen::Matrix4d ras_from_index(const ItkVolume &image);
+// The evenly spaced, untilted stack of slices of one DICOM series in the folder.
+[[nodiscard]] base::Result<PlacedVolume> read_dicom_series(const std::filesystem::path &folder,
+                                                           const std::string &series);
 
 // "path: what"
 [[nodiscard]] std::string file_error(const std::filesystem::path &path, const std::string &what);

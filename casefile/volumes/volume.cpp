@@ -16,6 +16,8 @@
 #include <itkNiftiImageIO.h>
 #include <itkNrrdImageIO.h>
 
+#include "base/text.hpp"
+#include "casefile/volumes/image_header.hpp"
 #include "casefile/volumes/itk_grid.hpp"
 
 namespace bregma::casefile {
@@ -53,34 +55,20 @@ std::string reason_of(const itk::ExceptionObject &error) {
   return text;
 }
 
-base::Result<void> check_header(const fs::path &path, const itk::ImageIOBase &io) {
-  std::int64_t count = 1;
-  std::string shape;
-  for (unsigned axis = 0; axis < io.GetNumberOfDimensions(); ++axis) {
-    const auto size = static_cast<std::int64_t>(io.GetDimensions(axis));
-    shape += (axis > 0 ? " x " : "") + std::to_string(size);
-    if (size < 1) {
-      return base::failure(file_error(path, "the image is empty: " + shape + " voxels"));
-    }
-    if (axis > 2 && size > 1) {
-      return base::failure(file_error(path, "the image has more than three dimensions: " + shape));
-    }
-    if (size > kMaxVoxels / count) {
-      return base::failure(file_error(path, "the image is too large: " + shape + "... voxels, at most 2^30 are read"));
-    }
-    count *= size;
-  }
-  if (io.GetNumberOfDimensions() < 3) {
-    return base::failure(file_error(path, "the image has two dimensions (" + shape + "), a volume has three"));
-  }
-  if (io.GetNumberOfComponents() != 1) {
-    return base::failure(file_error(path, "a voxel has " + std::to_string(io.GetNumberOfComponents()) +
-                                              " components (colour or vector); a scalar image is needed"));
-  }
-  return {};
+base::Result<void> check_components(const fs::path &path, const itk::ImageIOBase &io) {
+  return io.GetNumberOfComponents() == 1
+             ? base::Result<void>()
+             : base::failure(file_error(path, "a voxel has " + std::to_string(io.GetNumberOfComponents()) +
+                                                  " components (colour or vector); a scalar image is needed"));
 }
 
-base::Result<ItkVolume::Pointer> read_file(const fs::path &path) {
+base::Result<ImageHeader> read_header(const fs::path &path, const std::string &format, std::optional<Space> space) {
+  return format == "NiftiImageIO"  ? read_nifti_header(path)
+         : format == "NrrdImageIO" ? read_nrrd_header(path, space)
+                                   : read_meta_header(path, space);
+}
+
+base::Result<PlacedVolume> read_file(const fs::path &path, std::optional<Space> space) {
   const std::string name = path.string();
   auto io = image_io_of(name);
   if (!io) {
@@ -89,23 +77,29 @@ base::Result<ItkVolume::Pointer> read_file(const fs::path &path) {
     }
     return base::failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
   }
-  const bool is_nifti = std::string(io->GetNameOfClass()) == "NiftiImageIO";
+  auto stated = read_header(path, io->GetNameOfClass(), space);
+  if (!stated) {
+    return tl::unexpected(stated.error());
+  }
   io->SetFileName(name);
   io->ReadImageInformation();
-  if (auto header = check_header(path, *io); !header) {
-    return tl::unexpected(header.error());
-  }
-  if (auto whole = is_nifti ? check_nifti_size(path, *io) : base::Result<void>(); !whole) {
-    return tl::unexpected(whole.error());
+  if (auto scalar = check_components(path, *io); !scalar) {
+    return tl::unexpected(scalar.error());
   }
   auto reader = itk::ImageFileReader<ItkVolume>::New();
   reader->SetImageIO(io);
   reader->SetFileName(name);
   reader->Update();
-  if (auto placed = is_nifti ? check_nifti_placement(path, *io, *reader->GetOutput()) : base::Result<void>(); !placed) {
-    return tl::unexpected(placed.error());
+  const auto size = reader->GetOutput()->GetLargestPossibleRegion().GetSize();
+  for (unsigned axis = 0; axis < 3; ++axis) {
+    if (static_cast<std::int64_t>(size[axis]) != stated->size[axis]) {
+      return base::failure(file_error(path, "is read with " + std::to_string(size[axis]) + " voxels along axis " +
+                                                std::to_string(axis + 1) + ", its header states " +
+                                                std::to_string(stated->size[axis])));
+    }
   }
-  return ItkVolume::Pointer(reader->GetOutput());
+  return PlacedVolume{ItkVolume::Pointer(reader->GetOutput()), stated->T_ras_index, stated->space_stated,
+                      std::move(stated->notes)};
 }
 
 base::Result<void> check_grid(const fs::path &path, const Eigen::Matrix4d &T) {
@@ -145,8 +139,7 @@ std::array<int, 3> axes_along_ras(const Eigen::Matrix4d &T) {
   return best;
 }
 
-Volume in_ras_order(const ItkVolume &image) {
-  const Eigen::Matrix4d T_stored = ras_from_index(image);
+Volume in_ras_order(const ItkVolume &image, const Eigen::Matrix4d &T_stored) {
   const auto stored_size = image.GetLargestPossibleRegion().GetSize();
   const std::array<std::int64_t, 3> stored_stride{1, static_cast<std::int64_t>(stored_size[0]),
                                                   static_cast<std::int64_t>(stored_size[0] * stored_size[1])};
@@ -193,18 +186,6 @@ base::Result<void> check_finite(const fs::path &path, const Volume &volume) {
 
 } // namespace
 
-Eigen::Matrix4d ras_from_index(const ItkVolume &image) {
-  Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
-  for (unsigned row = 0; row < 3; ++row) {
-    const double sign = row < 2 ? -1.0 : 1.0; // LPS to RAS
-    for (unsigned column = 0; column < 3; ++column) {
-      T(row, column) = sign * image.GetDirection()[row][column] * image.GetSpacing()[column];
-    }
-    T(row, 3) = sign * image.GetOrigin()[row];
-  }
-  return T;
-}
-
 std::string file_error(const fs::path &path, const std::string &what) { return path.string() + ": " + what; }
 
 std::string shown(double value, int digits) {
@@ -213,21 +194,28 @@ std::string shown(double value, int digits) {
   return text.data();
 }
 
-base::Result<Volume> read_volume(const fs::path &path, const std::string &series) {
+base::Result<Volume> read_volume(const fs::path &path, const VolumeOptions &options, Notes *notes) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) {
     return base::failure(file_error(path, "no such file or folder"));
   }
   itk::Object::SetGlobalWarningDisplay(false); // relevant problems are returned as an Error
   try {
-    auto image = fs::is_directory(path, ignored) ? read_dicom_series(path, series) : read_file(path);
+    const auto image =
+        fs::is_directory(path, ignored) ? read_dicom_series(path, options.series) : read_file(path, options.space);
     if (!image) {
       return tl::unexpected(image.error());
     }
-    if (auto grid = check_grid(path, ras_from_index(**image)); !grid) {
+    if (notes == nullptr && !image->space_stated && !options.space) {
+      return base::failure(image->notes.back());
+    }
+    if (auto grid = check_grid(path, image->T_ras_index); !grid) {
       return tl::unexpected(grid.error());
     }
-    Volume volume = in_ras_order(**image);
+    if (notes != nullptr) {
+      notes->insert(notes->end(), image->notes.begin(), image->notes.end());
+    }
+    Volume volume = in_ras_order(*image->voxels, image->T_ras_index);
     if (auto finite = check_finite(path, volume); !finite) {
       return tl::unexpected(finite.error());
     }
@@ -239,8 +227,18 @@ base::Result<Volume> read_volume(const fs::path &path, const std::string &series
   }
 }
 
-base::Result<LabelVolume> read_labels(const fs::path &path) {
-  auto volume = read_volume(path);
+bool states_its_space(const fs::path &path) {
+  std::error_code ignored;
+  if (fs::is_directory(path, ignored)) {
+    return true;
+  }
+  const auto io = image_io_of(path.string());
+  const auto header = io ? read_header(path, io->GetNameOfClass(), std::nullopt) : base::failure("");
+  return header && header->space_stated;
+}
+
+base::Result<LabelVolume> read_labels(const fs::path &path, const VolumeOptions &options, Notes *notes) {
+  auto volume = read_volume(path, options, notes);
   if (!volume) {
     return tl::unexpected(volume.error());
   }

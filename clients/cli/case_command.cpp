@@ -31,6 +31,7 @@ struct CreateOptions {
   casefile::CaseSources sources;
   std::vector<std::string> structures;
   double threshold = 0.0;
+  std::string space; // "", "ras" or "lps"
   bool force = false;
 };
 
@@ -42,6 +43,9 @@ int run_create(CreateOptions options, const Context &context) {
       return fail(request.error());
     }
     sources.structures.push_back(std::move(*request));
+  }
+  if (!options.space.empty()) {
+    sources.space = options.space == "ras" ? casefile::Space::kRas : casefile::Space::kLps;
   }
   if (sources.id.empty()) {
     sources.id = fs::absolute(fs::path(options.folder) / "").lexically_normal().parent_path().filename().string();
@@ -65,9 +69,13 @@ int run_create(CreateOptions options, const Context &context) {
                           {"mean_distance_mm", json_number(report.mean_distance_mm)},
                           {"max_distance_mm", json_number(report.max_distance_mm)}});
     }
-    print_json({{"id", created->value.id}, {"folder", created->value.folder.string()}, {"surfaces", surfaces}});
+    print_json({{"id", created->value.id},
+                {"folder", created->value.folder.string()},
+                {"surfaces", surfaces},
+                {"notes", created->notes}});
     return kOk;
   }
+  print_notes(created->notes);
   Table table({"surface", "vertices", "of", "volume ml", "mean off mm", "worst off mm"});
   for (const auto &[name, vertices, report] : created->surfaces) {
     table.row({name, std::to_string(vertices), std::to_string(report.full_vertices), fixed(report.volume_ml, 1),
@@ -208,6 +216,8 @@ void add_create(CLI::App &group, Context &context) {
   command->add_option("--image", sources.image, "Head: NIfTI, NRRD, MetaImage, or a folder with a DICOM series")
       ->required();
   command->add_option("--series", sources.series, "Series UID, where the DICOM folder holds several");
+  command->add_option("--source-space", options->space, "Space of images that do not state it: ras or lps")
+      ->check(CLI::IsMember({"ras", "lps"}));
   command->add_option("--brain", sources.brain, "The same head without skull: voxels above 0 are brain")->required();
   command->add_option("--labels", sources.labels, "Regions: a label image on the same head");
   command->add_option("--label-names", sources.label_names,

@@ -86,7 +86,8 @@ base::Result<Surface> read_surface_or_image(const InputFile &file) {
     turn_outward(read->mesh);
     return Surface{std::move(read->mesh), notes_of(file, *read)};
   }
-  const auto image = casefile::read_volume(file.path);
+  std::vector<std::string> notes;
+  const auto image = casefile::read_volume(file.path, {.space = file.stated_space()}, &notes);
   if (!image) {
     return tl::unexpected(image.error());
   }
@@ -102,8 +103,7 @@ base::Result<Surface> read_surface_or_image(const InputFile &file) {
   if (!problem.empty()) {
     return base::failure(file.path + ": " + problem);
   }
-  std::vector<std::string> notes{file.path + ": its scalp has " + std::to_string(scalp->mesh.vertices_mm.size()) +
-                                 " vertices"};
+  notes.push_back(file.path + ": its scalp has " + std::to_string(scalp->mesh.vertices_mm.size()) + " vertices");
   return Surface{std::move(scalp->mesh), std::move(notes)};
 }
 

@@ -35,12 +35,13 @@ Eigen::AlignedBox3d box_of(const Volume &volume) {
 } // namespace
 
 base::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
-                                     const registration::ThinPlateSpline<3> &to_source) {
-  const auto source = casefile::read_volume(source_file);
+                                     const registration::ThinPlateSpline<3> &to_source,
+                                     std::vector<std::string> &notes) {
+  const auto source = casefile::read_volume(source_file, {}, &notes);
   if (!source) {
     return tl::unexpected(source.error());
   }
-  const auto target = casefile::read_volume(target_file);
+  const auto target = casefile::read_volume(target_file, {}, &notes);
   if (!target) {
     return tl::unexpected(target.error());
   }

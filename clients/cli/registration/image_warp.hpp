@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "algorithms/registration/splines/thin_plate_spline.hpp"
 #include "base/result.hpp"
@@ -21,7 +22,9 @@ struct WarpedImage {
 };
 
 // to_source: from the target's frame into the source's (resampling direction). Blocks for seconds.
+// notes: receives what the images do not state and was assumed.
 [[nodiscard]] base::Result<WarpedImage> warp_image(const std::string &source_file, const std::string &target_file,
-                                                   const registration::ThinPlateSpline<3> &to_source);
+                                                   const registration::ThinPlateSpline<3> &to_source,
+                                                   std::vector<std::string> &notes);
 
 } // namespace bregma::cli

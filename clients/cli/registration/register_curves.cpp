@@ -318,7 +318,9 @@ template <int D> int register_in(const CurvesArguments &arguments, const Pairs &
   std::optional<WarpedImage> warped;
   if constexpr (D == 3) {
     if (!arguments.source_image.empty()) {
-      auto image = warp_image(arguments.source_image, arguments.target_image, *spline);
+      std::vector<std::string> notes;
+      auto image = warp_image(arguments.source_image, arguments.target_image, *spline, notes);
+      print_notes(notes);
       if (!image) {
         return fail(image.error());
       }

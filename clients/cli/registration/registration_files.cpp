@@ -30,6 +30,8 @@ void add_input(CLI::App &command, InputFile &input, const std::string &name, con
 
 } // namespace
 
+std::optional<casefile::Space> InputFile::stated_space() const { return space_of(space); }
+
 PointFileOptions InputFile::point_options(const casefile::SizeLimits &size) const {
   return {space_of(space), unit_of(units), size, "--" + side + "-units"};
 }

@@ -19,6 +19,7 @@ struct InputFile {
   std::string units = "mm";
   std::string side; // "source" or "target"
 
+  [[nodiscard]] std::optional<casefile::Space> stated_space() const;
   [[nodiscard]] PointFileOptions point_options(const casefile::SizeLimits &size = casefile::kPointsSize) const;
   [[nodiscard]] casefile::SurfaceReadOptions
   surface_options(const casefile::SizeLimits &size = casefile::kHeadSize) const;

@@ -129,13 +129,15 @@ TEST(DicomSeries, SeveralInAFolderMustBeChosenFrom) {
   ASSERT_NE(std::string::npos, list) << message;
   std::istringstream uids(message.substr(list + 48));
   int loaded = 0;
-  for (std::string uid; std::getline(uids >> std::ws, uid, ',');) {
-    const auto chosen = read_volume(scratch / "In/GE", uid);
+  for (std::string entry; std::getline(uids >> std::ws, entry, ';');) {
+    const std::string uid = entry.substr(0, entry.find(" ("));
+    const auto chosen = read_volume(scratch / "In/GE", {.series = uid});
     loaded += chosen ? 1 : 0;
-    EXPECT_TRUE(chosen || chosen.error().message.find("unevenly spaced") != std::string::npos);
+    EXPECT_TRUE(chosen || chosen.error().message.find("unevenly spaced") != std::string::npos)
+        << chosen.error().message;
   }
   EXPECT_EQ(1, loaded);
-  const auto unknown = read_volume(scratch / "In/GE", "1.2.3");
+  const auto unknown = read_volume(scratch / "In/GE", {.series = "1.2.3"});
   ASSERT_FALSE(unknown);
   EXPECT_NE(std::string::npos, unknown.error().message.find("holds no DICOM series 1.2.3, only: "));
 }

@@ -1,0 +1,167 @@
+// The header of a MetaImage file: itk.org/Wiki/MetaIO/Documentation, "Reference: Tags of MetaImage".
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "base/text.hpp"
+#include "casefile/volumes/image_header.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+namespace fs = std::filesystem;
+using Tags = std::map<std::string, std::string, std::less<>>;
+
+std::string first_of(const Tags &tags, std::initializer_list<std::string_view> names) {
+  for (const std::string_view name : names) {
+    if (const auto found = tags.find(name); found != tags.end()) {
+      return found->second;
+    }
+  }
+  return "";
+}
+
+base::Result<void> refuse_tag(const fs::path &path, const std::string &tag, const std::string &value,
+                              const std::string &what) {
+  return base::failure(path.string() + ": " + tag + " = \"" + value.substr(0, 80) + "\": " + what);
+}
+
+bool is_true(const std::string &value) {
+  return !value.empty() && (value[0] == 'T' || value[0] == 't' || value[0] == '1');
+}
+
+std::uint64_t bytes_of_element(const std::string &type) {
+  static const std::map<std::string, std::uint64_t, std::less<>> kBytes{
+      {"MET_CHAR", 1},      {"MET_UCHAR", 1},      {"MET_SHORT", 2}, {"MET_USHORT", 2},
+      {"MET_INT", 4},       {"MET_UINT", 4},       {"MET_LONG", 4},  {"MET_ULONG", 4},
+      {"MET_LONG_LONG", 8}, {"MET_ULONG_LONG", 8}, {"MET_FLOAT", 4}, {"MET_DOUBLE", 8}};
+  const auto known = kBytes.find(type);
+  return known != kBytes.end() ? known->second : 0;
+}
+
+base::Result<void> read_meta_size(const fs::path &path, const Tags &tags, ImageHeader &out) {
+  const std::string stated = first_of(tags, {"DimSize"});
+  const std::vector<double> sizes = header_numbers(stated);
+  if (sizes.empty()) {
+    return refuse_tag(path, "DimSize", stated, "must be whole numbers, one per axis");
+  }
+  return check_shape(path, sizes).map([&out](const auto &shape) { out.size = shape; });
+}
+
+// The rows of TransformMatrix are the directions of the axes; LPS, as ITK writes it.
+base::Result<void> place_meta(const fs::path &path, const Tags &tags, std::optional<Space> space, ImageHeader &out) {
+  const std::string matrix_text = first_of(tags, {"TransformMatrix", "Rotation", "Orientation"});
+  const std::string offset_text = first_of(tags, {"Offset", "Position", "Origin"});
+  const std::string spacing_text = first_of(tags, {"ElementSpacing", "ElementSize"});
+  const std::string centre_text = first_of(tags, {"CenterOfRotation"});
+  const std::vector<double> matrix = header_numbers(matrix_text);
+  const std::vector<double> offset = header_numbers(offset_text);
+  const std::vector<double> spacing = header_numbers(spacing_text);
+  const std::vector<double> centre = header_numbers(centre_text);
+  if (!matrix_text.empty() && matrix.size() != 9) {
+    return refuse_tag(path, "TransformMatrix", matrix_text, "must be nine numbers");
+  }
+  if (!offset_text.empty() && offset.size() != 3) {
+    return refuse_tag(path, "Offset", offset_text, "must be three numbers");
+  }
+  if (spacing.size() != 3) {
+    return refuse_tag(path, "ElementSpacing", spacing_text, "must be three numbers");
+  }
+  if (std::any_of(centre.begin(), centre.end(), [](double value) { return value != 0.0; })) {
+    return refuse_tag(path, "CenterOfRotation", centre_text,
+                      "programs disagree about a centre that is not 0; write the image with the centre 0");
+  }
+  Eigen::Vector3d signs(-1, -1, 1);
+  if (matrix.empty()) {
+    out.space_stated = false;
+    out.notes.push_back(path.string() + ": its axes are not stated (TransformMatrix): " +
+                        std::string(name_of(space.value_or(Space::kLps))) + " is assumed");
+    signs = space == Space::kRas ? Eigen::Vector3d(1, 1, 1) : signs;
+  }
+  if (offset.empty()) {
+    out.notes.push_back(path.string() + ": its Offset is not stated: 0 is assumed");
+  }
+  const Eigen::Matrix3d directions =
+      matrix.empty()
+          ? Eigen::Matrix3d::Identity()
+          : Eigen::Matrix3d(Eigen::Map<const Eigen::Matrix3d>(matrix.data())); // its columns are the file's rows
+  const Eigen::Vector3d at = offset.empty() ? Eigen::Vector3d::Zero() : Eigen::Vector3d(offset.data());
+  out.T_ras_index.topLeftCorner<3, 3>() =
+      signs.asDiagonal() * directions * Eigen::Vector3d(spacing.data()).asDiagonal();
+  out.T_ras_index.topRightCorner<3, 1>() = signs.cwiseProduct(at);
+  return {};
+}
+
+// AnatomicalOrientation repeats the matrix in letters, which programs write from or towards the sides they name.
+void note_letters(const fs::path &path, const Tags &tags, ImageHeader &out) {
+  const std::string letters = first_of(tags, {"AnatomicalOrientation"});
+  if (letters.size() != 3 || letters.find('?') != std::string::npos || out.notes.size() > 1) {
+    return;
+  }
+  std::string towards;
+  std::string from;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    Eigen::Index along = 0;
+    const Eigen::Vector3d column = out.T_ras_index.col(axis).head<3>();
+    column.cwiseAbs().maxCoeff(&along);
+    const bool positive = column[along] > 0.0;
+    towards += positive ? "RAS"[along] : "LPI"[along];
+    from += positive ? "LPI"[along] : "RAS"[along];
+  }
+  if (letters != towards && letters != from) {
+    out.notes.push_back(path.string() + ": AnatomicalOrientation = " + letters +
+                        " contradicts its matrix, which is used");
+  }
+}
+
+base::Result<void> check_meta_data(const fs::path &path, const Tags &tags, std::uint64_t header_bytes,
+                                   const ImageHeader &header) {
+  const std::string type = first_of(tags, {"ElementType"});
+  const std::uint64_t each = bytes_of_element(type);
+  if (each == 0) {
+    return refuse_tag(path, "ElementType", type, "is not a type of numbers that is read");
+  }
+  const std::vector<double> channels = header_numbers(first_of(tags, {"ElementNumberOfChannels"}));
+  const std::string file = first_of(tags, {"ElementDataFile"});
+  const bool local = base::lower(file) == "local";
+  if (!local &&
+      (base::lower(file) == "list" || file.find('%') != std::string::npos || file.find(' ') != std::string::npos)) {
+    return refuse_tag(path, "ElementDataFile", file, "several data files are not read");
+  }
+  StoredData data{local ? path : path.parent_path() / file, local ? header_bytes : 0,
+                  is_true(first_of(tags, {"CompressedData"}))};
+  const std::vector<double> skipped = header_numbers(first_of(tags, {"HeaderSize"}));
+  data.begin += !local && skipped.size() == 1 && skipped[0] > 0.0 ? static_cast<std::uint64_t>(skipped[0]) : 0;
+  const auto count = static_cast<std::uint64_t>(header.size[0]) * static_cast<std::uint64_t>(header.size[1]) *
+                     static_cast<std::uint64_t>(header.size[2]) *
+                     (channels.size() == 1 && channels[0] > 1.0 ? static_cast<std::uint64_t>(channels[0]) : 1);
+  if (!first_of(tags, {"BinaryData"}).empty() && !is_true(first_of(tags, {"BinaryData"}))) {
+    return refuse_tag(path, "BinaryData", "False", "voxels as text are not read");
+  }
+  return check_whole(data, count * each);
+}
+
+} // namespace
+
+base::Result<ImageHeader> read_meta_header(const fs::path &path, std::optional<Space> space) {
+  const auto text = read_text_header(path, [](std::string_view line) { return line.starts_with("ElementDataFile"); });
+  if (!text) {
+    return tl::unexpected(text.error());
+  }
+  Tags tags;
+  for (const std::string &line : text->lines) {
+    if (const std::size_t equals = line.find('='); equals != std::string::npos) {
+      tags[std::string(base::trimmed(line.substr(0, equals)))] = base::trimmed(line.substr(equals + 1));
+    }
+  }
+  ImageHeader out;
+  return read_meta_size(path, tags, out)
+      .and_then([&] { return place_meta(path, tags, space, out); })
+      .and_then([&] {
+        note_letters(path, tags, out);
+        return check_meta_data(path, tags, text->bytes, out);
+      })
+      .map([&] { return out; });
+}
+
+} // namespace bregma::casefile

@@ -1,0 +1,74 @@
+// Images that were read wrongly once (tests/data/faults/volumes): all are one grid of 12 x 12 x 12 voxels of 2 mm.
+#include <gtest/gtest.h>
+
+#include "casefile/volumes/volume.hpp"
+#include "tests/unit/volumes/files.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+namespace fs = std::filesystem;
+const fs::path kVolumes = BREGMA_SOURCE_DIR "/tests/data/faults/volumes";
+
+TEST(FaultInput, EveryFormatFrameAndUnitGivesTheSameGrid) {
+  for (const char *name : {"ras.nrrd", "las.nrrd", "mm.nii", "metres.nii", "microns.nii"}) {
+    const auto volume = read_volume(kVolumes / name);
+    ASSERT_TRUE(volume) << volume.error().message;
+    EXPECT_EQ(volume->size, (std::array{12, 12, 12})) << name;
+    EXPECT_TRUE(volume->origin_mm().isApprox(Eigen::Vector3d(10, 40, -20), 1e-6))
+        << name << ": " << volume->origin_mm();
+    EXPECT_TRUE(volume->axes().isApprox(2.0 * Eigen::Matrix3d::Identity(), 1e-6)) << name;
+  }
+}
+
+// Its first voxel lies where that of the others does, but its axes point to L and P.
+TEST(FaultInput, TheAxesOfAMetaImageAreThoseOfItsMatrix) {
+  const auto volume = read_volume(kVolumes / "whole.mha");
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_TRUE(volume->origin_mm().isApprox(Eigen::Vector3d(10.0 - 22.0, 40.0 - 22.0, -20.0), 1e-6));
+}
+
+TEST(FaultInput, AFrameThatIsNotStatedIsSaidOrTakenFromTheCaller) {
+  EXPECT_FALSE(read_volume(kVolumes / "nospace.nrrd")) << "a reader that tells nobody refuses the file";
+  Notes notes;
+  ASSERT_TRUE(read_volume(kVolumes / "nospace.nrrd", {}, &notes));
+  EXPECT_NE(notes[1].find("its space is not stated: LPS is assumed"), std::string::npos);
+  Notes with_space;
+  ASSERT_TRUE(read_volume(kVolumes / "nospace.nrrd", {.space = Space::kRas}, &with_space));
+  EXPECT_EQ(with_space.size(), notes.size() - 1);
+}
+
+TEST(FaultInput, AnImageThatIsNotWholeIsRefused) {
+  const auto cut = read_volume(kVolumes / "cut.mha");
+  ASSERT_FALSE(cut);
+  EXPECT_NE(cut.error().message.find("is not whole: it holds "), std::string::npos) << cut.error().message;
+  // Every format, cut at any place, with every way of packing.
+  const test::TemporaryFolder folder;
+  const auto whole = read_volume(kVolumes / "ras.nrrd");
+  ASSERT_TRUE(whole);
+  for (const char *name : {"v.nii", "v.nii.gz", "v.nrrd", "v.mha"}) {
+    ASSERT_TRUE(write_volume(folder / name, *whole));
+    const std::string bytes = test::read_bytes(folder / name);
+    for (std::size_t size = 0; size < bytes.size(); size += 1 + bytes.size() / 200) {
+      test::write_bytes(folder / (std::string("cut_") + name), bytes.substr(0, size));
+      Notes notes;
+      EXPECT_FALSE(read_volume(folder / (std::string("cut_") + name), {}, &notes)) << name << ", " << size << " bytes";
+    }
+  }
+}
+
+TEST(FaultInput, AWrongBitInPackedVoxelsIsNoticed) {
+  const test::TemporaryFolder folder;
+  const auto whole = read_volume(kVolumes / "ras.nrrd");
+  ASSERT_TRUE(whole);
+  for (const char *name : {"v.nii.gz", "v.nrrd", "v.mha"}) { // written compressed
+    ASSERT_TRUE(write_volume(folder / name, *whole));
+    std::string bytes = test::read_bytes(folder / name);
+    bytes[bytes.size() - bytes.size() / 4] ^= 0x10;
+    test::write_bytes(folder / name, bytes);
+    EXPECT_FALSE(read_volume(folder / name)) << name;
+  }
+}
+
+} // namespace
+} // namespace bregma::casefile
