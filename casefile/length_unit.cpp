@@ -71,8 +71,9 @@ std::string size_problem(std::span<const Eigen::Vector3d> points_mm, const SizeL
   for (const NamedUnit &other : kUnits) {
     const double as_other_mm = width / mm_per(read_in) * other.mm;
     if (other.unit != read_in && as_other_mm >= kHeadFrom_mm && as_other_mm <= kHeadTo_mm) {
-      return out + ": if the file is in " + std::string(other.in_words) + ", say " + std::string(option) + " " +
-             std::string(other.name);
+      return option.empty() ? out + ": is the file in " + std::string(other.in_words) + "?"
+                            : out + ": if the file is in " + std::string(other.in_words) + ", say " +
+                                  std::string(option) + " " + std::string(other.name);
     }
   }
   return out;

@@ -33,7 +33,8 @@ inline constexpr SizeLimits kAnySize{0.0, 1e12};
 [[nodiscard]] double width_mm(std::span<const Eigen::Vector3d> points_mm);
 
 // Empty where the width is within the limits, otherwise the problem and its remedy. what: "the
-// surface"; read_in: the unit that the file was read in; option: the option that sets it, for example "--target-units".
+// surface"; read_in: the unit that the file was read in; option: the option that sets it, for example "--target-units",
+// or empty.
 [[nodiscard]] std::string size_problem(std::span<const Eigen::Vector3d> points_mm, const SizeLimits &limits,
                                        LengthUnit read_in, std::string_view what, std::string_view option);
 

@@ -9,7 +9,6 @@
 
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <Eigen/LU>
-#include <itkGDCMImageIO.h>
 #include <itkImageFileReader.h>
 #include <itkImageFileWriter.h>
 #include <itkMetaImageIO.h>
@@ -28,18 +27,42 @@ namespace fs = std::filesystem;
 // Maximal cosine between two columns of the index-to-world matrix. Above it the grid counts as sheared.
 constexpr double kShearTolerance = 1e-3;
 
-itk::ImageIOBase::Pointer image_io_of(const std::string &path) {
+enum class Format { kUnknown, kNifti, kNrrd, kMeta, kDicom };
+
+// By the content: an extension may be written in any case, or be missing.
+Format format_of(const fs::path &path) {
+  std::ifstream in(path, std::ios::binary);
+  std::string head(1024, '\0');
+  in.read(head.data(), static_cast<std::streamsize>(head.size()));
+  head.resize(static_cast<std::size_t>(in.gcount()));
+  const std::string_view text(head);
+  constexpr std::size_t kDicomMark = 128;
+  if (text.starts_with("NRRD")) {
+    return Format::kNrrd;
+  }
+  if (text.size() > kDicomMark && text.substr(kDicomMark).starts_with("DICM")) {
+    return Format::kDicom;
+  }
+  if (text.starts_with("ObjectType") || text.starts_with("NDims") || text.find("\nNDims") != std::string_view::npos) {
+    return Format::kMeta;
+  }
+  // 348 bytes of header in either byte order, or gzip, which only NIfTI has as a whole.
+  const bool nifti = text.starts_with(std::string_view("\x5C\x01\0\0", 4)) ||
+                     text.starts_with(std::string_view("\0\0\x01\x5C", 4)) || text.starts_with("\x1F\x8B");
+  return nifti ? Format::kNifti : Format::kUnknown;
+}
+
+itk::ImageIOBase::Pointer image_io_of(Format format) {
+  if (format == Format::kNrrd) {
+    return itk::NrrdImageIO::New().GetPointer();
+  }
+  if (format == Format::kMeta) {
+    return itk::MetaImageIO::New().GetPointer();
+  }
   auto nifti = itk::NiftiImageIO::New();
   // Analyze 7.5 does not state which side is left.
   nifti->SetLegacyAnalyze75Mode(itk::NiftiImageIOEnums::Analyze75Flavor::AnalyzeReject);
-  const itk::ImageIOBase::Pointer known[] = {nifti.GetPointer(), itk::NrrdImageIO::New().GetPointer(),
-                                             itk::MetaImageIO::New().GetPointer()};
-  for (const auto &io : known) {
-    if (io->CanReadFile(path.c_str())) {
-      return io;
-    }
-  }
-  return nullptr;
+  return nifti.GetPointer();
 }
 
 // An exception's text without ITK's source locations.
@@ -62,25 +85,30 @@ base::Result<void> check_components(const fs::path &path, const itk::ImageIOBase
                                                   " components (colour or vector); a scalar image is needed"));
 }
 
-base::Result<ImageHeader> read_header(const fs::path &path, const std::string &format, std::optional<Space> space) {
-  return format == "NiftiImageIO"  ? read_nifti_header(path)
-         : format == "NrrdImageIO" ? read_nrrd_header(path, space)
-                                   : read_meta_header(path, space);
+base::Result<ImageHeader> read_header(const fs::path &path, Format format, std::optional<Space> space) {
+  switch (format) {
+  case Format::kNifti:
+    return read_nifti_header(path);
+  case Format::kNrrd:
+    return read_nrrd_header(path, space);
+  case Format::kMeta:
+    return read_meta_header(path, space);
+  case Format::kDicom:
+    return base::failure(file_error(path, "is one DICOM file; give the folder of its series"));
+  case Format::kUnknown:
+    break;
+  }
+  return base::failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
 }
 
 base::Result<PlacedVolume> read_file(const fs::path &path, std::optional<Space> space) {
   const std::string name = path.string();
-  auto io = image_io_of(name);
-  if (!io) {
-    if (itk::GDCMImageIO::New()->CanReadFile(name.c_str())) {
-      return base::failure(file_error(path, "is one DICOM file; give the folder of its series"));
-    }
-    return base::failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
-  }
-  auto stated = read_header(path, io->GetNameOfClass(), space);
+  const Format format = format_of(path);
+  auto stated = read_header(path, format, space);
   if (!stated) {
     return tl::unexpected(stated.error());
   }
+  auto io = image_io_of(format);
   io->SetFileName(name);
   io->ReadImageInformation();
   if (auto scalar = check_components(path, *io); !scalar) {
@@ -232,8 +260,7 @@ bool states_its_space(const fs::path &path) {
   if (fs::is_directory(path, ignored)) {
     return true;
   }
-  const auto io = image_io_of(path.string());
-  const auto header = io ? read_header(path, io->GetNameOfClass(), std::nullopt) : base::failure("");
+  const auto header = read_header(path, format_of(path), std::nullopt);
   return header && header->space_stated;
 }
 

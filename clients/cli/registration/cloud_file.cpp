@@ -99,7 +99,7 @@ base::Result<Surface> read_surface_or_image(const InputFile &file) {
     return base::failure(file.path + ": " + scalp.error().message);
   }
   const auto problem = casefile::size_problem(scalp->mesh.vertices_mm, casefile::kHeadSize,
-                                              casefile::LengthUnit::kMillimetre, "the scalp", "another unit");
+                                              casefile::LengthUnit::kMillimetre, "the scalp", "");
   if (!problem.empty()) {
     return base::failure(file.path + ": " + problem);
   }
