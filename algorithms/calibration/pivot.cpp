@@ -7,6 +7,7 @@
 #include <limits>
 #include <optional>
 #include <random>
+#include <set>
 #include <vector>
 
 #include <Eigen/Cholesky>
@@ -244,6 +245,19 @@ Matrix3d jackknife_covariance(PivotProblem &problem, const Estimate &estimate) {
   return kFewBlocks * kJackknife * covariance;
 }
 
+std::vector<PivotPose> without_repeats(std::span<const PivotPose> poses) {
+  std::vector<PivotPose> out;
+  std::set<std::array<double, 7>> seen;
+  for (const PivotPose &pose : poses) {
+    const Eigen::Vector4d q = pose.T_fixed_tool.rotation().coeffs();
+    const Vector3d &t = pose.T_fixed_tool.translation();
+    if (seen.insert({q[0], q[1], q[2], q[3], t[0], t[1], t[2]}).second) {
+      out.push_back(pose);
+    }
+  }
+  return out;
+}
+
 template <class... Values> std::string format(const char *pattern, Values... values) {
   char buffer[256];
   std::snprintf(buffer, sizeof buffer, pattern, values...);
@@ -259,13 +273,14 @@ struct Judgement {
 std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &options) {
   const double wide = r.rotation_rad[0] / geometry::kRadiansPerDegree;
   const double narrow = r.rotation_rad[1] / geometry::kRadiansPerDegree;
-  if (r.poses < options.min_poses) {
-    return Judgement{PivotVerdict::kTooFewPoses,
-                     format("refused: %zu poses, at least %zu are needed", r.poses, options.min_poses)};
-  }
-  if (r.rotation_rad[0] < kStatic_rad) {
+  if (r.poses + r.repeated >= options.min_poses && r.rotation_rad[0] < kStatic_rad) {
     return Judgement{PivotVerdict::kStatic,
                      format("refused: the tool was not moved (it turned by %.1f degrees)", wide)};
+  }
+  if (r.poses < options.min_poses) {
+    const std::string repeats = r.repeated > 0 ? format(" different (%zu repeat an earlier one)", r.repeated) : "";
+    return Judgement{PivotVerdict::kTooFewPoses, format("refused: %zu%s poses, at least %zu are needed", r.poses,
+                                                        repeats.c_str(), options.min_poses)};
   }
   if (r.rotation_rad[1] < options.min_rotation_rad) {
     return Judgement{PivotVerdict::kTooLittleRotation,
@@ -278,7 +293,25 @@ std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &
 
 Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
   const double fraction = static_cast<double>(r.outliers) / static_cast<double>(r.poses);
-  if (const double ratio = r.rms_mm / options.tracker_noise_mm; ratio > options.max_noise_ratio) {
+  const double ratio = r.rms_mm / options.tracker_noise_mm;
+  const double tip_mm = r.tip_mm.norm();
+  // All comparisons are negated, so that what is not a number is refused.
+  if (!(r.covariance_mm2.allFinite() && std::isfinite(ratio) && tip_mm <= options.max_tip_mm)) {
+    return {PivotVerdict::kTipImplausible,
+            std::isfinite(tip_mm)
+                ? format("refused: the tip is %.0f mm from the tool's origin, at most %.0f mm are taken: "
+                         "are the poses in mm?",
+                         tip_mm, options.max_tip_mm)
+                : "refused: the poses do not determine the tip"};
+  }
+  if (ratio < options.min_noise_ratio) {
+    return {
+        PivotVerdict::kResidualTooSmall,
+        format("refused: RMS %.5f mm is %.4f times the tracker's noise of %.2f mm, no tracker is that good: are the "
+               "poses in mm, and measured?",
+               r.rms_mm, ratio, options.tracker_noise_mm)};
+  }
+  if (!(ratio <= options.max_noise_ratio)) {
     return {PivotVerdict::kResidualTooLarge,
             format("not fit for navigation: RMS %.2f mm (%.2f mm with outliers) is %.1f times the tracker's noise of "
                    "%.2f mm, at most %.1f times is allowed",
@@ -311,10 +344,13 @@ PivotFit fit_pivot_least_squares(std::span<const PivotPose> poses) {
   return to_fit(problem, poses.empty() ? Estimate() : problem.least_squares(ones));
 }
 
-PivotResult calibrate_pivot(std::span<const PivotPose> poses, const PivotOptions &options) {
+PivotResult calibrate_pivot(std::span<const PivotPose> recorded, const PivotOptions &options) {
+  const std::vector<PivotPose> different = without_repeats(recorded);
+  const std::span<const PivotPose> poses(different);
   PivotResult out;
   out.poses = poses.size();
-  if (poses.size() >= options.min_poses) {
+  out.repeated = recorded.size() - poses.size();
+  if (!poses.empty()) {
     const auto ranges = rotation_ranges(poses);
     std::copy(ranges.begin(), ranges.end(), out.rotation_rad);
   }

@@ -35,10 +35,21 @@ struct PivotOptions {
   double min_rotation_rad = 0.35; // about each of two axes: 20 degrees
   double tracker_noise_mm = 0.25; // 1 sigma of a coordinate of a tracked marker
   double max_noise_ratio = 4.0;   // maximum RMS residual over the noise; above it the tip is not fit for navigation
+  double min_noise_ratio = 0.02;  // a smaller one is not of a tracker: another unit, or computed poses
+  double max_tip_mm = 1000.0;     // from the tool's origin; longer is no tool
   double max_outlier_fraction = 0.2;
 };
 
-enum class PivotVerdict { kAccepted, kTooFewPoses, kStatic, kTooLittleRotation, kTooManyOutliers, kResidualTooLarge };
+enum class PivotVerdict {
+  kAccepted,
+  kTooFewPoses,
+  kStatic,
+  kTooLittleRotation,
+  kTooManyOutliers,
+  kResidualTooLarge,
+  kResidualTooSmall,
+  kTipImplausible // longer than a tool, or not determined
+};
 
 struct PivotFit {
   geometry::Vector3d tip_mm = geometry::Vector3d::Zero();   // in the tool
@@ -55,9 +66,10 @@ struct PivotResult {
   geometry::Vector3d tip_mm = geometry::Vector3d::Zero();         // in the tool
   geometry::Matrix3d covariance_mm2 = geometry::Matrix3d::Zero(); // covariance of tip_mm
   geometry::Vector3d pivot_mm = geometry::Vector3d::Zero();
-  double rms_mm = 0.0;   // RMS of the poses that are not outliers
-  double worst_mm = 0.0; // maximum over all poses
-  std::size_t poses = 0;
+  double rms_mm = 0.0;      // RMS of the poses that are not outliers
+  double worst_mm = 0.0;    // maximum over all poses
+  std::size_t poses = 0;    // different ones
+  std::size_t repeated = 0; // left out: a pose that is sent again is no other pose
   std::size_t outliers = 0; // poses beyond four robust sigmas
   PivotFit least_squares;   // fit to all poses, outliers included
   // Rotation of the tool about its two widest axes (98 % of the poses).
@@ -72,7 +84,7 @@ struct PivotResult {
 // axis only).
 [[nodiscard]] PivotFit fit_pivot_least_squares(std::span<const PivotPose> poses);
 
-// Poses in temporal order, all finite.
-[[nodiscard]] PivotResult calibrate_pivot(std::span<const PivotPose> poses, const PivotOptions &options = {});
+// Poses in temporal order, all finite. Poses that equal an earlier one to the bit are left out.
+[[nodiscard]] PivotResult calibrate_pivot(std::span<const PivotPose> recorded, const PivotOptions &options = {});
 
 } // namespace bregma::calibration

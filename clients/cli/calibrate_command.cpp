@@ -43,6 +43,10 @@ const char *verdict_name(calibration::PivotVerdict verdict) {
     return "too_little_rotation";
   case calibration::PivotVerdict::kTooManyOutliers:
     return "too_many_outliers";
+  case calibration::PivotVerdict::kResidualTooSmall:
+    return "residual_too_small";
+  case calibration::PivotVerdict::kTipImplausible:
+    return "tip_implausible";
   case calibration::PivotVerdict::kResidualTooLarge:
     break;
   }
@@ -54,6 +58,7 @@ json to_json(const PivotResult &r, const casefile::PoseSeries &series) {
               {"accepted", r.accepted()},
               {"text", r.text},
               {"poses", r.poses},
+              {"repeated_poses", r.repeated},
               {"invalid_frames", series.invalid},
               {"rotation_deg",
                {r.rotation_rad[0] / geometry::kRadiansPerDegree, r.rotation_rad[1] / geometry::kRadiansPerDegree}}};
@@ -64,8 +69,8 @@ json to_json(const PivotResult &r, const casefile::PoseSeries &series) {
   out.update({{"tip_mm", json_vector(r.tip_mm)},
               {"covariance_mm2", json_matrix(r.covariance_mm2)},
               {"pivot_mm", json_vector(r.pivot_mm)},
-              {"rms_mm", r.rms_mm},
-              {"worst_mm", r.worst_mm},
+              {"rms_mm", json_number(r.rms_mm)},
+              {"worst_mm", json_number(r.worst_mm)},
               {"outliers", r.outliers},
               {"least_squares",
                {{"tip_mm", json_vector(plain.tip_mm)},
@@ -83,6 +88,7 @@ std::string to_text(const PivotResult &r, const casefile::PoseSeries &series) {
   std::string out = r.text + "\n\n";
   out += "Poses " + std::to_string(r.poses) +
          (series.invalid > 0 ? " (" + std::to_string(series.invalid) + " invalid frames left out)" : "") +
+         (r.repeated > 0 ? " (" + std::to_string(r.repeated) + " repeat an earlier one: left out)" : "") +
          ", turned by " + fixed(r.rotation_rad[0] / geometry::kRadiansPerDegree, 0) + " and " +
          fixed(r.rotation_rad[1] / geometry::kRadiansPerDegree, 0) + " degrees about the two widest axes\n";
   if (!r.estimated) {

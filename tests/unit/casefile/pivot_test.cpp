@@ -66,7 +66,7 @@ TEST(Pivot, WithoutErrorsTheTipIsExact) {
   const PivotFit fit = fit_pivot_least_squares(poses);
   EXPECT_LT((fit.tip_mm - kTip).norm(), 1e-8);
   EXPECT_LT((fit.pivot_mm - kPivot).norm(), 1e-8);
-  const PivotResult result = calibrate_pivot(poses);
+  const PivotResult result = calibrate_pivot(poses, {.min_noise_ratio = 0.0});
   EXPECT_TRUE(result.accepted()) << result.text;
   EXPECT_LT((result.tip_mm - kTip).norm(), 1e-8);
   EXPECT_LT((result.pivot_mm - kPivot).norm(), 1e-8);
@@ -130,6 +130,38 @@ TEST(Pivot, WhatCannotBeCalibratedIsRefusedWithTheReason) {
   const std::string noisy = refused({.noise_mm = 2.0}, PivotVerdict::kResidualTooLarge);
   EXPECT_EQ(noisy.rfind("not fit for navigation: RMS 3.", 0), 0U) << noisy;
   EXPECT_NE(noisy.find("times the tracker's noise of 0.25 mm"), std::string::npos) << noisy;
+}
+
+// A tracker that sends its last pose again, here every pose 20 times, or the last one more often than all others.
+TEST(Pivot, RepeatedPosesAreNoPoses) {
+  std::mt19937 rng(kSeed);
+  const auto poses = simulate({}, rng);
+  std::vector<PivotPose> six;
+  for (int i = 0; i < 120; ++i) {
+    six.push_back(poses[static_cast<std::size_t>(i % 6) * 90]);
+  }
+  const PivotResult few = calibrate_pivot(six);
+  EXPECT_EQ(few.verdict, PivotVerdict::kTooFewPoses);
+  EXPECT_EQ(few.text, "refused: 6 different (114 repeat an earlier one) poses, at least 50 are needed");
+  std::vector<PivotPose> stuck(poses.begin(), poses.begin() + 60);
+  stuck.insert(stuck.end(), 61, stuck.back());
+  const PivotResult most = calibrate_pivot(stuck);
+  EXPECT_EQ(most.poses, 60U);
+  EXPECT_EQ(most.repeated, 61U);
+  EXPECT_TRUE(most.tip_mm.allFinite());
+}
+
+TEST(Pivot, PosesInAnotherUnitAreRefused) {
+  std::mt19937 rng(kSeed);
+  for (const double factor : {0.001, 1000.0}) {
+    auto poses = simulate({}, rng);
+    for (PivotPose &pose : poses) {
+      pose.T_fixed_tool = ToolPose(pose.T_fixed_tool.rotation(), factor * pose.T_fixed_tool.translation());
+    }
+    const PivotResult result = calibrate_pivot(poses);
+    EXPECT_FALSE(result.accepted());
+    EXPECT_NE(result.text.find("are the poses in mm"), std::string::npos) << result.text;
+  }
 }
 
 TEST(Pivot, AFixedToolHasNoLeastSquaresAnswer) {
