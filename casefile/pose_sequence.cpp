@@ -1,5 +1,5 @@
-// PLUS sequence files: a MetaImage header with fields Seq_Frame0012_StylusToTrackerTransform = ..., and images after
-// it.
+// PLUS sequence files: a header of MetaImage or NRRD with fields Seq_Frame0012_StylusToTrackerTransform = ..., and
+// images after it or in another file.
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -44,21 +44,33 @@ public:
 
   base::Result<TransformSequence> read(std::istream &in) {
     std::string line;
+    bool nrrd = false;
     bool ended = false;
     for (line_ = 1; !ended && std::getline(in, line); ++line_) {
-      const std::size_t equals = line.find('=');
-      if (equals == std::string::npos) {
+      const std::string_view text = base::trimmed(line);
+      nrrd = nrrd || (line_ == 1 && text.starts_with("NRRD"));
+      if (nrrd && (line_ == 1 || text.empty() || text.front() == '#')) {
+        ended = text.empty(); // the pixels follow
+        continue;
+      }
+      // MetaImage: "field = value". NRRD: "field: value", and "field:=value" for those of other programs.
+      const std::size_t separator = nrrd ? text.find(':') : text.find('=');
+      if (separator == std::string_view::npos) {
         return base::failure(place() + "is not \"field = value\": is this a PLUS sequence file?");
       }
-      const std::string_view field = base::trimmed(std::string_view(line).substr(0, equals));
-      const std::string_view value = base::trimmed(std::string_view(line).substr(equals + 1));
-      ended = field == "ElementDataFile"; // the pixels follow
+      const std::string_view field = base::trimmed(text.substr(0, separator));
+      const bool both = nrrd && text.substr(separator).starts_with(":=");
+      const std::string_view value = base::trimmed(text.substr(separator + (both ? 2 : 1)));
+      ended = !nrrd && field == "ElementDataFile"; // the pixels follow
       if (!field.starts_with(kFramePrefix)) {
         continue;
       }
       if (auto taken = take(field.substr(kFramePrefix.size()), value); !taken) {
         return tl::unexpected(taken.error());
       }
+    }
+    if (!ended && !frames_.empty()) {
+      return base::failure(out_.file.string() + ": is not whole: its header does not end");
     }
     return finished();
   }

@@ -1,6 +1,7 @@
 #include "casefile/poses.hpp"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <fstream>
@@ -201,8 +202,9 @@ base::Result<PoseSeries> read_pose_matrices(const fs::path &folder_or_archive) {
 }
 
 base::Result<PoseSeries> read_poses(const fs::path &path, std::string_view transform) {
-  const std::string name = path.filename().string();
-  if (!name.ends_with(".mha") && !name.ends_with(".seq")) {
+  const std::string extension = base::lower(path.extension().string());
+  constexpr std::array kSequences{".mha", ".mhd", ".nrrd", ".nhdr", ".seq"};
+  if (std::find(kSequences.begin(), kSequences.end(), extension) == kSequences.end()) {
     return read_pose_matrices(path);
   }
   const auto sequence = read_transform_sequence(path);

@@ -1,5 +1,5 @@
 // Recorded tool poses: folders or .tgz archives of 4x4 matrices, and the headers of PLUS sequence files
-// (.igs.mha).
+// (.igs.mha, .igs.mhd, .igs.nrrd).
 //
 // Transforms have PLUS's names: "StylusToReference" maps points of Stylus into Reference (mm), that is
 // T_reference_stylus. Errors name the file, the line and the frame.

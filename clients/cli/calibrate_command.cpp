@@ -152,7 +152,7 @@ void add_calibrate_command(CLI::App &app, Context &context) {
   pivot
       ->add_option("source", arguments->source,
                    "A folder or archive (.tgz, .zip) of 4x4 matrices named by their time in ns, or a PLUS sequence "
-                   "(.igs.mha); with --live: start or finish")
+                   "(.igs.mha, .igs.mhd, .igs.nrrd); with --live: start or finish")
       ->required();
   pivot
       ->add_option("--transform", arguments->transform,

@@ -66,6 +66,7 @@ TEST(PoseMatrices, ARealArchiveIsReadAndATruncatedOneRefused) {
 }
 
 const std::string kHeader = "ObjectType = Image\nNDims = 3\n";
+const std::string kEnd = "ElementDataFile = LOCAL\n";
 const std::string kIdentity = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
 
 std::string frame(int number, const std::string &name, const std::string &matrix, const std::string &status = "OK") {
@@ -105,7 +106,7 @@ TEST(TransformSequence, NamesStatusesTimesAndChains) {
 TEST(TransformSequence, ErrorsNameFileLineAndFrame) {
   const auto error_of = [](const std::string &content) {
     TemporaryFolder folder;
-    const auto file = folder.write("a.igs.mha", content);
+    const auto file = folder.write("a.igs.mha", content + kEnd);
     return message_after(read_transform_sequence(file), file);
   };
   EXPECT_EQ(error_of(kHeader + frame(0, "AToB", kIdentity) + frame(1, "AToB", "1 0 0")),
@@ -122,11 +123,31 @@ TEST(TransformSequence, ErrorsNameFileLineAndFrame) {
   EXPECT_NE(error_of(kHeader).find("holds no frames"), std::string::npos);
 }
 
+TEST(TransformSequence, AHeaderThatDoesNotEndIsNotWhole) {
+  TemporaryFolder folder;
+  const auto file = folder.write("a.igs.mha", kHeader + frame(0, "AToB", kIdentity));
+  EXPECT_EQ(message_after(read_transform_sequence(file), file), ": is not whole: its header does not end");
+}
+
+TEST(TransformSequence, TheHeaderMayBeOfNrrd) {
+  TemporaryFolder folder;
+  std::string fields = frame(0, "AToB", kIdentity);
+  for (std::size_t at = fields.find(" = "); at != std::string::npos; at = fields.find(" = ", at)) {
+    fields.replace(at, 3, ":=");
+  }
+  const auto file =
+      folder.write("a.igs.nrrd", "NRRD0004\n# Complete NRRD file format specification at:\nkinds: domain domain\n" +
+                                     fields + "\n\x01\x02 pixels");
+  const auto poses = read_poses(file);
+  ASSERT_TRUE(poses) << poses.error().message;
+  EXPECT_EQ(poses->poses.size(), 1U);
+}
+
 // Transforms that the tracker marks as invalid may have any content.
 TEST(TransformSequence, InvalidFramesAreNotLookedInto) {
   TemporaryFolder folder;
   const auto sequence = read_transform_sequence(
-      folder.write("a.igs.mha", kHeader + frame(0, "AToB", "nan nan", "MISSING") + frame(1, "AToB", kIdentity)));
+      folder.write("a.igs.mha", kHeader + frame(0, "AToB", "nan nan", "MISSING") + frame(1, "AToB", kIdentity) + kEnd));
   ASSERT_TRUE(sequence) << sequence.error().message;
   EXPECT_EQ(sequence->series("AToB")->poses.size(), 1U);
 }
@@ -134,7 +155,7 @@ TEST(TransformSequence, InvalidFramesAreNotLookedInto) {
 TEST(TransformSequence, AFrameWithoutStatusIsNotValid) {
   TemporaryFolder folder;
   const auto sequence = read_transform_sequence(folder.write(
-      "a.igs.mha", kHeader + "Seq_Frame0000_AToBTransform = " + kIdentity + "\nSeq_Frame0000_Timestamp = 1\n"));
+      "a.igs.mha", kHeader + "Seq_Frame0000_AToBTransform = " + kIdentity + "\nSeq_Frame0000_Timestamp = 1\n" + kEnd));
   ASSERT_TRUE(sequence) << sequence.error().message;
   EXPECT_EQ(sequence->series("AToB")->invalid, 1U);
 }
