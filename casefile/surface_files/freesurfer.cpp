@@ -1,14 +1,13 @@
-// FreeSurfer's surfaces. Their coordinates are "surface RAS", relative to the centre of the source volume. Binary files
-// end with that volume's geometry, which gives the transform to scanner RAS, the coordinates of the NIfTI image.
+// FreeSurfer's surfaces. Their coordinates are "surface RAS" (volume_geometry.hpp). Binary files end with the geometry
+// of their volume.
 #include <cmath>
-
-#include <Eigen/LU>
 
 #include "base/text.hpp"
 #include "casefile/surface_files/mesh_arrays.hpp"
 #include "casefile/surface_files/number_bytes.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 #include "casefile/surface_files/text_cursor.hpp"
+#include "casefile/surface_files/volume_geometry.hpp"
 
 namespace bregma::casefile::detail {
 
@@ -17,8 +16,12 @@ namespace {
 constexpr std::int32_t kTagUseRealRas = 2;
 constexpr std::int32_t kTagVolumeGeometry = 20;
 
+constexpr const char *kSurfaceRas = "its points are FreeSurfer's surface RAS, and the volume's geometry is not in the "
+                                    "file: they may lie elsewhere in the scanner's coordinates";
+
 Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
   RawSurface out;
+  out.notes.emplace_back(kSurfaceRas);
   TextCursor cursor(content);
   if (content.starts_with('#')) {
     static_cast<void>(cursor.rest_of_line());
@@ -56,18 +59,6 @@ Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
 }
 
 // "valid = 1\nfilename = ...\nxras = -1 0 0\n...cras = 5.4 18 0\n" at the end of a binary file.
-struct VolumeGeometry {
-  bool valid = false;
-  Eigen::Matrix3d axes = Eigen::Matrix3d::Identity(); // columns: directions of the voxels' axes in scanner RAS
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-
-  // Scanner RAS of a point in surface RAS. Surface RAS assumes axes to the left, inferior and anterior, about the
-  // centre.
-  [[nodiscard]] Eigen::Vector3d scanner_ras(const Eigen::Vector3d &p) const {
-    return axes * Eigen::Vector3d(-p.x(), -p.z(), p.y()) + centre;
-  }
-};
-
 Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
   VolumeGeometry out;
   int found = 0;
@@ -97,7 +88,7 @@ Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
     }
     ++found;
   }
-  if (out.valid && (found != 4 || std::abs(std::abs(out.axes.determinant()) - 1.0) > 1e-3)) {
+  if (out.valid && (found != 4 || !out.has_axes())) {
     return wrong_byte(at, "volume geometry: xras, yras and zras must be directions at right angles, and cras be there");
   }
   return out;
@@ -115,14 +106,14 @@ Parsed<VolumeGeometry> footer_geometry(std::string_view content, std::size_t at)
     } else if (tag == kTagVolumeGeometry) {
       auto geometry = volume_geometry(content.substr(at), at);
       if (geometry && real_ras) {
-        geometry->valid = false; // the coordinates are scanner RAS already
+        *geometry = {.valid = false, .in_scanner = true};
       }
       return geometry;
     } else {
       break;
     }
   }
-  return VolumeGeometry{};
+  return VolumeGeometry{.in_scanner = real_ras};
 }
 
 Parsed<RawSurface> binary_freesurfer(std::string_view content) {
@@ -143,6 +134,9 @@ Parsed<RawSurface> binary_freesurfer(std::string_view content) {
     return tl::unexpected(geometry.error());
   }
   RawSurface out;
+  if (!geometry->valid && !geometry->in_scanner) {
+    out.notes.emplace_back(kSurfaceRas);
+  }
   for (std::size_t i = 0; i < vertices; ++i) {
     Eigen::Vector3d position;
     for (Eigen::Index axis = 0; axis < 3; ++axis, at += 4) {

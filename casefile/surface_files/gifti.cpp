@@ -3,14 +3,19 @@
 // This reader uses expat and zlib instead of Debian's libgiftiio. The format is two arrays in XML with the encodings of
 // a .vtp file, and error messages must name the line and the value.
 #include <array>
+#include <cmath>
 #include <optional>
 #include <utility>
+
+#include <Eigen/Geometry>
+#include <Eigen/LU>
 
 #include "base/text.hpp"
 #include "casefile/surface_files/data_array.hpp"
 #include "casefile/surface_files/mesh_arrays.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 #include "casefile/surface_files/text_cursor.hpp"
+#include "casefile/surface_files/volume_geometry.hpp"
 #include "casefile/surface_files/xml_document.hpp"
 
 namespace bregma::casefile::detail {
@@ -87,6 +92,108 @@ Parsed<std::vector<double>> gifti_array(const XmlElement &array, const std::stri
   return out;
 }
 
+// Without blanks and line ends around it.
+std::string_view stripped(std::string_view text) {
+  constexpr std::string_view kBlank = " \t\r\n";
+  const std::size_t first = text.find_first_not_of(kBlank);
+  return first == std::string_view::npos ? std::string_view()
+                                         : text.substr(first, text.find_last_not_of(kBlank) - first + 1);
+}
+
+std::string text_of(const XmlElement &parent, std::string_view name) {
+  const XmlElement *child = parent.child(name);
+  return child != nullptr ? std::string(stripped(child->text)) : "";
+}
+
+constexpr std::string_view kScanner = "NIFTI_XFORM_SCANNER_ANAT";
+
+// VolGeomX_R ... VolGeomC_S in the metadata, which FreeSurfer writes.
+Parsed<VolumeGeometry> gifti_geometry(const XmlElement &points) {
+  VolumeGeometry out;
+  int found = 0;
+  const XmlElement *metadata = points.child("MetaData");
+  for (const XmlElement &entry : metadata != nullptr ? metadata->children : std::vector<XmlElement>()) {
+    const std::string name = text_of(entry, "Name");
+    constexpr std::string_view kPrefix = "VolGeom";
+    const std::size_t column = name.size() == kPrefix.size() + 3 ? std::string_view("XYZC").find(name[kPrefix.size()])
+                                                                 : std::string_view::npos;
+    const std::size_t row = name.empty() ? std::string_view::npos : std::string_view("RAS").find(name.back());
+    if (!name.starts_with(kPrefix) || column == std::string_view::npos || row == std::string_view::npos) {
+      continue;
+    }
+    const std::string text = text_of(entry, "Value");
+    const auto value = base::parsed_number<double>(text);
+    if (!value || !std::isfinite(*value)) {
+      return wrong_line(entry.line, name + " = " + in_quotes(text) + ": must be a finite number");
+    }
+    const auto axis = static_cast<Eigen::Index>(row);
+    (column < 3 ? out.axes(axis, static_cast<Eigen::Index>(column)) : out.centre[axis]) = *value;
+    ++found;
+  }
+  if (found != 0 && (found != 12 || !out.has_axes())) {
+    return wrong_line(points.line, "VolGeom: must be 12 numbers, with axes at right angles");
+  }
+  out.valid = found == 12;
+  return out;
+}
+
+Parsed<Eigen::Matrix4d> stated_matrix(const XmlElement &transform) {
+  const XmlElement *data = transform.child("MatrixData");
+  Eigen::Matrix4d out = Eigen::Matrix4d::Identity();
+  if (data == nullptr) {
+    return out;
+  }
+  const auto numbers = numbers_in_words(data->text, 16, data->line, "MatrixData");
+  if (!numbers) {
+    return tl::unexpected(numbers.error());
+  }
+  out = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(numbers->data());
+  const Eigen::Matrix3d R = out.topLeftCorner<3, 3>();
+  if (!out.allFinite() || !(std::abs(R.determinant()) > 1e-6)) {
+    return wrong_line(data->line, "MatrixData: is no transform that can be inverted");
+  }
+  return out;
+}
+
+// Applies what the array of points states about its frame, so that they lie in scanner RAS.
+Parsed<void> place_points(const XmlElement &points, RawSurface &out) {
+  const auto geometry = gifti_geometry(points);
+  if (!geometry) {
+    return tl::unexpected(geometry.error());
+  }
+  bool in_scanner = false;
+  for (const XmlElement &transform : points.children) {
+    if (transform.name != "CoordinateSystemTransformMatrix") {
+      continue;
+    }
+    const auto matrix = stated_matrix(transform);
+    if (!matrix) {
+      return tl::unexpected(matrix.error());
+    }
+    in_scanner = in_scanner || text_of(transform, "DataSpace") == kScanner;
+    if (in_scanner || matrix->isIdentity(1e-6)) {
+      continue;
+    }
+    const std::string to = text_of(transform, "TransformedSpace");
+    if (to != kScanner) {
+      out.notes.push_back("its transform to " + to + " is not applied");
+      continue;
+    }
+    for (Eigen::Vector3d &vertex : out.mesh.vertices_mm) {
+      vertex = (*matrix * vertex.homogeneous()).head<3>();
+    }
+    out.notes.emplace_back("its transform to scanner coordinates is applied");
+    return {};
+  }
+  if (!in_scanner && geometry->valid) {
+    for (Eigen::Vector3d &vertex : out.mesh.vertices_mm) {
+      vertex = geometry->scanner_ras(vertex);
+    }
+    out.notes.emplace_back("its points are FreeSurfer's surface RAS: moved to scanner RAS by its volume geometry");
+  }
+  return {};
+}
+
 } // namespace
 
 Parsed<RawSurface> parse_gifti(std::string_view content) {
@@ -119,10 +226,13 @@ Parsed<RawSurface> parse_gifti(std::string_view content) {
     if (!numbers) {
       return tl::unexpected(numbers.error());
     }
-    const std::string problem =
-        out.mesh.vertices_mm.empty() ? append_vertices(out.mesh, *numbers) : append_triangles(out.mesh, *numbers);
+    const bool points = out.mesh.vertices_mm.empty();
+    const std::string problem = points ? append_vertices(out.mesh, *numbers) : append_triangles(out.mesh, *numbers);
     if (!problem.empty()) {
       return wrong_line(found->line, problem);
+    }
+    if (const auto placed = points ? place_points(*found, out) : Parsed<void>(); !placed) {
+      return tl::unexpected(placed.error());
     }
   }
   return out;

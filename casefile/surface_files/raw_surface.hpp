@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -38,6 +39,7 @@ struct RawSurface {
   std::string format;                // "STL", ...
   std::optional<Space> space;        // stated by the file
   Space assumed_space = Space::kLps; // otherwise the space of the programs that write the format
+  std::vector<std::string> notes{};  // what was applied or not; without the file's name
 };
 
 // The SPACE=LPS or SPACE=RAS that Slicer writes into the comments of its mesh files; a file that states both is

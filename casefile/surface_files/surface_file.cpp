@@ -118,6 +118,9 @@ base::Result<SurfaceFile> read_surface(const std::filesystem::path &file, const 
   }
   out.mesh = std::move(raw->mesh);
   out.format = std::move(raw->format);
+  for (const std::string &note : raw->notes) {
+    out.notes.push_back(file.string() + ": " + note);
+  }
   out.space_stated = raw->space.has_value();
   out.space = raw->space.value_or(options.space.value_or(raw->assumed_space));
   for (Eigen::Vector3d &vertex : out.mesh.vertices_mm) {

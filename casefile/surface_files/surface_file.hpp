@@ -14,6 +14,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "algorithms/surface/triangle_mesh.hpp"
 #include "base/result.hpp"
@@ -35,6 +36,7 @@ struct SurfaceFile {
   Space space = Space::kRas;          // coordinate system of the file
   bool space_stated = false;          // by the file itself
   std::size_t triangles_left_out = 0; // triangles that use a vertex twice
+  std::vector<std::string> notes{};   // what the file states beside its points, and what was done with it
 };
 
 [[nodiscard]] base::Result<SurfaceFile> read_surface(const std::filesystem::path &file,

@@ -31,7 +31,7 @@ bool is_image(const std::string &name) {
 }
 
 std::vector<std::string> notes_of(const InputFile &file, const casefile::SurfaceFile &surface) {
-  std::vector<std::string> out;
+  std::vector<std::string> out = surface.notes;
   if (!surface.space_stated) {
     out.push_back(file.path + " (" + surface.format + ") does not say its space: taken as " +
                   std::string(casefile::name_of(surface.space)) + " (--" + file.side + "-space)");

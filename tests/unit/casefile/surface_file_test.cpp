@@ -290,6 +290,56 @@ TEST(SurfaceFile, WrongBytesAreRefusedWithTheirPlace) {
   EXPECT_EQ(read_surface("/nowhere/a.stl").error().message, "/nowhere/a.stl: No such file or directory");
 }
 
+// A tetrahedron of a head's size in the GIFTI of FreeSurfer, or of another program.
+std::string gifti_of(const std::string &before_points, const std::string &in_points) {
+  return R"(<?xml version="1.0"?><GIFTI Version="1.0" NumberOfDataArrays="2">)" + before_points +
+         R"(<DataArray Intent="NIFTI_INTENT_POINTSET" DataType="NIFTI_TYPE_FLOAT32" ArrayIndexingOrder="RowMajorOrder"
+            Dimensionality="2" Dim0="4" Dim1="3" Encoding="ASCII">)" +
+         in_points + R"(<Data>0 0 0 100 0 0 0 100 0 0 0 100</Data></DataArray>
+         <DataArray Intent="NIFTI_INTENT_TRIANGLE" DataType="NIFTI_TYPE_INT32" ArrayIndexingOrder="RowMajorOrder"
+            Dimensionality="2" Dim0="4" Dim1="3" Encoding="ASCII"><Data>0 2 1 0 1 3 0 3 2 1 2 3</Data></DataArray></GIFTI>)";
+}
+
+std::string volume_geometry() {
+  std::string out = "<MetaData>";
+  const std::pair<const char *, double> values[] = {{"X_R", -1}, {"X_A", 0},   {"X_S", 0},  {"Y_R", 0},
+                                                    {"Y_A", 0},  {"Y_S", -1},  {"Z_R", 0},  {"Z_A", 1},
+                                                    {"Z_S", 0},  {"C_R", 5.4}, {"C_A", 18}, {"C_S", -21}};
+  for (const auto &[name, value] : values) {
+    out += "<MD><Name><![CDATA[VolGeom" + std::string(name) + "]]></Name><Value><![CDATA[" + std::to_string(value) +
+           "]]></Value></MD>";
+  }
+  return out + "</MetaData>";
+}
+
+std::string coordinates(const std::string &from, const std::string &to, const std::string &matrix) {
+  return "<CoordinateSystemTransformMatrix><DataSpace><![CDATA[" + from + "]]></DataSpace><TransformedSpace><![CDATA[" +
+         to + "]]></TransformedSpace><MatrixData>" + matrix + "</MatrixData></CoordinateSystemTransformMatrix>";
+}
+
+TEST(SurfaceFile, WhatAGiftiStatesAboutItsFrameIsApplied) {
+  const TemporaryFolder folder;
+  const std::string moved = "1 0 0 5.4 0 1 0 18 0 0 1 -21 0 0 0 1";
+  const std::string identity = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+  const Vector3d c_ras(5.4, 18.0, -21.0);
+  const std::string unknown = "NIFTI_XFORM_UNKNOWN";
+  const std::string scanner = "NIFTI_XFORM_SCANNER_ANAT";
+  for (const auto &[what, first] :
+       {std::pair(std::string(), Vector3d(Vector3d::Zero())),
+        {volume_geometry(), c_ras},
+        {volume_geometry() + coordinates(unknown, "NIFTI_XFORM_TALAIRACH", identity), c_ras},
+        {volume_geometry() + coordinates(unknown, scanner, moved), c_ras},
+        {coordinates(unknown, scanner, moved), c_ras},
+        {volume_geometry() + coordinates(scanner, scanner, identity), Vector3d(Vector3d::Zero())},
+        {coordinates(scanner, "NIFTI_XFORM_MNI_152", moved), Vector3d(Vector3d::Zero())}}) {
+    const auto read = read_surface(folder.write("s.surf.gii", gifti_of("", what)));
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_TRUE((read->mesh.vertices_mm[0] - first).isZero(1e-4)) << what << read->mesh.vertices_mm[0];
+    EXPECT_TRUE((read->mesh.vertices_mm[3] - first - Vector3d(0, 0, 100)).isZero(1e-4)) << what;
+    EXPECT_EQ(read->notes.empty(), first.isZero()) << what;
+  }
+}
+
 // Two public heads.
 TEST(SurfaceFile, ColinsSkinIsReadWithoutConversion) {
   BREGMA_SHARED_DATA(file, "meshes/colin27/colin27_outer_skin_surface.asc");
