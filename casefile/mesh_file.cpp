@@ -56,7 +56,7 @@ base::Result<TriangleMesh> read_mesh(const std::filesystem::path &file) {
     return tl::unexpected(content.error());
   }
   auto mesh = detail::parse_ply(*content);
-  const std::string problem = mesh ? mesh_problem(*mesh) : mesh.error();
+  const std::string problem = !mesh ? mesh.error() : mesh->triangles.empty() ? "holds no surface" : mesh_problem(*mesh);
   if (!problem.empty()) {
     return base::failure(file.string() + ": " + problem);
   }

@@ -1,5 +1,6 @@
 #include "casefile/ply.hpp"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <charconv>
@@ -35,7 +36,7 @@ struct Element {
 };
 
 struct Header {
-  bool ascii = false;
+  bool ascii = false, big_endian = false;
   std::vector<Element> elements;
 };
 
@@ -90,9 +91,11 @@ Parsed<Header> take_header(std::string_view &content) {
     words >> keyword;
     if (keyword == "end_header") {
       header.ascii = format == "ascii";
-      return format == "ascii" || format == "binary_little_endian"
+      header.big_endian = format == "binary_big_endian";
+      return header.ascii || header.big_endian || format == "binary_little_endian"
                  ? Parsed<Header>(std::move(header))
-                 : wrong("its format is \"" + format + "\", only ascii and binary_little_endian are read");
+                 : wrong("its format is \"" + format +
+                         "\", only ascii, binary_little_endian and binary_big_endian are read");
     }
     if (keyword == "format") {
       words >> format;
@@ -127,7 +130,8 @@ Parsed<Header> take_header(std::string_view &content) {
 // Reads the numbers after the header one by one. Empty at the end of the file or if there is no number.
 class Body {
 public:
-  Body(std::string_view content, bool ascii) : content_(content), ascii_(ascii) {}
+  Body(std::string_view content, const Header &header)
+      : content_(content), ascii_(header.ascii), big_endian_(header.big_endian) {}
 
   std::optional<double> next(PlyType type) { return ascii_ ? next_word() : next_bytes(type); }
   [[nodiscard]] std::size_t left() const { return content_.size(); }
@@ -153,7 +157,12 @@ private:
     if (content_.size() < sizeof(T)) {
       return std::nullopt;
     }
-    std::memcpy(&value, content_.data(), sizeof(T));
+    std::array<char, sizeof(T)> bytes{};
+    std::copy_n(content_.data(), sizeof(T), bytes.begin());
+    if (big_endian_) {
+      std::reverse(bytes.begin(), bytes.end());
+    }
+    std::memcpy(&value, bytes.data(), sizeof(T));
     content_.remove_prefix(sizeof(T));
     return static_cast<double>(value);
   }
@@ -181,14 +190,13 @@ private:
   }
 
   std::string_view content_;
-  bool ascii_;
+  bool ascii_, big_endian_;
 };
 
 // One vertex, face or other element: its coordinates and its list, if it has them.
 struct Item {
   Eigen::Vector3d position = Eigen::Vector3d::Constant(geometry::kUnknown);
-  Eigen::Vector3i corners = Eigen::Vector3i::Constant(-1);
-  std::uint32_t corner_count = 0;
+  std::vector<int> corners; // -1: not an index, or between two strips
 };
 
 std::optional<Item> read_item(const Element &element, Body &body) {
@@ -210,19 +218,39 @@ std::optional<Item> read_item(const Element &element, Body &body) {
       return std::nullopt;
     }
     const auto count = static_cast<std::uint32_t>(*first);
-    item.corner_count = corners ? count : item.corner_count;
     for (std::uint32_t i = 0; i < count; ++i) {
       const auto value = body.next(property.type);
       if (!value) {
         return std::nullopt;
       }
       const bool index = *value >= 0.0 && *value <= std::numeric_limits<int>::max();
-      if (corners && i < 3) {
-        item.corners[static_cast<Eigen::Index>(i)] = index ? static_cast<int>(*value) : -1;
+      if (corners) {
+        item.corners.push_back(index ? static_cast<int>(*value) : -1);
       }
     }
   }
   return item;
+}
+
+// A polygon as triangles around its first corner: exact for a flat convex one.
+void append_polygon(const std::vector<int> &corners, TriangleMesh &mesh) {
+  for (std::size_t i = 2; i < corners.size(); ++i) {
+    mesh.triangles.emplace_back(corners[0], corners[i - 1], corners[i]);
+  }
+}
+
+// Strips, each of which ends with -1: every corner from the third on makes a triangle with the two before it, in
+// alternating order.
+void append_strips(const std::vector<int> &corners, TriangleMesh &mesh) {
+  std::size_t begin = 0;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    if (corners[i] < 0) {
+      begin = i + 1;
+    } else if (i >= begin + 2) {
+      const bool turned = (i - begin) % 2 != 0;
+      mesh.triangles.emplace_back(corners[i - 2], corners[turned ? i : i - 1], corners[turned ? i - 1 : i]);
+    }
+  }
 }
 
 template <class T> void append(std::string &out, T value) {
@@ -238,7 +266,7 @@ tl::expected<TriangleMesh, std::string> parse_ply(std::string_view content) {
   if (!header) {
     return wrong(header.error());
   }
-  Body body(content, header->ascii);
+  Body body(content, *header);
   TriangleMesh mesh;
   for (const Element &element : header->elements) {
     for (std::size_t i = 0; i < element.count; ++i) {
@@ -253,18 +281,17 @@ tl::expected<TriangleMesh, std::string> parse_ply(std::string_view content) {
       if (element.name == "vertex") {
         mesh.vertices_mm.push_back(item->position);
       } else if (element.name == "face") {
-        if (item->corner_count != 3) {
-          return wrong("face " + std::to_string(i) + " has " + std::to_string(item->corner_count) +
-                       " corners, only triangles are read");
+        if (item->corners.size() < 3) {
+          return wrong("face " + std::to_string(i) + " has " + std::to_string(item->corners.size()) +
+                       " corners, a face has three at least");
         }
-        mesh.triangles.push_back(item->corners);
+        append_polygon(item->corners, mesh);
+      } else if (element.name == "tristrips") {
+        append_strips(item->corners, mesh);
       }
     }
   }
-  if (mesh.vertices_mm.empty() || mesh.triangles.empty()) {
-    return wrong("holds no surface");
-  }
-  return mesh;
+  return mesh.vertices_mm.empty() ? Parsed<TriangleMesh>(wrong("holds no vertices")) : mesh;
 }
 
 std::string to_ply(const TriangleMesh &mesh) {

@@ -50,6 +50,7 @@ struct RawSurface {
 [[nodiscard]] Parsed<RawSurface> parse_vtk_legacy(std::string_view content);
 [[nodiscard]] Parsed<RawSurface> parse_vtk_xml(std::string_view content);
 [[nodiscard]] Parsed<RawSurface> parse_gifti(std::string_view content);
+[[nodiscard]] Parsed<RawSurface> parse_obj(std::string_view content);
 // Both FreeSurfer formats: ASCII, and the big-endian "triangle file" that starts with FF FF FE.
 [[nodiscard]] Parsed<RawSurface> parse_freesurfer(std::string_view content);
 

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "base/read_file.hpp"
+#include "base/text.hpp"
 #include "casefile/ply.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 
@@ -37,7 +38,8 @@ Parsed<std::optional<Space>> stated_space(std::string_view comments) {
   return lps ? std::optional(Space::kLps) : ras ? std::optional(Space::kRas) : std::nullopt;
 }
 
-Parsed<RawSurface> parse_surface(std::string_view content, std::string_view name) {
+Parsed<RawSurface> parse_surface(std::string_view content, std::string_view file_name) {
+  const std::string name = base::lower(file_name);
   const std::string_view start = content.substr(0, 4096);
   const auto has = [&start](std::string_view word) { return start.find(word) != std::string_view::npos; };
   if (start.starts_with("ply")) {
@@ -55,13 +57,16 @@ Parsed<RawSurface> parse_surface(std::string_view content, std::string_view name
   if (has("<VTKFile")) {
     return parse_vtk_xml(content);
   }
-  if (name.ends_with(".stl") || name.ends_with(".STL")) {
+  if (name.ends_with(".stl")) {
     return parse_stl(content);
+  }
+  if (name.ends_with(".obj")) {
+    return parse_obj(content);
   }
   if (name.ends_with(".asc") || name.ends_with(".srf")) {
     return parse_freesurfer(content);
   }
-  return wrong("is not a surface that is read: PLY, STL, VTK (.vtk, .vtp), GIFTI or FreeSurfer");
+  return wrong("is not a surface that is read: PLY, STL, OBJ, VTK (.vtk, .vtp), GIFTI or FreeSurfer");
 }
 
 } // namespace detail
@@ -77,7 +82,7 @@ std::string message_of(const std::filesystem::path &file, const detail::Problem 
 
 // Final check after all readers, needed for PLY: finite coordinates and corners in range. A triangle that contains a
 // vertex twice has no area and is dropped.
-std::string clean(surface::TriangleMesh &mesh, std::size_t &left_out) {
+std::string clean(surface::TriangleMesh &mesh, bool points_only, std::size_t &left_out) {
   for (std::size_t i = 0; i < mesh.vertices_mm.size(); ++i) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
       if (const double value = mesh.vertices_mm[i][axis]; !std::isfinite(value)) {
@@ -97,8 +102,9 @@ std::string clean(surface::TriangleMesh &mesh, std::size_t &left_out) {
   }
   left_out = std::erase_if(mesh.triangles,
                            [](const Eigen::Vector3i &t) { return t[0] == t[1] || t[1] == t[2] || t[2] == t[0]; });
-  return mesh.triangles.empty() ? "the mesh is empty: it has " + std::to_string(vertices) + " vertices and no triangle"
-                                : "";
+  return mesh.triangles.empty() && !points_only
+             ? "the mesh is empty: it has " + std::to_string(vertices) + " vertices and no triangle"
+             : "";
 }
 
 } // namespace
@@ -113,7 +119,7 @@ base::Result<SurfaceFile> read_surface(const std::filesystem::path &file, const 
     return base::failure(message_of(file, raw.error()));
   }
   SurfaceFile out;
-  if (const auto problem = clean(raw->mesh, out.triangles_left_out); !problem.empty()) {
+  if (const auto problem = clean(raw->mesh, options.points_only, out.triangles_left_out); !problem.empty()) {
     return base::failure(file.string() + ": " + problem);
   }
   out.mesh = std::move(raw->mesh);

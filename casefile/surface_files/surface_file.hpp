@@ -1,10 +1,10 @@
-// Surfaces from other programs: PLY, STL, VTK (legacy and .vtp), GIFTI, FreeSurfer.
+// Surfaces from other programs: PLY, STL, OBJ, VTK (legacy and .vtp), GIFTI, FreeSurfer.
 //
 // The result is in RAS, mm. A space that the file states (Slicer's SPACE=LPS, Bregma's own PLY) has priority. Otherwise
-// the caller's `space` is used, and otherwise the convention of the programs that write the format: LPS for PLY, STL
-// and VTK (as in Slicer), RAS for GIFTI and FreeSurfer. The assumption is returned, so that it can be shown. The unit
-// is mm unless the caller states another. A surface of a width that no head has is refused, with the unit that would
-// explain it.
+// the caller's `space` is used, and otherwise the convention of the programs that write the format: LPS for PLY, STL,
+// OBJ and VTK (as in Slicer), RAS for GIFTI and FreeSurfer. The assumption is returned, so that it can be shown. The
+// unit is mm unless the caller states another. A surface of a width that no head has is refused, with the unit that
+// would explain it.
 //
 // All readers are our own: they refuse errors with place and value, where VTK's print a warning and return points that
 // they have not read. Tests compare them with what VTK writes. Blocking; safe from any thread; nothing throws but
@@ -27,6 +27,7 @@ struct SurfaceReadOptions {
   std::optional<Space> space = std::nullopt; // for files that do not state theirs
   LengthUnit unit = LengthUnit::kMillimetre;
   SizeLimits size = kHeadSize;
+  bool points_only = false;                 // a file without triangles is read too
   std::string unit_option = "another unit"; // advice in the message about a refused width, for example "--target-units"
 };
 

@@ -4,6 +4,8 @@
 // read, and it accepts corners beyond the last point.
 #include <array>
 #include <cmath>
+#include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -95,11 +97,11 @@ private:
     if (keyword == "FIELD") {
       return read_field();
     }
-    if (keyword == "POLYGONS" || keyword == "VERTICES" || keyword == "LINES") {
-      return read_cells(keyword == "POLYGONS");
+    if (keyword == "POLYGONS" || keyword == "TRIANGLE_STRIPS") {
+      return read_cells(keyword == "POLYGONS" ? Cells::kPolygons : Cells::kStrips);
     }
-    if (keyword == "TRIANGLE_STRIPS") {
-      return wrong_line(cursor_.line(), "the surface is made of triangle strips, only triangles are read");
+    if (keyword == "VERTICES" || keyword == "LINES") {
+      return read_cells(std::nullopt);
     }
     return wrong_line(cursor_.line(), in_quotes(keyword) + " is not a section of polydata");
   }
@@ -172,8 +174,8 @@ private:
   }
 
   // "POLYGONS cells numbers", then the number of corners and the corners of each cell. Since version 5:
-  // "POLYGONS offsets corners" with OFFSETS and CONNECTIVITY.
-  Parsed<void> read_cells(bool polygons) {
+  // "POLYGONS offsets corners" with OFFSETS and CONNECTIVITY. kind: empty for cells that are no part of a surface.
+  Parsed<void> read_cells(std::optional<Cells> kind) {
     const int line = cursor_.line();
     const auto cells = cursor_.count("number of cells", 1);
     const auto size = cells ? cursor_.count("number of corners", 1) : cells;
@@ -198,31 +200,33 @@ private:
       if (!corners) {
         return tl::unexpected(corners.error());
       }
-      for (std::size_t i = 0; polygons && i + 1 < offsets->size(); ++i) {
-        if ((*offsets)[i] != 3.0 * static_cast<double>(i) || (*offsets)[i + 1] != 3.0 * static_cast<double>(i + 1)) {
-          return wrong_line(line, "polygon " + std::to_string(i) + " has " +
-                                      std::to_string(std::llround((*offsets)[i + 1] - (*offsets)[i])) +
-                                      " corners, only triangles are read");
-        }
+      if (!offsets->empty() && offsets->front() != 0.0) {
+        return wrong_line(line, "OFFSETS must begin with 0");
       }
-      return polygons ? keep_triangles(*corners, 0, line) : Parsed<void>();
+      const std::span<const double> ends(*offsets);
+      return kind ? keep(*kind, *corners, ends.subspan(ends.empty() ? 0 : 1), line) : Parsed<void>();
     }
     const auto values = numbers(*size, NumberType::kInt32, "POLYGONS");
     if (!values) {
       return tl::unexpected(values.error());
     }
-    for (std::size_t i = 0; polygons && i < *cells; ++i) {
-      const double corners = 4 * i < values->size() ? (*values)[4 * i] : 0.0;
-      if (corners != 3.0 || 4 * i + 3 >= values->size()) {
-        return wrong_line(line, "polygon " + std::to_string(i) + " has " + std::to_string(static_cast<long>(corners)) +
-                                    " corners, only triangles are read");
+    std::vector<double> corners;
+    std::vector<double> ends;
+    for (std::size_t at = 0; kind && ends.size() < *cells;) {
+      const double count = at < values->size() ? (*values)[at] : 0.0;
+      if (!(count >= 1.0 && count <= static_cast<double>(values->size() - at - 1))) {
+        return wrong_line(line, "cell " + std::to_string(ends.size()) + " ends after the section does");
       }
+      const auto first = values->begin() + static_cast<std::ptrdiff_t>(at) + 1;
+      corners.insert(corners.end(), first, first + static_cast<std::ptrdiff_t>(count));
+      ends.push_back(static_cast<double>(corners.size()));
+      at += static_cast<std::size_t>(count) + 1;
     }
-    return polygons ? keep_triangles(*values, 1, line) : Parsed<void>();
+    return kind ? keep(*kind, corners, ends, line) : Parsed<void>();
   }
 
-  Parsed<void> keep_triangles(const std::vector<double> &values, std::size_t before, int line) {
-    const std::string problem = append_triangles(surface_.mesh, values, before);
+  Parsed<void> keep(Cells kind, std::span<const double> corners, std::span<const double> ends, int line) {
+    const std::string problem = append_cells(surface_.mesh, kind, corners, ends);
     return problem.empty() ? Parsed<void>() : wrong_line(line, problem);
   }
 

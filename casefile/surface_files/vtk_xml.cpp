@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <tuple>
 #include <utility>
 
 #include "base/text.hpp"
@@ -124,15 +125,12 @@ private:
     const auto count = [&piece](std::string_view name) {
       return base::parsed_number<std::uint32_t>(piece.attribute(name)).value_or(0);
     };
-    if (count("NumberOfStrips") > 0) {
-      return wrong_line(piece.line, "the surface has triangle strips, only triangles are read");
-    }
     const std::size_t points = count("NumberOfPoints");
     const std::size_t polygons = count("NumberOfPolys");
+    const std::size_t strips = count("NumberOfStrips");
     const XmlElement *point_list = piece.child("Points");
     const XmlElement *point_array = point_list == nullptr ? nullptr : point_list->child("DataArray");
-    const XmlElement *polygon_list = piece.child("Polys");
-    if (points == 0 || polygons == 0 || point_array == nullptr || polygon_list == nullptr) {
+    if (points == 0 || point_array == nullptr) {
       return wrong_line(piece.line,
                         "the surface is empty: NumberOfPoints = " + in_quotes(piece.attribute("NumberOfPoints")) +
                             ", NumberOfPolys = " + in_quotes(piece.attribute("NumberOfPolys")));
@@ -144,10 +142,20 @@ private:
     if (const auto problem = append_vertices(surface_.mesh, *coordinates); !problem.empty()) {
       return wrong_line(point_array->line, problem);
     }
-    return read_polygons(*polygon_list, polygons);
+    for (const auto &[name, kind, cells] :
+         {std::tuple("Polys", Cells::kPolygons, polygons), {"Strips", Cells::kStrips, strips}}) {
+      const XmlElement *list = piece.child(name);
+      if (cells > 0 && list == nullptr) {
+        return wrong_line(piece.line, std::string(name) + " are stated and missing");
+      }
+      if (auto read = cells > 0 ? read_cells(*list, kind, cells) : Parsed<void>(); !read) {
+        return read;
+      }
+    }
+    return {};
   }
 
-  Parsed<void> read_polygons(const XmlElement &list, std::size_t polygons) {
+  Parsed<void> read_cells(const XmlElement &list, Cells kind, std::size_t cells) {
     const XmlElement *corners = nullptr;
     const XmlElement *offsets = nullptr;
     for (const XmlElement &array : list.children) {
@@ -155,24 +163,22 @@ private:
       offsets = array.attribute("Name") == "offsets" ? &array : offsets;
     }
     if (corners == nullptr || offsets == nullptr) {
-      return wrong_line(list.line, "Polys has no connectivity or no offsets");
+      return wrong_line(list.line, list.name + " has no connectivity or no offsets");
     }
-    const auto ends = typed_numbers(*offsets, polygons, "offsets");
+    const auto ends = typed_numbers(*offsets, cells, "offsets");
     if (!ends) {
       return tl::unexpected(ends.error());
     }
-    for (std::size_t i = 0; i < polygons; ++i) {
-      const double size = (*ends)[i] - (i == 0 ? 0.0 : (*ends)[i - 1]);
-      if (size != 3.0) {
-        return wrong_line(offsets->line, "polygon " + std::to_string(i) + " has " + std::to_string(std::llround(size)) +
-                                             " corners, only triangles are read");
-      }
+    const double last = ends->back();
+    constexpr double kMostCorners = 1e9; // far more than a file of the largest size holds
+    if (!(last >= 0.0 && last <= kMostCorners)) {
+      return wrong_line(offsets->line, "the last offset is no number of corners");
     }
-    const auto connectivity = typed_numbers(*corners, 3 * polygons, "connectivity");
+    const auto connectivity = typed_numbers(*corners, static_cast<std::size_t>(last), "connectivity");
     if (!connectivity) {
       return tl::unexpected(connectivity.error());
     }
-    const auto problem = append_triangles(surface_.mesh, *connectivity);
+    const auto problem = append_cells(surface_.mesh, kind, *connectivity, *ends);
     return problem.empty() ? Parsed<void>() : wrong_line(corners->line, problem);
   }
 

@@ -67,7 +67,9 @@ base::Result<Cloud> read_cloud(const InputFile &file, const casefile::SizeLimits
     }
     out.notes = std::move(read->notes);
   } else {
-    auto read = casefile::read_surface(file.path, file.surface_options(size));
+    casefile::SurfaceReadOptions options = file.surface_options(size);
+    options.points_only = true;
+    auto read = casefile::read_surface(file.path, options);
     if (!read) {
       return tl::unexpected(read.error());
     }

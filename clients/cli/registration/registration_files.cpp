@@ -37,7 +37,7 @@ PointFileOptions InputFile::point_options(const casefile::SizeLimits &size) cons
 }
 
 casefile::SurfaceReadOptions InputFile::surface_options(const casefile::SizeLimits &size) const {
-  return {space_of(space), unit_of(units), size, "--" + side + "-units"};
+  return {.space = space_of(space), .unit = unit_of(units), .size = size, .unit_option = "--" + side + "-units"};
 }
 
 void add_registration_files(CLI::App &command, RegistrationFiles &files, const std::string &source_name,

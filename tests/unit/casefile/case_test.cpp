@@ -307,17 +307,18 @@ TEST(MeshFile, DamagedFilesAreRefused) {
   };
   EXPECT_EQ(error_of("solid x"), ": is not a PLY file");
   EXPECT_EQ(error_of(whole.substr(0, 40)), ": the PLY header has no end");
-  EXPECT_EQ(error_of("ply\nformat ascii 1.0\nend_header\n"), ": holds no surface");
+  EXPECT_EQ(error_of("ply\nformat ascii 1.0\nend_header\n"), ": holds no vertices");
   EXPECT_EQ(error_of(whole.substr(0, whole.size() - 20)), ": ends or is damaged at face 126 of 128");
   EXPECT_EQ(error_of(whole.substr(0, whole.find("end_header") + 30)), ": ends or is damaged at vertex 1 of 66");
-  EXPECT_EQ(error_of("ply\nformat binary_big_endian 1.0\nend_header\n"),
-            ": its format is \"binary_big_endian\", only ascii and binary_little_endian are read");
+  EXPECT_EQ(
+      error_of("ply\nformat binary_middle_endian 1.0\nend_header\n"),
+      ": its format is \"binary_middle_endian\", only ascii, binary_little_endian and binary_big_endian are read");
   EXPECT_EQ(error_of("ply\nelement vertex many\n"), ": the header says \"element vertex many\"");
   const std::string ascii =
       "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float "
       "z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
-  EXPECT_EQ(error_of(ascii + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"),
-            ": face 0 has 4 corners, only triangles are read");
+  EXPECT_EQ(error_of(ascii + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 1\n"),
+            ": face 0 has 2 corners, a face has three at least");
   const std::string square = ascii + "0 0 0\n1 0 0\n1 1 0\n0 1 0\n";
   EXPECT_EQ(error_of(square + "3 0 1 1\n"), ": triangle 0 has a vertex twice");
   EXPECT_EQ(error_of(square + "3 0 1 4\n"), ": triangle 0 refers to a vertex that does not exist");

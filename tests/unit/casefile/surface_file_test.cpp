@@ -257,13 +257,11 @@ TEST(SurfaceFile, WrongTextsAreRefusedWithLineAndValue) {
             "a.vtk:7: POINTS: number 7 = \"x\": must be a finite number");
   EXPECT_EQ(error_of("a.vtk", replaced(vtk, "3 1 2 3", "3 1 2 99")),
             "a.vtk:8: triangle 3: corner = 99: must be a vertex, 0 to 3");
-  EXPECT_EQ(error_of("a.vtk", replaced(vtk, "POLYGONS 4 16\n3 0 2 1\n3 0 1 3", "POLYGONS 3 13\n4 0 2 1 3")),
-            "a.vtk:8: polygon 0 has 4 corners, only triangles are read");
+  EXPECT_EQ(error_of("a.vtk", replaced(vtk, "POLYGONS 4 16\n3 0 2 1\n3 0 1 3", "POLYGONS 4 16\n2 0 2 1\n3 0 1 3")),
+            "a.vtk:8: cell 2 ends after the section does");
   EXPECT_EQ(error_of("a.vtk", vtk.substr(0, vtk.find("0 0 50"))), "a.vtk:7: the file ends before POINTS: number 9");
   EXPECT_EQ(error_of("a.vtk", replaced(vtk, "POLYDATA", "UNSTRUCTURED_GRID")),
             "a.vtk:4: the dataset is \"UNSTRUCTURED_GRID\", only POLYDATA is read");
-  EXPECT_EQ(error_of("a.vtk", replaced(vtk, "POLYGONS", "TRIANGLE_STRIPS")),
-            "a.vtk:8: the surface is made of triangle strips, only triangles are read");
   EXPECT_EQ(error_of("a.vtk", vtk.substr(0, vtk.find("POLYGONS"))),
             "a.vtk: the mesh is empty: it has 4 vertices and no triangle");
 }
@@ -286,8 +284,80 @@ TEST(SurfaceFile, WrongBytesAreRefusedWithTheirPlace) {
   EXPECT_EQ(error_of("lh.skin", freesurfer_binary(mesh)), "lh.skin: byte " + std::to_string(28 + 18 * 12 + 2 * 12 + 4) +
                                                               ": triangle 2: corner = 18: must be a vertex, 0 to 17");
   EXPECT_EQ(error_of("notes.txt", "hello"),
-            "notes.txt: is not a surface that is read: PLY, STL, VTK (.vtk, .vtp), GIFTI or FreeSurfer");
+            "notes.txt: is not a surface that is read: PLY, STL, OBJ, VTK (.vtk, .vtp), GIFTI or FreeSurfer");
   EXPECT_EQ(read_surface("/nowhere/a.stl").error().message, "/nowhere/a.stl: No such file or directory");
+}
+
+// A cube of quads, of strips and of triangles has one area, in every format that has them.
+TEST(SurfaceFile, PolygonsAndStripsAreSplitExactly) {
+  const TemporaryFolder folder;
+  const std::string points = "0 0 0\n90 0 0\n90 90 0\n0 90 0\n0 0 90\n90 0 90\n90 90 90\n0 90 90\n";
+  const std::string quads = "4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
+  const std::string ply =
+      "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n";
+  const std::string list = "property list int int vertex_indices\nend_header\n" + points;
+  std::string obj = "# a cube\n";
+  std::istringstream rows(points);
+  for (std::string row; std::getline(rows, row);) {
+    obj += "v " + row + "\n";
+  }
+  const std::string vtk = "# vtk DataFile Version 3.0\ncube\nASCII\nDATASET POLYDATA\nPOINTS 8 float\n" + points;
+  const std::string round = "10 0 4 1 5 2 6 3 7 0 4"; // the four sides
+  const std::string caps = "4 1 2 0 3\n4 4 5 7 6";
+  for (const auto &[name, content] :
+       {std::pair("quads.ply", ply + "element face 6\n" + list + quads),
+        {"strips.ply", ply + "element tristrips 1\n" + list + "20 0 4 1 5 2 6 3 7 0 4 -1 1 2 0 3 -1 4 5 7 6"},
+        {"quads.obj",
+         obj + "f 1 4 3 2\nf 5/1 6/2 7/3 8/4\nf 1//1 2//1 6//1 5//1\nf -7 -6 -2 -3\nf 3 4 8 7\nf 4 1 5 8\n"},
+        {"quads.vtk", vtk + "POLYGONS 6 30\n" + quads},
+        {"strips.vtk", vtk + "TRIANGLE_STRIPS 3 21\n" + round + "\n" + caps + "\n"}}) {
+    const auto read = read_surface(folder.write(name, content), {.space = Space::kRas});
+    ASSERT_TRUE(read) << read.error().message;
+    double area = 0.0;
+    for (const auto &t : read->mesh.triangles) {
+      const auto at = [&](int corner) { return read->mesh.vertices_mm[static_cast<std::size_t>(t[corner])]; };
+      area += 0.5 * Vector3d((at(1) - at(0)).cross(at(2) - at(0))).norm();
+    }
+    EXPECT_EQ(read->mesh.triangles.size(), 12U) << name;
+    EXPECT_NEAR(area, 6.0 * 90.0 * 90.0, 1e-6) << name;
+    if (std::string(name).starts_with("quads")) {
+      EXPECT_TRUE(check_closed(read->mesh)) << name << ": " << check_closed(read->mesh).error().message;
+    }
+  }
+}
+
+TEST(SurfaceFile, ACloudIsReadOnlyWhereItIsWanted) {
+  const TemporaryFolder folder;
+  const auto file =
+      folder.write("cloud.ply", "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+                                "property float z\nend_header\n0 0 0\n90 0 0\n");
+  EXPECT_FALSE(read_surface(file));
+  const auto cloud = read_surface(file, {.points_only = true});
+  ASSERT_TRUE(cloud) << cloud.error().message;
+  EXPECT_EQ(cloud->mesh.vertices_mm.size(), 2U);
+}
+
+TEST(SurfaceFile, BigEndianPlyIsTheSameMesh) {
+  const TemporaryFolder folder;
+  std::string content =
+      "ply\nformat binary_big_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty "
+      "float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+  const auto put = [&content](auto value) {
+    char bytes[sizeof value];
+    std::memcpy(bytes, &value, sizeof value);
+    content.append(std::reverse_iterator(bytes + sizeof value), std::reverse_iterator(bytes));
+  };
+  for (const float coordinate : {0.0F, 0.0F, 0.0F, 90.0F, 0.0F, 0.0F, 0.0F, 90.0F, 1.5F}) {
+    put(coordinate);
+  }
+  content += '\x03';
+  for (const std::int32_t corner : {0, 1, 2}) {
+    put(corner);
+  }
+  const auto read = read_surface(folder.write("b.ply", content), {.space = Space::kRas});
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->mesh.vertices_mm[2], Vector3d(0.0, 90.0, 1.5));
+  EXPECT_EQ(read->mesh.triangles[0], Eigen::Vector3i(0, 1, 2));
 }
 
 // A tetrahedron of a head's size in the GIFTI of FreeSurfer, or of another program.

@@ -151,7 +151,7 @@ TEST(SurfaceOfVtk, DamagedXmlIsRefusedWithItsLine) {
   EXPECT_EQ(error_of("</PolyData>", "</PolyDat>"),
             "b.vtp:" + line_of(whole.find("</PolyData>")) + ": is not whole XML: mismatched tag");
   EXPECT_EQ(error_of("NumberOfPolys=\"8\"", "NumberOfPolys=\"0\""),
-            "b.vtp:4: the surface is empty: NumberOfPoints = \"6\", NumberOfPolys = \"0\"");
+            "b.vtp: the mesh is empty: it has 6 vertices and no triangle");
   EXPECT_EQ(error_of("85 0 0", "85 nan 0"),
             "b.vtp:" + line_of(whole.find("85 0 0")) + ": the points: number 1 = \"nan\": must be a finite number");
   EXPECT_EQ(error_of("0 2 4", "0 2 9"),
