@@ -8,6 +8,7 @@
 #include "casefile/tissue_material.hpp"
 #include "casefile/volumes/surface.hpp"
 #include "casefile/volumes/volume.hpp"
+#include "clients/cli/case/case_consistency.hpp"
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
@@ -192,14 +193,15 @@ json facts_json(const Case &c, const CaseFacts &facts) {
 }
 
 std::vector<std::string> find_warnings(const Case &c, const CaseFacts &facts) {
-  std::vector<std::string> warnings;
+  std::vector<std::string> warnings = find_inconsistencies(c);
   if (const auto image = casefile::read_volume(c.image, {}, &warnings); !image) {
     warnings.push_back(image.error().message);
   } else if (!image_holds(*image, c.scalp.mesh)) {
     warnings.push_back("the scalp reaches beyond the image " + c.image.string() + ": do they belong together?");
   }
   for (const PointFacts &point : facts.points) {
-    if (point.list != "target" && point.to_scalp_mm > kMaxOffScalp_mm) {
+    const bool touched = point.list == "fiducial" || point.list == "landmark";
+    if (touched && point.to_scalp_mm > kMaxOffScalp_mm) {
       warnings.push_back(point.list + " \"" + point.name + "\" lies " + fixed(point.to_scalp_mm, 1) +
                          " mm from the scalp; `bregma case snap` moves it there");
     }

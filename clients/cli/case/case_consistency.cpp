@@ -1,0 +1,186 @@
+#include "clients/cli/case/case_consistency.hpp"
+
+#include <algorithm>
+#include <cctype>
+
+#include <Eigen/Core>
+
+#include "algorithms/surface/surface_model.hpp"
+#include "base/text.hpp"
+#include "casefile/volumes/surface.hpp"
+#include "clients/cli/output.hpp"
+
+namespace bregma::cli {
+namespace {
+
+using casefile::Case;
+using casefile::NamedPoint;
+using casefile::Surface;
+using Eigen::Vector3d;
+
+// Volumes of heads as they are imaged, from a child's without neck to a large one's with it, and of brains.
+struct Range {
+  double least_ml, most_ml;
+};
+constexpr Range kHead{1'500.0, 6'500.0};
+constexpr Range kBrain{600.0, 2'200.0};
+constexpr double kLeastBrainShare = 0.2, kMostBrainShare = 0.65; // of the head
+constexpr double kMostOutside = 0.02;                            // fraction of the brain's surface outside of the scalp
+constexpr double kLeastInBrain = 0.8;                            // fraction of a structure's surface inside the brain's
+constexpr double kBrainTolerance_mm = 3.0;                       // both surfaces are smoothed
+constexpr double kLongestPath_mm = 150.0;
+constexpr std::size_t kSamples = 500;
+constexpr std::size_t kChecks = 3; // of a verification, verification.min_checks of the daemon
+
+// Fraction of a mesh's vertices inside a surface, with a tolerance outwards.
+double share_inside(const surface::TriangleMesh &mesh, const surface::SurfaceModel &surface, double tolerance_mm) {
+  const std::size_t step = std::max<std::size_t>(1, mesh.vertices_mm.size() / kSamples);
+  std::size_t inside = 0;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < mesh.vertices_mm.size(); i += step, ++count) {
+    inside += surface.closest(mesh.vertices_mm[i]).signed_mm <= tolerance_mm ? 1 : 0;
+  }
+  return static_cast<double>(inside) / static_cast<double>(std::max<std::size_t>(count, 1));
+}
+
+Vector3d centre_of(const surface::TriangleMesh &mesh) {
+  Vector3d sum = Vector3d::Zero();
+  for (const Vector3d &vertex : mesh.vertices_mm) {
+    sum += vertex;
+  }
+  return sum / static_cast<double>(std::max<std::size_t>(mesh.vertices_mm.size(), 1));
+}
+
+std::string percent(double share) { return fixed(100.0 * share, 0) + " %"; }
+
+class Consistency {
+public:
+  explicit Consistency(const Case &c) : c_(c), scalp_(c.scalp.mesh), brain_(c.brain.mesh) {}
+
+  std::vector<std::string> find() {
+    volumes();
+    brain_in_head();
+    structures();
+    sides();
+    points();
+    paths();
+    missing();
+    return std::move(out_);
+  }
+
+private:
+  void say(const std::string &sentence) { out_.push_back(sentence); }
+
+  void volume(const Surface &surface, double ml, const Range &range, const char *what) {
+    if (!(ml >= range.least_ml && ml <= range.most_ml)) {
+      say("the " + surface.name + " encloses " + fixed(ml, 0) + " ml, " + what + " has " + fixed(range.least_ml, 0) +
+          " to " + fixed(range.most_ml, 0) + ": is it the whole surface of one, in mm?");
+    }
+  }
+
+  void volumes() {
+    const double head_ml = casefile::check_mesh(c_.scalp.mesh).volume_ml;
+    const double brain_ml = casefile::check_mesh(c_.brain.mesh).volume_ml;
+    volume(c_.scalp, head_ml, kHead, "a human head");
+    volume(c_.brain, brain_ml, kBrain, "a human brain");
+    const double share = brain_ml / head_ml;
+    if (!(share >= kLeastBrainShare && share <= kMostBrainShare)) {
+      say("the brain fills " + percent(share) + " of the scalp's volume, " + percent(kLeastBrainShare) + " to " +
+          percent(kMostBrainShare) + " are usual: are both of one person?");
+    }
+  }
+
+  void brain_in_head() {
+    const double outside = 1.0 - share_inside(c_.brain.mesh, scalp_, 0.0);
+    if (outside > kMostOutside) {
+      say(percent(outside) + " of the brain's surface lie outside of the scalp: are both of one image?");
+    }
+  }
+
+  void structures() {
+    for (const Surface &structure : c_.structures) {
+      const double inside = share_inside(structure.mesh, brain_, kBrainTolerance_mm);
+      if (inside < kLeastInBrain) {
+        say("only " + percent(inside) + " of the surface of \"" + structure.name + "\" lie in the brain");
+      }
+    }
+  }
+
+  // Names such as "Precentral_L", "left M1" against the side of the brain's middle.
+  void sides() {
+    const double middle = centre_of(c_.brain.mesh).x();
+    std::vector<std::string> wrong;
+    std::size_t sided = 0;
+    for (const Surface &structure : c_.structures) {
+      const std::string name = base::lower(structure.name);
+      const bool left = name.ends_with("_l") || name.ends_with(" l") || name.find("left") != std::string::npos;
+      const bool right = name.ends_with("_r") || name.ends_with(" r") || name.find("right") != std::string::npos;
+      if (left == right) {
+        continue;
+      }
+      ++sided;
+      if ((centre_of(structure.mesh).x() > middle) == left) {
+        wrong.push_back(structure.name);
+      }
+    }
+    if (wrong.empty()) {
+      return;
+    }
+    std::string names;
+    for (const std::string &name : wrong) {
+      names += (names.empty() ? "\"" : ", \"") + name + "\"";
+    }
+    say(names + (wrong.size() == 1 ? " lies" : " lie") + " on the other side than the name says" +
+        (wrong.size() == sided && sided > 1 ? ": are the labels mirrored?" : ""));
+  }
+
+  void points() {
+    for (const NamedPoint &target : c_.targets) {
+      if (scalp_.closest(target.position_mm).signed_mm > 0.0) {
+        say("target \"" + target.name + "\" lies outside of the scalp");
+      }
+    }
+    for (const NamedPoint &landmark : c_.brain_landmarks) {
+      if (const double off = brain_.closest(landmark.position_mm).signed_mm; off > kBrainTolerance_mm) {
+        say("brain landmark \"" + landmark.name + "\" lies " + fixed(off, 1) + " mm outside of the brain");
+      }
+    }
+  }
+
+  void paths() {
+    for (const casefile::Trajectory &path : c_.trajectories) {
+      const std::string name = "trajectory \"" + path.name + "\"";
+      const double length = (path.target_mm - path.entry_mm).norm();
+      const double entry = scalp_.closest(path.entry_mm).signed_mm;
+      const double target = scalp_.closest(path.target_mm).signed_mm;
+      if (target > 0.0) {
+        say(name + " ends outside of the scalp");
+      } else if (entry < target) {
+        say(name + " begins deeper in the head than it ends: are entry and target exchanged?");
+      }
+      if (length > kLongestPath_mm) {
+        say(name + " is " + fixed(length, 0) + " mm long: a probe reaches " + fixed(kLongestPath_mm, 0) + " mm");
+      }
+    }
+  }
+
+  void missing() {
+    if (c_.landmarks.size() < kChecks) {
+      say("there are " + std::to_string(c_.landmarks.size()) + " landmarks, a verification checks " +
+          std::to_string(kChecks) + " (verification.min_checks)");
+    }
+    if (c_.targets.empty()) {
+      say("there is no target: the accuracy is predicted at targets");
+    }
+  }
+
+  const Case &c_;
+  surface::SurfaceModel scalp_, brain_;
+  std::vector<std::string> out_;
+};
+
+} // namespace
+
+std::vector<std::string> find_inconsistencies(const Case &c) { return Consistency(c).find(); }
+
+} // namespace bregma::cli
