@@ -1,12 +1,8 @@
 #include "casefile/case.hpp"
 
 #include <algorithm>
-#include <cstdio>
 #include <system_error>
 
-#include <boost/crc.hpp>
-
-#include "base/read_file.hpp"
 #include "base/table_reader.hpp"
 #include "casefile/case_check.hpp"
 #include "casefile/markups.hpp"
@@ -71,38 +67,23 @@ class FileLoader {
 public:
   FileLoader(const fs::path &folder, base::TableReader &root) : folder_(folder), root_(root) {}
 
-  // CRC-32 of case.toml and of every file that was read.
-  [[nodiscard]] base::Result<std::string> checksum() const {
-    boost::crc_32_type crc;
-    for (const fs::path &file : files_) {
-      const auto bytes = base::read_file(file);
-      if (!bytes) {
-        return tl::unexpected(bytes.error());
-      }
-      crc.process_bytes(bytes->data(), bytes->size());
-    }
-    char out[16];
-    (void)std::snprintf(out, sizeof out, "%08x", static_cast<unsigned>(crc.checksum()));
-    return out;
-  }
+  fs::path path(const std::string &file) const { return folder_ / file; }
 
   void mesh(const std::string &key, const std::string &file, surface::TriangleMesh &out) {
-    take(key, good_ ? read_mesh(taken(file)) : base::Result<surface::TriangleMesh>(), out);
+    take(key, good_ ? read_mesh(path(file)) : base::Result<surface::TriangleMesh>(), out);
   }
   void points(const std::string &key, const std::string &file, std::vector<NamedPoint> &out) {
     if (!file.empty()) {
-      take(key, good_ ? read_points(taken(file)) : base::Result<std::vector<NamedPoint>>(), out);
+      take(key, good_ ? read_points(path(file)) : base::Result<std::vector<NamedPoint>>(), out);
     }
   }
   void trajectories(const std::string &key, const std::string &file, std::vector<Trajectory> &out) {
     if (!file.empty()) {
-      take(key, good_ ? read_trajectories(taken(file)) : base::Result<std::vector<Trajectory>>(), out);
+      take(key, good_ ? read_trajectories(path(file)) : base::Result<std::vector<Trajectory>>(), out);
     }
   }
 
 private:
-  fs::path taken(const std::string &file) { return files_.emplace_back(folder_ / file); }
-
   template <class T> void take(const std::string &key, base::Result<T> read, T &out) {
     if (!read) {
       root_.refuse(key, read.error().message);
@@ -113,7 +94,6 @@ private:
   }
 
   fs::path folder_;
-  std::vector<fs::path> files_{folder_ / "case.toml"};
   base::TableReader &root_;
   bool good_ = true;
 };
@@ -231,10 +211,7 @@ base::Result<Case> load_case(const fs::path &folder) {
     root.refuse(problem->key, problem->what);
     return tl::unexpected(root.finish().error());
   }
-  return loader.checksum().map([&c](std::string &&sum) {
-    c.checksum = std::move(sum);
-    return std::move(c);
-  });
+  return c;
 }
 
 } // namespace bregma::casefile

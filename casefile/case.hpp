@@ -69,8 +69,7 @@ struct TissueChoice {
 
 struct Case {
   std::filesystem::path folder;
-  std::string id;       // contains nothing about the patient
-  std::string checksum; // of case.toml and the files it names, except the image; empty for a case made in memory
+  std::string id; // contains nothing about the patient
   std::filesystem::path image;
   Surface scalp;
   Surface brain;

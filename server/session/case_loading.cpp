@@ -10,17 +10,13 @@ namespace {
 LoadedFolder load(const std::filesystem::path &folder, const PrepareCase &prepare) {
   auto read = casefile::load_case(folder);
   if (!read) {
-    std::error_code error;
-    return {.error = read.error().message,
-            .absent = !std::filesystem::exists(folder / "case.toml", error),
-            .loaded = nullptr,
-            .prepared = nullptr};
+    return {.error = read.error().message, .loaded = nullptr, .prepared = nullptr};
   }
   LoadedFolder out;
   out.loaded = std::make_shared<const casefile::Case>(std::move(*read));
   auto prepared = prepare(out.loaded);
   if (!prepared) {
-    return {.error = prepared.error().message, .absent = false, .loaded = nullptr, .prepared = nullptr};
+    return {.error = prepared.error().message, .loaded = nullptr, .prepared = nullptr};
   }
   out.prepared = std::move(*prepared);
   return out;

@@ -25,8 +25,7 @@ using PrepareCase =
     std::function<base::Result<std::shared_ptr<PreparedCase>>(std::shared_ptr<const casefile::Case> loaded)>;
 
 struct LoadedFolder {
-  std::string error;   // empty: it was loaded
-  bool absent = false; // there is no case.toml: the folder may be on a disk that is not mounted
+  std::string error; // empty: it was loaded
   std::shared_ptr<const casefile::Case> loaded;
   std::shared_ptr<PreparedCase> prepared;
 };

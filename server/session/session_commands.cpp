@@ -70,13 +70,8 @@ Outcome Session::Impl::load_case(const Ticket &ticket, const std::string &folder
   if (folder.empty() || code) {
     return refused("\"" + folder + "\" is no case folder");
   }
-  if (load_ && !away_) {
+  if (load_) {
     return refused(load_->folder + " is being loaded: wait for the answer");
-  }
-  if (away_) {
-    load_.reset(); // an attempt
-    give_up_waiting();
-    file_.set_aside();
   }
   start_loading(absolute.string(), ticket, std::nullopt);
   return std::nullopt;
@@ -89,7 +84,6 @@ Answer Session::Impl::take_case(const LoadedFolder &folder) {
   data_.tips.clear();
   data_.case_folder = case_->folder.string();
   data_.case_id = case_->id;
-  data_.case_checksum = case_->checksum;
   clear_samples();
   return {.text = "case " + case_->id + ": " + std::to_string(case_->fiducials.size()) + " fiducials, " +
                   std::to_string(case_->landmarks.size()) + " check landmarks, " +
@@ -206,7 +200,6 @@ Answer Session::Impl::close_case() {
   data_.tips.clear();
   data_.case_folder.clear();
   data_.case_id.clear();
-  data_.case_checksum.clear();
   case_.reset();
   ports_.use_case(nullptr, nullptr);
   alarm_registry_.case_closed(now_ns);

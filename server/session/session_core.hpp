@@ -104,8 +104,6 @@ private:
   // Takes the loaded case, or gives it up after its deadline.
   void poll_loading();
   void end_loading(const LoadedFolder &folder);
-  void wait_for_case(SessionData data, const std::string &why);
-  void give_up_waiting();
   [[nodiscard]] base::Result<void> bring_back(SessionData data, const LoadedFolder &folder);
   template <class Message> void send_all(const Message &message);
 
@@ -161,10 +159,6 @@ private:
   bool save_failed_ = false;          // the latest outcome
   std::deque<PendingReply> unsaved_replies_;
   std::optional<PendingLoad> load_;
-  // The last session, while its case folder is away. Its snapshot stays as it is, and the folder is tried again while
-  // the session is idle, until a case is loaded.
-  std::optional<SessionData> away_;
-  std::int64_t try_again_ns_ = 0;
   std::shared_ptr<const casefile::Case> case_;
   std::optional<SessionChanged> announced_;
   std::optional<wire::RegistrationState> estimate_; // the latest

@@ -13,13 +13,11 @@ namespace {
 constexpr std::int64_t kSaveInterval_ns = 1'000'000'000;
 // A snapshot that takes longer raises an alarm.
 constexpr std::int64_t kSlowDisk_ns = 2'000'000'000;
-// Interval of the attempts to load a case whose folder is away.
-constexpr std::int64_t kTryAgain_ns = 5'000'000'000;
 
 } // namespace
 
 void Session::Impl::save() {
-  if (saving_ == version_ || (load_ && load_->restoring) || away_) { // the last snapshot must not be replaced yet
+  if (saving_ == version_ || (load_ && load_->restoring)) { // the snapshot of the last process must not be replaced yet
     return;
   }
   if (saving_ == saved_) {
@@ -52,9 +50,6 @@ void Session::Impl::take_saved() {
 
 void Session::Impl::poll_storage() {
   poll_loading();
-  if (away_ && !load_ && now_ns >= try_again_ns_) {
-    start_loading(away_->case_folder, std::nullopt, *away_);
-  }
   take_saved();
   if (now_ns >= submitted_ns_ + kSaveInterval_ns) {
     if (save_failed_ && saving_ == saved_) {
@@ -88,7 +83,6 @@ void Session::Impl::poll_loading() {
     end_loading(*folder);
   } else if (now_ns >= load_->deadline_ns) {
     LoadedFolder late;
-    late.absent = true;
     late.error = load_->folder + ": was not loaded within " +
                  std::to_string(std::llround(config_.load_timeout_ms * 1e-3)) + " s: is its disk reachable?";
     end_loading(late);
@@ -105,38 +99,14 @@ void Session::Impl::end_loading(const LoadedFolder &folder) {
                                                : take_case(folder));
     return;
   }
-  if (folder.absent) {
-    wait_for_case(std::move(*load.restoring), folder.error);
-    return;
-  }
   const auto restored = folder.error.empty() ? bring_back(std::move(*load.restoring), folder)
                                              : base::Result<void>(base::failure(folder.error));
-  give_up_waiting();
   if (!restored) {
     file_.set_aside();
     ports_.log("the last session is not restored: " + restored.error().message);
   }
   settle();
   save();
-}
-
-void Session::Impl::wait_for_case(SessionData data, const std::string &why) {
-  if (!away_) {
-    ports_.log("the last session waits for its case: " + why);
-  }
-  away_ = std::move(data);
-  try_again_ns_ = now_ns + kTryAgain_ns;
-  condition(alarm::kCaseAway, "session", true, bregma_wire_SEVERITY_CRITICAL,
-            "The last session waits for its case (" + why +
-                "). It is restored when the folder is back; loading any case ends this.");
-  settle();
-}
-
-void Session::Impl::give_up_waiting() {
-  if (away_) {
-    away_.reset();
-    condition(alarm::kCaseAway, "session", false, bregma_wire_SEVERITY_CRITICAL, "");
-  }
 }
 
 void Session::Impl::restore() {
@@ -158,10 +128,6 @@ base::Result<void> Session::Impl::bring_back(SessionData data, const LoadedFolde
   const casefile::Case &the_case = *folder.loaded;
   if (the_case.id != data.case_id) {
     return base::failure(data.case_folder + " holds case " + the_case.id + " now, it was " + data.case_id);
-  }
-  if (!data.case_checksum.empty() && data.case_checksum != the_case.checksum) {
-    return base::failure(data.case_folder + " has changed since: its checksum is " + the_case.checksum + ", it was " +
-                         data.case_checksum);
   }
   for (const auto &[tool, tip] : data.tips) {
     if (the_case.tool(tool) == nullptr) {

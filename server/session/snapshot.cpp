@@ -109,7 +109,6 @@ SessionData read_session(const json &from) {
   data.stage = *stage;
   from.at("case_folder").get_to(data.case_folder);
   from.at("case_id").get_to(data.case_id);
-  data.case_checksum = from.value("case_checksum", "");
   from.at("recording").get_to(data.recording);
   from.at("revision").get_to(data.revision);
   for (const auto &[tool, tip] : from.at("tips").items()) {
@@ -137,9 +136,6 @@ std::string to_json(const SessionData &data) {
   json session = {{"stage", state_name(data.stage)}, {"case_folder", data.case_folder}, {"case_id", data.case_id},
                   {"recording", data.recording},     {"revision", data.revision},       {"tips", json::object()},
                   {"fiducials", json::object()},     {"surface", json::array()},        {"checks", json::object()}};
-  if (!data.case_checksum.empty()) {
-    session["case_checksum"] = data.case_checksum;
-  }
   for (const auto &[tool, tip] : data.tips) {
     session["tips"][tool] = write(tip);
   }

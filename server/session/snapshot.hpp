@@ -28,9 +28,8 @@ struct CalibratedTip { // in the tool's body frame
 struct SessionData {
   wire::SessionState stage = bregma_wire_SESSION_IDLE;
   std::string case_folder;
-  std::string case_id;       // the session is not restored if the folder contains another case,
-  std::string case_checksum; // or if the case has changed; empty: written by an earlier release
-  std::string recording;     // the session file of the recording
+  std::string case_id;   // the session is not restored if the folder contains another case
+  std::string recording; // the session file of the recording
   std::uint64_t revision = 0;
   std::map<std::string, CalibratedTip> tips;       // per tool
   std::map<std::string, FiducialSample> fiducials; // per fiducial
