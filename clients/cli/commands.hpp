@@ -36,6 +36,7 @@ void add_register_command(CLI::App &app, Context &context);  // register ...
 void add_live_commands(CLI::App &app, Context &context);     // status, watch, alarms, target
 void add_tissue_command(CLI::App &app, Context &context);    // tissue ...
 void add_report_command(CLI::App &app, Context &context);    // report
+void add_export_command(CLI::App &app, Context &context);    // export
 void add_doctor_command(CLI::App &app, Context &context);    // doctor, completion
 
 } // namespace bregma::cli
