@@ -46,6 +46,7 @@ h1{font-size:15pt}h2{font-size:11.5pt;margin:0 0 5px}h2,h3{break-after:avoid}h3{
 .cards{grid-template-columns:repeat(4,1fr);gap:6px;margin-bottom:8px}.card b{font-size:12.5pt}
 .columns{display:block;margin:0}.columns>section{margin:0 0 8px}.scroll{overflow:visible}
 table{font-size:8pt}th{white-space:normal;font-size:7.5pt}th,td{padding:2px 8px 2px 0;overflow-wrap:anywhere}thead{display:table-header-group}tr,figure,.heads{break-inside:avoid}
+.heads{grid-template-columns:repeat(4,1fr)}.heads p,figcaption,.note,.sub,footer,.card small,.card span{font-size:8pt}figcaption{margin-top:3px}
 figure+figure{margin-top:8px}svg{max-height:72mm}.wide{display:block}.narrow{display:none}@page{size:A4;margin:12mm}}
 )css";
 
