@@ -30,8 +30,18 @@ std::string level_name(bregma::server::LogLevel level) {
   return "error";
 }
 
+// 0, or an error if standard output did not take everything, such as a full disk.
+int written() {
+  if (std::cout.flush()) {
+    return 0;
+  }
+  std::fputs("bregmad: the output could not be written completely\n", stderr);
+  return kBadInput;
+}
+
 int serve(int argc, char **argv) {
   CLI::App app("bregmad, the real-time core of neurosurgical navigation");
+  app.set_version_flag("--version", "bregmad " BREGMA_VERSION " (" BREGMA_BUILD ")");
   std::filesystem::path file;
   std::vector<std::string> assignments;
   bool print_toml = false;
@@ -47,7 +57,7 @@ int serve(int argc, char **argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
-    return app.exit(error) == 0 ? 0 : kBadInput;
+    return app.exit(error) == 0 ? written() : kBadInput;
   }
 
   bregma::server::Config config;
@@ -70,7 +80,7 @@ int serve(int argc, char **argv) {
   }
   if (print_toml || print_markdown) {
     std::cout << (print_toml ? parameters.to_toml() : parameters.to_markdown());
-    return 0;
+    return written();
   }
   if (const auto logging = bregma::runtime::start_logging({level_name(config.log.level), config.log.file}); !logging) {
     std::fprintf(stderr, "bregmad: %s\n", logging.error().message.c_str());

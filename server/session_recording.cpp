@@ -64,7 +64,11 @@ std::vector<casefile::Attachment> attachments_of(const casefile::Case &a_case, c
 }
 
 std::vector<casefile::MetaEntry> meta_of(const casefile::Case &a_case, std::int64_t now_ns) {
-  return {{"case", a_case.id}, {"folder", a_case.folder.string()}, {"started", utc_text(now_ns, "%Y-%m-%dT%H:%M:%SZ")}};
+  return {{"case", a_case.id},
+          {"folder", a_case.folder.string()},
+          {"started", utc_text(now_ns, "%Y-%m-%dT%H:%M:%SZ")},
+          {"version", BREGMA_VERSION},
+          {"build", BREGMA_BUILD}};
 }
 
 } // namespace bregma::server

@@ -19,7 +19,9 @@ namespace bregma::casefile::detail {
 
 inline constexpr int kApplicationId = 0x42524547; // "BREG"
 
-inline constexpr const char *kWireKey = "wire"; // in meta: the wire version of the bodies
+// In meta.
+inline constexpr const char *kWireKey = "wire";     // the wire version of the bodies
+inline constexpr const char *kLayoutKey = "layout"; // the version of the tables, as in user_version
 
 // Identifies the layout of a topic's type. Empty for an unknown topic name.
 [[nodiscard]] std::span<const std::byte> type_identity(std::string_view topic) noexcept;

@@ -137,7 +137,9 @@ base::Result<SessionWriter> SessionWriter::create(const std::filesystem::path &f
   }
   SessionWriter writer(std::move(database));
   const auto stated =
-      writer.set_meta(detail::kWireKey, wire::text_of(wire::kWireVersion)).and_then([&] { return writer.commit(); });
+      writer.set_meta(detail::kWireKey, wire::text_of(wire::kWireVersion))
+          .and_then([&] { return writer.set_meta(detail::kLayoutKey, std::to_string(kSessionFileVersion)); })
+          .and_then([&] { return writer.commit(); });
   return stated.map([&] { return std::move(writer); });
 }
 

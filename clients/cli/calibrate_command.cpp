@@ -163,7 +163,7 @@ void add_calibrate_command(CLI::App &app, Context &context) {
       ->capture_default_str();
   pivot->add_option("--live", arguments->live_tool, "Let the daemon collect the poses of this tool")->type_name("TOOL");
   add_json_flag(*pivot, context);
-  add_domain_option(*pivot, context);
+  add_daemon_options(*pivot, context);
   pivot->footer("The exit code is 1 when the calibration is not fit for navigation.\n\nExamples:\n"
                 "  bregma calibrate pivot poses.tgz\n"
                 "  bregma calibrate pivot recording.igs.mha --transform StylusToReference --json\n"

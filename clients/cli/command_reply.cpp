@@ -32,7 +32,7 @@ int send_and_show(const base::Result<wire::Command> &command, const Context &con
   if (!command) {
     return fail(command.error());
   }
-  DaemonLink link(context.domain, DaemonLink::Role::kCommands);
+  DaemonLink link(context.domain, DaemonLink::Role::kCommands, context.wait_s);
   return show_reply(link.send(*command, timeout), context);
 }
 

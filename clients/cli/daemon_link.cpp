@@ -64,8 +64,9 @@ constexpr std::size_t kMaxWriters = 1024; // remembered; a forgotten one is aske
 
 } // namespace
 
-DaemonLink::DaemonLink(std::uint32_t domain, Role role)
-    : domain_(domain), client_(unique_client_name()), participant_(domain),
+DaemonLink::DaemonLink(std::uint32_t domain, Role role, double wait_s)
+    : domain_(domain), presence_wait_(std::chrono::duration_cast<Duration>(std::chrono::duration<double>(wait_s))),
+      client_(unique_client_name()), participant_(domain),
       control_(role == Role::kCommands ? std::optional<Control>(std::in_place, participant_) : std::nullopt),
       registration_(state_reader<wire::RegistrationState>(participant_)),
       fiducials_(state_reader<wire::FiducialReport>(participant_)),

@@ -27,11 +27,13 @@ public:
 
   // A client that only reads creates no writer.
   enum class Role { kReads, kCommands };
-  DaemonLink(std::uint32_t domain, Role role);
+  // wait_s: default of wait_for_daemon(), and for send().
+  DaemonLink(std::uint32_t domain, Role role, double wait_s = 3.0);
 
   // Waits until a daemon is present and, for commands, connected in both directions. The error for a daemon of another
   // release names both wire versions.
-  [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout = std::chrono::seconds(3));
+  [[nodiscard]] base::Result<void> wait_for_daemon() { return wait_for_daemon(presence_wait_); }
+  [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout);
 
   // Waits for the daemon if necessary, sends, and waits for the reply to this command. A refusal is a reply (see result
   // and text), not an error. Precondition: the role is kCommands.
@@ -72,6 +74,7 @@ private:
   [[nodiscard]] std::string others_text() const;
 
   std::uint32_t domain_;
+  Duration presence_wait_;
   std::string client_;
   std::uint64_t next_id_ = 1;
   dds::Participant participant_;

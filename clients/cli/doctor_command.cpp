@@ -1,5 +1,6 @@
 // `bregma doctor`: checks whether this machine can keep the rates, and names the settings to change.
 #include <algorithm>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <vector>
@@ -27,6 +28,7 @@ using runtime::RealtimeCheck;
 struct DoctorOptions {
   bool quick = false;
   std::string state_directory;
+  std::string case_folder;
 };
 
 const char *word(Fitness fitness) {
@@ -98,6 +100,26 @@ RealtimeCheck check_disk(const std::filesystem::path &wanted, int blocks) {
   return out;
 }
 
+RealtimeCheck check_space(const std::filesystem::path &wanted) {
+  const auto directory = existing_part(wanted);
+  RealtimeCheck out;
+  out.name = "space in " + directory.string();
+  const auto space = free_space(directory);
+  if (!space) {
+    out.fitness = Fitness::kBad;
+    out.finding = space.error().message;
+    return out;
+  }
+  out.finding = fixed(static_cast<double>(space->bytes) / 1e9, 1, "GB") + " free: " + fixed(space->hours(), 1) +
+                " hours of recording at " + fixed(kRecordingBytesPerSecond / 1e6, 1, "MB/s");
+  // An operation lasts some hours, and its recording must not end before it.
+  out.fitness = space->hours() >= 8.0 ? Fitness::kGood : space->hours() >= 1.0 ? Fitness::kLimited : Fitness::kBad;
+  if (out.fitness != Fitness::kGood) {
+    out.advice = "remove or move old recordings (sessions/ of the case folders), or use a larger disk";
+  }
+  return out;
+}
+
 int run_doctor(const DoctorOptions &options, const Context &context) {
   const auto domain =
       200 + static_cast<std::uint32_t>(getpid()) % 30; // a separate domain, so that the check disturbs no daemon
@@ -110,6 +132,9 @@ int run_doctor(const DoctorOptions &options, const Context &context) {
   checks.push_back(check_send_buffer(domain));
   checks.push_back(check_unresolved_queue("/proc/sys/net/ipv4/neigh"));
   checks.push_back(check_disk(runtime::state_directory(options.state_directory), options.quick ? 20 : 100));
+  checks.push_back(check_space(options.case_folder.empty()
+                                   ? std::filesystem::path(runtime::state_directory(options.state_directory))
+                                   : std::filesystem::path(options.case_folder)));
 
   const bool bad =
       std::any_of(checks.begin(), checks.end(), [](const auto &one) { return one.fitness == Fitness::kBad; });
@@ -149,6 +174,9 @@ void add_doctor_command(CLI::App &app, Context &context) {
   auto *command = app.add_subcommand("doctor", "Checks whether this machine can keep the rates, and what to set");
   command->add_flag("--quick", options->quick, "Measure for half a second each");
   command->add_option("--state", options->state_directory, "Directory whose disk is measured (default: the daemon's)");
+  command->add_option(
+      "--case", options->case_folder,
+      "Case folder: recordings are in it, so its disk's space is stated (default: the state directory's)");
   add_json_flag(*command, context);
   command->footer("Run it on the daemon's machine, as its user, without other load. It changes no settings.\n"
                   "Exit code 1 when something is bad.\n\nExamples:\n  bregma doctor\n  bregma doctor --quick --json");

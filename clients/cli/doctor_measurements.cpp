@@ -183,6 +183,15 @@ base::Result<Spread> measure_disk(const std::filesystem::path &directory, int bl
   return spread_of(std::move(times_ms));
 }
 
+base::Result<FreeSpace> free_space(const std::filesystem::path &directory) {
+  std::error_code code;
+  const auto space = std::filesystem::space(directory, code);
+  if (code) {
+    return base::failure(directory.string() + ": its free space is not known: " + code.message());
+  }
+  return FreeSpace{space.available};
+}
+
 std::filesystem::path existing_part(std::filesystem::path directory) {
   std::error_code ignored;
   while (!std::filesystem::is_directory(directory, ignored) && directory.has_relative_path()) {

@@ -22,7 +22,7 @@ namespace {
 using nlohmann::json;
 
 int status(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
   const auto there = link.wait_for_daemon();
   if (!there && !link.snapshot().health) {
     return fail(there.error());
@@ -38,7 +38,7 @@ int status(const Context &context) {
 }
 
 int list_alarms(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
@@ -74,7 +74,7 @@ const wire::TargetAccuracy *accuracy_of(const Snapshot &snapshot, const std::str
 }
 
 int list_targets(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
@@ -124,7 +124,7 @@ int list_targets(const Context &context) {
 void add_status_command(CLI::App &app, Context &context) {
   auto *command = app.add_subcommand("status", "Prints the state of daemon, registration, devices and loops once");
   add_json_flag(*command, context);
-  add_domain_option(*command, context);
+  add_daemon_options(*command, context);
   command->footer(
       "Exit code 2 when no daemon answers.\n\nExamples:\n  bregma status\n  bregma status --json | jq .devices");
   command->callback([&context] { context.run = [&context] { return status(context); }; });
@@ -134,7 +134,7 @@ void add_alarms_command(CLI::App &app, Context &context) {
   auto *alarms = app.add_subcommand("alarms", "Lists active alarms and acknowledges them");
   alarms->require_subcommand(0, 1);
   add_json_flag(*alarms, context);
-  add_domain_option(*alarms, context);
+  add_daemon_options(*alarms, context);
   alarms->footer("Examples:\n  bregma alarms\n  bregma alarms ack drift\n  bregma alarms ack tool_hidden Probe");
   // Runs after the subcommand's own callback and must not replace it.
   alarms->callback([alarms, &context] {
@@ -145,7 +145,7 @@ void add_alarms_command(CLI::App &app, Context &context) {
 
   auto *list = alarms->add_subcommand("list", "Alarms that are raised or acknowledged");
   add_json_flag(*list, context);
-  add_domain_option(*list, context);
+  add_daemon_options(*list, context);
   list->callback([&context] { context.run = [&context] { return list_alarms(context); }; });
 
   auto *acknowledge = alarms->add_subcommand("ack", "Acknowledges an alarm");
@@ -153,7 +153,7 @@ void add_alarms_command(CLI::App &app, Context &context) {
   acknowledge->add_option("kind", name->first, "As listed, for example drift")->required();
   acknowledge->add_option("subject", name->second, "The device, tool or target of the alarm");
   add_json_flag(*acknowledge, context);
-  add_domain_option(*acknowledge, context);
+  add_daemon_options(*acknowledge, context);
   acknowledge->callback([name, &context] {
     context.run = [name, &context] {
       return send_and_show(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {name->first, name->second}), context);
@@ -168,7 +168,7 @@ void add_target_command(CLI::App &app, Context &context) {
 
   auto *list = target->add_subcommand("list", "Targets with predicted error, and trajectories");
   add_json_flag(*list, context);
-  add_domain_option(*list, context);
+  add_daemon_options(*list, context);
   list->callback([&context] { context.run = [&context] { return list_targets(context); }; });
 
   auto *navigate = target->add_subcommand("navigate", "Navigates a tool along a trajectory")->alias("select");
@@ -176,7 +176,7 @@ void add_target_command(CLI::App &app, Context &context) {
   navigate->add_option("tool", plan->first, "A calibrated tool, for example Probe")->required();
   navigate->add_option("trajectory", plan->second, "A trajectory of the case")->required();
   add_json_flag(*navigate, context);
-  add_domain_option(*navigate, context);
+  add_daemon_options(*navigate, context);
   navigate->callback([plan, &context] {
     context.run = [plan, &context] {
       return send_and_show(make_command(bregma_wire_COMMAND_START_NAVIGATION, {plan->first, plan->second}), context);
@@ -185,7 +185,7 @@ void add_target_command(CLI::App &app, Context &context) {
 
   auto *stop = target->add_subcommand("stop", "Stops navigation");
   add_json_flag(*stop, context);
-  add_domain_option(*stop, context);
+  add_daemon_options(*stop, context);
   stop->callback([&context] {
     context.run = [&context] { return send_and_show(make_command(bregma_wire_COMMAND_STOP_NAVIGATION), context); };
   });

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <map>
 
 #include "algorithms/geometry/angles.hpp"
 #include "clients/cli/output.hpp"
@@ -37,6 +38,61 @@ std::string nearest_text(const ToolView &view) {
   return std::isfinite(view.nearest_mm) ? view.nearest_structure + " " + fixed(view.nearest_mm, 1) : "-";
 }
 
+// The present step, and what was collected for it.
+std::string step_text(const Snapshot &snapshot, const DaemonView &daemon) {
+  std::string out = daemon.text;
+  if (daemon.presence == Presence::kAlive && snapshot.registration) {
+    out += ", " + std::to_string(snapshot.registration->fiducial_count) + " fiducials, " +
+           std::to_string(snapshot.registration->surface_count) + " surface points";
+  }
+  if (daemon.presence == Presence::kAlive && snapshot.accuracy && snapshot.accuracy->check_count > 0) {
+    out += ", " + std::to_string(snapshot.accuracy->check_count) + " check touches";
+  }
+  return out;
+}
+
+// The next step towards a live pose, where the state of the tool or of the session is the reason that there is none.
+std::string_view missing_for_live(const wire::NavigationState &state) {
+  switch (state.status) {
+  case bregma_wire_POSE_UNVERIFIED:
+    return "the registration is not verified: check the landmarks and confirm";
+  case bregma_wire_POSE_NOT_CALIBRATED:
+    return "its tip is not known: calibrate it by a pivot";
+  case bregma_wire_POSE_NOT_REGISTERED:
+    return "no registration is accepted";
+  case bregma_wire_POSE_REFERENCE_HIDDEN:
+    return "the tracker does not see the reference";
+  case bregma_wire_POSE_TOOL_HIDDEN:
+    return "the tracker does not see it";
+  case bregma_wire_POSE_STALE:
+  case bregma_wire_POSE_LOST:
+    return "no recent frame of its source";
+  case bregma_wire_POSE_IMPLAUSIBLE:
+    return "the data of its source are implausible";
+  default:
+    return "";
+  }
+}
+
+// One line per reason, for the tools that are not live.
+std::string reasons_text(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+  std::map<std::string, std::string> tools_of; // by reason
+  const DaemonView daemon = view_daemon(snapshot, now);
+  for (const auto &[name, state] : snapshot.tools) {
+    const bool current = daemon.presence == Presence::kAlive &&
+                         view_tool(state, daemon, now).status.starts_with(pose_label(state.status));
+    if (const auto reason = missing_for_live(state); current && !reason.empty() && (tool.empty() || name == tool)) {
+      std::string &tools = tools_of[std::string(reason)];
+      tools += (tools.empty() ? "" : ", ") + printable(name);
+    }
+  }
+  std::string out;
+  for (const auto &[reason, tools] : tools_of) {
+    out += "Not live: " + tools + ": " + reason + "\n";
+  }
+  return out;
+}
+
 // The only wording for the FRE: it measures the agreement of the fiducials, not the error at the target.
 std::string consistency_text(const Snapshot &snapshot) {
   if (!snapshot.registration) {
@@ -46,6 +102,10 @@ std::string consistency_text(const Snapshot &snapshot) {
   std::string out = "registration " + std::string(registration_label(registration.status));
   if (std::isfinite(registration.fre_mm)) {
     out += ", fiducials consistent to " + fixed(registration.fre_mm, 2, "mm") + " (FRE; not an accuracy)";
+  }
+  // The reason of a refusal, or the next point to touch.
+  if (registration.status == bregma_wire_REGISTRATION_REFUSED && *registration.text != '\0') {
+    out += ": " + printable(registration.text);
   }
   return out;
 }
@@ -182,23 +242,30 @@ nlohmann::json alarm_json(const wire::Alarm &alarm) {
 }
 
 std::string tools_table(const Snapshot &snapshot, std::string_view tool, const Now &now) {
-  Table table({"Tool", "Status", "Tip R A S mm", "Age ms", "TRE 95 % mm", "To target mm", "To predicted mm",
-               "Lateral mm", "Angle deg", "Depth left mm", "Nearest structure mm"});
+  // Two tables of at most 80 columns: a wider one would be cut at the edge of a common terminal.
+  Table poses({"Tool", "Status", "Tip R A S mm", "Age ms", "TRE 95 % mm"});
+  Table plan({"Tool", "Target mm", "Predicted", "Lateral mm", "Angle deg", "Depth left", "Nearest mm"});
   each_tool(snapshot, tool, now, [&](const ToolView &view) {
-    table.row({view.tool, view.status, tip_text(view), fixed(view.age_ms, 1), fixed(view.tre_95_mm, 2),
-               fixed(view.distance_to_target_mm, 1), fixed(view.distance_to_predicted_mm, 1), fixed(view.lateral_mm, 2),
-               fixed(view.angle_deg, 1), fixed(view.remaining_depth_mm, 1), nearest_text(view)});
+    poses.row({view.tool, view.status, tip_text(view), fixed(view.age_ms, 1), fixed(view.tre_95_mm, 2)});
+    if (!view.trajectory.empty() || std::isfinite(view.nearest_mm)) {
+      plan.row({view.tool, fixed(view.distance_to_target_mm, 1), fixed(view.distance_to_predicted_mm, 1),
+                fixed(view.lateral_mm, 2), fixed(view.angle_deg, 1), fixed(view.remaining_depth_mm, 1),
+                nearest_text(view)});
+    }
   });
-  if (table.empty()) {
+  if (poses.empty()) {
     return tool.empty() ? "No tools yet\n" : "No tool '" + printable(tool) + "' yet\n";
   }
-  return table.text();
+  return poses.text() + (plan.empty() ? "" : "\n" + plan.text());
 }
 
 std::string watch_table(const Snapshot &snapshot, std::string_view tool, const Now &now) {
-  std::string out = "Session " + view_daemon(snapshot, now).text + ", " + consistency_text(snapshot) + "\n\n";
-  out += tools_table(snapshot, tool, now);
   const DaemonView daemon = view_daemon(snapshot, now);
+  std::string out = "Session " + step_text(snapshot, daemon) + "\n";
+  const std::string consistency = consistency_text(snapshot);
+  out += "R" + consistency.substr(1) + "\n\n" + tools_table(snapshot, tool, now);
+  const std::string reasons = reasons_text(snapshot, tool, now);
+  out += reasons.empty() ? "" : "\n" + reasons;
   for (const auto &[point, state] : snapshot.deformation) {
     const PredictionView view = view_prediction(state, daemon, now);
     out += view.fresh && state.phase != bregma_wire_PROBE_OUTSIDE ? "\nTissue  " + prediction_line(view) : "";
@@ -216,7 +283,7 @@ std::string watch_table(const Snapshot &snapshot, std::string_view tool, const N
 }
 
 std::string watch_line(const Snapshot &snapshot, std::string_view tool, const Now &now) {
-  std::string out = view_daemon(snapshot, now).text;
+  std::string out = step_text(snapshot, view_daemon(snapshot, now));
   each_tool(snapshot, tool, now, [&](const ToolView &view) {
     out += " | " + view.tool + " " + view.status;
     if (view.fresh) {

@@ -17,28 +17,36 @@ using bregma::cli::Context;
 constexpr void (*kCommands[])(CLI::App &, Context &) = {
     bregma::cli::add_live_commands,     bregma::cli::add_case_command,   bregma::cli::add_register_command,
     bregma::cli::add_calibrate_command, bregma::cli::add_tissue_command, bregma::cli::add_report_command,
-    bregma::cli::add_doctor_command,
+    bregma::cli::add_export_command,    bregma::cli::add_doctor_command,
 };
 
+// The first word that names no command where one is expected; empty if there is none.
+std::string unknown_command(const CLI::App &app) {
+  const CLI::App *command = &app;
+  while (!command->get_subcommands().empty()) {
+    command = command->get_subcommands().back();
+  }
+  const auto words = command->remaining();
+  return words.empty() || command->get_subcommands({}).empty() ? std::string() : words.front();
+}
+
 // One sentence: the error, and the help command that shows the correct form.
-std::string explain(const CLI::App &app, const CLI::ParseError &error) {
+std::string explain(const CLI::App &app, std::string what) {
   const CLI::App *command = &app;
   std::string path = app.get_name();
   while (!command->get_subcommands().empty()) {
     command = command->get_subcommands().back();
     path += " " + command->get_name();
   }
-  std::string what = error.what();
-  const auto unknown = command->remaining();
-  if (!unknown.empty() && !command->get_subcommands({}).empty()) {
-    what = "unknown command \"" + unknown.front() + "\"";
+  if (const std::string unknown = unknown_command(app); !unknown.empty()) {
+    what = "unknown command \"" + unknown + "\"";
   }
   return what + " (see " + path + " --help)";
 }
 
 int run(int argc, char **argv) {
   CLI::App app("Bregma: navigation in neurosurgery, from the command line", "bregma");
-  app.set_version_flag("--version", std::string("bregma ") + BREGMA_VERSION);
+  app.set_version_flag("--version", "bregma " BREGMA_VERSION " (" BREGMA_BUILD ")");
   app.require_subcommand(1);
   app.footer("Every command has --help with examples, and --json.\n"
              "Exit codes: 0 done; 1 negative result (refused, limit exceeded); 2 the command could not run.");
@@ -49,9 +57,12 @@ int run(int argc, char **argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success &help) {
+    if (!unknown_command(app).empty()) { // `bregma nonsense --help` has no help to show
+      return bregma::cli::fail(explain(app, {}));
+    }
     return app.exit(help);
   } catch (const CLI::ParseError &error) {
-    return bregma::cli::fail(explain(app, error));
+    return bregma::cli::fail(explain(app, error.what()));
   }
   return context.run();
 }

@@ -56,4 +56,42 @@ std::string printable(std::string_view text) {
   return out;
 }
 
+std::string wrapped(std::string_view text, std::size_t columns) {
+  constexpr std::string_view kIndent = "    ";
+  constexpr std::size_t kMinColumns = 20; // a narrower terminal is not worth wrapping for
+  columns = std::max(columns, kMinColumns);
+  std::string out;
+  std::size_t column = 0;
+  std::size_t space = std::string::npos; // where the present line may be broken, in out
+  std::size_t after_space = 0;           // columns of the text after it
+  for (const char c : text) {
+    const bool starts_character = (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
+    if (starts_character && c != '\n' && column == columns) {
+      if (c == ' ') { // the line is full exactly at a word's end
+        out += "\n" + std::string(kIndent);
+        column = kIndent.size();
+        space = std::string::npos;
+        continue;
+      }
+      const bool at_word = space != std::string::npos;
+      out.replace(at_word ? space : out.size(), at_word ? 1 : 0, "\n" + std::string(kIndent));
+      column = kIndent.size() + (at_word ? after_space : 0);
+      space = std::string::npos;
+    }
+    if (c == '\n') {
+      column = 0;
+      space = std::string::npos;
+    } else {
+      column += starts_character ? 1 : 0;
+      after_space += starts_character ? 1 : 0;
+      if (c == ' ' && column > columns / 2) { // not at the gaps of a table's first columns
+        space = out.size();
+        after_space = 0;
+      }
+    }
+    out += c;
+  }
+  return out;
+}
+
 } // namespace bregma::cli

@@ -1,6 +1,7 @@
 // Text fragments that several commands print.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 
@@ -12,5 +13,8 @@ namespace bregma::cli {
 // Replaces control characters and invalid UTF-8 in names and texts from the wire or a file by "?": they must not
 // control a terminal.
 [[nodiscard]] std::string printable(std::string_view text);
+
+// Lines of at most this many columns: a longer one continues on the next line, indented, from its last space that fits.
+[[nodiscard]] std::string wrapped(std::string_view text, std::size_t columns);
 
 } // namespace bregma::cli

@@ -57,7 +57,7 @@ std::string fiducials_text(const Snapshot &snapshot) {
 }
 
 int show_status(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads);
+  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
@@ -91,7 +91,7 @@ int show_status(const Context &context) {
 CLI::App *add_live(CLI::App &parent, const char *name, const char *text, Context &context) {
   auto *command = parent.add_subcommand(name, text);
   add_json_flag(*command, context);
-  add_domain_option(*command, context);
+  add_daemon_options(*command, context);
   return command;
 }
 

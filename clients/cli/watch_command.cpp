@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cerrno>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -20,6 +21,7 @@
 #include "clients/cli/daemon_link.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -30,7 +32,6 @@ using Clock = std::chrono::steady_clock;
 struct WatchOptions {
   std::string tool;
   double rate_hz = 10.0;
-  double wait_s = 3.0;
   bool until_end = false;
   int while_pid = 0;
 };
@@ -68,24 +69,13 @@ public:
   Screen(const Screen &) = delete;
   Screen &operator=(const Screen &) = delete;
 
-  // Overwrites the last output, which avoids flicker. Lines are truncated at the edge: wrapping would shift the rest.
+  // Overwrites the last output, which avoids flicker. Lines are wrapped here: the terminal would cut or shift them.
   static void draw(const std::string &text) {
     winsize size{};
     const bool known = ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    const std::size_t columns = known ? size.ws_col : 10'000;
     std::string out = "\x1b[H";
-    std::size_t column = 0;
-    for (const char c : text) {
-      if (c == '\n') {
-        out += "\x1b[K\r\n";
-        column = 0;
-      } else {
-        const bool starts_character = (static_cast<unsigned char>(c) & 0xC0U) != 0x80U;
-        column += starts_character ? 1 : 0;
-        if (column <= columns) {
-          out += c;
-        }
-      }
+    for (const char c : wrapped(text, known ? size.ws_col : 80)) {
+      out += c == '\n' ? std::string("\x1b[K\r\n") : std::string(1, c);
     }
     print(out + "\x1b[J");
   }
@@ -118,12 +108,12 @@ private:
   bool was_busy_ = false;
 };
 
+constexpr std::int64_t kUnchanged_ns = 10'000'000'000; // a line that has not changed is printed again after this time
+
 int watch(const WatchOptions &options, const Context &context) {
   const Interruptible signals;
-  DaemonLink link(context.domain, DaemonLink::Role::kReads);
-  if (auto there = link.wait_for_daemon(
-          std::chrono::duration_cast<DaemonLink::Duration>(std::chrono::duration<double>(options.wait_s)));
-      !there) {
+  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
+  if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
   link.settle();
@@ -137,13 +127,20 @@ int watch(const WatchOptions &options, const Context &context) {
   auto next = Clock::now();
   Now now;
   bool ended = false;
+  std::string last_line;
+  std::int64_t next_line_ns = 0;
   do {
     (void)link.update(0ns);
     now = Now::read();
     if (terminal) {
       Screen::draw(watch_table(link.snapshot(), options.tool, now) + "\nCtrl-C ends\n");
     } else if (lines) {
-      print(watch_line(link.snapshot(), options.tool, now) + "\n");
+      const std::string line = watch_line(link.snapshot(), options.tool, now);
+      if (line != last_line || now.boot_ns >= next_line_ns) { // what stands still is repeated as a sign of life only
+        print(line + "\n");
+        last_line = line;
+        next_line_ns = now.boot_ns + kUnchanged_ns;
+      }
     } else {
       print(json_text(watch_json(link.snapshot(), options.tool, now)) + "\n");
     }
@@ -172,19 +169,16 @@ void add_watch_command(CLI::App &app, Context &context) {
   command->add_option("--rate", options->rate_hz, "Redraws (with --json: objects) per second")
       ->check(CLI::Range(0.1, 100.0))
       ->capture_default_str();
-  command->add_option("--wait", options->wait_s, "Seconds to wait for a daemon that has not started yet")
-      ->check(CLI::Range(0.0, 3600.0))
-      ->capture_default_str();
   command->add_flag("--until-end", options->until_end, "End when the daemon has stopped or its case was closed");
   command->add_option("--while-pid", options->while_pid, "End when this process has ended")->check(CLI::PositiveNumber);
   add_json_flag(*command, context);
-  add_domain_option(*command, context);
-  command->footer(
-      "On a terminal: a table that is redrawn. Into a pipe: one line per second. With --json: one object per line.\n"
-      "A value that is not current is shown as \"-\" (null in JSON).\n\n"
-      "Examples:\n"
-      "  bregma watch --tool Probe\n"
-      "  bregma watch --json --rate 2 --until-end > run.jsonl");
+  add_daemon_options(*command, context);
+  command->footer("On a terminal: a table that is redrawn. Into a pipe: a line when something has changed, at most one "
+                  "per second. With --json: one object per line.\n"
+                  "A value that is not current is shown as \"-\" (null in JSON).\n\n"
+                  "Examples:\n"
+                  "  bregma watch --tool Probe\n"
+                  "  bregma watch --json --rate 2 --until-end > run.jsonl");
   command->callback([options, &context] { context.run = [options, &context] { return watch(*options, context); }; });
 }
 

@@ -4,21 +4,24 @@
 #include <new>
 #include <utility>
 
+#include "server/session/case_checksum.hpp"
+
 namespace bregma::server {
 namespace {
 
 LoadedFolder load(const std::filesystem::path &folder, const PrepareCase &prepare) {
   auto read = casefile::load_case(folder);
   if (!read) {
-    return {.error = read.error().message, .loaded = nullptr, .prepared = nullptr};
+    return {.error = read.error().message, .loaded = nullptr, .prepared = nullptr, .checksum = {}};
   }
   LoadedFolder out;
   out.loaded = std::make_shared<const casefile::Case>(std::move(*read));
   auto prepared = prepare(out.loaded);
   if (!prepared) {
-    return {.error = prepared.error().message, .loaded = nullptr, .prepared = nullptr};
+    return {.error = prepared.error().message, .loaded = nullptr, .prepared = nullptr, .checksum = {}};
   }
   out.prepared = std::move(*prepared);
+  out.checksum = case_checksum(*out.loaded);
   return out;
 }
 

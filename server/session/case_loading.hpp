@@ -28,6 +28,7 @@ struct LoadedFolder {
   std::string error; // empty: it was loaded
   std::shared_ptr<const casefile::Case> loaded;
   std::shared_ptr<PreparedCase> prepared;
+  std::string checksum; // case_checksum() of the loaded case
 };
 
 // Starts the loading. Errors: the case's own, those of prepare, or an exception.

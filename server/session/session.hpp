@@ -71,7 +71,9 @@ public:
 
   // Restores the snapshot of the last process. Call it first. An accepted registration is restored as Registered;
   // without one, the case and the samples are restored. Invalid content is logged, and the session starts as Idle. With
-  // an executor the session is Idle until its case is loaded, and refuses to load another one in the meantime.
+  // an executor the session is Idle until its case is loaded, and refuses to load another one in the meantime. If the
+  // folder cannot be read, an alarm is raised and the session stays Idle; it is tried again until it is there (and the
+  // case unchanged) or another case is loaded.
   void restore(std::int64_t now_ns);
 
   void handle(const wire::Command &command, std::int64_t now_ns);

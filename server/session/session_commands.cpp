@@ -70,10 +70,14 @@ Outcome Session::Impl::load_case(const Ticket &ticket, const std::string &folder
   if (folder.empty() || code) {
     return refused("\"" + folder + "\" is no case folder");
   }
+  if (restoring_ && !restoring_->failed) {
+    return refused(restoring_->data.case_folder + " is being loaded: wait for the answer");
+  }
   if (load_) {
     return refused(load_->folder + " is being loaded: wait for the answer");
   }
-  start_loading(absolute.string(), ticket, std::nullopt);
+  end_restoring();
+  start_loading(absolute.string(), ticket);
   return std::nullopt;
 }
 
@@ -84,6 +88,7 @@ Answer Session::Impl::take_case(const LoadedFolder &folder) {
   data_.tips.clear();
   data_.case_folder = case_->folder.string();
   data_.case_id = case_->id;
+  data_.case_checksum = folder.checksum;
   clear_samples();
   return {.text = "case " + case_->id + ": " + std::to_string(case_->fiducials.size()) + " fiducials, " +
                   std::to_string(case_->landmarks.size()) + " check landmarks, " +

@@ -25,6 +25,8 @@ namespace bregma::server {
 inline constexpr double kNanosecondsPerMs = 1e6;
 // Raised if the accepted registration has not been verified since a restart or a drift alarm.
 inline constexpr const char *kVerify = "verification";
+// Raised while the last session waits for its case folder, or was not restored because the case has changed.
+inline constexpr const char *kRestore = "restore";
 
 struct Answer {
   wire::CommandResult result = bregma_wire_COMMAND_DONE;
@@ -77,8 +79,15 @@ private:
     std::string folder;
     std::shared_ptr<JobResult<LoadedFolder>> result;
     std::int64_t deadline_ns = 0;
-    std::optional<Ticket> ticket;         // the LOAD_CASE that waits for it
-    std::optional<SessionData> restoring; // or the snapshot of the last process
+    Ticket ticket; // the LOAD_CASE that waits for it
+  };
+  struct PendingRestore { // until the last session is restored or given up; its snapshot is not replaced meanwhile
+    SessionData data;
+    std::shared_ptr<JobResult<LoadedFolder>> result; // null between two attempts
+    std::int64_t deadline_ns = 0;                    // of the attempt
+    std::int64_t next_ns = 0;                        // of the next attempt
+    bool failed = false;                             // the case was not there at the start: it is tried again
+    std::string reason;                              // as logged last
   };
   struct PendingReply { // waits until the change that it reports is on disk
     std::uint64_t version = 0;
@@ -100,10 +109,16 @@ private:
   // Publishes the replies that waited for the disk, and the alarm about it.
   void take_saved();
   void poll_storage();
-  void start_loading(const std::string &folder, std::optional<Ticket> ticket, std::optional<SessionData> restoring);
+  void start_loading(const std::string &folder, const Ticket &ticket);
+  [[nodiscard]] std::string late_text(const std::string &folder) const;
   // Takes the loaded case, or gives it up after its deadline.
   void poll_loading();
   void end_loading(const LoadedFolder &folder);
+  // Loads the case of the last session, again and again while its folder cannot be read.
+  void poll_restoring();
+  void retry_restoring(const std::string &reason);
+  // Another case is wanted: the last session is no longer tried. Its snapshot is kept as session.json.bad.
+  void end_restoring();
   [[nodiscard]] base::Result<void> bring_back(SessionData data, const LoadedFolder &folder);
   template <class Message> void send_all(const Message &message);
 
@@ -159,6 +174,7 @@ private:
   bool save_failed_ = false;          // the latest outcome
   std::deque<PendingReply> unsaved_replies_;
   std::optional<PendingLoad> load_;
+  std::optional<PendingRestore> restoring_;
   std::shared_ptr<const casefile::Case> case_;
   std::optional<SessionChanged> announced_;
   std::optional<wire::RegistrationState> estimate_; // the latest

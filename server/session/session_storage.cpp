@@ -13,11 +13,13 @@ namespace {
 constexpr std::int64_t kSaveInterval_ns = 1'000'000'000;
 // A snapshot that takes longer raises an alarm.
 constexpr std::int64_t kSlowDisk_ns = 2'000'000'000;
+// Between attempts to load the case of the last session.
+constexpr std::int64_t kRestoreInterval_ns = 2'000'000'000;
 
 } // namespace
 
 void Session::Impl::save() {
-  if (saving_ == version_ || (load_ && load_->restoring)) { // the snapshot of the last process must not be replaced yet
+  if (saving_ == version_ || restoring_) { // the snapshot of the last process must not be replaced yet
     return;
   }
   if (saving_ == saved_) {
@@ -50,6 +52,7 @@ void Session::Impl::take_saved() {
 
 void Session::Impl::poll_storage() {
   poll_loading();
+  poll_restoring();
   take_saved();
   if (now_ns >= submitted_ns_ + kSaveInterval_ns) {
     if (save_failed_ && saving_ == saved_) {
@@ -65,13 +68,16 @@ void Session::Impl::set_recording(const std::filesystem::path &file) {
   save();
 }
 
-void Session::Impl::start_loading(const std::string &folder, std::optional<Ticket> ticket,
-                                  std::optional<SessionData> restoring) {
+std::string Session::Impl::late_text(const std::string &folder) const {
+  return folder + ": was not loaded within " + std::to_string(std::llround(config_.load_timeout_ms * 1e-3)) +
+         " s: is its disk reachable?";
+}
+
+void Session::Impl::start_loading(const std::string &folder, const Ticket &ticket) {
   load_ = PendingLoad{.folder = folder,
                       .result = load_folder(folder, ports_.preparation(), executor_),
                       .deadline_ns = now_ns + std::llround(config_.load_timeout_ms * kNanosecondsPerMs),
-                      .ticket = std::move(ticket),
-                      .restoring = std::move(restoring)};
+                      .ticket = ticket};
   poll_loading();
 }
 
@@ -83,37 +89,25 @@ void Session::Impl::poll_loading() {
     end_loading(*folder);
   } else if (now_ns >= load_->deadline_ns) {
     LoadedFolder late;
-    late.error = load_->folder + ": was not loaded within " +
-                 std::to_string(std::llround(config_.load_timeout_ms * 1e-3)) + " s: is its disk reachable?";
+    late.error = late_text(load_->folder);
     end_loading(late);
   }
 }
 
 void Session::Impl::end_loading(const LoadedFolder &folder) {
-  PendingLoad load = std::move(*load_); // owns the folder
+  const PendingLoad load = std::move(*load_); // owns the folder
   load_.reset();
-  if (load.ticket) {
-    const auto by_state = machine_.refusal(load.ticket->kind); // the state may have changed in the meantime
-    answer(*load.ticket, !folder.error.empty() ? refused(folder.error)
-                         : by_state            ? Answer{bregma_wire_COMMAND_REFUSED_BY_STATE, *by_state}
-                                               : take_case(folder));
-    return;
-  }
-  const auto restored = folder.error.empty() ? bring_back(std::move(*load.restoring), folder)
-                                             : base::Result<void>(base::failure(folder.error));
-  if (!restored) {
-    file_.set_aside();
-    ports_.log("the last session is not restored: " + restored.error().message);
-  }
-  settle();
-  save();
+  const auto by_state = machine_.refusal(load.ticket.kind); // the state may have changed in the meantime
+  answer(load.ticket, !folder.error.empty() ? refused(folder.error)
+                      : by_state            ? Answer{bregma_wire_COMMAND_REFUSED_BY_STATE, *by_state}
+                                            : take_case(folder));
 }
 
 void Session::Impl::restore() {
   auto last = file_.load();
   if (last && *last && (*last)->stage != bregma_wire_SESSION_IDLE) {
-    const std::string folder = (*last)->case_folder;
-    start_loading(folder, std::nullopt, std::move(**last));
+    restoring_ = PendingRestore{.data = std::move(**last), .result = nullptr, .next_ns = now_ns, .reason = {}};
+    poll_restoring();
     return;
   }
   if (last && *last) {
@@ -124,10 +118,76 @@ void Session::Impl::restore() {
   save();
 }
 
+void Session::Impl::poll_restoring() {
+  if (!restoring_) {
+    return;
+  }
+  PendingRestore &restoring = *restoring_;
+  if (!restoring.result && now_ns >= restoring.next_ns) {
+    restoring.result = load_folder(restoring.data.case_folder, ports_.preparation(), executor_);
+    restoring.deadline_ns = now_ns + std::llround(config_.load_timeout_ms * kNanosecondsPerMs);
+  }
+  if (!restoring.result) {
+    return;
+  }
+  const auto result = restoring.result; // owns the folder
+  const LoadedFolder *folder = result->get();
+  if (folder == nullptr) {
+    // The attempt goes on: a second one would only block another thread on the same disk.
+    if (now_ns >= restoring.deadline_ns) {
+      retry_restoring(late_text(restoring.data.case_folder));
+    }
+    return;
+  }
+  restoring.result.reset();
+  if (!folder->error.empty()) {
+    retry_restoring(folder->error);
+    return;
+  }
+  const PendingRestore last = std::move(*restoring_);
+  restoring_.reset();
+  const auto restored = bring_back(last.data, *folder);
+  if (!restored) {
+    file_.set_aside();
+    ports_.log("the last session is not restored: " + restored.error().message);
+  }
+  condition(kRestore, "", !restored, bregma_wire_SEVERITY_WARNING,
+            restored ? "" : "The last session is not restored: " + restored.error().message);
+  settle();
+  save();
+}
+
+void Session::Impl::retry_restoring(const std::string &reason) {
+  PendingRestore &restoring = *restoring_;
+  restoring.failed = true;
+  restoring.next_ns = now_ns + kRestoreInterval_ns;
+  if (restoring.reason != reason) {
+    restoring.reason = reason;
+    ports_.log("the last session waits for its case, which is tried again: " + reason);
+    condition(kRestore, "", true, bregma_wire_SEVERITY_WARNING,
+              "The last session waits for its case; loading a case gives it up. " + reason);
+  }
+  settle();
+}
+
+void Session::Impl::end_restoring() {
+  if (restoring_) {
+    restoring_.reset();
+    file_.set_aside();
+    ports_.log("the last session is given up: a case is loaded. Its snapshot is kept as " + file_.path().string() +
+               ".bad");
+  }
+  condition(kRestore, "", false, bregma_wire_SEVERITY_WARNING, "");
+}
+
 base::Result<void> Session::Impl::bring_back(SessionData data, const LoadedFolder &folder) {
   const casefile::Case &the_case = *folder.loaded;
   if (the_case.id != data.case_id) {
     return base::failure(data.case_folder + " holds case " + the_case.id + " now, it was " + data.case_id);
+  }
+  if (folder.checksum != data.case_checksum) {
+    return base::failure(data.case_folder + ": case " + the_case.id + " has changed since this session (checksum " +
+                         folder.checksum + ", it was " + data.case_checksum + ")");
   }
   for (const auto &[tool, tip] : data.tips) {
     if (the_case.tool(tool) == nullptr) {

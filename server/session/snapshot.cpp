@@ -14,7 +14,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr int kVersion = 2; // 1 wrote the stage as a number of an enumeration that has been numbered anew
+constexpr int kVersion =
+    3; // 1: the stage as a number of an enumeration numbered anew since; 2: no checksum of the case
 
 std::string checksum(const std::string &text) {
   boost::crc_32_type crc;
@@ -109,6 +110,7 @@ SessionData read_session(const json &from) {
   data.stage = *stage;
   from.at("case_folder").get_to(data.case_folder);
   from.at("case_id").get_to(data.case_id);
+  from.at("case_checksum").get_to(data.case_checksum);
   from.at("recording").get_to(data.recording);
   from.at("revision").get_to(data.revision);
   for (const auto &[tool, tip] : from.at("tips").items()) {
@@ -133,9 +135,11 @@ SessionData read_session(const json &from) {
 } // namespace
 
 std::string to_json(const SessionData &data) {
-  json session = {{"stage", state_name(data.stage)}, {"case_folder", data.case_folder}, {"case_id", data.case_id},
-                  {"recording", data.recording},     {"revision", data.revision},       {"tips", json::object()},
-                  {"fiducials", json::object()},     {"surface", json::array()},        {"checks", json::object()}};
+  json session = {{"stage", state_name(data.stage)}, {"case_folder", data.case_folder},
+                  {"case_id", data.case_id},         {"case_checksum", data.case_checksum},
+                  {"recording", data.recording},     {"revision", data.revision},
+                  {"tips", json::object()},          {"fiducials", json::object()},
+                  {"surface", json::array()},        {"checks", json::object()}};
   for (const auto &[tool, tip] : data.tips) {
     session["tips"][tool] = write(tip);
   }

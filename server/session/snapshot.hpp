@@ -28,8 +28,9 @@ struct CalibratedTip { // in the tool's body frame
 struct SessionData {
   wire::SessionState stage = bregma_wire_SESSION_IDLE;
   std::string case_folder;
-  std::string case_id;   // the session is not restored if the folder contains another case
-  std::string recording; // the session file of the recording
+  std::string case_id;       // the session is not restored if the folder contains another case
+  std::string case_checksum; // nor if its content is another (case_checksum.hpp)
+  std::string recording;     // the session file of the recording
   std::uint64_t revision = 0;
   std::map<std::string, CalibratedTip> tips;       // per tool
   std::map<std::string, FiducialSample> fiducials; // per fiducial
@@ -51,7 +52,7 @@ public:
   [[nodiscard]] base::Result<void> save(const SessionData &data) const;
   // Empty if there is no file. A damaged file is renamed to session.json.bad, and the error states the reason.
   [[nodiscard]] base::Result<std::optional<SessionData>> load() const;
-  // Renames a valid file that cannot be used (its case no longer exists) to session.json.bad.
+  // Renames a valid file that is not used (its case has changed, or another one is loaded) to session.json.bad.
   void set_aside() const;
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }
 

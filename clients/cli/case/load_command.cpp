@@ -24,7 +24,7 @@ void add_load_commands(CLI::App &group, Context &context) {
   auto *load = group.add_subcommand("load", "Asks the daemon to load a case");
   load->add_option("folder", *folder, "Case folder, as seen by the daemon's machine")->required();
   add_json_flag(*load, context);
-  add_domain_option(*load, context);
+  add_daemon_options(*load, context);
   load->footer("Example:\n  bregma case load colin27");
   load->callback([folder, &context] {
     context.run = [folder, &context] {
@@ -35,7 +35,7 @@ void add_load_commands(CLI::App &group, Context &context) {
 
   auto *close = group.add_subcommand("close", "Asks the daemon to close its case, and the session with it");
   add_json_flag(*close, context);
-  add_domain_option(*close, context);
+  add_daemon_options(*close, context);
   close->footer("Example:\n  bregma case close");
   close->callback([&context] {
     context.run = [&context] { return send_and_show(make_command(bregma_wire_COMMAND_CLOSE_CASE), context); };

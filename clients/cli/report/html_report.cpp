@@ -103,7 +103,8 @@ std::string key_figures(const SessionAnalysis &session) {
                             : "TRE, RMS of the shown tip");
   const auto *nearest = session.approaches.empty() ? nullptr : &session.approaches.front();
   out += card("Closest critical structure", nearest != nullptr ? known(nearest->shown_mm, 1, "mm") : "none",
-              nearest == nullptr ? "none was approached while navigating"
+              nearest == nullptr
+                  ? (session.structures == 0 ? "this case has no structures" : "none was approached while navigating")
               : std::isfinite(nearest->true_at_least_mm)
                   ? nearest->structure + "; truly at least " + fixed(nearest->true_at_least_mm, 1, "mm")
                   : nearest->structure + "; the true distance is not known");
@@ -141,6 +142,17 @@ std::string registration_tables(const SessionAnalysis &session) {
   std::string out = "<p>" + std::to_string(registration.fiducials) + " fiducials and " +
                     std::to_string(registration.surface_points) + " surface points, accepted at " +
                     base::escape(duration_text(session.seconds(registration.accepted_time_ns))) + ".</p>";
+  if (registration.T_image_reference.allFinite()) {
+    HtmlTable matrix({"#", "#", "#", "#"});
+    for (Eigen::Index i = 0; i < 4; ++i) {
+      std::vector<std::string> cells;
+      for (Eigen::Index j = 0; j < 4; ++j) {
+        cells.push_back(fixed(registration.T_image_reference(i, j), j < 3 ? 6 : 3));
+      }
+      matrix.row(cells);
+    }
+    out += "<h3>From Reference to Image (RAS, mm)</h3>" + matrix.text();
+  }
   HtmlTable targets({"Target", "#Predicted TRE, RMS mm", "#95 % within mm"});
   for (const auto &target : registration.targets) {
     targets.row({target.target, fixed(target.tre_rms_mm, 2), fixed(target.tre_95_mm, 2)});
@@ -177,18 +189,20 @@ std::string insertion_table(const InsertionAnalysis &insertion) {
   table.row({insertion.target, std::to_string(insertion.elements), std::to_string(insertion.ruptures),
              fixed(insertion.rupture_force_N, 3), fixed(insertion.rupture_depth_mm, 1),
              fixed(insertion.largest_motion_mm, 2), fixed(insertion.stiffness_scale, 2)});
-  HtmlTable answers({"Answers of the model, and why some are not valid", "#Number"});
-  for (const auto *list : {&insertion.states, &insertion.reasons}) {
-    for (const auto &[name, count] : *list) {
-      answers.row({name, std::to_string(count)});
-    }
+  HtmlTable answers({"Answers of the model", "#Number"});
+  for (const auto &[name, count] : insertion.states) {
+    answers.row({name, std::to_string(count)});
+  }
+  HtmlTable reasons({"Why an answer was not valid", "#Number"});
+  for (const auto &[name, count] : insertion.reasons) {
+    reasons.row({name, std::to_string(count)});
   }
   HtmlTable landmarks({"Landmark in the brain", "#Largest motion mm", "#Its error bound mm"});
   for (const FollowedLandmark &landmark : insertion.landmarks) {
     landmarks.row({landmark.landmark, fixed(landmark.largest_motion_mm, 2), fixed(landmark.error_bound_mm, 2)});
   }
   return table.text() + (landmarks.any() ? landmarks.text() : std::string()) +
-         (answers.any() ? answers.text() : std::string());
+         (answers.any() ? answers.text() : std::string()) + (reasons.any() ? reasons.text() : std::string());
 }
 
 std::string approaches_table(const SessionAnalysis &session) {

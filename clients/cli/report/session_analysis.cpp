@@ -4,6 +4,11 @@
 #include <cmath>
 #include <cstring>
 #include <numeric>
+#include <optional>
+#include <string_view>
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
 
 #include "algorithms/geometry/unknown.hpp"
 #include "clients/cli/report/scalp_residuals.hpp"
@@ -74,6 +79,32 @@ Result<void> read_commands(const SessionReader &reader, SessionAnalysis &out, Co
 
 // ---- registration and accuracy ----
 
+Eigen::Matrix4d matrix_of(const wire::Pose &pose) {
+  const double *q = pose.rotation_wxyz;
+  Eigen::Matrix4d out = Eigen::Matrix4d::Identity();
+  out.topLeftCorner<3, 3>() = Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix();
+  out.topRightCorner<3, 1>() = Eigen::Map<const Eigen::Vector3d>(pose.translation_mm);
+  return out;
+}
+
+// From the case's description, which the file contains. A description that cannot be read is as none.
+std::optional<std::size_t> count_structures(const SessionReader &reader) {
+  const auto names = reader.attachments();
+  if (!names || std::find(names->begin(), names->end(), "case.toml") == names->end()) {
+    return std::nullopt;
+  }
+  const auto text = reader.attachment("case.toml");
+  if (!text) {
+    return std::nullopt;
+  }
+  std::size_t count = 0;
+  constexpr std::string_view kTable = "[[structures]]";
+  for (std::size_t at = text->find(kTable); at != std::string::npos; at = text->find(kTable, at + kTable.size())) {
+    count += at == 0 || (*text)[at - 1] == '\n' ? 1 : 0;
+  }
+  return count;
+}
+
 Result<void> read_registration(const SessionReader &reader, SessionAnalysis &out,
                                std::optional<wire::RegistrationState> &accepted) {
   std::int64_t accepted_ns = 0;
@@ -94,6 +125,7 @@ Result<void> read_registration(const SessionReader &reader, SessionAnalysis &out
                                          accepted->surface_count,
                                          accepted->fre_mm,
                                          accepted->surface_rms_mm,
+                                         matrix_of(accepted->accepted_T_image_reference),
                                          {},
                                          {}};
   auto &residuals = out.registration->residuals;
@@ -342,6 +374,8 @@ Result<SessionAnalysis> analyse(const SessionReader &reader) {
     return tl::unexpected(meta.error());
   }
   out.meta = std::move(*meta);
+
+  out.structures = count_structures(reader);
 
   Conversation talk;
   std::optional<wire::RegistrationState> accepted;

@@ -75,6 +75,7 @@ struct RegistrationSummary { // the last accepted registration
   std::uint32_t surface_points = 0;
   double fre_mm = geometry::kUnknown; // consistency of the fiducials, not the error at the target
   double surface_rms_mm = geometry::kUnknown;
+  Eigen::Matrix4d T_image_reference = Eigen::Matrix4d::Constant(geometry::kUnknown);
   std::vector<TargetPrediction> targets;
   std::vector<FiducialFigure> residuals;
 };
@@ -190,7 +191,8 @@ struct SessionAnalysis {
 
   std::optional<RegistrationSummary> registration;
   std::optional<AtTarget> at_target;
-  std::vector<Approach> approaches; // one per structure, nearest first
+  std::optional<std::size_t> structures; // critical structures of the case; empty: the file does not contain it
+  std::vector<Approach> approaches;      // one per structure, nearest first
   std::optional<InsertionAnalysis> insertion;
   std::vector<CheckRecord> checks;
   std::vector<AlarmChange> alarms;

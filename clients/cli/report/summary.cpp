@@ -188,7 +188,8 @@ std::string summary_text(const SessionAnalysis &session, const std::vector<Judge
   out += devices_text(session) + "\n" + registration_text(session);
   out += session.at_target ? at_target_text(*session.at_target) : "At the target  the tip was never held there\n";
   if (session.approaches.empty()) {
-    out += "Critical structures  none approached\n";
+    out += session.structures == 0 ? "Critical structures  this case has none\n"
+                                   : "Critical structures  none approached\n";
   }
   for (const auto &approach : session.approaches) {
     out += "Closest to " + printable(approach.structure) + "  " + known(approach.shown_mm, 1, "mm") + " shown, " +

@@ -51,7 +51,7 @@ std::string completed_by_bash(const std::string &words) {
 
 TEST(Completion, BashOffersCommandsOfThePlace) {
   EXPECT_EQ(completed_by_bash("bregma al"), "alarms\n");
-  EXPECT_EQ(completed_by_bash("bregma alarms ''"), "list ack --help --json --domain\n");
+  EXPECT_EQ(completed_by_bash("bregma alarms ''"), "list ack --help --json --domain --wait\n");
   EXPECT_EQ(completed_by_bash("bregma target na"), "navigate\n");
   EXPECT_EQ(completed_by_bash("bregma watch --to"), "--tool\n");
   EXPECT_EQ(completed_by_bash("bregma watch --json --un"), "--until-end\n");

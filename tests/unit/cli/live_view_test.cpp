@@ -72,6 +72,43 @@ TEST(LiveView, ALivePoseIsShownWithItsPresentAge) {
   }
 }
 
+std::size_t widest_line(const std::string &text) {
+  std::size_t widest = 0;
+  for (std::size_t begin = 0; begin < text.size();) {
+    const std::size_t end = std::min(text.find('\n', begin), text.size());
+    widest = std::max(widest, end - begin);
+    begin = end + 1;
+  }
+  return widest;
+}
+
+TEST(LiveView, TheTableFitsInto80Columns) {
+  auto snapshot = navigating();
+  snapshot.tools["Reference pointer"] = snapshot.tools["Probe"];
+  const std::string table = watch_table(snapshot, {}, kNow);
+  EXPECT_LE(widest_line(table), 80U) << table;
+}
+
+TEST(LiveView, TheTableStatesTheStepItsCountsAndWhyAPoseIsNotLive) {
+  auto snapshot = navigating();
+  snapshot.health->session = bregma_wire_SESSION_REGISTERING;
+  snapshot.registration->fiducial_count = 5;
+  snapshot.registration->surface_count = 43;
+  snapshot.tools["Probe"].status = bregma_wire_POSE_NOT_CALIBRATED;
+  const std::string table = watch_table(snapshot, {}, kNow);
+  EXPECT_TRUE(has(table, "Session registering, 5 fiducials, 43 surface points")) << table;
+  EXPECT_TRUE(has(table, "Not live: Probe: its tip is not known: calibrate it by a pivot")) << table;
+  EXPECT_TRUE(has(watch_line(snapshot, {}, kNow), "registering, 5 fiducials, 43 surface points"));
+}
+
+TEST(LiveView, ALongLineContinuesIndentedAndLosesNothing) {
+  const std::string text = "warning: disk session (raised, raised 3 s ago): the disk has not answered for 2 s\nnext";
+  const std::string out = wrapped(text, 40);
+  EXPECT_LE(widest_line(out), 40U) << out;
+  EXPECT_EQ(out, "warning: disk session (raised, raised 3\n    s ago): the disk has not answered\n    for 2 s\nnext");
+  EXPECT_EQ(widest_line(wrapped(std::string(100, 'x'), 40)), 40U) << "a word that does not fit is broken";
+}
+
 TEST(LiveView, NothingOfASilentDaemonIsShownAsCurrent) {
   const auto snapshot = navigating();
   const Now later = after(4'000);

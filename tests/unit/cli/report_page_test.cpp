@@ -185,4 +185,24 @@ TEST(Page, BrokenLimitsAreCountedOnTop) {
   EXPECT_NE(page->find("1 of 2 limits exceeded"), std::string::npos);
 }
 
+std::string page_of(const SessionAnalysis &session) { return html_report(session, {}).value(); }
+
+TEST(ReportPageContent, ACaseWithoutStructuresIsNotCalledNoneApproached) {
+  SessionAnalysis session;
+  EXPECT_NE(page_of(session).find("none was approached while navigating"), std::string::npos);
+  session.structures = 0;
+  EXPECT_NE(page_of(session).find("this case has no structures"), std::string::npos);
+}
+
+TEST(ReportPageContent, TheAcceptedRegistrationIsShownAsAMatrix) {
+  SessionAnalysis session;
+  session.registration.emplace();
+  EXPECT_EQ(page_of(session).find("From Reference to Image"), std::string::npos) << "its pose is not known";
+  session.registration->T_image_reference = Eigen::Matrix4d::Identity();
+  session.registration->T_image_reference(0, 3) = 12.3456;
+  const std::string page = page_of(session);
+  EXPECT_NE(page.find("From Reference to Image (RAS, mm)"), std::string::npos);
+  EXPECT_NE(page.find("12.346"), std::string::npos);
+}
+
 } // namespace

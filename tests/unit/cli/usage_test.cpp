@@ -40,6 +40,9 @@ TEST(Usage, MistakesAreOneSentenceAndExitCode2) {
   };
   EXPECT_EQ(error_of(""), "bregma: A subcommand is required (see bregma --help)\n");
   EXPECT_EQ(error_of("navigte"), "bregma: unknown command \"navigte\" (see bregma --help)\n");
+  EXPECT_EQ(error_of("nonsense --help"), "bregma: unknown command \"nonsense\" (see bregma --help)\n");
+  EXPECT_EQ(error_of("register nonsense --help"),
+            "bregma: unknown command \"nonsense\" (see bregma register --help)\n");
   EXPECT_EQ(error_of("register capure F1"), "bregma: unknown command \"capure\" (see bregma register --help)\n");
   EXPECT_EQ(error_of("register points a.csv"), "bregma: target is required (see bregma register points --help)\n");
   EXPECT_EQ(error_of("register trace sideways"),
@@ -59,7 +62,7 @@ TEST(Usage, OutputThatCannotBeWrittenIsAnError) {
 
 TEST(Usage, WithoutADaemonLiveCommandsSaySo) {
   const TemporaryFolder folder;
-  const auto run = run_bregma(folder, "register start --domain 219");
+  const auto run = run_bregma(folder, "register start --domain 219 --wait 0.2");
   EXPECT_EQ(run.exit_code, 2);
   EXPECT_EQ(run.err, "bregma: no bregmad answers on domain 219: is it running?\n");
   EXPECT_EQ(run_bregma(folder, "register capture 'a fiducial with a name too long for it'").exit_code, 2);

@@ -1,6 +1,7 @@
 // The snapshot is restored bit for bit after a crash, and invalid files are rejected.
 #include "session_fakes.hpp"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -9,6 +10,7 @@
 #include <fstream>
 #include <iterator>
 #include <limits>
+#include <optional>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -50,6 +52,7 @@ SessionData random_session(unsigned seed) {
   data.stage = bregma_wire_SESSION_VERIFIED;
   data.case_folder = "/cases/Ä \"quoted\"";
   data.case_id = "ball";
+  data.case_checksum = "0123abcd";
   data.recording = "/cases/ball/sessions/1.bregma";
   data.revision = std::numeric_limits<std::uint64_t>::max();
   CalibratedTip tip;
@@ -105,6 +108,7 @@ TEST(Snapshot, EveryNumberIsRestoredBitForBit) {
     EXPECT_EQ(after.stage, before.stage);
     EXPECT_EQ(after.case_folder, before.case_folder);
     EXPECT_EQ(after.case_id, before.case_id);
+    EXPECT_EQ(after.case_checksum, before.case_checksum);
     EXPECT_EQ(after.recording, before.recording);
     EXPECT_EQ(after.revision, before.revision);
     EXPECT_TRUE(same_bits(after.tips.at("Stylus"), before.tips.at("Stylus")));
@@ -157,11 +161,11 @@ TEST(Snapshot, ADamagedFileIsRenamedAndTheReasonReported) {
   };
   const std::string name = file.path().string();
   EXPECT_EQ(load_text(R"({"bregma_session":9,"crc32":"00000000","session":{}})"),
-            name + ": bregma_session = 9: this program reads version 2");
-  EXPECT_EQ(load_text(R"({"bregma_session":2,"crc32":"00000000","session":{}})"),
+            name + ": bregma_session = 9: this program reads version 3");
+  EXPECT_EQ(load_text(R"({"bregma_session":3,"crc32":"00000000","session":{}})"),
             name + ": crc32 = \"00000000\": the content has \"a3a6bf43\", the file is damaged");
   EXPECT_EQ(load_text(R"({"bregma_session":1,"crc32":"00000000","session":{}})"),
-            name + ": bregma_session = 1: this program reads version 2");
+            name + ": bregma_session = 1: this program reads version 3");
   EXPECT_NE(load_text("{").find(name + ": not a session that can be read: "), std::string::npos);
   const auto none = file.load();
   ASSERT_TRUE(none);
@@ -270,26 +274,91 @@ TEST_F(RestartTest, ADamagedSnapshotStartsIdleWithTheReason) {
   restarted.up_to(bregma_wire_SESSION_CASE_LOADED, ball);
 }
 
-TEST_F(RestartTest, AMissingOrDifferentCaseStartsIdle) {
+TEST_F(RestartTest, AnotherCaseInTheFolderStartsIdle) {
   {
     SessionHarness harness(folder.path(), loops);
     harness.up_to(bregma_wire_SESSION_REGISTERED, ball);
   }
   const fs::path snapshot = folder.path() / "state/session.json";
   const std::string kept = read(snapshot);
-  const auto restart = [&] {
-    loops_after.lines.clear();
-    SessionHarness restarted(folder.path(), loops_after);
-    restarted.session->restore(restarted.now_ns);
-    EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_IDLE);
-    EXPECT_EQ(read(snapshot.string() + ".bad"), kept);
-    std::ofstream(snapshot) << kept;
-    return log();
-  };
   fs::rename(ball, folder.path() / "elsewhere");
-  EXPECT_NE(restart().find(ball.string() + ": is not a folder"), std::string::npos) << log();
   fs::rename(write_case(folder.path(), "another"), ball);
-  EXPECT_EQ(restart(), "the last session is not restored: " + ball.string() + " holds case another now, it was ball\n");
+  SessionHarness restarted(folder.path(), loops_after);
+  restarted.session->restore(restarted.now_ns);
+  EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_IDLE);
+  EXPECT_EQ(read(snapshot.string() + ".bad"), kept);
+  EXPECT_EQ(log(), "the last session is not restored: " + ball.string() + " holds case another now, it was ball\n");
+}
+
+// A restart while the drive with the case is not mounted.
+class AwayCaseTest : public RestartTest {
+protected:
+  void SetUp() override {
+    {
+      SessionHarness harness(folder.path(), loops);
+      harness.up_to(bregma_wire_SESSION_VERIFIED, ball);
+    }
+    kept = read(snapshot);
+    fs::rename(ball, elsewhere);
+    restarted.emplace(folder.path(), loops_after);
+    restarted->session->restore(restarted->now_ns);
+  }
+
+  const fs::path snapshot = folder.path() / "state/session.json";
+  const fs::path elsewhere = folder.path() / "elsewhere";
+  std::string kept;
+  std::optional<SessionHarness> restarted;
+};
+
+TEST_F(AwayCaseTest, RaisesAnAlarmAndKeepsTheSnapshot) {
+  restarted->run(60'000.0);
+  EXPECT_EQ(restarted->session->state(), bregma_wire_SESSION_IDLE);
+  EXPECT_EQ(read(snapshot), kept);
+  ASSERT_EQ(loops_after.alarms.size(), 1U);
+  EXPECT_EQ(wire::view(loops_after.alarms.back().kind), "restore");
+  EXPECT_NE(std::string(loops_after.alarms.back().text).find(ball.string() + ": is not a folder"), std::string::npos);
+}
+
+TEST_F(AwayCaseTest, IsRestoredAsRegisteredWhenTheFolderIsBack) {
+  restarted->run(10'000.0);
+  fs::rename(elsewhere, ball);
+  restarted->run(3'000.0);
+  EXPECT_EQ(restarted->session->state(), bregma_wire_SESSION_REGISTERED);
+  EXPECT_FALSE(FakeLoops::last<SessionChanged>(loops_after.navigation).verified);
+  const auto restore_alarm = std::find_if(loops_after.alarms.rbegin(), loops_after.alarms.rend(),
+                                          [](const auto &alarm) { return wire::view(alarm.kind) == "restore"; });
+  ASSERT_NE(restore_alarm, loops_after.alarms.rend());
+  EXPECT_EQ(restore_alarm->state, bregma_wire_ALARM_CLEARED);
+}
+
+TEST_F(AwayCaseTest, IsNotRestoredOntoACaseThatHasChanged) {
+  const fs::path toml = elsewhere / "case.toml";
+  std::string text = read(toml);
+  const std::string key = "max_check_mm = ";
+  text.insert(text.find(key) + key.size(), "1"); // 3 mm becomes 13 mm
+  std::ofstream(toml) << text;
+  fs::rename(elsewhere, ball);
+  restarted->run(3'000.0);
+  EXPECT_EQ(restarted->session->state(), bregma_wire_SESSION_IDLE);
+  EXPECT_NE(log().find("case ball has changed since this session"), std::string::npos) << log();
+  EXPECT_EQ(read(snapshot.string() + ".bad"), kept);
+}
+
+TEST_F(AwayCaseTest, IsGivenUpWhenAnyCaseIsLoaded) {
+  const fs::path another = write_case(folder.path(), "another");
+  restarted->done(bregma_wire_COMMAND_LOAD_CASE, another.string());
+  fs::rename(elsewhere, ball);
+  restarted->run(10'000.0);
+  EXPECT_EQ(restarted->session->loaded_case()->id, "another");
+  EXPECT_EQ(read(snapshot.string() + ".bad"), kept);
+  EXPECT_EQ(loops_after.alarms.back().state, bregma_wire_ALARM_CLEARED);
+}
+
+TEST_F(AwayCaseTest, IsGivenUpEvenWhenTheLoadedCaseIsRefused) {
+  EXPECT_EQ(restarted->ask(bregma_wire_COMMAND_LOAD_CASE, "/nowhere").result, bregma_wire_COMMAND_REFUSED);
+  fs::rename(elsewhere, ball);
+  restarted->run(10'000.0);
+  EXPECT_EQ(restarted->session->state(), bregma_wire_SESSION_IDLE);
 }
 
 TEST_F(RestartTest, AFullDiskRaisesAnAlarmAndTheSessionContinues) {

@@ -80,7 +80,8 @@ TEST(SessionFile, ReturnsEveryByteInTheOrderOfRecording) {
   EXPECT_EQ(reader.meta("case").value(), "colin27 again");
   EXPECT_EQ(reader.meta("no such key").value(), std::nullopt);
   EXPECT_EQ(reader.meta("wire").value(), kOwnWire);
-  EXPECT_EQ(reader.meta()->size(), 2U);
+  EXPECT_EQ(reader.meta("layout").value(), std::to_string(casefile::kSessionFileVersion));
+  EXPECT_EQ(reader.meta()->size(), 3U);
   EXPECT_EQ(reader.attachment("scalp.ply").value(), mesh);
   EXPECT_EQ(reader.attachment("empty").value(), "");
   EXPECT_EQ(reader.attachments().value(), (std::vector<std::string>{"empty", "scalp.ply"}));

@@ -1,0 +1,108 @@
+#include "server/session/case_checksum.hpp"
+
+#include <cstdint>
+#include <cstdio>
+#include <optional>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include <Eigen/Core>
+#include <boost/crc.hpp>
+
+namespace bregma::server {
+namespace {
+
+// Every list and text is preceded by its length, so that content cannot move from one to the next unnoticed.
+class Digest {
+public:
+  void add(std::string_view text) {
+    add(static_cast<std::uint64_t>(text.size()));
+    crc_.process_bytes(text.data(), text.size());
+  }
+  template <class Number>
+  requires std::is_arithmetic_v<Number>
+  void add(Number value) { crc_.process_bytes(&value, sizeof value); }
+  template <class Scalar> void add(const Eigen::Matrix<Scalar, 3, 1> &vector) {
+    crc_.process_bytes(vector.data(), 3 * sizeof(Scalar));
+  }
+  void add(const casefile::NamedPoint &point) {
+    add(std::string_view(point.name));
+    add(point.position_mm);
+  }
+  void add(const casefile::Trajectory &trajectory) {
+    add(std::string_view(trajectory.name));
+    add(trajectory.entry_mm);
+    add(trajectory.target_mm);
+  }
+  void add(const casefile::ToolModel &tool) {
+    add(std::string_view(tool.name));
+    add(static_cast<std::int32_t>(tool.role));
+    add(tool.markers_mm);
+    add(tool.normal);
+    add(tool.axis);
+    add(tool.nominal_tip_mm);
+  }
+  void add(const casefile::Surface &surface) {
+    add(std::string_view(surface.name));
+    add(surface.mesh.vertices_mm);
+    add(surface.mesh.triangles);
+  }
+  void add(const std::optional<double> &value) {
+    add(static_cast<std::uint8_t>(value.has_value() ? 1 : 0));
+    add(value.value_or(0.0));
+  }
+  template <class Item> void add(const std::vector<Item> &list) {
+    add(static_cast<std::uint64_t>(list.size()));
+    for (const Item &item : list) {
+      add(item);
+    }
+  }
+  [[nodiscard]] std::string text() const {
+    char out[16];
+    std::snprintf(out, sizeof out, "%08x", static_cast<unsigned>(crc_.checksum()));
+    return out;
+  }
+
+private:
+  boost::crc_32_type crc_;
+};
+
+} // namespace
+
+std::string case_checksum(const casefile::Case &a_case) {
+  Digest digest;
+  digest.add(std::string_view(a_case.id));
+  digest.add(std::string_view(a_case.image.filename().string()));
+  digest.add(a_case.scalp);
+  digest.add(a_case.brain);
+  digest.add(a_case.structures);
+  digest.add(a_case.fiducials);
+  digest.add(a_case.landmarks);
+  digest.add(a_case.brain_landmarks);
+  digest.add(a_case.targets);
+  digest.add(a_case.trajectories);
+  digest.add(a_case.tools);
+  const casefile::Limits &limits = a_case.limits;
+  for (const double limit : {limits.fle_image_mm, limits.fle_touch_mm, limits.surface_sigma_mm,
+                             limits.landmark_sigma_mm, limits.max_check_mm, limits.max_target_tre_mm}) {
+    digest.add(limit);
+  }
+  digest.add(static_cast<std::uint8_t>(a_case.craniotomy ? 1 : 0));
+  if (a_case.craniotomy) {
+    digest.add(std::string_view(a_case.craniotomy->trajectory));
+    digest.add(a_case.craniotomy->centre_mm);
+    digest.add(a_case.craniotomy->radius_mm);
+  }
+  digest.add(static_cast<std::uint8_t>(a_case.tissue ? 1 : 0));
+  if (a_case.tissue) {
+    digest.add(std::string_view(a_case.tissue->material));
+    for (const auto &value :
+         {a_case.tissue->young_Pa, a_case.tissue->poisson, a_case.tissue->density_kg_m3, a_case.tissue->ogden_alpha}) {
+      digest.add(value);
+    }
+  }
+  return digest.text();
+}
+
+} // namespace bregma::server

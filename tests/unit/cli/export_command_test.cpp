@@ -1,0 +1,95 @@
+// `bregma export` as a program: the CSV files of a session.
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "clients/cli/commands.hpp"
+#include "tests/unit/cli/report_session_maker.hpp"
+
+namespace {
+
+using namespace bregma;
+
+class ExportCommand : public testing::Test {
+protected:
+  void SetUp() override {
+    auto writer = casefile::SessionWriter::create(folder_ / "run.db");
+    ASSERT_TRUE(writer.has_value());
+    test::write_run(*writer, {.frames = 20, .first_at_target = 10});
+    wire::Alarm alarm{};
+    ASSERT_TRUE(wire::set_name(alarm.kind, "drift"));
+    alarm.state = bregma_wire_ALARM_RAISED;
+    alarm.severity = bregma_wire_SEVERITY_CRITICAL;
+    wire::set_text(alarm.text, "moved by 2 mm, \"Reference\"");
+    test::put(*writer, test::kStart_ns + 1'234'567'000, alarm);
+  }
+  struct Outcome {
+    int code = -1;
+    std::string out, error;
+  };
+  Outcome run() const {
+    CLI::App app("test", "bregma");
+    cli::Context context;
+    cli::add_export_command(app, context);
+    app.parse("export " + (folder_ / "run.db").string() + " --to " + (folder_ / "csv").string());
+    testing::internal::CaptureStdout();
+    testing::internal::CaptureStderr();
+    Outcome outcome;
+    outcome.code = context.run();
+    outcome.out = testing::internal::GetCapturedStdout();
+    outcome.error = testing::internal::GetCapturedStderr();
+    return outcome;
+  }
+  [[nodiscard]] std::vector<std::string> lines(const char *name) const {
+    std::ifstream in(folder_ / "csv" / name);
+    std::vector<std::string> out;
+    for (std::string line; std::getline(in, line);) {
+      out.push_back(line);
+    }
+    return out;
+  }
+
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(ExportCommand, EveryPoseIsARowWithTheColumnsOfTheHeader) {
+  const auto done = run();
+  ASSERT_EQ(done.code, cli::kOk) << done.error;
+  const auto poses = lines("poses.csv");
+  ASSERT_EQ(poses.size(), 21U);
+  const auto commas = [](const std::string &line) { return std::count(line.begin(), line.end(), ','); };
+  for (const std::string &line : poses) {
+    EXPECT_EQ(commas(line), commas(poses.front())) << line;
+  }
+  EXPECT_NE(poses[1].find(",Probe,1,live,"), std::string::npos) << poses[1];
+  EXPECT_NE(poses[1].find(",20.5,5,-3,1,0,0,0,0.9,1,Biopsy,"), std::string::npos) << poses[1];
+  EXPECT_NE(done.out.find("poses.csv: 20 rows"), std::string::npos) << done.out;
+}
+
+TEST_F(ExportCommand, TextsAreQuotedAndTimesAreUtc) {
+  ASSERT_EQ(run().code, cli::kOk);
+  EXPECT_EQ(lines("events.csv").at(1), "1700000001234567000,2023-11-14T22:13:21.234567Z,alarm,drift,,raised,critical,"
+                                       ",,,\"moved by 2 mm, \"\"Reference\"\"\"");
+}
+
+TEST_F(ExportCommand, StatesAreChangesOnly) {
+  ASSERT_EQ(run().code, cli::kOk);
+  const auto states = lines("states.csv");
+  ASSERT_EQ(states.size(), 2U);
+  EXPECT_NE(states[1].find(",registration,accepted,8,300,0.61,"), std::string::npos) << states[1];
+}
+
+TEST_F(ExportCommand, ExistingFilesAreNeverReplaced) {
+  ASSERT_EQ(run().code, cli::kOk);
+  const auto again = run();
+  EXPECT_EQ(again.code, cli::kBadInput);
+  EXPECT_NE(again.error.find("poses.csv: exists already"), std::string::npos) << again.error;
+}
+
+} // namespace
