@@ -194,7 +194,8 @@ json facts_json(const Case &c, const CaseFacts &facts) {
 
 std::vector<std::string> find_warnings(const Case &c, const CaseFacts &facts) {
   std::vector<std::string> warnings = find_inconsistencies(c);
-  if (const auto image = casefile::read_volume(c.image, {}, &warnings); !image) {
+  std::vector<std::string> said_when_made;
+  if (const auto image = casefile::read_volume(c.image, {}, &said_when_made); !image) {
     warnings.push_back(image.error().message);
   } else if (!image_holds(*image, c.scalp.mesh)) {
     warnings.push_back("the scalp reaches beyond the image " + c.image.string() + ": do they belong together?");
