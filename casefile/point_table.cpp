@@ -18,7 +18,7 @@ namespace {
 using base::CsvRow;
 using base::CsvTable;
 
-enum class Content {
+enum class Meaning {
   kX,
   kY,
   kZ,
@@ -42,7 +42,7 @@ enum class Content {
 
 // What a header's word says about a column: axis and sign are those of RAS.
 struct Column {
-  Content content = Content::kNotUsed;
+  Meaning meaning = Meaning::kNotUsed;
   double sign = 1.0;
   bool space_stated = false;
   std::optional<LengthUnit> unit = std::nullopt;
@@ -51,50 +51,59 @@ struct Column {
 
 struct KnownWord {
   std::string_view word;
-  Content content;
+  Meaning meaning;
   double sign = 1.0;
   bool space_stated = false;
 };
 
 constexpr auto kWords = std::to_array<KnownWord>({
-    {"x", Content::kX},
-    {"y", Content::kY},
-    {"z", Content::kZ},
-    {"r", Content::kX, 1.0, true},
-    {"a", Content::kY, 1.0, true},
-    {"s", Content::kZ, 1.0, true},
-    {"l", Content::kX, -1.0, true},
-    {"p", Content::kY, -1.0, true},
-    {"i", Content::kZ, -1.0, true},
-    {"name", Content::kName},
-    {"label", Content::kName},
-    {"point", Content::kName},
-    {"id", Content::kId},
-    {"curve", Content::kCurve},
-    {"sigma", Content::kSigma},
-    {"sx", Content::kSigmaX},
-    {"sy", Content::kSigmaY},
-    {"sz", Content::kSigmaZ},
-    {"cxx", Content::kCxx},
-    {"cxy", Content::kCxy},
-    {"cxz", Content::kCxz},
-    {"cyy", Content::kCyy},
-    {"cyz", Content::kCyz},
-    {"czz", Content::kCzz},
-    {"t", Content::kTime},
-    {"defined", Content::kDefined},
-    {"selected", Content::kNotUsed},
-    {"visible", Content::kNotUsed},
-    {"locked", Content::kNotUsed},
-    {"description", Content::kNotUsed},
-    {"desc", Content::kNotUsed},
-    {"comment", Content::kNotUsed},
-    {"associatednodeid", Content::kNotUsed},
-    {"mass", Content::kNotUsed},
-    {"volume", Content::kNotUsed},
-    {"count", Content::kNotUsed},
-    {"type", Content::kNotUsed},
-    {"index", Content::kNotUsed},
+    {"x", Meaning::kX},
+    {"y", Meaning::kY},
+    {"z", Meaning::kZ},
+    {"pos_x", Meaning::kX},
+    {"pos_y", Meaning::kY},
+    {"pos_z", Meaning::kZ},
+    {"right", Meaning::kX, 1.0, true},
+    {"anterior", Meaning::kY, 1.0, true},
+    {"superior", Meaning::kZ, 1.0, true},
+    {"left", Meaning::kX, -1.0, true},
+    {"posterior", Meaning::kY, -1.0, true},
+    {"inferior", Meaning::kZ, -1.0, true},
+    {"r", Meaning::kX, 1.0, true},
+    {"a", Meaning::kY, 1.0, true},
+    {"s", Meaning::kZ, 1.0, true},
+    {"l", Meaning::kX, -1.0, true},
+    {"p", Meaning::kY, -1.0, true},
+    {"i", Meaning::kZ, -1.0, true},
+    {"name", Meaning::kName},
+    {"label", Meaning::kName},
+    {"point", Meaning::kName},
+    {"id", Meaning::kId},
+    {"curve", Meaning::kCurve},
+    {"sigma", Meaning::kSigma},
+    {"sx", Meaning::kSigmaX},
+    {"sy", Meaning::kSigmaY},
+    {"sz", Meaning::kSigmaZ},
+    {"cxx", Meaning::kCxx},
+    {"cxy", Meaning::kCxy},
+    {"cxz", Meaning::kCxz},
+    {"cyy", Meaning::kCyy},
+    {"cyz", Meaning::kCyz},
+    {"czz", Meaning::kCzz},
+    {"t", Meaning::kTime},
+    {"defined", Meaning::kDefined},
+    {"selected", Meaning::kNotUsed},
+    {"visible", Meaning::kNotUsed},
+    {"locked", Meaning::kNotUsed},
+    {"description", Meaning::kNotUsed},
+    {"desc", Meaning::kNotUsed},
+    {"comment", Meaning::kNotUsed},
+    {"associatednodeid", Meaning::kNotUsed},
+    {"mass", Meaning::kNotUsed},
+    {"volume", Meaning::kNotUsed},
+    {"count", Meaning::kNotUsed},
+    {"type", Meaning::kNotUsed},
+    {"index", Meaning::kNotUsed},
 });
 
 // "x [cm]", "x (cm)", "x_cm": the word and the unit.
@@ -119,7 +128,7 @@ std::optional<Column> column_named(const std::string &cell) {
   if (known == kWords.end()) {
     return std::nullopt;
   }
-  return Column{known->content, known->sign, known->space_stated, unit, cell};
+  return Column{known->meaning, known->sign, known->space_stated, unit, cell};
 }
 
 // A header names at least one column and contains no number.
@@ -149,23 +158,23 @@ std::optional<CsvRow> header_in_comments(const CsvTable &table) {
 constexpr const char *kWithoutHeader =
     "without a header a row is x,y,z or name,x,y,z, and may go on with sx,sy,sz or cxx,cxy,cxz,cyy,cyz,czz";
 
-std::vector<Column> plain_columns(std::span<const Content> contents) {
+std::vector<Column> plain_columns(std::span<const Meaning> meanings) {
   std::vector<Column> out;
   constexpr std::array<const char *, 3> kAxes{"x", "y", "z"};
-  for (const Content content : contents) {
+  for (const Meaning meaning : meanings) {
     const auto known =
-        std::find_if(kWords.begin(), kWords.end(), [content](const KnownWord &one) { return one.content == content; });
+        std::find_if(kWords.begin(), kWords.end(), [meaning](const KnownWord &one) { return one.meaning == meaning; });
     out.push_back(
-        {.content = content,
-         .word = content <= Content::kZ ? kAxes[static_cast<std::size_t>(content)] : std::string(known->word)});
+        {.meaning = meaning,
+         .word = meaning <= Meaning::kZ ? kAxes[static_cast<std::size_t>(meaning)] : std::string(known->word)});
   }
   return out;
 }
 
 // Columns of a table without a header, from the number of its cells. Empty: not one of these.
 std::vector<Column> columns_by_count(const CsvRow &first, const PointTableOptions &options) {
-  using enum Content;
-  std::vector<Content> out{kX, kY, kZ};
+  using enum Meaning;
+  std::vector<Meaning> out{kX, kY, kZ};
   std::size_t cells = first.cells.size();
   constexpr std::array<std::string_view, 4> kSimNibs{"fiducial", "electrode", "referenceelectrode", "generic"};
   if (cells == 5 && std::find(kSimNibs.begin(), kSimNibs.end(), base::lower(first.cells[0])) != kSimNibs.end()) {
@@ -185,62 +194,62 @@ std::vector<Column> columns_by_count(const CsvRow &first, const PointTableOption
   return plain_columns(out);
 }
 
-// Position of each content in a row.
+// Position of each meaning in a row.
 class Layout {
 public:
   Layout(std::vector<Column> columns, std::string place) : columns_(std::move(columns)), place_(std::move(place)) {}
 
-  // Each content once, and three coordinates.
+  // Each meaning once, and three coordinates.
   [[nodiscard]] base::Result<void> check() {
     for (std::size_t i = 0; i < columns_.size(); ++i) {
       const Column &column = columns_[i];
-      if (column.content == Content::kNotUsed) {
+      if (column.meaning == Meaning::kNotUsed) {
         continue;
       }
-      if (const auto [at, fresh] = at_.try_emplace(column.content, i); !fresh) {
+      if (const auto [at, fresh] = at_.try_emplace(column.meaning, i); !fresh) {
         return base::failure(place_ + "the columns \"" + columns_[at->second].word + "\" and \"" + column.word +
                              "\" mean the same");
       }
     }
-    for (const auto &[content, names] :
-         {std::pair(Content::kX, "x, r or l"), {Content::kY, "y, a or p"}, {Content::kZ, "z, s or i"}}) {
-      if (!has(content)) {
+    for (const auto &[meaning, names] :
+         {std::pair(Meaning::kX, "x, r or l"), {Meaning::kY, "y, a or p"}, {Meaning::kZ, "z, s or i"}}) {
+      if (!has(meaning)) {
         return base::failure(place_ + "has no column " + names);
       }
     }
-    const auto stated = [this](Content content) { return columns_[at_.at(content)].space_stated; };
-    if (stated(Content::kX) != stated(Content::kY) || stated(Content::kX) != stated(Content::kZ)) {
+    const auto stated = [this](Meaning meaning) { return columns_[at_.at(meaning)].space_stated; };
+    if (stated(Meaning::kX) != stated(Meaning::kY) || stated(Meaning::kX) != stated(Meaning::kZ)) {
       return base::failure(place_ + "mixes columns x, y, z with columns that state their direction");
     }
     return {};
   }
 
-  [[nodiscard]] bool has(Content content) const { return at_.contains(content); }
-  [[nodiscard]] std::size_t at(Content content) const { return at_.at(content); }
+  [[nodiscard]] bool has(Meaning meaning) const { return at_.contains(meaning); }
+  [[nodiscard]] std::size_t at(Meaning meaning) const { return at_.at(meaning); }
   [[nodiscard]] const std::vector<Column> &columns() const { return columns_; }
-  [[nodiscard]] bool space_stated() const { return columns_[at_.at(Content::kX)].space_stated; }
-  [[nodiscard]] std::optional<LengthUnit> unit() const { return columns_[at_.at(Content::kX)].unit; }
+  [[nodiscard]] bool space_stated() const { return columns_[at_.at(Meaning::kX)].space_stated; }
+  [[nodiscard]] std::optional<LengthUnit> unit() const { return columns_[at_.at(Meaning::kX)].unit; }
 
 private:
   std::vector<Column> columns_;
   std::string place_; // "file:line: "
-  std::map<Content, std::size_t> at_;
+  std::map<Meaning, std::size_t> at_;
 };
 
 class Reader {
 public:
   Reader(const CsvTable &table, const Layout &layout, const PointTableOptions &options)
       : table_(table), layout_(layout), scale_(mm_per(layout.unit().value_or(options.unit))) {
-    const bool lps = layout.has(Content::kTime) || options.space == Space::kLps;
+    const bool lps = layout.has(Meaning::kTime) || options.space == Space::kLps;
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
-      const Column &column = layout.columns()[layout.at(static_cast<Content>(axis))];
+      const Column &column = layout.columns()[layout.at(static_cast<Meaning>(axis))];
       signs_[axis] = column.space_stated ? column.sign : lps && axis < 2 ? -1.0 : 1.0;
     }
   }
 
   // index: from 1, the name of a point without one.
   [[nodiscard]] std::string name(const CsvRow &row, std::size_t index) const {
-    const std::string stated = cell(row, Content::kName).empty() ? cell(row, Content::kId) : cell(row, Content::kName);
+    const std::string stated = cell(row, Meaning::kName).empty() ? cell(row, Meaning::kId) : cell(row, Meaning::kName);
     return stated.empty() ? std::to_string(index) : stated;
   }
 
@@ -248,17 +257,17 @@ public:
   [[nodiscard]] base::Result<std::optional<TablePoint>> read(const CsvRow &row, std::size_t index) const {
     TablePoint out;
     out.name = name(row, index);
-    out.curve = cell(row, Content::kCurve);
+    out.curve = cell(row, Meaning::kCurve);
     const std::string place = table_.place(row) + "point " + out.name + ": ";
     if (row.cells.size() != layout_.columns().size()) {
       return base::failure(table_.place(row) + "has " + std::to_string(row.cells.size()) + " cells, there are " +
                            std::to_string(layout_.columns().size()) + " columns");
     }
-    if (layout_.has(Content::kDefined) && table_.number(cell(row, Content::kDefined)) == 0.0) {
+    if (layout_.has(Meaning::kDefined) && table_.number(cell(row, Meaning::kDefined)) == 0.0) {
       return std::nullopt;
     }
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
-      const auto value = number(row, static_cast<Content>(axis), place);
+      const auto value = number(row, static_cast<Meaning>(axis), place);
       if (!value) {
         return tl::unexpected(value.error());
       }
@@ -273,16 +282,16 @@ public:
   }
 
 private:
-  [[nodiscard]] std::string cell(const CsvRow &row, Content content) const {
-    return layout_.has(content) && layout_.at(content) < row.cells.size() ? row.cells[layout_.at(content)] : "";
+  [[nodiscard]] std::string cell(const CsvRow &row, Meaning meaning) const {
+    return layout_.has(meaning) && layout_.at(meaning) < row.cells.size() ? row.cells[layout_.at(meaning)] : "";
   }
 
-  [[nodiscard]] base::Result<double> number(const CsvRow &row, Content content, const std::string &place) const {
-    const std::string text = cell(row, content);
+  [[nodiscard]] base::Result<double> number(const CsvRow &row, Meaning meaning, const std::string &place) const {
+    const std::string text = cell(row, meaning);
     const auto value = table_.number(text);
     if (!value || !std::isfinite(*value)) {
       const bool comma = text.find(',') != std::string::npos;
-      return base::failure(place + layout_.columns()[layout_.at(content)].word + " = \"" + text +
+      return base::failure(place + layout_.columns()[layout_.at(meaning)].word + " = \"" + text +
                            "\": must be a finite number" +
                            (comma ? ", and it is not clear whether the comma begins its decimals" : ""));
     }
@@ -291,9 +300,9 @@ private:
 
   [[nodiscard]] base::Result<std::optional<Eigen::Matrix3d>> covariance_of(const CsvRow &row,
                                                                            const std::string &place) const {
-    using enum Content;
-    const auto all = [this](std::initializer_list<Content> contents) {
-      return std::all_of(contents.begin(), contents.end(), [this](Content one) { return layout_.has(one); });
+    using enum Meaning;
+    const auto all = [this](std::initializer_list<Meaning> meanings) {
+      return std::all_of(meanings.begin(), meanings.end(), [this](Meaning one) { return layout_.has(one); });
     };
     const bool each = all({kSigmaX, kSigmaY, kSigmaZ});
     const bool whole = all({kCxx, kCxy, kCxz, kCyy, kCyz, kCzz});
@@ -301,11 +310,11 @@ private:
       return std::nullopt;
     }
     std::array<double, 6> values{};
-    const auto contents = whole  ? std::vector{kCxx, kCxy, kCxz, kCyy, kCyz, kCzz}
+    const auto meanings = whole  ? std::vector{kCxx, kCxy, kCxz, kCyy, kCyz, kCzz}
                           : each ? std::vector{kSigmaX, kSigmaY, kSigmaZ}
                                  : std::vector{kSigma, kSigma, kSigma};
-    for (std::size_t i = 0; i < contents.size(); ++i) {
-      const auto value = number(row, contents[i], place);
+    for (std::size_t i = 0; i < meanings.size(); ++i) {
+      const auto value = number(row, meanings[i], place);
       if (!value) {
         return tl::unexpected(value.error());
       }
@@ -369,11 +378,11 @@ std::vector<std::string> notes_of(const CsvTable &table, const Layout &layout, c
   std::vector<std::string> out;
   std::vector<std::string> not_used;
   for (const Column &column : layout.columns()) {
-    if (column.content == Content::kNotUsed || column.content == Content::kTime) {
+    if (column.meaning == Meaning::kNotUsed || column.meaning == Meaning::kTime) {
       not_used.push_back(column.word);
     }
   }
-  const bool times = layout.has(Content::kTime);
+  const bool times = layout.has(Meaning::kTime);
   if (times) {
     out.push_back(table.file + ": a column t is ANTs': LPS is read");
   } else if (!layout.space_stated() && !options.space) {
@@ -418,7 +427,7 @@ base::Result<PointTable> read_point_table(const std::filesystem::path &file, con
   if (rows.empty()) {
     return out;
   }
-  out.named = layout->has(Content::kName) || layout->has(Content::kId);
+  out.named = layout->has(Meaning::kName) || layout->has(Meaning::kId);
   out.notes = notes_of(*table, *layout, options);
   const Reader reader(*table, *layout, options);
   for (const CsvRow &row : rows) {

@@ -1,8 +1,8 @@
 // Tables of points in text files (base/csv_table.hpp): what their columns mean.
 //
 // With a header the columns are read by name, in any order and case, perhaps with a unit ("x [cm]", "x_mm"):
-//   x y z                    in the space that the caller states, otherwise RAS is assumed, and said
-//   r a s   l p s            any letter of each pair: R or L, A or P, S or I
+//   x y z, pos_x pos_y pos_z in the space that the caller states, otherwise RAS is assumed, and said
+//   r a s   l p s            any letter of each pair: R or L, A or P, S or I; also as words: left, posterior, superior
 //   name, label; id          name of the point; id only if there is none of the others
 //   curve                    curve that the point belongs to
 //   sigma   sx sy sz         1 sigma of every coordinate, or of each

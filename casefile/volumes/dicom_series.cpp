@@ -2,15 +2,12 @@
 // gaps along their common normal. Other tags about "slice spacing" are not used.
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <fstream>
 #include <set>
 #include <sstream>
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <Eigen/Geometry>
-#include <gdcmReader.h>
 #include <gdcmTrace.h>
 #include <itkGDCMImageIO.h>
 #include <itkGDCMSeriesFileNames.h>
@@ -18,6 +15,7 @@
 #include <itkMetaDataObject.h>
 
 #include "base/text.hpp"
+#include "casefile/volumes/dicom_file.hpp"
 #include "casefile/volumes/itk_grid.hpp"
 
 namespace bregma::casefile {
@@ -185,82 +183,37 @@ std::string described(const std::string &uid, const std::vector<std::string> &fi
          ")";
 }
 
-bool is_dicom(const fs::path &file) {
-  std::ifstream in(file, std::ios::binary);
-  std::array<char, 132> head{};
-  in.read(head.data(), head.size());
-  return in && std::string_view(head.data() + 128, 4) == "DICM";
-}
-
-// Files that begin like DICOM and belong to no series: damaged ones are an error, because a slice at the end of a stack
-// would be missing in silence; others (a report, a directory) are named.
-base::Result<std::vector<std::string>> notes_on_others(const fs::path &folder, bool recursive,
-                                                       const std::set<std::string> &used) {
-  std::vector<std::string> out;
-  std::vector<fs::path> others;
+std::vector<fs::path> files_in(const fs::path &folder, bool recursive) {
+  std::vector<fs::path> out;
   std::error_code error;
-  const auto consider = [&](const fs::directory_entry &entry) {
-    if (entry.is_regular_file(error) && !used.contains(entry.path().string()) && is_dicom(entry.path())) {
-      others.push_back(entry.path());
+  const auto take = [&](const fs::directory_entry &entry) {
+    if (entry.is_regular_file(error)) {
+      out.push_back(entry.path());
     }
   };
   if (recursive) {
-    for (const auto &entry : fs::recursive_directory_iterator(folder, error)) {
-      consider(entry);
-    }
+    std::for_each(fs::recursive_directory_iterator(folder, error), fs::recursive_directory_iterator(), take);
   } else {
-    for (const auto &entry : fs::directory_iterator(folder, error)) {
-      consider(entry);
-    }
+    std::for_each(fs::directory_iterator(folder, error), fs::directory_iterator(), take);
   }
-  std::sort(others.begin(), others.end());
-  for (const fs::path &other : others) {
-    gdcm::Reader reader;
-    reader.SetFileName(other.c_str());
-    if (!reader.Read()) {
-      return base::failure(other.string() +
-                           ": is not whole, or damaged: a slice may be missing at the end of the stack");
-    }
-    if (other.filename() != "DICOMDIR") {
-      out.push_back(other.string() + " holds no image: it is left out");
-    }
-  }
+  std::sort(out.begin(), out.end());
   return out;
 }
 
-// The pixels of a slice that is not compressed are all there. GDCM notices a compressed one that ends early.
-base::Result<void> check_pixels(const std::string &file) {
-  gdcm::Reader reader;
-  reader.SetFileName(file.c_str());
-  if (!reader.Read()) {
-    return base::failure(file + ": is not whole, or damaged");
-  }
-  const gdcm::DataSet &data = reader.GetFile().GetDataSet();
-  const gdcm::Tag pixels(0x7fe0, 0x0010);
-  if (!data.FindDataElement(pixels)) {
-    return base::failure(file + ": holds no pixels");
-  }
-  const gdcm::ByteValue *bytes = data.GetDataElement(pixels).GetByteValue();
-  if (bytes == nullptr) {
-    return {}; // fragments of a compressed image
-  }
-  const auto number = [&data](std::uint16_t element) -> std::uint64_t {
-    const gdcm::Tag tag(0x0028, element);
-    if (!data.FindDataElement(tag)) {
-      return 1;
+// The DICOM files of the folder. A damaged one is an error: it may be the slice at the end of a stack, which would be
+// missing in silence.
+base::Result<std::vector<fs::path>> whole_files(const fs::path &folder, bool recursive) {
+  std::vector<fs::path> out;
+  for (const fs::path &file : files_in(folder, recursive)) {
+    if (!is_dicom_file(file)) {
+      continue;
     }
-    const gdcm::ByteValue *value = data.GetDataElement(tag).GetByteValue();
-    std::uint16_t out = 1;
-    if (value != nullptr && value->GetLength() >= sizeof out) {
-      std::memcpy(&out, value->GetPointer(), sizeof out);
+    if (const auto whole = read_dicom_file(file); !whole) {
+      return tl::unexpected(whole.error());
     }
-    return out;
-  };
-  const std::uint64_t needed = number(0x0010) * number(0x0011) * number(0x0002) * ((number(0x0100) + 7) / 8);
-  return bytes->GetLength() >= needed
-             ? base::Result<void>()
-             : base::failure(file + ": is not whole: it holds " + std::to_string(bytes->GetLength()) +
-                             " bytes of pixels, its header asks for " + std::to_string(needed));
+    out.push_back(file);
+  }
+  return out;
 }
 
 struct SeriesFiles {
@@ -270,17 +223,18 @@ struct SeriesFiles {
 
 // A folder of slices, or a folder of folders as on a CD.
 base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &series) {
-  bool recursive = false;
-  auto names = itk::GDCMSeriesFileNames::New();
-  names->SetInputDirectory(folder.string());
-  std::vector<std::string> found = names->GetSeriesUIDs();
-  if (found.empty()) {
-    recursive = true;
-    names = itk::GDCMSeriesFileNames::New();
-    names->SetRecursive(true);
-    names->SetInputDirectory(folder.string());
-    found = names->GetSeriesUIDs();
+  const std::vector<fs::path> at_top = files_in(folder, false);
+  const bool recursive = std::none_of(at_top.begin(), at_top.end(), [](const fs::path &file) {
+    return file.filename() != "DICOMDIR" && is_dicom_file(file);
+  });
+  const auto whole = whole_files(folder, recursive);
+  if (!whole) {
+    return tl::unexpected(whole.error());
   }
+  auto names = itk::GDCMSeriesFileNames::New();
+  names->SetRecursive(recursive);
+  names->SetInputDirectory(folder.string());
+  const std::vector<std::string> found = names->GetSeriesUIDs();
   if (found.empty()) {
     return base::failure(folder.string() + ": the folder holds no DICOM images");
   }
@@ -298,11 +252,13 @@ base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &se
   if (!series.empty() && std::find(found.begin(), found.end(), series) == found.end()) {
     return base::failure(folder.string() + ": the folder holds no DICOM series " + series + ", only: " + list);
   }
-  auto notes = notes_on_others(folder, recursive, used);
-  if (!notes) {
-    return tl::unexpected(notes.error());
+  SeriesFiles out{names->GetFileNames(series.empty() ? found.front() : series), {}};
+  for (const fs::path &file : *whole) {
+    if (!used.contains(file.string()) && file.filename() != "DICOMDIR") {
+      out.notes.push_back(file.string() + " holds no image: it is left out");
+    }
   }
-  return SeriesFiles{names->GetFileNames(series.empty() ? found.front() : series), std::move(*notes)};
+  return out;
 }
 
 } // namespace
@@ -316,7 +272,7 @@ base::Result<PlacedVolume> read_dicom_series(const fs::path &folder, const std::
   }
   std::vector<Slice> slices;
   for (const std::string &file : found->files) {
-    auto slice = check_pixels(file).and_then([&] { return read_slice(folder, file); });
+    auto slice = read_slice(folder, file);
     if (!slice) {
       return tl::unexpected(slice.error());
     }

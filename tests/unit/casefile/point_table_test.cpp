@@ -40,6 +40,8 @@ TEST_F(PointTableTest, ColumnsAreReadByName) {
   expect("x [cm],y (cm),z_cm\n0.1,0.2,0.3\n", p, "1");
   expect("x,y,z,t\n-1,-2,3,0\n", p, "1");
   expect("# x y z\n1 2 3\n", p, "1");
+  expect("Type, pos_x, pos_y, pos_z, name\nElectrode, 1, 2, 3, Cz\n", p, "Cz");
+  expect("Left\tPosterior\tSuperior\n-1\t-2\t3\n", p, "1");
   expect("name,x,y,z\nA,-1,-2,3\n", p, "A", {.space = Space::kLps});
   expect("name,x,y,z\nA,0.001,0.002,0.003\n", p, "A", {.unit = LengthUnit::kMetre});
 }

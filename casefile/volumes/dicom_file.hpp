@@ -1,0 +1,29 @@
+// Private to casefile/volumes: the structure of a DICOM file, read by our own code.
+//
+// GDCM reads a file that was cut as if it were whole, and Debian's build of it ends the process on some damaged ones.
+// So every file is walked before GDCM sees it: the elements of its data set must fill it.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+
+#include "base/result.hpp"
+
+namespace bregma::casefile {
+
+struct DicomFile {
+  bool has_pixels = false;
+  bool compressed = false;       // pixels in fragments
+  std::uint64_t pixel_bytes = 0; // of pixels that are not compressed
+  // Of the image; 1 if they are not stated.
+  std::uint64_t rows = 1, columns = 1, samples = 1, bits_allocated = 8;
+};
+
+// False for a file without the mark "DICM" of DICOM part 10.
+[[nodiscard]] bool is_dicom_file(const std::filesystem::path &file);
+
+// Refuses a file that is not whole: an element beyond its end, a sequence without its end, fewer pixels than stated.
+// Nothing but the headers of the elements is read. A deflated data set is not looked into.
+[[nodiscard]] base::Result<DicomFile> read_dicom_file(const std::filesystem::path &file);
+
+} // namespace bregma::casefile

@@ -1,0 +1,87 @@
+// The structure of DICOM files: whole, or refused.
+#include "casefile/volumes/dicom_file.hpp"
+
+#include <gtest/gtest.h>
+
+#include "tests/unit/volumes/files.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+std::string little(std::uint32_t value, std::size_t bytes) {
+  std::string out;
+  for (std::size_t i = 0; i < bytes; ++i) {
+    out.push_back(static_cast<char>(value >> (8 * i) & 0xFF));
+  }
+  return out;
+}
+
+std::string tag(std::uint32_t group, std::uint32_t element) { return little(group, 2) + little(element, 2); }
+
+std::string short_element(std::uint32_t group, std::uint32_t element, const std::string &vr, const std::string &value) {
+  return tag(group, element) + vr + little(static_cast<std::uint32_t>(value.size()), 2) + value;
+}
+
+std::string long_element(std::uint32_t group, std::uint32_t element, const std::string &vr, std::uint32_t length,
+                         const std::string &value) {
+  return tag(group, element) + vr + std::string(2, '\0') + little(length, 4) + value;
+}
+
+std::string item(std::uint32_t length, const std::string &content) {
+  return tag(0xFFFE, 0xE000) + little(length, 4) + content;
+}
+const std::string kItemEnd = tag(0xFFFE, 0xE00D) + little(0, 4);
+const std::string kSequenceEnd = tag(0xFFFE, 0xE0DD) + little(0, 4);
+
+// A slice of 2 x 3 pixels of 16 bits, with sequences of stated and of undefined length.
+std::string slice(const std::string &pixels, const std::string &syntax = "1.2.840.10008.1.2.1") {
+  const std::string uid = syntax + std::string(syntax.size() % 2, '\0');
+  const std::string nested = short_element(0x0008, 0x0060, "CS", "MR");
+  return std::string(128, '\0') + "DICM" + short_element(0x0002, 0x0010, "UI", uid) +
+         long_element(0x0008, 0x1140, "SQ", 0xFFFFFFFF, item(0xFFFFFFFF, nested + kItemEnd) + kSequenceEnd) +
+         long_element(0x0008, 0x1250, "SQ", 18, item(10, nested)) + short_element(0x0028, 0x0002, "US", little(1, 2)) +
+         short_element(0x0028, 0x0010, "US", little(2, 2)) + short_element(0x0028, 0x0011, "US", little(3, 2)) +
+         short_element(0x0028, 0x0100, "US", little(16, 2)) + pixels;
+}
+
+const std::string kPlainPixels = long_element(0x7FE0, 0x0010, "OW", 12, std::string(12, '\1'));
+const std::string kFragments =
+    long_element(0x7FE0, 0x0010, "OB", 0xFFFFFFFF, item(0, "") + item(6, "jpeg..") + kSequenceEnd);
+
+TEST(DicomFile, IsWholeOnlyWithItsLastByte) {
+  const test::TemporaryFolder folder;
+  const std::string jpeg = "1.2.840.10008.1.2.4.70";
+  for (const auto &[whole, before_pixels, compressed] : {std::tuple(slice(kPlainPixels), slice("").size(), false),
+                                                         {slice(kFragments, jpeg), slice("", jpeg).size(), true}}) {
+    test::write_bytes(folder / "whole.dcm", whole);
+    const auto read = read_dicom_file(folder / "whole.dcm");
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_TRUE(read->has_pixels);
+    EXPECT_EQ(read->compressed, compressed);
+    EXPECT_EQ(read->rows * read->columns, 6U);
+    for (std::size_t size = 132; size < whole.size(); ++size) {
+      test::write_bytes(folder / "cut.dcm", whole.substr(0, size));
+      const auto cut = read_dicom_file(folder / "cut.dcm");
+      // Between two elements a file may end: it then has no pixels, and is no image.
+      EXPECT_TRUE(!cut || !cut->has_pixels) << size;
+      EXPECT_TRUE(!cut || size <= before_pixels) << size;
+    }
+  }
+}
+
+TEST(DicomFile, FewerPixelsThanStatedAreRefused) {
+  const test::TemporaryFolder folder;
+  test::write_bytes(folder / "few.dcm", slice(long_element(0x7FE0, 0x0010, "OW", 10, std::string(10, '\1'))));
+  const auto few = read_dicom_file(folder / "few.dcm");
+  ASSERT_FALSE(few);
+  EXPECT_NE(few.error().message.find("it holds 10 bytes of pixels, its header asks for 12"), std::string::npos);
+}
+
+TEST(DicomFile, PaddingAtTheEndIsAllowed) {
+  const test::TemporaryFolder folder;
+  test::write_bytes(folder / "padded.dcm", slice(kPlainPixels) + std::string(64, '\0'));
+  EXPECT_TRUE(read_dicom_file(folder / "padded.dcm"));
+}
+
+} // namespace
+} // namespace bregma::casefile
