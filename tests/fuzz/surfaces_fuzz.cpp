@@ -9,8 +9,8 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
   const std::string_view content(reinterpret_cast<const char *>(data), size);
-  // Formats without a signature are recognized by the file name. Both names are tried for every seed.
-  for (const char *name : {"a.stl", "a.asc"}) {
+  // Formats without a signature are recognized by the file name. All names are tried for every seed.
+  for (const char *name : {"a.stl", "a.asc", "a.obj"}) {
     const auto surface = bregma::casefile::detail::parse_surface(content, name);
     if (!surface) {
       if (surface.error().what.empty()) {

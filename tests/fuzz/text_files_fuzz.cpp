@@ -1,4 +1,5 @@
-// Arbitrary bytes as a list of points, curves or an ITK transform: nothing crashes, and accepted values are finite.
+// Arbitrary bytes as a list of points, curves, a transform or a sequence of poses: nothing crashes, and accepted values
+// are finite.
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
@@ -6,6 +7,7 @@
 
 #include "casefile/itk_transform.hpp"
 #include "casefile/markups.hpp"
+#include "casefile/poses.hpp"
 #include "clients/cli/registration/point_file.hpp"
 #include "tests/support/temporary_folder.hpp"
 
@@ -48,7 +50,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
   }
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
   const std::string_view content(reinterpret_cast<const char *>(data) + 1, size - 1);
-  switch (data[0] % 4) { // the seeds begin with the digits 0 to 3
+  switch (static_cast<unsigned>(data[0] - '0') % 5) { // the seeds begin with the digits 0 to 4
   case 0: {
     const auto file = scratch.write("a.csv", content);
     read_points(file);
@@ -64,12 +66,22 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
   case 2:
     read_points(scratch.write("a.fcsv", content));
     break;
-  default: {
-    const auto file = scratch.write("a.tfm", content);
+  case 3: {
+    const auto file = scratch.write("a.tfm", content); // or a .mat: the content decides
     const auto affine = casefile::read_itk_transform(file);
     const auto rigid = casefile::read_itk_rigid(file);
     require(!affine || affine->allFinite());
     require(!rigid || rigid->matrix().allFinite());
+    break;
+  }
+  default: {
+    const auto poses = casefile::read_transform_sequence(scratch.write("a.igs.mha", content));
+    require(poses || !poses.error().message.empty());
+    for (const auto &frame : poses ? poses->frames : std::vector<casefile::SequenceFrame>()) {
+      for (const auto &[name, entry] : frame.transforms) {
+        require(entry.pose.matrix().allFinite());
+      }
+    }
     break;
   }
   }
