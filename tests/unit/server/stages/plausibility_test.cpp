@@ -134,7 +134,7 @@ TEST(Plausibility, AReferenceThatWasHiddenAndIsWhereItWasIsTrusted) {
   Room room;
   for (int i = 0; i < 2000; ++i) {
     room.rest(5);
-    room.pass(150'000'000 * (1 + i % 10));
+    room.pass(150'000'000LL * (1 + i % 10));
   }
   room.rest(BodyJudge::kConsistentFrames);
   EXPECT_TRUE(room.judge.trusted(0));
