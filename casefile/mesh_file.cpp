@@ -1,6 +1,8 @@
 #include "casefile/mesh_file.hpp"
 
+#include <array>
 #include <cstdint>
+#include <cstring>
 #include <fstream>
 #include <string>
 #include <unordered_map>
@@ -74,6 +76,34 @@ base::Result<void> write_mesh(const std::filesystem::path &file, const TriangleM
     return base::failure(file.string() + ": cannot be written");
   }
   return {};
+}
+
+base::Result<void> write_stl(const std::filesystem::path &file, const TriangleMesh &mesh) {
+  if (const std::string problem = mesh_problem(mesh); !problem.empty()) {
+    return base::failure(file.string() + ": not written: " + problem);
+  }
+  std::string bytes = "Bregma, mm; SPACE=RAS";
+  bytes.resize(80, ' ');
+  const auto put = [&bytes](auto value) {
+    std::array<char, sizeof value> raw{};
+    std::memcpy(raw.data(), &value, sizeof value);
+    bytes.append(raw.data(), raw.size());
+  };
+  put(static_cast<std::uint32_t>(mesh.triangles.size()));
+  for (const Eigen::Vector3i &t : mesh.triangles) {
+    const auto at = [&](int corner) { return mesh.vertices_mm[static_cast<std::size_t>(t[corner])]; };
+    const Eigen::Vector3d normal = (at(1) - at(0)).cross(at(2) - at(0)).normalized();
+    for (const Eigen::Vector3d &vector : {normal, at(0), at(1), at(2)}) {
+      for (const double coordinate : vector) {
+        put(static_cast<float>(coordinate));
+      }
+    }
+    put(std::uint16_t{0});
+  }
+  std::ofstream out(file, std::ios::binary);
+  out << bytes;
+  out.close();
+  return out ? base::Result<void>() : base::failure(file.string() + ": cannot be written");
 }
 
 base::Result<void> check_closed(const TriangleMesh &mesh) {

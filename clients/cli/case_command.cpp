@@ -18,6 +18,7 @@
 #include "clients/cli/case/load_command.hpp"
 #include "clients/cli/case/mesh_command.hpp"
 #include "clients/cli/case/progress_line.hpp"
+#include "clients/cli/case/surface_export.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
 
@@ -307,6 +308,7 @@ void add_case_command(CLI::App &app, Context &context) {
                      run_check);
   add_snap(*group, context);
   add_picture(*group, context);
+  add_surface_export(*group, context);
   add_mesh_command(*group, context);
   add_load_commands(*group, context);
 }
