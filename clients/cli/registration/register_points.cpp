@@ -139,9 +139,14 @@ tl::expected<Registration, std::string> solve(Input &input, const PointsArgument
   }
   const std::vector<Vector3d> sources = input.points(&Pair::source);
   const std::vector<Vector3d> targets = input.points(&Pair::target);
-  const double spread = std::min(registration::spread_mm(sources)[1], registration::spread_mm(targets)[1]);
+  const Vector3d source_spread_mm = registration::spread_mm(sources);
+  const Vector3d target_spread_mm = registration::spread_mm(targets);
+  const double spread = std::min(source_spread_mm[1], target_spread_mm[1]);
+  // Lists of different size are not narrow but in different units, which the explanation of their residuals says.
+  const double ratio = target_spread_mm.norm() / source_spread_mm.norm();
+  const bool same_size = ratio > 0.5 && ratio < 2.0;
   const auto start = registration::fit_rigid(sources, targets);
-  if (!start || spread < kMinSpread_mm) {
+  if (!start || (spread < kMinSpread_mm && same_size)) {
     return tl::unexpected("the points lie on a line (within " + fixed(spread, 1, "mm") +
                           "): the turn about it is not fixed");
   }

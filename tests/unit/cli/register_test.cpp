@@ -76,6 +76,14 @@ TEST(RegisterPoints, PointsThatDoNotDetermineAPoseAreRefused) {
   EXPECT_EQ(run.json()["accepted"], false);
 }
 
+TEST(RegisterPoints, AListInInchesIsNotTakenForALine) {
+  // A head in inches is so small that its points are within 3 mm of a line.
+  const Outcome run =
+      register_points("A,0,0,0\nB,6,0,0\nC,0,3,0\nD,0,0,4\n", "A,0,0,0\nB,152.4,0,0\nC,0,76.2,0\nD,0,0,101.6\n");
+  EXPECT_EQ(run.exit_code, 1);
+  EXPECT_NE(run.err.find("explained by scale 25.4"), std::string::npos) << run.err;
+}
+
 TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
   const auto error_of = [](const std::string &source, const std::string &target) {
     const Outcome run = register_points(source, target);
