@@ -307,8 +307,8 @@ Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
   if (ratio < options.min_noise_ratio) {
     return {
         PivotVerdict::kResidualTooSmall,
-        format("refused: RMS %.5f mm is %.4f times the tracker's noise of %.2f mm, no tracker is that good: are the "
-               "poses in mm, and measured?",
+        format("refused: RMS %.5f mm is %.4f times the tracker's noise of %.2f mm, which is too good: are the poses in "
+               "mm, and measured, and is the noise right?",
                r.rms_mm, ratio, options.tracker_noise_mm)};
   }
   if (!(ratio <= options.max_noise_ratio)) {
@@ -323,9 +323,9 @@ Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
                    r.poses, 100.0 * fraction)};
   }
   const double sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(r.covariance_mm2).eigenvalues()[2]);
-  return {PivotVerdict::kAccepted, format("accepted: tip known to %.2f mm (1 sigma, worst direction), RMS %.2f mm over "
-                                          "%zu of %zu poses",
-                                          sigma, r.rms_mm, r.poses - r.outliers, r.poses)};
+  return {PivotVerdict::kAccepted, format("accepted: tip %.1f mm from the tool's origin, known to %.2f mm (1 sigma, "
+                                          "worst direction), RMS %.2f mm over %zu of %zu poses",
+                                          tip_mm, sigma, r.rms_mm, r.poses - r.outliers, r.poses)};
 }
 
 PivotFit to_fit(const PivotProblem &problem, const Estimate &estimate) {
