@@ -14,14 +14,14 @@
 
 namespace {
 
-const std::string kOwnWire = wire::text_of(wire::kWireVersion);
-
 using namespace bregma;
 using namespace bregma::cli;
 using namespace std::chrono_literals;
 using test::FakeDaemon;
 using test::own_domain;
 using test::reply_to;
+
+const std::string kOwnWire = wire::text_of(wire::kWireVersion);
 
 TEST(DaemonLink, WithoutADaemonItSaysSo) {
   DaemonLink link(own_domain(), DaemonLink::Role::kReads);
