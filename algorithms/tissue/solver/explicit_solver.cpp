@@ -6,7 +6,7 @@
 #include "algorithms/tissue/material/constitutive.hpp"
 #include "algorithms/tissue/material/units.hpp"
 #include "algorithms/tissue/solver/node_vector.hpp"
-#include "algorithms/tissue/solver/team.hpp"
+#include "algorithms/parallel/team.hpp"
 
 namespace bregma::tissue {
 namespace {

@@ -19,9 +19,11 @@
 #include "algorithms/tissue/mesh/tet_mesh.hpp"
 #include "algorithms/tissue/solver/element_kernel.hpp"
 
-namespace bregma::tissue {
-
+namespace bregma::parallel {
 class Team;
+}
+
+namespace bregma::tissue {
 
 struct SolverOptions {
   int threads = 1;
@@ -190,7 +192,7 @@ private:
   Material material_;
   SolverOptions options_;
   const ElementKernel *kernel_;
-  std::unique_ptr<Team> team_;
+  std::unique_ptr<parallel::Team> team_;
   std::vector<ThreadPart> parts_;
   std::vector<Contact *> contacts_;
 

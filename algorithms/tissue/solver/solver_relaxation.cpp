@@ -5,7 +5,7 @@
 
 #include "algorithms/tissue/solver/explicit_solver.hpp"
 #include "algorithms/tissue/solver/node_vector.hpp"
-#include "algorithms/tissue/solver/team.hpp"
+#include "algorithms/parallel/team.hpp"
 
 namespace bregma::tissue {
 namespace {

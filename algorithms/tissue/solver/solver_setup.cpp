@@ -8,7 +8,7 @@
 
 #include "algorithms/tissue/material/units.hpp"
 #include "algorithms/tissue/solver/explicit_solver.hpp"
-#include "algorithms/tissue/solver/team.hpp"
+#include "algorithms/parallel/team.hpp"
 
 namespace bregma::tissue {
 namespace {
@@ -45,7 +45,7 @@ ExplicitSolver::ExplicitSolver(const TetMesh &mesh, const Material &material, co
                                 "damping_per_s not negative, element_pressure_fraction in [0, 1]");
   }
   const std::size_t nodes = mesh_.nodes_mm.size();
-  team_ = std::make_unique<Team>(options.threads);
+  team_ = std::make_unique<parallel::Team>(options.threads);
   rest_.reserve(nodes);
   for (const Eigen::Vector3d &node : mesh_.nodes_mm) {
     rest_.emplace_back((node / kMetre).cast<float>());

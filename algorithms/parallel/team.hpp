@@ -1,5 +1,6 @@
-// A team of threads that runs short jobs together, again and again. A step of the solver takes a fraction of a
-// millisecond, so the threads meet in a barrier that spins before it sleeps.
+// A team of threads that runs short jobs together, again and again. A step of the tissue solver, or a
+// comparison of two images, takes a fraction of a millisecond, so the threads meet in a barrier that spins before it
+// sleeps.
 //
 // One thread at a time may call run(). run() does not allocate or throw; nor may the job. With one thread no other is
 // started, and run() is a plain call.
@@ -10,7 +11,7 @@
 #include <type_traits>
 #include <vector>
 
-namespace bregma::tissue {
+namespace bregma::parallel {
 
 class Team {
 public:
@@ -48,4 +49,4 @@ private:
   std::vector<std::thread> threads_;
 };
 
-} // namespace bregma::tissue
+} // namespace bregma::parallel

@@ -1,8 +1,8 @@
-#include "algorithms/tissue/solver/team.hpp"
+#include "algorithms/parallel/team.hpp"
 
 #include <algorithm>
 
-namespace bregma::tissue {
+namespace bregma::parallel {
 namespace {
 
 // About 50 us: longer than threads differ within a step, and shorter than a wake-up.
@@ -69,4 +69,4 @@ void Team::work(int thread) noexcept {
   }
 }
 
-} // namespace bregma::tissue
+} // namespace bregma::parallel
