@@ -31,9 +31,20 @@ using Eigen::Vector3d;
 
 constexpr std::string_view kFirstLine = "#Insight Transform File V1.0";
 constexpr double kMinDeterminant = 1e-9;
+constexpr double kMaxResidual = 1e-6; // of a matrix times its inverse, mm
 
 // Converts from RAS to LPS and from LPS to RAS.
 Matrix4d flip() { return Eigen::Vector4d(-1.0, -1.0, 1.0, 1.0).asDiagonal(); }
+
+// Empty where the matrix cannot be inverted in double precision: it is singular, or it or its inverse overflows.
+std::optional<Matrix4d> inverse_of(const Matrix4d &T) {
+  if (!T.allFinite() || !(std::abs(T.topLeftCorner<3, 3>().determinant()) > kMinDeterminant)) {
+    return std::nullopt;
+  }
+  const Matrix4d inverse = T.inverse();
+  const double residual = (T * inverse - Matrix4d::Identity()).cwiseAbs().maxCoeff();
+  return inverse.allFinite() && residual < kMaxResidual ? std::optional(inverse) : std::nullopt;
+}
 
 // The shortest text that is read as the same number.
 std::string exact(double value) {
@@ -47,6 +58,7 @@ struct Content {
   std::string type;
   std::vector<double> parameters, fixed;
   int type_line = 0, parameters_line = 0, fixed_line = 0;
+  std::string missing; // from a text that is not whole
 };
 
 constexpr std::string_view kComposite = "CompositeTransform";
@@ -54,6 +66,7 @@ constexpr std::string_view kComposite = "CompositeTransform";
 base::Result<Content> read_text(const std::string &file, std::string_view all) {
   Content out;
   int number = 0;
+  const bool ends = all.ends_with('\n');
   while (!all.empty()) {
     const std::size_t end = std::min(all.find('\n'), all.size());
     const std::string_view text = base::trimmed(all.substr(0, end));
@@ -93,6 +106,8 @@ base::Result<Content> read_text(const std::string &file, std::string_view all) {
   if (out.type.empty()) {
     return base::failure(file + ": holds no transform");
   }
+  // The numbers of the last line are those of the centre: without its end, digits may be missing.
+  out.missing = out.fixed_line == 0 ? "it has no FixedParameters" : ends ? "" : "its last line does not end";
   return out;
 }
 
@@ -239,11 +254,11 @@ std::optional<LinearPart> linear_part(const Content &content, std::string_view k
 } // namespace
 
 base::Result<void> write_itk_transform(const fs::path &file, const Matrix4d &T_target_source) {
-  if (!T_target_source.allFinite() || T_target_source.row(3) != Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0) ||
-      !(std::abs(T_target_source.determinant()) > kMinDeterminant)) {
+  const auto inverse = inverse_of(T_target_source);
+  if (!inverse || T_target_source.row(3) != Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0)) {
     return base::failure(file.string() + ": not written: the transform has no inverse");
   }
-  const Matrix4d moving_fixed = flip() * T_target_source.inverse() * flip();
+  const Matrix4d moving_fixed = flip() * *inverse * flip();
   std::string out = std::string(kFirstLine) + "\n#Transform 0\nTransform: AffineTransform_double_3_3\nParameters:";
   for (Eigen::Index row = 0; row < 3; ++row) {
     for (Eigen::Index column = 0; column < 3; ++column) {
@@ -279,6 +294,9 @@ base::Result<Matrix4d> read_itk_transform(const fs::path &file) {
     return base::failure(place(content->type_line) + "Transform: " + content->type +
                          ": is not read; read are transforms of three dimensions (_double_3_3, _float_3_3): " + names);
   }
+  if (!content->missing.empty()) {
+    return base::failure(file.string() + ": is not whole: " + content->missing);
+  }
   const bool centred = kind != "TranslationTransform";
   if (content->fixed.size() != (centred ? 3 : 0) && !(kind == "Euler3DTransform" && content->fixed.size() == 4)) {
     return base::failure(place(content->fixed_line) + "FixedParameters: " + std::to_string(content->fixed.size()) +
@@ -293,10 +311,11 @@ base::Result<Matrix4d> read_itk_transform(const fs::path &file) {
   Matrix4d moving_fixed = Matrix4d::Identity();
   moving_fixed.topLeftCorner<3, 3>() = linear->matrix;
   moving_fixed.topRightCorner<3, 1>() = linear->translation + centre - linear->matrix * centre;
-  if (!(std::abs(linear->matrix.determinant()) > kMinDeterminant) || !moving_fixed.allFinite()) {
+  const auto fixed_moving = inverse_of(moving_fixed);
+  if (!fixed_moving) {
     return base::failure(place(content->parameters_line) + "Parameters: the matrix has no inverse");
   }
-  return Matrix4d(flip() * moving_fixed.inverse() * flip());
+  return Matrix4d(flip() * *fixed_moving * flip());
 }
 
 base::Result<TargetFromSource> read_itk_rigid(const fs::path &file) {

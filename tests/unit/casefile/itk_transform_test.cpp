@@ -83,7 +83,9 @@ TEST(ItkTransform, UnreadableContentIsRefusedWithLineAndValue) {
             "a.tfm:4: Parameters: 11 numbers that are no AffineTransform");
   EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 0 nan 0 0 0 1 0 0 0\n"),
             "a.tfm:4: Parameters: \"nan\" is not a finite number");
-  EXPECT_EQ(transform_error(kHead + affine + parameters), "a.tfm: FixedParameters: 0 numbers, the centre has 3");
+  EXPECT_EQ(transform_error(kHead + affine + parameters), "a.tfm: is not whole: it has no FixedParameters");
+  EXPECT_EQ(transform_error(kHead + affine + parameters + "FixedParameters:\n"),
+            "a.tfm:5: FixedParameters: 0 numbers, the centre has 3");
   EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 1 0 0 0 0 1 0 0 0\nFixedParameters: 0 0 0\n"),
             "a.tfm:4: Parameters: the matrix has no inverse");
   EXPECT_EQ(transform_error(kHead + affine + parameters + "FixedParameters: 0 0 0\n" + affine),
@@ -116,6 +118,33 @@ TEST(ItkTransform, ABinaryFileThatIsNotWholeIsRefused) {
   for (std::size_t size = 1; size < whole.size(); ++size) {
     ASSERT_FALSE(read_itk_transform(folder.write("cut.mat", whole.substr(0, size)))) << size << " bytes";
   }
+}
+
+TEST(ItkTransform, ATextThatIsNotWholeIsRefused) {
+  const TemporaryFolder folder;
+  for (const char *name : {"affine.tfm", "rigid3d.tfm", "versor.tfm", "quat.tfm", "composite.tfm"}) {
+    std::string whole =
+        bregma::tests::read_file(std::string(BREGMA_SOURCE_DIR "/tests/data/faults/transforms/") + name);
+    whole.resize(whole.find_last_not_of('\n') + 2);
+    ASSERT_TRUE(read_itk_transform(folder.write("whole.tfm", whole))) << name;
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      ASSERT_FALSE(read_itk_transform(folder.write("cut.tfm", whole.substr(0, size)))) << name << " " << size;
+    }
+  }
+}
+
+// Each matrix is finite; its determinant, its inverse or the product with a centre is not.
+TEST(ItkTransform, AMatrixThatOverflowsIsRefused) {
+  const std::string affine = "Transform: AffineTransform_double_3_3\nParameters: ";
+  for (const std::string numbers :
+       {"1e150 0 0 0 1e150 0 0 0 1e150 0 0 0", "1e-2 0 0 0 1e-2 0 0 0 1e-2 1e308 0 0",
+        "1e300 1e300 1e300 -1e300 1e300 0 0 0 1e-300 0 0 0", "1e160 0 0 0 1e-160 0 0 0 1 1e155 1e155 0"}) {
+    EXPECT_EQ(transform_error(kHead + affine + numbers + "\nFixedParameters: 0 0 0\n"),
+              "a.tfm:4: Parameters: the matrix has no inverse")
+        << numbers;
+  }
+  EXPECT_EQ(transform_error(kHead + affine + "2e200 0 0 0 1 0 0 0 1 0 0 0\nFixedParameters: 1e200 0 0\n"),
+            "a.tfm:4: Parameters: the matrix has no inverse");
 }
 
 TEST(ItkTransform, ACompositeOfTwoIsRefused) {
