@@ -4,13 +4,15 @@
 //
 //   T_device_slice = T_device_patient * T_patient_gradient * T_gradient_slice
 //
-// | frame    | acronym | origin                                | axes | | -------- | ------- |
-// ------------------------------------- | ----------------------------------------------------- | | Slice    | SCS |
-// centre of the slice's first pixel     | x along a row, y along a column, z = x cross y        | | Gradient | GCS |
-// centre of the slice's field of view   | x along the read-out, z the slice's normal, y = z x x | | Patient  | PCS |
-// isocentre                             | DICOM's: left, posterior, superior (LPS)              | | Device   | DCS |
-// isocentre                             | seen from the front of the magnet: right, up, to the  | |          | | |
-// viewer                                                | | Base     | BCS     | the robot's base | the robot's |
+// clang-format off
+// | frame    | acronym | origin                                | axes                                                  |
+// | -------- | ------- | ------------------------------------- | ----------------------------------------------------- |
+// | Slice    | SCS     | centre of the slice's first pixel     | x along a row, y along a column, z = x cross y        |
+// | Gradient | GCS     | centre of the slice's field of view   | x along the read-out, z the slice's normal, y = z x x |
+// | Patient  | PCS     | isocentre                             | DICOM's: left, posterior, superior (LPS)              |
+// | Device   | DCS     | isocentre                             | seen from the front: right, up, towards the viewer    |
+// | Base     | BCS     | the robot's base                      | the robot's                                           |
+// clang-format on
 //
 // T_gradient_slice is the same for all slices of a series, T_device_patient for all series of a patient position. Only
 // T_patient_gradient differs from slice to slice. So a transform of the base relative to Slice, as in (11), differs
