@@ -1,5 +1,6 @@
 #include "casefile/volumes/image_header.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <memory>
@@ -27,8 +28,10 @@ base::Result<void> not_whole(const std::filesystem::path &file, const std::strin
   return base::failure(file.string() + ": is not whole: " + what);
 }
 
-// Inflates everything: one stream of zlib, or members of gzip behind each other.
-base::Result<void> check_compressed(std::ifstream &in, const StoredData &data, std::uint64_t needed) {
+// Inflates everything: one stream of zlib, or members of gzip behind each other. keep: the bytes of the voxels.
+base::Result<void> check_compressed(std::ifstream &in, const StoredData &data, std::uint64_t voxel_bytes,
+                                    std::vector<char> *keep) {
+  const std::uint64_t needed = data.skipped + voxel_bytes;
   const std::unique_ptr<z_stream, EndInflate> stream(new z_stream{});
   constexpr int kZlibOrGzip = 15 + 32;
   if (inflateInit2(stream.get(), kZlibOrGzip) != Z_OK) {
@@ -53,7 +56,13 @@ base::Result<void> check_compressed(std::ifstream &in, const StoredData &data, s
       stream->next_out = reinterpret_cast<Bytef *>(block.data());
       stream->avail_out = static_cast<uInt>(block.size());
       state = inflate(stream.get(), Z_NO_FLUSH);
-      found += block.size() - stream->avail_out;
+      const std::uint64_t made = block.size() - stream->avail_out;
+      if (keep != nullptr) {
+        const auto from = static_cast<std::ptrdiff_t>(std::clamp(data.skipped, found, found + made) - found);
+        const auto to = static_cast<std::ptrdiff_t>(std::clamp(needed, found, found + made) - found);
+        keep->insert(keep->end(), block.begin() + from, block.begin() + to);
+      }
+      found += made;
       if (state != Z_OK && state != Z_STREAM_END && state != Z_BUF_ERROR) {
         return not_whole(data.file, "its compressed data are damaged or do not match their checksum");
       }
@@ -100,7 +109,7 @@ base::Result<std::array<std::int64_t, 3>> check_shape(const std::filesystem::pat
   return out;
 }
 
-base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes) {
+base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes, std::vector<char> *keep) {
   std::error_code error;
   const std::uintmax_t size = std::filesystem::file_size(data.file, error);
   std::ifstream in(data.file, std::ios::binary);
@@ -109,13 +118,41 @@ base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_byte
   }
   if (data.compressed) {
     in.seekg(static_cast<std::streamoff>(data.begin));
-    return check_compressed(in, data, needed_bytes);
+    return check_compressed(in, data, needed_bytes, keep);
   }
-  const std::uint64_t found = size > data.begin ? size - data.begin : 0;
-  return found >= needed_bytes
-             ? base::Result<void>()
-             : not_whole(data.file, "it holds " + std::to_string(found) + " bytes of voxels, its header asks for " +
-                                        std::to_string(needed_bytes));
+  const std::uint64_t begin = data.begin + data.skipped;
+  const std::uint64_t found = size > begin ? size - begin : 0;
+  if (found < needed_bytes) {
+    return not_whole(data.file, "it holds " + std::to_string(found) + " bytes of voxels, its header asks for " +
+                                    std::to_string(needed_bytes));
+  }
+  if (keep != nullptr) {
+    keep->resize(needed_bytes);
+    in.seekg(static_cast<std::streamoff>(begin));
+    if (!in.read(keep->data(), static_cast<std::streamsize>(needed_bytes))) {
+      return base::failure(data.file.string() + ": cannot be read");
+    }
+  }
+  return {};
+}
+
+base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes,
+                               const std::filesystem::path &header_file, ImageHeader &header) {
+  header.least_bytes = data.compressed || data.file != header_file ? 0 : data.begin + data.skipped + needed_bytes;
+  return check_whole(data, needed_bytes);
+}
+
+FileHead read_file_head(const std::filesystem::path &path, std::size_t bytes) {
+  // zlib reads uncompressed files unchanged.
+  const std::unique_ptr<gzFile_s, int (*)(gzFile)> file(gzopen(path.c_str(), "rb"), gzclose);
+  FileHead out;
+  if (file) {
+    out.bytes.resize(bytes);
+    out.bytes.resize(
+        static_cast<std::size_t>(std::max(0, gzread(file.get(), out.bytes.data(), static_cast<unsigned>(bytes)))));
+    out.compressed = gzdirect(file.get()) == 0;
+  }
+  return out;
 }
 
 base::Result<TextHeader> read_text_header(const std::filesystem::path &path, bool (*ends)(std::string_view line)) {

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "base/text.hpp"
+#include "casefile/length_unit.hpp"
 #include "casefile/volumes/image_header.hpp"
 
 namespace bregma::casefile {
@@ -42,10 +43,29 @@ std::uint64_t bytes_of_element(const std::string &type) {
 base::Result<void> read_meta_size(const fs::path &path, const Tags &tags, ImageHeader &out) {
   const std::string stated = first_of(tags, {"DimSize"});
   const std::vector<double> sizes = header_numbers(stated);
-  if (sizes.empty()) {
+  const std::vector<double> dimensions = header_numbers(first_of(tags, {"NDims"}));
+  if (sizes.empty() || (dimensions.size() == 1 && dimensions[0] != static_cast<double>(sizes.size()))) {
     return refuse_tag(path, "DimSize", stated, "must be whole numbers, one per axis");
   }
+  if (sizes.size() != 3) {
+    return refuse_tag(path, "NDims", std::to_string(sizes.size()), "a volume has three dimensions");
+  }
   return check_shape(path, sizes).map([&out](const auto &shape) { out.size = shape; });
+}
+
+// mm per unit of ElementSpacing and Offset; mm where nothing is stated, as MetaIO defines it.
+base::Result<double> unit_of_meta(const fs::path &path, const Tags &tags, ImageHeader &out) {
+  const std::string stated = base::lower(first_of(tags, {"DistanceUnits"}));
+  if (stated.empty() || stated == "?" || stated == "mm") {
+    return 1.0;
+  }
+  const auto unit = unit_named(stated);
+  if (!unit) {
+    return tl::unexpected(refuse_tag(path, "DistanceUnits", stated, "must be mm, cm, m or um").error());
+  }
+  out.notes.push_back(path.string() + ": DistanceUnits = " + stated +
+                      ": its spacing and offset are converted to mm; programs of ITK take them as mm");
+  return mm_per(*unit);
 }
 
 // The rows of TransformMatrix are the directions of the axes; LPS, as ITK writes it.
@@ -89,13 +109,13 @@ base::Result<void> place_meta(const fs::path &path, const Tags &tags, std::optio
   out.T_ras_index.topLeftCorner<3, 3>() =
       signs.asDiagonal() * directions * Eigen::Vector3d(spacing.data()).asDiagonal();
   out.T_ras_index.topRightCorner<3, 1>() = signs.cwiseProduct(at);
-  return {};
+  return unit_of_meta(path, tags, out).map([&out](double mm) { out.T_ras_index.topRows<3>() *= mm; });
 }
 
 // AnatomicalOrientation repeats the matrix in letters, which programs write from or towards the sides they name.
 void note_letters(const fs::path &path, const Tags &tags, ImageHeader &out) {
   const std::string letters = first_of(tags, {"AnatomicalOrientation"});
-  if (letters.size() != 3 || letters.find('?') != std::string::npos || out.notes.size() > 1) {
+  if (letters.size() != 3 || letters.find('?') != std::string::npos || !out.space_stated) {
     return;
   }
   std::string towards;
@@ -115,7 +135,7 @@ void note_letters(const fs::path &path, const Tags &tags, ImageHeader &out) {
 }
 
 base::Result<void> check_meta_data(const fs::path &path, const Tags &tags, std::uint64_t header_bytes,
-                                   const ImageHeader &header) {
+                                   ImageHeader &header) {
   const std::string type = first_of(tags, {"ElementType"});
   const std::uint64_t each = bytes_of_element(type);
   if (each == 0) {
@@ -130,15 +150,26 @@ base::Result<void> check_meta_data(const fs::path &path, const Tags &tags, std::
   }
   StoredData data{local ? path : path.parent_path() / file, local ? header_bytes : 0,
                   is_true(first_of(tags, {"CompressedData"}))};
-  const std::vector<double> skipped = header_numbers(first_of(tags, {"HeaderSize"}));
-  data.begin += !local && skipped.size() == 1 && skipped[0] > 0.0 ? static_cast<std::uint64_t>(skipped[0]) : 0;
   const auto count = static_cast<std::uint64_t>(header.size[0]) * static_cast<std::uint64_t>(header.size[1]) *
                      static_cast<std::uint64_t>(header.size[2]) *
                      (channels.size() == 1 && channels[0] > 1.0 ? static_cast<std::uint64_t>(channels[0]) : 1);
+  const std::string before = first_of(tags, {"HeaderSize"});
+  const std::vector<double> skipped = header_numbers(before);
+  if (!before.empty() && !local) {
+    // -1: the voxels are at the end of the file.
+    if (skipped.size() != 1 || !(skipped[0] >= -1.0 && skipped[0] < 1e12)) {
+      return refuse_tag(path, "HeaderSize", before, "must be a number of bytes, or -1");
+    }
+    data.begin = skipped[0] > 0.0 ? static_cast<std::uint64_t>(skipped[0]) : 0;
+    if (skipped[0] < 0.0) {
+      header.notes.push_back(data.file.string() +
+                             ": its voxels are counted from its end: whether it is whole is not known");
+    }
+  }
   if (!first_of(tags, {"BinaryData"}).empty() && !is_true(first_of(tags, {"BinaryData"}))) {
     return refuse_tag(path, "BinaryData", "False", "voxels as text are not read");
   }
-  return check_whole(data, count * each);
+  return check_whole(data, count * each, path, header);
 }
 
 } // namespace

@@ -1,9 +1,12 @@
 // The header of an NRRD file: teem.sourceforge.net/nrrd/format.html, sections 2 to 6.
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <numeric>
+#include <system_error>
 
 #include "base/text.hpp"
 #include "casefile/length_unit.hpp"
@@ -23,6 +26,8 @@ struct NrrdSpace {
 const std::array<NrrdSpace, 3> kSpaces{{{"right-anterior-superior", "ras", {1, 1, 1}},
                                         {"left-anterior-superior", "las", {-1, 1, 1}},
                                         {"left-posterior-superior", "lps", {-1, -1, 1}}}};
+// Right-handed frames that say nothing about the patient.
+constexpr std::array<std::string_view, 3> kOpenSpaces{"scanner-xyz", "3d-right-handed", "xyz"};
 
 std::string problem(const fs::path &path, std::string_view field, std::string_view value, const std::string &what) {
   return path.string() + ": " + std::string(field) + " = \"" + std::string(value.substr(0, 80)) + "\": " + what;
@@ -53,6 +58,19 @@ std::uint64_t bytes_of_type(const std::string &type) {
       {"long long", 8}, {"int64", 8}, {"int64_t", 8}, {"float", 4},   {"double", 8}};
   const auto known = kBytes.find(plain);
   return known != kBytes.end() ? known->second : 0;
+}
+
+// Words between blanks, of which each may be in quotes.
+std::vector<std::string> words_of(const std::string &text) {
+  std::vector<std::string> out;
+  for (std::size_t at = text.find_first_not_of(" \t"); at < text.size(); at = text.find_first_not_of(" \t", at)) {
+    const bool quoted = text[at] == '"';
+    const std::size_t begin = at + (quoted ? 1 : 0);
+    const std::size_t end = std::min(quoted ? text.find('"', begin) : text.find_first_of(" \t", begin), text.size());
+    out.push_back(text.substr(begin, end - begin));
+    at = std::min(end + (quoted ? 1 : 0), text.size());
+  }
+  return out;
 }
 
 // "(a,b,c) none (d,e,f)": a column per axis; an axis without one is not in space.
@@ -132,18 +150,36 @@ private:
     return read_unit();
   }
 
+  // "space units" of the space, or "units" of the axes, where they have spacings.
   base::Result<void> read_unit() {
-    std::string units = value_of(fields_, "space units");
-    std::replace(units.begin(), units.end(), '"', ' ');
-    const std::string unit(base::trimmed(units).substr(0, base::trimmed(units).find(' ')));
-    if (unit.empty()) {
-      return {};
+    const std::string_view field = fields_.contains("space units")        ? "space units"
+                                   : fields_.contains("space directions") ? ""
+                                                                          : "units";
+    const std::vector<std::string> units = words_of(value_of(fields_, field));
+    std::optional<LengthUnit> known;
+    for (std::size_t axis = 0; axis < std::min<std::size_t>(units.size(), 3); ++axis) {
+      if (units[axis].empty() || units[axis] == "???" || base::lower(units[axis]) == "none") {
+        continue; // not stated
+      }
+      const auto unit = unit_named(units[axis]);
+      if (!unit || (known && *known != *unit)) {
+        return refuse(field, "must be one of mm, cm, m and um, the same for all axes");
+      }
+      known = unit;
     }
-    const auto known = unit_named(unit);
-    if (!known) {
-      return refuse("space units", "must be mm, cm, m or um");
+    scale_ = known ? mm_per(*known) : 1.0;
+    return {};
+  }
+
+  // Places of axes without a space are stated by "axis mins", which few programs write or read.
+  base::Result<void> check_axis_mins() const {
+    for (const std::string_view field : {"axis mins", "axismins"}) {
+      const std::vector<double> mins = header_numbers(value_of(fields_, field));
+      if (std::any_of(mins.begin(), mins.end(), [](double min) { return std::isfinite(min) && min != 0.0; }) &&
+          !fields_.contains("space origin")) {
+        return refuse(field, "is not read; state the place of the first voxel as space origin");
+      }
     }
-    scale_ = mm_per(*known);
     return {};
   }
 
@@ -152,9 +188,16 @@ private:
     const auto known = std::find_if(kSpaces.begin(), kSpaces.end(), [&stated](const NrrdSpace &one) {
       return stated == one.name || stated == one.letters;
     });
-    const bool open = stated.empty() || stated == "scanner-xyz" || stated == "3d-right-handed";
+    const bool open = stated.empty() || std::find(kOpenSpaces.begin(), kOpenSpaces.end(), stated) != kOpenSpaces.end();
+    if (stated.ends_with("-time") || stated == "rast" || stated == "last" || stated == "lpst") {
+      return refuse("space", "has a time: an image of four dimensions is not read");
+    }
     if (known == kSpaces.end() && !open) {
-      return refuse("space", "is not a frame of a patient; read are RAS, LAS and LPS");
+      return refuse("space", "is not a frame of a patient that is read: right-anterior-superior (RAS), "
+                             "left-anterior-superior (LAS), left-posterior-superior (LPS)");
+    }
+    if (auto mins = check_axis_mins(); !mins) {
+      return mins;
     }
     Eigen::Vector3d signs(-1, -1, 1);
     if (known != kSpaces.end()) {
@@ -162,7 +205,10 @@ private:
     } else if (out_.space_stated = false; space) {
       signs = *space == Space::kRas ? Eigen::Vector3d(1, 1, 1) : signs;
     } else {
-      out_.notes.push_back(path_.string() + ": its space is not stated: LPS is assumed");
+      out_.notes.push_back(path_.string() +
+                           (stated.empty() ? ": its space is not stated"
+                                           : ": its space, \"" + stated + "\", does not state the patient's sides") +
+                           ": LPS is assumed");
     }
     const std::vector<double> origin = header_numbers(value_of(fields_, "space origin"));
     if (origin.size() != 3 && fields_.contains("space origin")) {
@@ -177,7 +223,7 @@ private:
     return {};
   }
 
-  base::Result<void> check_data() const {
+  base::Result<void> check_data() {
     const std::uint64_t each = bytes_of_type(base::lower(value_of(fields_, "type")));
     if (each == 0) {
       return refuse("type", "is not a type of numbers that is read");
@@ -192,6 +238,9 @@ private:
       }
       data = {path_.parent_path() / detached, 0, false};
     }
+    if (auto skipped = skip_lines(data); !skipped) {
+      return skipped;
+    }
     const std::string encoding = base::lower(value_of(fields_, "encoding"));
     if (encoding == "gzip" || encoding == "gz") {
       data.compressed = true;
@@ -200,9 +249,61 @@ private:
     } else if (encoding != "raw") {
       return refuse("encoding", "is not read; read are raw, gzip and ascii");
     }
-    const std::vector<double> skipped = header_numbers(value_of(fields_, "byte skip"));
-    data.begin += skipped.size() == 1 && skipped[0] > 0 ? static_cast<std::uint64_t>(skipped[0]) : 0;
-    return check_whole(data, static_cast<std::uint64_t>(values) * each);
+    const auto needed = static_cast<std::uint64_t>(values) * each;
+    return skip_bytes(data, needed).and_then([&] { return check_whole(data, needed, path_, out_); });
+  }
+
+  // The number of a field, 0 without it; at least `least`.
+  base::Result<std::int64_t> count_of(std::string_view field, std::string_view other_name, double least) const {
+    const std::string_view name = fields_.contains(field) ? field : other_name;
+    const std::string stated = value_of(fields_, name);
+    const std::vector<double> numbers = header_numbers(stated);
+    if (stated.empty()) {
+      return 0;
+    }
+    if (numbers.size() != 1 || !(numbers[0] >= least && numbers[0] < 1e12) || numbers[0] != std::floor(numbers[0])) {
+      return tl::unexpected(refuse(name, "must be a whole number from " + std::to_string(int(least)) + " on").error());
+    }
+    return static_cast<std::int64_t>(numbers[0]);
+  }
+
+  // Lines before the data, which are not compressed.
+  base::Result<void> skip_lines(StoredData &data) const {
+    const auto lines = count_of("line skip", "lineskip", 0);
+    if (!lines) {
+      return tl::unexpected(lines.error());
+    }
+    std::ifstream in(data.file, std::ios::binary);
+    in.seekg(static_cast<std::streamoff>(data.begin));
+    for (std::int64_t line = 0; line < *lines; ++line) {
+      in.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
+      data.begin += static_cast<std::uint64_t>(in.gcount());
+      if (!in || in.eof()) {
+        return refuse(fields_.contains("line skip") ? "line skip" : "lineskip",
+                      "the file has " + std::to_string(line) + " lines before its data");
+      }
+    }
+    return {};
+  }
+
+  // Bytes before the voxels, after inflating where they are compressed; -1: the voxels are at the end of the file.
+  base::Result<void> skip_bytes(StoredData &data, std::uint64_t needed) {
+    const auto bytes = count_of("byte skip", "byteskip", data.compressed ? 0 : -1);
+    if (!bytes) {
+      return tl::unexpected(bytes.error());
+    }
+    if (*bytes >= 0) {
+      data.skipped = static_cast<std::uint64_t>(*bytes);
+      return {};
+    }
+    std::error_code error;
+    const std::uintmax_t size = fs::file_size(data.file, error);
+    if (!error && size >= needed + data.begin) {
+      data.begin = size - needed;
+    }
+    out_.notes.push_back(data.file.string() +
+                         ": its voxels are counted from its end: whether it is whole is not known");
+    return {};
   }
 
   static base::Result<void> check_text(const StoredData &data, double values) {

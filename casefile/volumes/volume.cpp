@@ -27,42 +27,9 @@ namespace fs = std::filesystem;
 // Maximal cosine between two columns of the index-to-world matrix. Above it the grid counts as sheared.
 constexpr double kShearTolerance = 1e-3;
 
-enum class Format { kUnknown, kNifti, kNrrd, kMeta, kDicom };
-
-// By the content: an extension may be written in any case, or be missing.
-Format format_of(const fs::path &path) {
-  std::ifstream in(path, std::ios::binary);
-  std::string head(1024, '\0');
-  in.read(head.data(), static_cast<std::streamsize>(head.size()));
-  head.resize(static_cast<std::size_t>(in.gcount()));
-  const std::string_view text(head);
-  constexpr std::size_t kDicomMark = 128;
-  if (text.starts_with("NRRD")) {
-    return Format::kNrrd;
-  }
-  if (text.size() > kDicomMark && text.substr(kDicomMark).starts_with("DICM")) {
-    return Format::kDicom;
-  }
-  if (text.starts_with("ObjectType") || text.starts_with("NDims") || text.find("\nNDims") != std::string_view::npos) {
-    return Format::kMeta;
-  }
-  // 348 bytes of header in either byte order, or gzip, which only NIfTI has as a whole.
-  const bool nifti = text.starts_with(std::string_view("\x5C\x01\0\0", 4)) ||
-                     text.starts_with(std::string_view("\0\0\x01\x5C", 4)) || text.starts_with("\x1F\x8B");
-  return nifti ? Format::kNifti : Format::kUnknown;
-}
-
-itk::ImageIOBase::Pointer image_io_of(Format format) {
-  if (format == Format::kNrrd) {
-    return itk::NrrdImageIO::New().GetPointer();
-  }
-  if (format == Format::kMeta) {
-    return itk::MetaImageIO::New().GetPointer();
-  }
-  auto nifti = itk::NiftiImageIO::New();
-  // Analyze 7.5 does not state which side is left.
-  nifti->SetLegacyAnalyze75Mode(itk::NiftiImageIOEnums::Analyze75Flavor::AnalyzeReject);
-  return nifti.GetPointer();
+itk::ImageIOBase::Pointer image_io_of(ImageFormat format) {
+  return format == ImageFormat::kNrrd ? itk::ImageIOBase::Pointer(itk::NrrdImageIO::New().GetPointer())
+                                      : itk::ImageIOBase::Pointer(itk::MetaImageIO::New().GetPointer());
 }
 
 // An exception's text without ITK's source locations.
@@ -85,28 +52,30 @@ base::Result<void> check_components(const fs::path &path, const itk::ImageIOBase
                                                   " components (colour or vector); a scalar image is needed"));
 }
 
-base::Result<ImageHeader> read_header(const fs::path &path, Format format, std::optional<Space> space) {
-  switch (format) {
-  case Format::kNifti:
-    return read_nifti_header(path);
-  case Format::kNrrd:
-    return read_nrrd_header(path, space);
-  case Format::kMeta:
-    return read_meta_header(path, space);
-  case Format::kDicom:
-    return base::failure(file_error(path, "is one DICOM file; give the folder of its series"));
-  case Format::kUnknown:
-    break;
+base::Result<PlacedVolume> read_stored(ImageHeader header) {
+  const auto count = static_cast<std::uint64_t>(header.size[0] * header.size[1] * header.size[2]);
+  const auto voxels = read_stored_voxels(*header.voxels, count);
+  if (!voxels) {
+    return tl::unexpected(voxels.error());
   }
-  return base::failure(file_error(path, "is not a NIfTI, NRRD or MetaImage file that can be read"));
+  auto image = ItkVolume::New();
+  image->SetRegions(ItkVolume::SizeType{static_cast<itk::SizeValueType>(header.size[0]),
+                                        static_cast<itk::SizeValueType>(header.size[1]),
+                                        static_cast<itk::SizeValueType>(header.size[2])});
+  image->Allocate();
+  std::copy(voxels->begin(), voxels->end(), image->GetBufferPointer());
+  return PlacedVolume{image, header.T_ras_index, header.space_stated, std::move(header.notes)};
 }
 
 base::Result<PlacedVolume> read_file(const fs::path &path, std::optional<Space> space) {
   const std::string name = path.string();
-  const Format format = format_of(path);
-  auto stated = read_header(path, format, space);
+  const ImageFormat format = image_format_of(path);
+  auto stated = read_image_header(path, format, space);
   if (!stated) {
     return tl::unexpected(stated.error());
+  }
+  if (stated->voxels) {
+    return read_stored(std::move(*stated));
   }
   auto io = image_io_of(format);
   io->SetFileName(name);
@@ -260,7 +229,7 @@ bool states_its_space(const fs::path &path) {
   if (fs::is_directory(path, ignored)) {
     return true;
   }
-  const auto header = read_header(path, format_of(path), std::nullopt);
+  const auto header = read_image_header(path, image_format_of(path), std::nullopt);
   return header && header->space_stated;
 }
 
@@ -282,7 +251,7 @@ base::Result<LabelVolume> read_labels(const fs::path &path, const VolumeOptions 
 }
 
 base::Result<void> write_volume(const fs::path &path, const Volume &volume) {
-  const std::string name = path.string();
+  const std::string name = base::lower(path.string());
   itk::ImageIOBase::Pointer io;
   if (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
     io = itk::NiftiImageIO::New();
@@ -316,7 +285,7 @@ base::Result<void> write_volume(const fs::path &path, const Volume &volume) {
     std::copy(volume.voxels.begin(), volume.voxels.end(), image->GetBufferPointer());
     auto writer = itk::ImageFileWriter<ItkVolume>::New();
     writer->SetImageIO(io);
-    writer->SetFileName(name);
+    writer->SetFileName(path.string());
     writer->SetInput(image);
     writer->SetUseCompression(!name.ends_with(".nii"));
     writer->Update();

@@ -1,7 +1,10 @@
-// Arbitrary bytes as an image file: nothing crashes, and an accepted header has voxels and an affine grid. That a file
-// which was cut is refused, at any place, is a test: FaultInput.AnImageThatIsNotWholeIsRefused.
+// Arbitrary bytes as an image file: nothing crashes, an accepted header has voxels and an affine grid, and a file that
+// is accepted is refused when it is cut. The tests cut whole files at 200 places as well (FaultInput).
+#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
+#include <functional>
+#include <string>
 #include <string_view>
 
 #include "casefile/volumes/dicom_file.hpp"
@@ -18,10 +21,26 @@ void require(bool condition) {
   }
 }
 
-base::Result<casefile::ImageHeader> read(char kind, const std::filesystem::path &file) {
-  return kind == 0   ? casefile::read_nrrd_header(file, std::nullopt)
-         : kind == 1 ? casefile::read_meta_header(file, std::nullopt)
-                     : casefile::read_nifti_header(file);
+base::Result<casefile::ImageHeader> read(const std::filesystem::path &file) {
+  const auto header = casefile::read_image_header(file, casefile::image_format_of(file), std::nullopt);
+  require(header || !header.error().message.empty());
+  return header;
+}
+
+bool counted_from_the_end(const casefile::ImageHeader &header) {
+  return std::any_of(header.notes.begin(), header.notes.end(),
+                     [](const std::string &note) { return note.find("counted from its end") != std::string::npos; });
+}
+
+// A cut anywhere before the end of the voxels.
+void require_refused_when_cut(const casefile::ImageHeader &header, std::string_view content) {
+  if (header.least_bytes == 0 || counted_from_the_end(header)) {
+    return;
+  }
+  require(header.least_bytes <= content.size());
+  static const test::TemporaryFolder scratch;
+  const std::size_t size = std::hash<std::string_view>()(content) % header.least_bytes;
+  require(!read(scratch.write("cut.image", content.substr(0, size))));
 }
 
 } // namespace
@@ -33,19 +52,22 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
   }
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
   const std::string_view content(reinterpret_cast<const char *>(data) + 1, size - 1);
-  const auto kind = static_cast<char>(static_cast<unsigned>(data[0] - '0') % 4); // the seeds begin with a digit
   const auto file = scratch.write("a.image", content);
-  if (kind == 3) {
+  if (data[0] == '3') { // the seeds begin with a digit
     const auto dicom = casefile::read_dicom_file(file);
     require(dicom || !dicom.error().message.empty());
     return 0;
   }
-  const auto header = read(kind, file);
-  require(header || !header.error().message.empty());
+  const auto header = read(file);
   if (!header) {
     return 0;
   }
   const std::int64_t voxels = header->size[0] * header->size[1] * header->size[2];
   require(voxels > 0 && header->T_ras_index.row(3) == Eigen::RowVector4d(0, 0, 0, 1));
+  if (header->voxels) {
+    const auto read_back = casefile::read_stored_voxels(*header->voxels, static_cast<std::uint64_t>(voxels));
+    require(read_back && read_back->size() == static_cast<std::size_t>(voxels));
+  }
+  require_refused_when_cut(*header, content);
   return 0;
 }

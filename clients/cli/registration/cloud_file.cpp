@@ -15,7 +15,8 @@ namespace bregma::cli {
 
 namespace {
 
-constexpr std::array kImageExtensions{".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd"};
+constexpr std::array kImageExtensions{".nii", ".nii.gz", ".hdr",  ".img", ".img.gz", ".mgh",
+                                      ".mgz", ".nrrd",   ".nhdr", ".mha", ".mhd"};
 
 bool is_point_list(const std::string &name) {
   const std::string lower = base::lower(name);

@@ -272,8 +272,8 @@ TEST(ReadVolume, SaysWhatIsWrong) {
     EXPECT_NE(std::string::npos, message.find(reason)) << name << ": " << message;
   };
   EXPECT_EQ("/no/such.nii: no such file or folder", message_of(read_volume("/no/such.nii")));
-  refused("text.nii", "this is no image", "is not a NIfTI, NRRD or MetaImage file that can be read");
-  refused("empty.nrrd", "", "is not a NIfTI, NRRD or MetaImage file that can be read");
+  refused("text.nii", "this is no image", "is not a NIfTI, NRRD, MetaImage or MGH file that can be read");
+  refused("empty.nrrd", "", "is not a NIfTI, NRRD, MetaImage or MGH file that can be read");
 
   Volume bad = good;
   bad.voxels[17] = std::numeric_limits<float>::quiet_NaN();
@@ -283,8 +283,7 @@ TEST(ReadVolume, SaysWhatIsWrong) {
   Volume sheared = good;
   sheared.T_image_index(0, 1) = 0.4;
   refused("sheared.nrrd", nrrd(sheared, "left-posterior-superior"), "not at right angles");
-  refused("sheared.nii", nifti(sheared),
-          "sheared.nii: cannot be read: ITK only supports orthonormal direction cosines");
+  refused("sheared.nii", nifti(sheared), "sheared.nii: the axes of the image are not at right angles");
 
   Volume singular = good;
   singular.T_image_index.col(1) = singular.T_image_index.col(0);
@@ -301,7 +300,7 @@ TEST(ReadVolume, SaysWhatIsWrong) {
           "cut.nrrd: is not whole: it holds 740 bytes of voxels, its header asks for 840");
   const std::string cut_nifti = nifti(good);
   refused("cut.nii", cut_nifti.substr(0, cut_nifti.size() - 100),
-          "is not whole: it holds 1092 bytes of voxels, its header asks for 1192");
+          "is not whole: it holds 740 bytes of voxels, its header asks for 840");
 
   ASSERT_TRUE(write_volume(scratch / "whole.nii.gz", good));
   const std::string packed = test::read_bytes(scratch / "whole.nii.gz");
