@@ -1,0 +1,56 @@
+// Active coils in a pair of image stacks: what the current took away, found and located [Tuna 2022, IV-B].
+//
+// The background is subtracted from the foreground and the lost part of the signal is taken relative to the background.
+// Slice by slice a Hough transform finds circles; circles of neighbouring slices are one coil. Centroid and area of the
+// artefact in each slice give the area-weighted mean over the slices. Here area and centroid come from the lost part of
+// every pixel around the circle, which is finer than a circle's radius. kHoughCircles takes the circles as they are, as
+// the paper does, and kSingleSlice the largest of them alone.
+//
+// Frame: that of the stacks' T_image_index, mm. Pure functions, any thread; they allocate.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <tl/expected.hpp>
+
+#include "algorithms/image/grid.hpp"
+
+namespace bregma::mri {
+
+using Stack = image::Image<float, 3>;
+
+enum class CoilMethod { kMultiSlice, kHoughCircles, kSingleSlice };
+
+struct ArtefactOptions {
+  CoilMethod method = CoilMethod::kMultiSlice;
+  double min_radius_mm = 2.5; // of an artefact's circle
+  double max_radius_mm = 11.0;
+  double min_lost = 0.35;       // part of the signal that is lost where an artefact is
+  double window_mm = 12.0;      // around a coil: signal farther away does not count
+  double max_lost_part = 0.2;   // of all signal: above it the two stacks do not show the same scene
+  double max_saturated = 0.002; // part of the pixels with signal that have the highest value
+};
+
+struct CoilArtefact {
+  Eigen::Vector3d centre_mm = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); // mm^2, see artefacts.cpp
+  double area_mm2 = 0.0;                                // in the slice where it is largest
+  double volume_mm3 = 0.0;                              // lost signal over all slices
+  int slices = 0;                                       // in which a circle was found
+  bool cut_off = false; // reaches the first or the last slice, or the border: its centre is not known
+};
+
+struct ArtefactSearch {
+  std::vector<CoilArtefact> artefacts; // largest first
+  double noise = 0.0;                  // one sigma of the difference, in units of the pixels
+  double signal = 0.0;                 // of the background: its 90th percentile
+};
+
+// Otherwise a sentence that says what is wrong with the input: different grids, saturated pixels, no signal, a
+// foreground of another scene or brightness, a pair in the wrong order.
+[[nodiscard]] tl::expected<ArtefactSearch, std::string> find_artefacts(const Stack &background, const Stack &foreground,
+                                                                       const ArtefactOptions &options = {});
+
+} // namespace bregma::mri

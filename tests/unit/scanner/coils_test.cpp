@@ -1,0 +1,301 @@
+// Coils found in scans, named, and the robot registered by them: in the simulated scanner, and in drawn stacks.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/unit/scanner/session_fixture.hpp"
+
+namespace bregma::mri::test {
+
+namespace {
+
+using sim::scanner::plan_of;
+using sim::scanner::Plane;
+using sim::scanner::SimulatedScanner;
+
+constexpr double kPixel_mm = 1.5;
+
+// Water with balls of lost signal at given places, with noise: a stack of coronal-like slices about the isocentre.
+Stack drawn(const std::vector<Vector3d> &balls_mm, double radius_mm, std::uint64_t seed, double gain = 1.0,
+            int slices = 100) {
+  Stack out;
+  out.size = {128, 128, slices};
+  out.T_image_index.topLeftCorner<3, 3>() = kPixel_mm * Eigen::Matrix3d::Identity();
+  out.T_image_index.topRightCorner<3, 1>() = -0.5 * kPixel_mm * Vector3d(127, 127, slices - 1);
+  out.voxels.resize(out.pixels());
+  sim::Random random(seed, "drawn");
+  for (std::size_t i = 0; i < out.voxels.size(); ++i) {
+    const Vector3d at = out.pixel_mm(i);
+    double signal = at.cwiseAbs().maxCoeff() < 88.0 ? 1000.0 : 0.0;
+    for (const Vector3d &ball : balls_mm) { // with edges as soft as a pixel
+      signal *= std::clamp(((at - ball).norm() - radius_mm) / kPixel_mm + 0.5, 0.0, 1.0);
+    }
+    out.voxels[i] = static_cast<float>(std::abs(gain * signal + random.normal(30.0)));
+  }
+  return out;
+}
+
+// A frame of six coils without symmetry, in two groups.
+CoilFrame small_frame() {
+  CoilFrame out;
+  out.name = "small";
+  out.coils = {{"a1", "a", {-50, -45, 30}}, {"a2", "a", {52, -40, 22}},  {"a3", "a", {40, 50, 35}},
+               {"b1", "b", {-46, 20, -30}}, {"b2", "b", {10, -52, -36}}, {"b3", "b", {0, 5, 10}}};
+  return out;
+}
+std::vector<Vector3d> places(const CoilFrame &frame, const std::vector<int> &coils,
+                             const Rigid3<frame::Device, frame::Base> &T_device_base) {
+  std::vector<Vector3d> out;
+  for (const int c : coils) {
+    out.push_back(T_device_base * frame.coils[static_cast<std::size_t>(c)].position_mm);
+  }
+  return out;
+}
+const Rigid3<frame::Device, frame::Base> kPlaced(geometry::rotation_exp(Vector3d(0.05, -0.1, 0.2)), Vector3d(3, -2, 1));
+
+RobotRegistrationOptions undistorted() {
+  RobotRegistrationOptions out;
+  out.uncorrected_sigma_mm = 0.1;
+  return out;
+}
+
+// Top and bottom scans of the mid pillars.
+struct Session {
+  explicit Session(std::uint64_t seed, const sim::scanner::ScannerOptions &options = {}) : scanner(options, seed) {}
+  void scan() {
+    top = pair_of(scanner, frame, plan_of(Plane::kCoronal, Vector3d(0, 55, 0), 60), {"mid-top"}, "top");
+    bottom = pair_of(scanner, frame, plan_of(Plane::kCoronal, Vector3d(0, -55, 0), 60), {"mid-bottom"}, "bottom");
+  }
+  [[nodiscard]] std::vector<CoilScan> scans() const { return {top->scan, bottom->scan}; }
+  // Error of the mapped origin of the frame, in Base.
+  [[nodiscard]] double target_error_mm(const RobotRegistration &r) const {
+    return (r.T_base_device.pose * scanner.truth().T_device_base.translation()).norm();
+  }
+
+  SimulatedScanner scanner;
+  CoilFrame frame = drawn_frame();
+  std::unique_ptr<Pair> top, bottom;
+};
+
+bool mentions(const std::vector<std::string> &notes, const std::string &words) {
+  return std::any_of(notes.begin(), notes.end(),
+                     [&](const std::string &note) { return note.find(words) != std::string::npos; });
+}
+
+} // namespace
+
+TEST(Coils, OfASimulatedSessionAreFoundNamedAndRegistered) {
+  Session session(21);
+  session.scan();
+  RobotRegistrationOptions options;
+  options.correction = true_gradients(session.scanner.field());
+  const RobotRegistration r = register_robot(session.frame, session.scans(), options);
+  ASSERT_EQ(r.verdict, RegistrationVerdict::kFound) << r.reason;
+  EXPECT_TRUE(r.notes.empty()) << r.notes.front();
+  ASSERT_EQ(r.coils.size(), 8U);
+  for (const LocatedCoil &c : r.coils) {
+    const Vector3d error = c.position_mm - session.scanner.truth().coils_device_mm[static_cast<std::size_t>(c.coil)];
+    EXPECT_LT(error.norm(), 0.9) << session.frame.coils[static_cast<std::size_t>(c.coil)].name; // B0 is not corrected
+  }
+  EXPECT_LT(session.target_error_mm(r), 0.8);
+  EXPECT_LT(r.opme_mm, 0.75);
+
+  // The variants of the paper are less exact, but name the same coils.
+  for (const CoilMethod method : {CoilMethod::kHoughCircles, CoilMethod::kSingleSlice}) {
+    options.artefacts.method = method;
+    EXPECT_EQ(register_robot(session.frame, session.scans(), options).coils.size(), 8U);
+  }
+}
+
+TEST(Coils, ABrokenAndAMovedCoilAreReportedAndTheRestRegisters) {
+  sim::scanner::ScannerOptions options;
+  options.field.kind = sim::scanner::FieldKind::kNone;
+  options.field.b0_Hz = 10.0;
+  Session session(22, options);
+  session.scanner.break_coil(static_cast<std::size_t>(session.frame.find("mid-top-2")));
+  session.frame.coils[static_cast<std::size_t>(session.frame.find("mid-bottom-3"))].position_mm += Vector3d(0, 5, 0);
+  session.scan();
+  RobotRegistrationOptions o;
+  o.uncorrected_sigma_mm = 0.2;
+  const RobotRegistration r = register_robot(session.frame, session.scans(), o);
+  ASSERT_EQ(r.verdict, RegistrationVerdict::kFound) << r.reason;
+  EXPECT_TRUE(mentions(r.notes, "mid-top-2 is missing"));
+  EXPECT_TRUE(mentions(r.notes, "mid-bottom-3 is "));
+  EXPECT_LT(session.target_error_mm(r), 0.8);
+}
+
+TEST(Artefacts, AreCentredWithinATenthOfAPixel) {
+  const std::vector<Vector3d> balls{{-41.3, 20.4, 10.7}, {30.2, -33.9, -8.1}};
+  const auto found = find_artefacts(drawn({}, 0, 1), drawn(balls, 6.0, 2));
+  ASSERT_TRUE(found.has_value()) << found.error();
+  ASSERT_EQ(found->artefacts.size(), 2U);
+  for (const Vector3d &ball : balls) {
+    double nearest = 1e9;
+    for (const CoilArtefact &a : found->artefacts) {
+      nearest = std::min(nearest, (a.centre_mm - ball).norm());
+    }
+    EXPECT_LT(nearest, 0.15);
+  }
+  EXPECT_NEAR(found->noise, 30.0 * std::sqrt(2.0), 4.0);
+}
+
+TEST(Artefacts, OneAtTheBorderOfTheScanIsMarked) {
+  const auto found = find_artefacts(drawn({}, 0, 1, 1.0, 40), drawn({{0, 10, 29.5}}, 7.0, 2, 1.0, 40));
+  ASSERT_TRUE(found.has_value());
+  ASSERT_EQ(found->artefacts.size(), 1U);
+  EXPECT_TRUE(found->artefacts.front().cut_off);
+}
+
+TEST(Artefacts, PairsThatDoNotBelongTogetherAreRefused) {
+  const std::vector<Vector3d> balls{{-41, 20, 10}};
+  const Stack background = drawn({}, 0, 1), foreground = drawn(balls, 6.0, 2);
+  Stack clipped = foreground;
+  for (float &v : clipped.voxels) {
+    v = std::min(v, 1000.0F);
+  }
+  const auto saturated = find_artefacts(background, clipped);
+  ASSERT_FALSE(saturated.has_value());
+  EXPECT_NE(saturated.error().find("the foreground is saturated"), std::string::npos) << saturated.error();
+
+  const auto exchanged = find_artefacts(foreground, background);
+  ASSERT_FALSE(exchanged.has_value());
+  EXPECT_NE(exchanged.error().find("exchanged"), std::string::npos) << exchanged.error();
+
+  const auto brighter = find_artefacts(background, drawn(balls, 6.0, 2, 1.6));
+  ASSERT_FALSE(brighter.has_value());
+  EXPECT_NE(brighter.error().find("160 % as bright"), std::string::npos) << brighter.error();
+
+  Stack other = foreground;
+  other.T_image_index(0, 3) += 4.0;
+  const auto moved = find_artefacts(background, other);
+  ASSERT_FALSE(moved.has_value());
+  EXPECT_NE(moved.error().find("same slices"), std::string::npos) << moved.error();
+
+  const auto scene = find_artefacts(background, drawn({{0, 0, 0}}, 75.0, 2));
+  ASSERT_FALSE(scene.has_value());
+
+  Stack dark = background;
+  std::fill(dark.voxels.begin(), dark.voxels.end(), 0.0F);
+  ASSERT_FALSE(find_artefacts(dark, dark).has_value());
+}
+
+TEST(Artefacts, NothingIsFoundInTwoBackgrounds) {
+  const auto found = find_artefacts(drawn({}, 0, 1), drawn({}, 0, 2));
+  ASSERT_TRUE(found.has_value());
+  EXPECT_TRUE(found->artefacts.empty());
+}
+
+TEST(Names, FollowThePatternWhateverTheOrder) {
+  const CoilFrame frame = small_frame();
+  const std::vector<int> all{0, 1, 2, 3, 4, 5};
+  const std::vector<std::vector<int>> on{all};
+  sim::Random random(5, "names");
+  for (int run = 0; run < 50; ++run) {
+    const Rigid3<frame::Device, frame::Base> T(geometry::rotation_exp(3.0 * random.direction()), random.normal3(30.0));
+    std::vector<int> order = all;
+    std::rotate(order.begin(), order.begin() + run % 6, order.end());
+    std::vector<Sighting> seen;
+    for (const int c : order) {
+      seen.push_back({T * frame.coils[static_cast<std::size_t>(c)].position_mm + random.normal3(0.8), 0});
+    }
+    const Naming naming = name_coils(frame, on, seen);
+    ASSERT_EQ(naming.status, Naming::Status::kNamed) << run;
+    EXPECT_EQ(naming.coil, order) << run;
+    EXPECT_TRUE(naming.missing.empty());
+  }
+}
+
+TEST(Names, ASymmetricPatternIsAmbiguous) {
+  CoilFrame frame;
+  frame.coils = {
+      {"1", "a", {-50, -50, 0}}, {"2", "a", {50, -50, 0}}, {"3", "a", {50, 50, 0}}, {"4", "a", {-50, 50, 0}}};
+  const std::vector<std::vector<int>> on{{0, 1, 2, 3}};
+  std::vector<Sighting> seen;
+  for (const FrameCoil &c : frame.coils) {
+    seen.push_back({c.position_mm + Vector3d(0.3, 0.1, -0.2), 0});
+  }
+  EXPECT_EQ(name_coils(frame, on, seen).status, Naming::Status::kAmbiguous);
+}
+
+TEST(Names, MissingAndForeignArtefactsAreLeftOut) {
+  const CoilFrame frame = small_frame();
+  const std::vector<std::vector<int>> on{{0, 1, 2, 3, 4, 5}};
+  std::vector<Sighting> seen;
+  for (const std::size_t c : {0U, 1U, 2U, 4U, 5U}) {
+    seen.push_back({frame.coils[c].position_mm, 0});
+  }
+  seen.push_back({Vector3d(70, 70, 70), 0});
+  const Naming naming = name_coils(frame, on, seen);
+  ASSERT_EQ(naming.status, Naming::Status::kNamed);
+  EXPECT_EQ(naming.coil.back(), -1);
+  EXPECT_EQ(naming.missing, std::vector<int>{3});
+  EXPECT_EQ(name_coils(frame, on, std::span(seen).first(3)).status, Naming::Status::kTooFew);
+}
+
+TEST(RobotRegistration, AnArtefactAtACoilThatWasOffNamesTheCable) {
+  const CoilFrame frame = small_frame();
+  const Stack background = drawn({}, 0, 1);
+  const Stack foreground = drawn(places(frame, {0, 1, 2, 3, 5}, kPlaced), 6.0, 2);
+  CoilScan scan{"a", &background, &foreground, nullptr, {0, 1, 2, 4, 5}}; // b1 carries the current of b2
+  const RobotRegistration r = register_robot(frame, std::span(&scan, 1), undistorted());
+  ASSERT_EQ(r.verdict, RegistrationVerdict::kFound) << r.reason;
+  EXPECT_TRUE(mentions(r.notes, "b1 carries current though it was not switched on"));
+  EXPECT_TRUE(mentions(r.notes, "b2 is missing"));
+  EXPECT_LT((r.T_base_device.pose.translation() - kPlaced.inverse().translation()).norm(), 0.5);
+}
+
+TEST(RobotRegistration, RefusesMixedOrientationsAndTooFewCoils) {
+  const CoilFrame frame = small_frame();
+  const Stack background = drawn({}, 0, 1);
+  const Stack foreground = drawn(places(frame, {0, 1, 2}, kPlaced), 6.0, 2);
+  const CoilScan a{"a", &background, &foreground, nullptr, {0, 1, 2}};
+  const RobotRegistration few = register_robot(frame, std::span(&a, 1), undistorted());
+  EXPECT_EQ(few.verdict, RegistrationVerdict::kRefused);
+  EXPECT_NE(few.reason.find("fewer than four"), std::string::npos) << few.reason;
+
+  Stack turned_background = background, turned_foreground = foreground;
+  for (Stack *stack : {&turned_background, &turned_foreground}) {
+    stack->T_image_index.col(1).swap(stack->T_image_index.col(2));
+  }
+  const std::vector<CoilScan> mixed{a, {"b", &turned_background, &turned_foreground, nullptr, {3, 4, 5}}};
+  const RobotRegistration r = register_robot(frame, mixed, undistorted());
+  EXPECT_EQ(r.verdict, RegistrationVerdict::kRefused);
+  EXPECT_NE(r.reason.find("another orientation"), std::string::npos) << r.reason;
+}
+
+TEST(RobotRegistration, AFrameThatLiesOtherwiseThanMountedIsRefused) {
+  const CoilFrame frame = small_frame();
+  const Stack background = drawn({}, 0, 1);
+  const Stack foreground = drawn(places(frame, {0, 1, 2, 3, 4, 5}, kPlaced), 6.0, 2);
+  const CoilScan scan{"all", &background, &foreground, nullptr, {0, 1, 2, 3, 4, 5}};
+  RobotRegistrationOptions options = undistorted();
+  options.expected_rotation = geometry::rotation_exp(Vector3d(0, M_PI, 0));
+  const RobotRegistration r = register_robot(frame, std::span(&scan, 1), options);
+  EXPECT_EQ(r.verdict, RegistrationVerdict::kRefused);
+  EXPECT_NE(r.reason.find("from where it is mounted"), std::string::npos) << r.reason;
+  options.limit_mm = 0.01;
+  options.expected_rotation.reset();
+  EXPECT_EQ(register_robot(frame, std::span(&scan, 1), options).verdict, RegistrationVerdict::kInaccurate);
+}
+
+TEST(RobotRegistration, TheBaseOfEachSliceFollowsFromOneTransform) {
+  const Rigid3<frame::Base, frame::Device> T_base_device = kPlaced.inverse();
+  SliceHeader header;
+  header.rows = header.columns = 192;
+  header.row_spacing_mm = header.column_spacing_mm = 1.5625;
+  header.along_column = -Vector3d::UnitZ();
+  header.position_mm = Vector3d(-150, 20, 150);
+  const auto first = SlicePlane::from(header);
+  header.position_mm.y() += 1.5;
+  const auto second = SlicePlane::from(header);
+  ASSERT_TRUE(first && second);
+  const auto a = T_base_slice(T_base_device, *first), b = T_base_slice(T_base_device, *second);
+  EXPECT_NEAR((a.translation() - b.translation()).norm(), 1.5, 1e-9); // differs by the distance of the slices
+  // The same point of Patient through either slice.
+  const Vector3d point(12, 20.7, -31);
+  EXPECT_LT(
+      (a * (first->T_patient_slice().inverse() * point) - b * (second->T_patient_slice().inverse() * point)).norm(),
+      1e-9);
+}
+
+} // namespace bregma::mri::test
