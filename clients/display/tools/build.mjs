@@ -1,5 +1,5 @@
 // Builds the page, or the tests: node build.mjs page|tests OUTPUT
-import { cpSync, mkdirSync, readdirSync, rmSync } from "node:fs";
+import { cpSync, mkdirSync, readdirSync, rmSync, symlinkSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
@@ -18,8 +18,10 @@ if (what === "page") {
   await build({ ...common, entryPoints: [join(root, "src/main.ts")], outdir: output, target: "es2022", minify: true });
   cpSync(join(root, "static"), output, { recursive: true });
 } else {
+  symlinkSync(join(root, "node_modules"), join(output, "node_modules")); // where Node looks for playwright-core
   for (const kind of ["unit", "browser"]) {
     const folder = join(root, "tests", kind);
+    if (kind === "browser") await buildPages(join(folder, "pages"));
     const entryPoints = readdirSync(folder)
       .filter((name) => name.endsWith(".test.ts"))
       .map((name) => join(folder, name));
@@ -31,4 +33,17 @@ if (what === "page") {
     };
     await build({ ...common, ...options, entryPoints, outdir: join(output, kind) });
   }
+}
+
+// Scripts that a test puts into a page.
+async function buildPages(folder) {
+  const entryPoints = readdirSync(folder).map((name) => join(folder, name));
+  await build({
+    ...common,
+    format: "iife",
+    sourcemap: false,
+    target: "es2022",
+    entryPoints,
+    outdir: join(output, "pages"),
+  });
 }
