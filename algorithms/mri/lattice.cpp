@@ -1,0 +1,93 @@
+#include "algorithms/mri/lattice.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+
+namespace bregma::mri {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::Vector3d;
+using geometry::Points3;
+
+constexpr double kNear = 1.5;      // of the median spacing: neighbours along an edge of a cell, not its diagonal
+constexpr double kSameStep = 0.25; // of the spacing: distance of two displacements that count as the same
+constexpr double kApart = 0.643;   // cosine of 50 degrees
+constexpr std::size_t kMaxCandidates = 300;
+
+} // namespace
+
+std::vector<double> nearest_distances(const Points3 &points_mm) {
+  std::vector<double> out;
+  out.reserve(static_cast<std::size_t>(points_mm.cols()));
+  for (Index i = 0; i < points_mm.cols(); ++i) {
+    Eigen::VectorXd d = (points_mm.colwise() - points_mm.col(i)).colwise().squaredNorm();
+    d[i] = std::numeric_limits<double>::infinity();
+    out.push_back(std::sqrt(d.minCoeff()));
+  }
+  return out;
+}
+
+double median(std::vector<double> values) {
+  if (values.empty()) {
+    return 0.0;
+  }
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+LatticeSteps lattice_steps(const Points3 &points_mm) {
+  LatticeSteps out;
+  out.spacing_mm = median(nearest_distances(points_mm));
+  std::vector<Vector3d> displacements;
+  for (Index i = 0; i < points_mm.cols(); ++i) {
+    for (Index j = i + 1; j < points_mm.cols(); ++j) {
+      const Vector3d d = points_mm.col(j) - points_mm.col(i);
+      if (d.norm() < kNear * out.spacing_mm) {
+        displacements.push_back(d);
+      }
+    }
+  }
+  std::vector<Vector3d> found;
+  const std::size_t stride = std::max<std::size_t>(1, displacements.size() / kMaxCandidates);
+  while (found.size() < 3) {
+    std::size_t most = 0;
+    Vector3d best = Vector3d::Zero();
+    for (std::size_t c = 0; c < displacements.size(); c += stride) {
+      const Vector3d &candidate = displacements[c];
+      if (std::any_of(found.begin(), found.end(), [&](const Vector3d &f) {
+            return std::abs(f.normalized().dot(candidate.normalized())) > kApart;
+          })) {
+        continue;
+      }
+      std::size_t supporters = 0;
+      Vector3d sum = Vector3d::Zero();
+      for (const Vector3d &d : displacements) {
+        const Vector3d same = d.dot(candidate) < 0.0 ? Vector3d(-d) : d;
+        if ((same - candidate).norm() < kSameStep * out.spacing_mm) {
+          ++supporters;
+          sum += same;
+        }
+      }
+      if (supporters > most) {
+        most = supporters;
+        best = sum / static_cast<double>(supporters);
+      }
+    }
+    if (most == 0) {
+      break;
+    }
+    found.push_back(best);
+  }
+  out.steps_mm.resize(3, static_cast<Index>(found.size()));
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    out.steps_mm.col(static_cast<Index>(i)) = found[i];
+  }
+  return out;
+}
+
+} // namespace bregma::mri

@@ -1,0 +1,26 @@
+// The regular arrangement of a phantom's control points: directions and distances from a point to its neighbours.
+//
+// Nothing is known about the phantom but that most points have neighbours in the same directions at the same distances,
+// up to the distortion. Units: mm. Pure functions, any thread; O(N^2) time.
+#pragma once
+
+#include <vector>
+
+#include <Eigen/Core>
+
+#include "algorithms/geometry/points.hpp"
+
+namespace bregma::mri {
+
+// Distance of each point from its nearest neighbour.
+[[nodiscard]] std::vector<double> nearest_distances(const geometry::Points3 &points_mm);
+[[nodiscard]] double median(std::vector<double> values); // 0 without values
+
+struct LatticeSteps {
+  geometry::Points3 steps_mm; // at most three, the most frequent first, at least 50 degrees apart
+  double spacing_mm = 0.0;    // median distance of nearest neighbours
+};
+// Most frequent displacements between near neighbours, averaged over the points.
+[[nodiscard]] LatticeSteps lattice_steps(const geometry::Points3 &points_mm);
+
+} // namespace bregma::mri
