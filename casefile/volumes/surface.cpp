@@ -7,7 +7,6 @@
 
 #include <Eigen/LU>
 #include <vtkCellArray.h>
-#include <vtkDecimatePro.h>
 #include <vtkFloatArray.h>
 #include <vtkFlyingEdges3D.h>
 #include <vtkIdList.h>
@@ -21,6 +20,7 @@
 #include <vtkStaticCellLocator.h>
 #include <vtkWindowedSincPolyDataFilter.h>
 
+#include "casefile/volumes/decimation.hpp"
 #include "casefile/volumes/segmentation.hpp"
 
 namespace bregma::casefile {
@@ -78,13 +78,15 @@ vtkSmartPointer<vtkPolyData> smoothed(vtkPolyData *mesh, const SurfaceOptions &o
   return sinc->GetOutput();
 }
 
-template <class Filter> vtkSmartPointer<vtkPolyData> decimated_by(Filter &filter, vtkPolyData *mesh, int vertices) {
+// Better shaped triangles than those of decimated(), but it can pinch the surface.
+vtkSmartPointer<vtkPolyData> quadric_decimated(vtkPolyData *mesh, int vertices) {
   // On a closed surface a collapse takes one vertex and two triangles.
   const double excess = static_cast<double>(mesh->GetNumberOfPoints() - vertices);
-  filter.SetInputData(mesh);
-  filter.SetTargetReduction(2.0 * excess / static_cast<double>(mesh->GetNumberOfCells()));
-  filter.Update();
-  return filter.GetOutput();
+  vtkNew<vtkQuadricDecimation> filter;
+  filter->SetInputData(mesh);
+  filter->SetTargetReduction(2.0 * excess / static_cast<double>(mesh->GetNumberOfCells()));
+  filter->Update();
+  return filter->GetOutput();
 }
 
 TriangleMesh mesh_in_image(vtkPolyData *data, const Volume &grid) {
@@ -151,16 +153,15 @@ private:
   vtkNew<vtkStaticCellLocator> locator_;
 };
 
-void measure_distances(vtkPolyData *full, vtkSmartPointer<vtkPolyData> reduced, SurfaceReport &report) {
-  NearestPoint nearest(std::move(reduced));
+void measure_distances(const TriangleMesh &full, const TriangleMesh &reduced, SurfaceReport &report) {
+  NearestPoint nearest(to_vtk(reduced));
   double sum = 0.0;
-  for (vtkIdType at = 0; at < full->GetNumberOfPoints(); ++at) {
-    const Eigen::Vector3d point(full->GetPoint(at));
+  for (const Eigen::Vector3d &point : full.vertices_mm) {
     const double distance = (nearest.of(point) - point).norm();
     sum += distance;
     report.max_distance_mm = std::max(report.max_distance_mm, distance);
   }
-  report.mean_distance_mm = sum / static_cast<double>(full->GetNumberOfPoints());
+  report.mean_distance_mm = sum / static_cast<double>(full.vertices_mm.size());
 }
 
 std::string defect_of(const MeshCheck &check) {
@@ -169,38 +170,33 @@ std::string defect_of(const MeshCheck &check) {
 
 base::Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptions &options, const Step &step) {
   step(0.0, "isosurface");
-  const auto full = smoothed(isosurface(field.grid), options);
+  const auto smooth = smoothed(isosurface(field.grid), options);
+  const TriangleMesh full = mesh_in_image(smooth, field.grid);
   ExtractedSurface out;
   out.report.threshold = field.threshold;
-  out.report.full_vertices = static_cast<int>(full->GetNumberOfPoints());
+  out.report.full_vertices = static_cast<int>(full.vertices_mm.size());
   const auto sound = [](const MeshCheck &check) { return check.closed && check.manifold && check.oriented; };
 
   step(0.3, "decimation");
-  vtkSmartPointer<vtkPolyData> reduced = full;
-  MeshCheck check;
-  if (full->GetNumberOfPoints() > options.vertices) {
-    vtkNew<vtkQuadricDecimation> quadric; // better shape, but it can pinch the surface
-    reduced = decimated_by(*quadric, full, options.vertices);
-    out.mesh = mesh_in_image(reduced, field.grid);
+  MeshCheck check = check_mesh(full);
+  if (!sound(check)) {
+    return base::failure("the surface " + defect_of(check));
+  }
+  out.mesh = full;
+  if (out.report.full_vertices > options.vertices) {
+    out.mesh = mesh_in_image(quadric_decimated(smooth, options.vertices), field.grid);
     check = check_mesh(out.mesh);
     if (!sound(check)) {
       step(0.5, "decimation, keeping the topology");
-      vtkNew<vtkDecimatePro> progressive;
-      progressive->PreserveTopologyOn();
-      progressive->BoundaryVertexDeletionOff();
-      reduced = decimated_by(*progressive, full, options.vertices);
-      out.mesh = mesh_in_image(reduced, field.grid);
+      out.mesh = decimated(full, options.vertices);
       check = check_mesh(out.mesh);
     }
-  } else {
-    out.mesh = mesh_in_image(full, field.grid);
-    check = check_mesh(out.mesh);
   }
   if (!sound(check)) {
     return base::failure("the surface " + defect_of(check));
   }
   step(0.7, "comparing with the full surface");
-  measure_distances(full, reduced, out.report);
+  measure_distances(full, out.mesh, out.report);
   out.report.volume_ml = check.volume_ml;
   step(1.0, "done");
   return out;

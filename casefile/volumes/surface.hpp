@@ -1,9 +1,10 @@
 // Closed surfaces from images, by ITK (segmentation) and VTK (mesh).
 //
 // Stages: threshold, largest component, morphological closing, holes filled, isosurface (flying edges) of the slightly
-// blurred mask, windowed-sinc smoothing, quadric decimation. The outside of the image counts as empty: where the object
-// is cut off by the image (the neck), the surface is closed along it. The result is one closed 2-manifold, oriented
-// outwards, in Image (RAS, mm); anything else is an Error. Blocking, for seconds; safe from any thread.
+// blurred mask, windowed-sinc smoothing, quadric decimation that keeps the surface closed. The outside of the image
+// counts as empty: where the object is cut off by the image (the neck), the surface is closed along it. The result is
+// one closed 2-manifold, oriented outwards, in Image (RAS, mm); anything else is an Error. Blocking, for seconds; safe
+// from any thread.
 #pragma once
 
 #include <cstdint>
@@ -33,7 +34,7 @@ struct SurfaceOptions {
   double blur_mm = 1.0;          // sigma of the Gaussian on the mask, which removes the voxels' steps
   int smoothing_iterations = 20; // windowed sinc; 0: none
   double pass_band = 0.1;        // pass band of the windowed sinc: lower is smoother
-  int vertices = 10'000;         // maximum; the mesh is decimated to it
+  int vertices = 10'000;         // maximum; the mesh is decimated to it, as far as its topology allows
 };
 
 // The skin of a head in an image, closed over nostrils, ear canals and the neck's cut.

@@ -8,6 +8,9 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
+#include "casefile/volumes/decimation.hpp"
+#include "tests/unit/volumes/files.hpp"
+
 namespace bregma::casefile {
 namespace {
 
@@ -179,6 +182,74 @@ TEST(Surface, RegionsKeepTheirVolumeThoughThin) {
   const auto none = extract_surface(labels, absent, {});
   ASSERT_FALSE(none);
   EXPECT_EQ("no voxel carries the label", none.error().message);
+}
+
+// The structures of the demonstration, with sizes at which VTK's decimation pinches some of them.
+TEST(Surface, DecimationKeepsItClosed) {
+  const auto labels = read_labels(test::templates() / "aal.nii.gz");
+  if (!labels) {
+    GTEST_SKIP() << "needs mricron-data";
+  }
+  const std::vector<std::vector<std::int16_t>> structures{{1},  {2}, {43, 45, 47, 49, 51, 53}, {44, 46, 48, 50, 52, 54},
+                                                          {79}, {80}};
+  for (const int vertices : {100, 500, 1'500, 4'000}) {
+    for (const auto &regions : structures) {
+      const auto surface = extract_surface(*labels, regions, {.closing_mm = 1.0, .blur_mm = 0.7, .vertices = vertices});
+      ASSERT_TRUE(surface) << "region " << regions[0] << ", " << vertices << ": " << surface.error().message;
+      expect_body(surface->mesh);
+      EXPECT_LE(surface->mesh.vertices_mm.size(), static_cast<std::size_t>(vertices));
+    }
+  }
+}
+
+// Voxels at random touch each other at edges and corners.
+TEST(Surface, RoughRegionsAreClosedAtEveryBlur) {
+  for (const unsigned seed : {1U, 2U, 3U}) {
+    std::mt19937 random(seed);
+    LabelVolume labels;
+    labels.size = {20, 20, 20};
+    for (int i = 0; i < 8'000; ++i) {
+      labels.voxels.push_back(random() % 5 < 2 ? std::int16_t{1} : std::int16_t{0});
+    }
+    const std::int16_t one[] = {1};
+    for (const double blur_mm : {0.0, 0.5, 0.7, 1.0}) {
+      const auto surface = extract_surface(labels, one, {.fill_holes = false, .blur_mm = blur_mm, .vertices = 1'000});
+      ASSERT_TRUE(surface) << "seed " << seed << ", blur " << blur_mm << ": " << surface.error().message;
+      const MeshCheck check = check_mesh(surface->mesh);
+      EXPECT_TRUE(check.closed && check.manifold && check.oriented);
+    }
+  }
+}
+
+// A torus: a collapse that closed its hole, or pinched it, would change Euler's characteristic.
+TEST(Decimation, KeepsAHoleDownToTheLeastMesh) {
+  TriangleMesh torus;
+  const int around = 120;
+  const int across = 60;
+  for (int i = 0; i < around; ++i) {
+    for (int j = 0; j < across; ++j) {
+      const double u = 2.0 * std::numbers::pi * i / around;
+      const double v = 2.0 * std::numbers::pi * j / across;
+      const double r = 40.0 + 15.0 * std::cos(v);
+      torus.vertices_mm.emplace_back(r * std::cos(u), r * std::sin(u), 15.0 * std::sin(v));
+      const int a = i * across + j;
+      const int b = (i + 1) % around * across + j;
+      const int c = (i + 1) % around * across + (j + 1) % across;
+      const int d = i * across + (j + 1) % across;
+      torus.triangles.emplace_back(a, b, c);
+      torus.triangles.emplace_back(a, c, d);
+    }
+  }
+  ASSERT_TRUE(check_mesh(torus).manifold);
+  for (const int vertices : {3'000, 500, 100, 30, 4}) {
+    const TriangleMesh reduced = decimated(torus, vertices);
+    expect_body(reduced);
+    EXPECT_EQ(reduced.triangles.size(), 2 * reduced.vertices_mm.size()) << vertices; // characteristic 0
+    if (vertices >= 100) {
+      EXPECT_EQ(reduced.vertices_mm.size(), static_cast<std::size_t>(vertices));
+      EXPECT_LT(distances(reduced, torus.vertices_mm).back(), vertices >= 500 ? 0.7 : 4.0) << vertices;
+    }
+  }
 }
 
 TEST(Surface, ShowsProgressAndStops) {
