@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "algorithms/geometry/unknown.hpp"
+#include "algorithms/intensity/joint_histogram.hpp"
 
 namespace bregma::intensity {
 
@@ -44,38 +45,31 @@ double rmse(std::span<const float> a, std::span<const float> b) noexcept {
 double mutual_information(std::span<const float> a, std::span<const float> b, int bins) {
   Range of_a;
   Range of_b;
-  double count = 0.0;
+  std::size_t count = 0;
   for (std::size_t i = 0; a.size() == b.size() && i < a.size(); ++i) {
     if (both(a[i], b[i])) {
       of_a.take(a[i]);
       of_b.take(b[i]);
-      count += 1.0;
+      ++count;
     }
   }
-  if (count == 0.0 || bins < 1) {
+  if (count == 0 || bins < 1) {
     return geometry::kUnknown;
   }
-  const auto n = static_cast<std::size_t>(bins);
-  std::vector<double> joint(n * n, 0.0);
-  std::vector<double> first(n, 0.0);
-  std::vector<double> second(n, 0.0);
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    if (both(a[i], b[i])) {
-      const std::size_t x = of_a.bin(a[i], bins);
-      const std::size_t y = of_b.bin(b[i], bins);
-      joint[x * n + y] += 1.0 / count;
-      first[x] += 1.0 / count;
-      second[y] += 1.0 / count;
+  // In parts: a float counts single pixels up to 2^24 only.
+  constexpr std::size_t kPart = std::size_t{1} << 22U;
+  JointHistogram total(bins, bins);
+  JointHistogram part(bins, bins);
+  for (std::size_t first = 0; first < a.size(); first += kPart) {
+    part.clear();
+    for (std::size_t i = first; i < std::min(first + kPart, a.size()); ++i) {
+      if (both(a[i], b[i])) {
+        part.counts()[of_a.bin(a[i], bins) * static_cast<std::size_t>(bins) + of_b.bin(b[i], bins)] += 1.0F;
+      }
     }
+    total.add(part);
   }
-  double sum = 0.0;
-  for (std::size_t x = 0; x < n; ++x) {
-    for (std::size_t y = 0; y < n; ++y) {
-      const double p = joint[x * n + y];
-      sum += p > 0.0 ? p * std::log(p / (first[x] * second[y])) : 0.0;
-    }
-  }
-  return std::max(sum, 0.0);
+  return std::max(total.summarise().mutual_information(), 0.0);
 }
 
 void restrict_to_overlap(std::initializer_list<std::vector<float> *> images) {

@@ -2,7 +2,7 @@
 //
 // Images of any dimension are lists of intensities of the same length. A pixel outside an image is NaN there. Figures
 // are over the overlap: pairs with a NaN are left out. They are NaN where the lengths differ or no pair remains.
-// Reentrant.
+// Reentrant. For registration see similarity_measure.hpp.
 #pragma once
 
 #include <initializer_list>

@@ -2,20 +2,20 @@
 //
 // The map leads from the reference image's frame to the floating image's (resampling direction): each pixel of the
 // result is sampled from the floating image by (bi-, tri-)linear interpolation. Pixels outside the floating image are
-// NaN, so that similarity.hpp leaves them out. Pure; `map` must be safe to call from `threads` threads at a time.
+// NaN, so that similarity.hpp leaves them out. Pure; `map` must be safe to call from the team's threads at a time.
 #pragma once
 
 #include <algorithm>
 #include <array>
 #include <limits>
 #include <span>
-#include <thread>
 #include <vector>
 
 #include <Eigen/Core>
 #include <Eigen/LU>
 
 #include "algorithms/image/grid.hpp"
+#include "algorithms/parallel/team.hpp"
 
 namespace bregma::intensity {
 
@@ -56,24 +56,27 @@ template <int D>
 // map: a point of the reference (mm) to a point of the floating image (mm). values: floating.pixels() intensities.
 template <int D, class Map>
 [[nodiscard]] std::vector<float> warp(const image::Grid<D> &reference, const image::Grid<D> &floating,
-                                      std::span<const float> values, const Map &map, int threads = 1) {
+                                      std::span<const float> values, const Map &map, parallel::Team &team) {
   std::vector<float> out(reference.pixels());
   const Eigen::Matrix<double, D, D> to_index = floating.axes().inverse();
   const Eigen::Matrix<double, D, 1> origin_mm = floating.origin_mm();
-  const auto run = [&](std::size_t first, std::size_t last) {
-    for (std::size_t i = first; i < last; ++i) {
+  const auto parts = static_cast<std::size_t>(team.size());
+  team.run([&](int thread) {
+    const auto part = static_cast<std::size_t>(thread);
+    for (std::size_t i = out.size() * part / parts; i < out.size() * (part + 1) / parts; ++i) {
       const Eigen::Matrix<double, D, 1> there = map(reference.pixel_mm(i));
       out[i] = sample<D>(floating, values, to_index * (there - origin_mm));
     }
-  };
-  const auto parts = static_cast<std::size_t>(std::max(threads, 1));
-  std::vector<std::jthread> others;
-  for (std::size_t part = 1; part < parts; ++part) {
-    others.emplace_back(run, out.size() * part / parts, out.size() * (part + 1) / parts);
-  }
-  run(0, out.size() / parts);
-  others.clear(); // joins
+  });
   return out;
+}
+
+// On the caller's thread.
+template <int D, class Map>
+[[nodiscard]] std::vector<float> warp(const image::Grid<D> &reference, const image::Grid<D> &floating,
+                                      std::span<const float> values, const Map &map) {
+  parallel::Team alone(1);
+  return warp<D>(reference, floating, values, map, alone);
 }
 
 } // namespace bregma::intensity

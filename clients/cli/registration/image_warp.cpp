@@ -8,6 +8,7 @@
 
 #include "algorithms/intensity/similarity.hpp"
 #include "algorithms/intensity/warp.hpp"
+#include "algorithms/parallel/team.hpp"
 #include "algorithms/registration/splines/spline_grid.hpp"
 
 namespace bregma::cli {
@@ -48,9 +49,10 @@ base::Result<WarpedImage> warp_image(const std::string &source_file, const std::
   const auto threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1U, 2U));
   const Eigen::AlignedBox3d box = box_of(*target);
   const registration::SplineGrid<3> map(to_source, box.min(), box.max(), kGridSpacing_mm, threads);
+  parallel::Team team(threads);
   const auto unmoved = [](const Vector3d &p) { return p; };
-  std::vector<float> before = intensity::warp<3>(*target, *source, source->voxels, unmoved, threads);
-  std::vector<float> after = intensity::warp<3>(*target, *source, source->voxels, map, threads);
+  std::vector<float> before = intensity::warp<3>(*target, *source, source->voxels, unmoved, team);
+  std::vector<float> after = intensity::warp<3>(*target, *source, source->voxels, map, team);
   WarpedImage out;
   out.grid_error_mm = map.largest_error_mm();
   out.image.size = target->size;

@@ -1,12 +1,16 @@
 // Similarity of images, and warps.
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <random>
 #include <stdexcept>
+#include <vector>
 
 #include <gtest/gtest.h>
 
 #include "algorithms/intensity/similarity.hpp"
 #include "algorithms/intensity/warp.hpp"
+#include "algorithms/parallel/team.hpp"
 
 namespace {
 
@@ -34,6 +38,10 @@ TEST(Similarity, MutualInformationOfKnownTables) {
   const std::vector<float> other = {7, 9, 9, 2, 2};
   EXPECT_NEAR(mutual_information(with_gap, other, 2), std::log(2.0), 1e-12);
   EXPECT_TRUE(std::isnan(mutual_information(a, other)));
+  // More pixels than a float counts one by one.
+  std::vector<float> half(std::size_t{36} << 20U, 0.0F);
+  std::fill(half.begin() + static_cast<std::ptrdiff_t>(half.size() / 2), half.end(), 1.0F);
+  EXPECT_NEAR(mutual_information(half, half, 2), std::log(2.0), 1e-9);
   EXPECT_EQ(mutual_information(std::vector<float>(5, 1.0F), std::vector<float>(5, 2.0F)), 0.0);
 }
 
@@ -69,8 +77,9 @@ TEST(Warp, LinearImagesAreMovedExactly) {
   EXPECT_LT(rmse(same, image), 1e-4);
   const Eigen::Vector3d shift(1.3, -0.4, 2.2);
   for (const int threads : {1, 2}) {
+    bregma::parallel::Team team(threads);
     const auto moved = warp<3>(
-        grid, grid, image, [&](const Eigen::Vector3d &p) { return p + shift; }, threads);
+        grid, grid, image, [&](const Eigen::Vector3d &p) { return p + shift; }, team);
     int inside = 0;
     for (std::size_t i = 0; i < moved.size(); ++i) {
       if (std::isfinite(moved[i])) {
