@@ -139,7 +139,7 @@ int calibrate_live(const PivotArguments &arguments, const Context &context) {
     return fail("\"" + arguments.source + "\": with --live it must be start or finish");
   }
   const auto kind = arguments.source == "start" ? bregma_wire_COMMAND_START_PIVOT : bregma_wire_COMMAND_FINISH_PIVOT;
-  return send_and_show(make_command(kind, {arguments.live_tool}), context);
+  return send_and_show(live::make_command(kind, {arguments.live_tool}), context);
 }
 
 } // namespace

@@ -28,11 +28,12 @@ int show_reply(const base::Result<wire::CommandReply> &reply, const Context &con
   return done ? kOk : kRefused;
 }
 
-int send_and_show(const base::Result<wire::Command> &command, const Context &context, DaemonLink::Duration timeout) {
+int send_and_show(const base::Result<wire::Command> &command, const Context &context,
+                  live::DaemonLink::Duration timeout) {
   if (!command) {
     return fail(command.error());
   }
-  DaemonLink link(context.domain, DaemonLink::Role::kCommands, context.wait_s);
+  live::DaemonLink link(context.domain, live::DaemonLink::Role::kCommands, context.wait_s);
   return show_reply(link.send(*command, timeout), context);
 }
 

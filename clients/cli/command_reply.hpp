@@ -2,7 +2,7 @@
 #pragma once
 
 #include "clients/cli/commands.hpp"
-#include "clients/cli/daemon_link.hpp"
+#include "clients/live/daemon_link.hpp"
 
 namespace bregma::cli {
 
@@ -11,6 +11,6 @@ int show_reply(const base::Result<wire::CommandReply> &reply, const Context &con
 
 // Joins the domain, sends, shows. The error of a command that could not be made is shown as well.
 int send_and_show(const base::Result<wire::Command> &command, const Context &context,
-                  DaemonLink::Duration timeout = std::chrono::seconds(5));
+                  live::DaemonLink::Duration timeout = std::chrono::seconds(5));
 
 } // namespace bregma::cli

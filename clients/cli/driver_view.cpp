@@ -9,14 +9,14 @@ namespace {
 
 constexpr std::int64_t kSilent_ns = 2'500'000'000; // a driver speaks once per second
 
-std::string state_of(const Received<wire::DriverHealth> &driver, const Now &now) {
+std::string state_of(const live::Received<wire::DriverHealth> &driver, const live::Now &now) {
   const bool silent = driver.state != bregma_wire_DRIVER_STOPPED && now.boot_ns - driver.arrival.boot_ns > kSilent_ns;
   return silent ? "silent" : std::string(driver_state_label(driver.state));
 }
 
 } // namespace
 
-std::string drivers_text(const Drivers &drivers, const Now &now) {
+std::string drivers_text(const Drivers &drivers, const live::Now &now) {
   Table table({"Driver", "State", "Published", "Refused", "Out of step", "Unreadable", "Clock ms", "Drift ppm",
                "Connects", "Failures"});
   std::string failures;
@@ -32,7 +32,7 @@ std::string drivers_text(const Drivers &drivers, const Now &now) {
   return table.empty() ? "" : table.text() + failures;
 }
 
-nlohmann::json drivers_json(const Drivers &drivers, const Now &now) {
+nlohmann::json drivers_json(const Drivers &drivers, const live::Now &now) {
   auto out = nlohmann::json::array();
   for (const auto &[device, driver] : drivers) {
     out.push_back({{"device", device},

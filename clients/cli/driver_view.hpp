@@ -8,14 +8,14 @@
 
 #include <nlohmann/json.hpp>
 
-#include "clients/cli/snapshot.hpp"
+#include "clients/live/snapshot.hpp"
 
 namespace bregma::cli {
 
-using Drivers = std::map<std::string, Received<wire::DriverHealth>>; // by device
+using Drivers = std::map<std::string, live::Received<wire::DriverHealth>>; // by device
 
 // A table and the latest failure of each; empty where there are no drivers on the frame.
-[[nodiscard]] std::string drivers_text(const Drivers &drivers, const Now &now);
-[[nodiscard]] nlohmann::json drivers_json(const Drivers &drivers, const Now &now);
+[[nodiscard]] std::string drivers_text(const Drivers &drivers, const live::Now &now);
+[[nodiscard]] nlohmann::json drivers_json(const Drivers &drivers, const live::Now &now);
 
 } // namespace bregma::cli

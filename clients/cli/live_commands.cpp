@@ -9,11 +9,11 @@
 #include "casefile/case.hpp"
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/commands.hpp"
-#include "clients/cli/daemon_link.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/watch_command.hpp"
+#include "clients/live/daemon_link.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::cli {
@@ -22,23 +22,23 @@ namespace {
 using nlohmann::json;
 
 int status(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
+  live::DaemonLink link(context.domain, live::DaemonLink::Role::kReads, context.wait_s);
   const auto there = link.wait_for_daemon();
   if (!there && !link.snapshot().health) {
     return fail(there.error());
   }
   link.settle();
-  const Now now = Now::read();
+  const live::Now now = live::Now::read();
   if (context.json) {
     print_json(status_json(link.snapshot(), context.domain, now));
   } else {
     print(status_text(link.snapshot(), context.domain, now));
   }
-  return alive(link.snapshot(), now.boot_ns) ? kOk : kBadInput;
+  return live::alive(link.snapshot(), now.boot_ns) ? kOk : kBadInput;
 }
 
 int list_alarms(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
+  live::DaemonLink link(context.domain, live::DaemonLink::Role::kReads, context.wait_s);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
@@ -53,7 +53,7 @@ int list_alarms(const Context &context) {
     return kOk;
   }
   for (const auto &alarm : alarms) {
-    print(alarm_line(alarm, daemon_now_ns(link.snapshot(), Now::read().boot_ns)) + "\n");
+    print(alarm_line(alarm, live::daemon_now_ns(link.snapshot(), live::Now::read().boot_ns)) + "\n");
   }
   if (alarms.empty()) {
     print("no alarms\n");
@@ -61,7 +61,7 @@ int list_alarms(const Context &context) {
   return kOk;
 }
 
-const wire::TargetAccuracy *accuracy_of(const Snapshot &snapshot, const std::string &target) {
+const wire::TargetAccuracy *accuracy_of(const live::Snapshot &snapshot, const std::string &target) {
   if (snapshot.accuracy) {
     const auto &accuracy = *snapshot.accuracy;
     for (std::size_t i = 0; i < std::min<std::size_t>(accuracy.target_count, std::size(accuracy.targets)); ++i) {
@@ -74,7 +74,7 @@ const wire::TargetAccuracy *accuracy_of(const Snapshot &snapshot, const std::str
 }
 
 int list_targets(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
+  live::DaemonLink link(context.domain, live::DaemonLink::Role::kReads, context.wait_s);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
@@ -156,7 +156,8 @@ void add_alarms_command(CLI::App &app, Context &context) {
   add_daemon_options(*acknowledge, context);
   acknowledge->callback([name, &context] {
     context.run = [name, &context] {
-      return send_and_show(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {name->first, name->second}), context);
+      return send_and_show(live::make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {name->first, name->second}),
+                           context);
     };
   });
 }
@@ -179,7 +180,8 @@ void add_target_command(CLI::App &app, Context &context) {
   add_daemon_options(*navigate, context);
   navigate->callback([plan, &context] {
     context.run = [plan, &context] {
-      return send_and_show(make_command(bregma_wire_COMMAND_START_NAVIGATION, {plan->first, plan->second}), context);
+      return send_and_show(live::make_command(bregma_wire_COMMAND_START_NAVIGATION, {plan->first, plan->second}),
+                           context);
     };
   });
 
@@ -187,7 +189,9 @@ void add_target_command(CLI::App &app, Context &context) {
   add_json_flag(*stop, context);
   add_daemon_options(*stop, context);
   stop->callback([&context] {
-    context.run = [&context] { return send_and_show(make_command(bregma_wire_COMMAND_STOP_NAVIGATION), context); };
+    context.run = [&context] {
+      return send_and_show(live::make_command(bregma_wire_COMMAND_STOP_NAVIGATION), context);
+    };
   });
 }
 

@@ -21,7 +21,7 @@ double seconds(std::int64_t duration_ns) { return static_cast<double>(duration_n
 constexpr std::int64_t kClocksDiffer_ns = 1'000'000'000;
 
 template <class Visit>
-void each_tool(const Snapshot &snapshot, std::string_view wanted, const Now &now, Visit &&visit) {
+void each_tool(const live::Snapshot &snapshot, std::string_view wanted, const live::Now &now, Visit &&visit) {
   const DaemonView daemon = view_daemon(snapshot, now);
   for (const auto &[name, state] : snapshot.tools) {
     if (wanted.empty() || name == wanted) {
@@ -39,7 +39,7 @@ std::string nearest_text(const ToolView &view) {
 }
 
 // The present step, and what was collected for it.
-std::string step_text(const Snapshot &snapshot, const DaemonView &daemon) {
+std::string step_text(const live::Snapshot &snapshot, const DaemonView &daemon) {
   std::string out = daemon.text;
   if (daemon.presence == Presence::kAlive && snapshot.registration) {
     out += ", " + std::to_string(snapshot.registration->fiducial_count) + " fiducials, " +
@@ -75,7 +75,7 @@ std::string_view missing_for_live(const wire::NavigationState &state) {
 }
 
 // One line per reason, for the tools that are not live.
-std::string reasons_text(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+std::string reasons_text(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now) {
   std::map<std::string, std::string> tools_of; // by reason
   const DaemonView daemon = view_daemon(snapshot, now);
   for (const auto &[name, state] : snapshot.tools) {
@@ -94,7 +94,7 @@ std::string reasons_text(const Snapshot &snapshot, std::string_view tool, const 
 }
 
 // The only wording for the FRE: it measures the agreement of the fiducials, not the error at the target.
-std::string consistency_text(const Snapshot &snapshot) {
+std::string consistency_text(const live::Snapshot &snapshot) {
   if (!snapshot.registration) {
     return "registration: no data";
   }
@@ -112,15 +112,15 @@ std::string consistency_text(const Snapshot &snapshot) {
 
 } // namespace
 
-DaemonView view_daemon(const Snapshot &snapshot, const Now &now) {
+DaemonView view_daemon(const live::Snapshot &snapshot, const live::Now &now) {
   DaemonView out;
   if (!snapshot.health) {
     out.text = "no daemon";
     return out;
   }
-  out.now_ns = daemon_now_ns(snapshot, now.boot_ns);
-  out.silent_s = seconds(*silence_ns(snapshot, now.boot_ns));
-  if (!alive(snapshot, now.boot_ns)) {
+  out.now_ns = live::daemon_now_ns(snapshot, now.boot_ns);
+  out.silent_s = seconds(*live::silence_ns(snapshot, now.boot_ns));
+  if (!live::alive(snapshot, now.boot_ns)) {
     out.presence = Presence::kSilent;
     out.text = "SILENT for " + duration_text(out.silent_s);
     return out;
@@ -134,11 +134,11 @@ std::string stale_text(const DaemonView &daemon, std::int64_t since_published_ns
   if (daemon.presence != Presence::kAlive) {
     return "daemon silent";
   }
-  return since_published_ns < kStateSilent_ns ? std::string()
+  return since_published_ns < live::kStateSilent_ns ? std::string()
                                               : "no data for " + duration_text(seconds(since_published_ns));
 }
 
-ToolView view_tool(const Received<wire::NavigationState> &state, const DaemonView &daemon, const Now &now) {
+ToolView view_tool(const live::Received<wire::NavigationState> &state, const DaemonView &daemon, const live::Now &now) {
   ToolView out;
   out.tool = printable(wire::view(state.tool));
   out.trajectory = printable(wire::view(state.trajectory));
@@ -188,7 +188,7 @@ ToolView view_tool(const Received<wire::NavigationState> &state, const DaemonVie
   return out;
 }
 
-std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot) {
+std::vector<wire::Alarm> standing_alarms(const live::Snapshot &snapshot) {
   std::vector<wire::Alarm> out;
   for (const auto &[key, alarm] : snapshot.alarms) {
     if (alarm.state != bregma_wire_ALARM_CLEARED) {
@@ -215,7 +215,7 @@ std::string alarm_line(const wire::Alarm &alarm, std::optional<std::int64_t> dae
   return *alarm.text == '\0' ? out : out + ": " + printable(alarm.text);
 }
 
-std::string connection_text(const Snapshot &snapshot) {
+std::string connection_text(const live::Snapshot &snapshot) {
   std::string out;
   if (!snapshot.other_daemons.empty()) {
     out += "WARNING: " + snapshot.other_daemons + "\n";
@@ -241,7 +241,7 @@ nlohmann::json alarm_json(const wire::Alarm &alarm) {
           {"text", alarm.text}};
 }
 
-std::string tools_table(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+std::string tools_table(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now) {
   // Two tables of at most 80 columns: a wider one would be cut at the edge of a common terminal.
   Table poses({"Tool", "Status", "Tip R A S mm", "Age ms", "TRE 95 % mm"});
   Table plan({"Tool", "Target mm", "Predicted", "Lateral mm", "Angle deg", "Depth left", "Nearest mm"});
@@ -259,7 +259,7 @@ std::string tools_table(const Snapshot &snapshot, std::string_view tool, const N
   return poses.text() + (plan.empty() ? "" : "\n" + plan.text());
 }
 
-std::string watch_table(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+std::string watch_table(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now) {
   const DaemonView daemon = view_daemon(snapshot, now);
   std::string out = "Session " + step_text(snapshot, daemon) + "\n";
   const std::string consistency = consistency_text(snapshot);
@@ -277,12 +277,12 @@ std::string watch_table(const Snapshot &snapshot, std::string_view tool, const N
   const auto alarms = standing_alarms(snapshot);
   out += alarms.empty() ? "\nAlarms: none\n" : "\nAlarms:\n";
   for (const auto &alarm : alarms) {
-    out += "  " + alarm_line(alarm, daemon_now_ns(snapshot, now.boot_ns)) + "\n";
+    out += "  " + alarm_line(alarm, live::daemon_now_ns(snapshot, now.boot_ns)) + "\n";
   }
   return out;
 }
 
-std::string watch_line(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+std::string watch_line(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now) {
   std::string out = step_text(snapshot, view_daemon(snapshot, now));
   each_tool(snapshot, tool, now, [&](const ToolView &view) {
     out += " | " + view.tool + " " + view.status;
@@ -298,13 +298,13 @@ std::string watch_line(const Snapshot &snapshot, std::string_view tool, const No
     }
   });
   for (const auto &alarm : standing_alarms(snapshot)) {
-    out += " | " + alarm_line(alarm, daemon_now_ns(snapshot, now.boot_ns));
+    out += " | " + alarm_line(alarm, live::daemon_now_ns(snapshot, now.boot_ns));
   }
   out += snapshot.other_daemons.empty() ? "" : " | WARNING: " + snapshot.other_daemons;
   return snapshot.other_wire.empty() ? out : out + " | wire: " + snapshot.other_wire;
 }
 
-nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, const Now &now) {
+nlohmann::json watch_json(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now) {
   const DaemonView daemon = view_daemon(snapshot, now);
   const bool alive = daemon.presence == Presence::kAlive;
   const auto &difference = snapshot.clock_difference_ns;

@@ -10,13 +10,9 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "algorithms/geometry/unknown.hpp"
-#include "clients/cli/snapshot.hpp"
+#include "clients/live/snapshot.hpp"
 
 namespace bregma::cli {
-
-// After this time without a new state, a tool's or a prediction's status is no longer current either. Poses end
-// earlier, by the rule for live poses (idl/validity.hpp).
-inline constexpr std::int64_t kStateSilent_ns = 500'000'000;
 
 enum class Presence { kNever, kSilent, kAlive };
 
@@ -26,7 +22,7 @@ struct DaemonView {
   std::string text;                     // "navigating"; "no daemon"; "SILENT for 12.3 s"
   std::optional<std::int64_t> now_ns;   // present time on its clock
 };
-[[nodiscard]] DaemonView view_daemon(const Snapshot &snapshot, const Now &now);
+[[nodiscard]] DaemonView view_daemon(const live::Snapshot &snapshot, const live::Now &now);
 
 // The reason why a sample of this age is no longer current; empty if it is current.
 [[nodiscard]] std::string stale_text(const DaemonView &daemon, std::int64_t since_published_ns);
@@ -54,26 +50,26 @@ struct ToolView {
   std::string nearest_structure;
   double nearest_mm = geometry::kUnknown;
 };
-[[nodiscard]] ToolView view_tool(const Received<wire::NavigationState> &state, const DaemonView &daemon,
-                                 const Now &now);
+[[nodiscard]] ToolView view_tool(const live::Received<wire::NavigationState> &state, const DaemonView &daemon,
+                                 const live::Now &now);
 
 // Alarms that are not cleared, the most severe first.
-[[nodiscard]] std::vector<wire::Alarm> standing_alarms(const Snapshot &snapshot);
+[[nodiscard]] std::vector<wire::Alarm> standing_alarms(const live::Snapshot &snapshot);
 
 // `bregma status`: the whole state as text and as JSON. NaN is null in JSON.
-[[nodiscard]] std::string status_text(const Snapshot &snapshot, std::uint32_t domain, const Now &now);
-[[nodiscard]] nlohmann::json status_json(const Snapshot &snapshot, std::uint32_t domain, const Now &now);
+[[nodiscard]] std::string status_text(const live::Snapshot &snapshot, std::uint32_t domain, const live::Now &now);
+[[nodiscard]] nlohmann::json status_json(const live::Snapshot &snapshot, std::uint32_t domain, const live::Now &now);
 
 // `bregma watch`: a table that fits on a screen, one line, or one object. An empty tool shows all.
-[[nodiscard]] std::string tools_table(const Snapshot &snapshot, std::string_view tool, const Now &now);
-[[nodiscard]] std::string watch_table(const Snapshot &snapshot, std::string_view tool, const Now &now);
-[[nodiscard]] std::string watch_line(const Snapshot &snapshot, std::string_view tool, const Now &now);
-[[nodiscard]] nlohmann::json watch_json(const Snapshot &snapshot, std::string_view tool, const Now &now);
+[[nodiscard]] std::string tools_table(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now);
+[[nodiscard]] std::string watch_table(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now);
+[[nodiscard]] std::string watch_line(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now);
+[[nodiscard]] nlohmann::json watch_json(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now);
 
 [[nodiscard]] nlohmann::json alarm_json(const wire::Alarm &alarm);
 // daemon_now_ns: present time on the daemon's clock, if known.
 [[nodiscard]] std::string alarm_line(const wire::Alarm &alarm, std::optional<std::int64_t> daemon_now_ns);
 // Warnings about the connection, each with a newline: other daemons, clocks that differ. Empty: none.
-[[nodiscard]] std::string connection_text(const Snapshot &snapshot);
+[[nodiscard]] std::string connection_text(const live::Snapshot &snapshot);
 
 } // namespace bregma::cli

@@ -11,8 +11,8 @@
 
 namespace bregma::cli {
 
-PredictionView view_prediction(const Received<wire::DeformationState> &state, const DaemonView &daemon,
-                               const Now &now) {
+PredictionView view_prediction(const live::Received<wire::DeformationState> &state, const DaemonView &daemon,
+                               const live::Now &now) {
   PredictionView out;
   out.point = printable(wire::view(state.point));
   out.kind = followed_label(state.kind);

@@ -27,8 +27,8 @@ struct PredictionView {
   double rupture_force_N = geometry::kUnknown;
   double stiffness_scale = geometry::kUnknown;
 };
-[[nodiscard]] PredictionView view_prediction(const Received<wire::DeformationState> &state, const DaemonView &daemon,
-                                             const Now &now);
+[[nodiscard]] PredictionView view_prediction(const live::Received<wire::DeformationState> &state,
+                                             const DaemonView &daemon, const live::Now &now);
 
 // "Deep: valid; predicted 0.32 mm from where it was imaged, +/- 0.05 mm; probe: penetration, ..."
 [[nodiscard]] std::string prediction_line(const PredictionView &view);

@@ -27,7 +27,7 @@ struct LiveArguments {
   std::string action; // for trace: start or stop
 };
 
-json fiducials_json(const Snapshot &snapshot) {
+json fiducials_json(const live::Snapshot &snapshot) {
   json out = json::array();
   if (!snapshot.fiducials) {
     return out;
@@ -44,7 +44,7 @@ json fiducials_json(const Snapshot &snapshot) {
   return out;
 }
 
-std::string fiducials_text(const Snapshot &snapshot) {
+std::string fiducials_text(const live::Snapshot &snapshot) {
   Table table({"Fiducial", "Residual mm", "Left out mm", "p", ""});
   for (const json &f : fiducials_json(snapshot)) {
     const auto figure = [&f](const char *key, int decimals) {
@@ -57,12 +57,12 @@ std::string fiducials_text(const Snapshot &snapshot) {
 }
 
 int show_status(const Context &context) {
-  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
+  live::DaemonLink link(context.domain, live::DaemonLink::Role::kReads, context.wait_s);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
   link.settle();
-  const Snapshot &snapshot = link.snapshot();
+  const live::Snapshot &snapshot = link.snapshot();
   if (!snapshot.registration) {
     return fail("the daemon has sent no registration");
   }
@@ -111,27 +111,28 @@ void add_touch_commands(CLI::App &parent, Context &context) {
   capture->add_option("fiducial", arguments->point, "Its name in the case")->required();
   add_tool_option(*capture, *arguments);
   on_run(capture, context, [arguments] {
-    return make_command(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, {arguments->tool, arguments->point});
+    return live::make_command(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, {arguments->tool, arguments->point});
   });
 
   auto *remove = add_live(parent, "remove", "Removes the touch of a fiducial", context);
   remove->add_option("fiducial", arguments->point, "Its name in the case")->required();
   on_run(remove, context,
-         [arguments] { return make_command(bregma_wire_COMMAND_REMOVE_FIDUCIAL, {arguments->point}); });
+         [arguments] { return live::make_command(bregma_wire_COMMAND_REMOVE_FIDUCIAL, {arguments->point}); });
 
   auto *trace = add_live(parent, "trace", "Starts or stops tracing the skin", context);
   trace->add_option("action", arguments->action, "start or stop")->required()->check(CLI::IsMember({"start", "stop"}));
   add_tool_option(*trace, *arguments);
   on_run(trace, context, [arguments] {
-    return make_command(arguments->action == "start" ? bregma_wire_COMMAND_START_TRACE : bregma_wire_COMMAND_STOP_TRACE,
-                        {arguments->tool});
+    return live::make_command(arguments->action == "start" ? bregma_wire_COMMAND_START_TRACE
+                                                           : bregma_wire_COMMAND_STOP_TRACE,
+                              {arguments->tool});
   });
 
   auto *check = add_live(parent, "check", "Checks a landmark: distance of the shown tip from it", context);
   check->add_option("landmark", arguments->point, "Its name in the case")->required();
   add_tool_option(*check, *arguments);
   on_run(check, context, [arguments] {
-    return make_command(bregma_wire_COMMAND_CHECK_TOUCH, {arguments->tool, arguments->point});
+    return live::make_command(bregma_wire_COMMAND_CHECK_TOUCH, {arguments->tool, arguments->point});
   });
 }
 
@@ -149,12 +150,12 @@ void add_register_command(CLI::App &app, Context &context) {
   status->callback([&context] { context.run = [&context] { return show_status(context); }; });
 
   auto *start = add_live(*command, "start", "Starts a registration; an earlier one is discarded", context);
-  on_run(start, context, [] { return make_command(bregma_wire_COMMAND_START_REGISTRATION); });
+  on_run(start, context, [] { return live::make_command(bregma_wire_COMMAND_START_REGISTRATION); });
   add_touch_commands(*command, context);
   auto *accept = add_live(*command, "accept", "Accepts the current estimate", context);
-  on_run(accept, context, [] { return make_command(bregma_wire_COMMAND_ACCEPT_REGISTRATION); });
+  on_run(accept, context, [] { return live::make_command(bregma_wire_COMMAND_ACCEPT_REGISTRATION); });
   auto *confirm = add_live(*command, "confirm", "Confirms the verification: navigation may start", context);
-  on_run(confirm, context, [] { return make_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
+  on_run(confirm, context, [] { return live::make_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
   add_register_points(*command, context);
   add_register_surface(*command, context);
   add_register_cloud(*command, context);

@@ -44,7 +44,7 @@ std::string case_text(const wire::SystemHealth &health) {
   return *health.case_folder == '\0' ? "no case loaded" : "case " + printable(health.case_folder);
 }
 
-std::string wire_text(const Snapshot &snapshot) {
+std::string wire_text(const live::Snapshot &snapshot) {
   const auto &health = *snapshot.health;
   const wire::WireVersion daemon{health.wire_generation, health.wire_revision};
   std::string out = "Wire " + wire::text_of(daemon);
@@ -58,7 +58,7 @@ std::string wire_text(const Snapshot &snapshot) {
                     : "Samples that are not of their topic's type: " + std::to_string(health.ill_typed_samples) + "\n");
 }
 
-std::string registration_text(const Snapshot &snapshot) {
+std::string registration_text(const live::Snapshot &snapshot) {
   if (!snapshot.registration) {
     return "Registration  no data\n";
   }
@@ -80,7 +80,7 @@ std::string registration_text(const Snapshot &snapshot) {
   return out;
 }
 
-std::string accuracy_text(const Snapshot &snapshot) {
+std::string accuracy_text(const live::Snapshot &snapshot) {
   if (!snapshot.accuracy) {
     return "Accuracy  not known\n";
   }
@@ -209,7 +209,7 @@ json device_json(const wire::DeviceHealth &device, const DaemonView &daemon) {
 
 } // namespace
 
-std::string status_text(const Snapshot &snapshot, std::uint32_t domain, const Now &now) {
+std::string status_text(const live::Snapshot &snapshot, std::uint32_t domain, const live::Now &now) {
   const DaemonView daemon = view_daemon(snapshot, now);
   std::string out = "bregmad on domain " + std::to_string(domain) + ": " + daemon.text;
   if (!snapshot.health) {
@@ -236,12 +236,12 @@ std::string status_text(const Snapshot &snapshot, std::uint32_t domain, const No
   const auto alarms = standing_alarms(snapshot);
   out += alarms.empty() ? "Alarms  none\n" : "Alarms\n";
   for (const auto &alarm : alarms) {
-    out += "  " + alarm_line(alarm, daemon_now_ns(snapshot, now.boot_ns)) + "\n";
+    out += "  " + alarm_line(alarm, live::daemon_now_ns(snapshot, now.boot_ns)) + "\n";
   }
   return out;
 }
 
-json status_json(const Snapshot &snapshot, std::uint32_t domain, const Now &now) {
+json status_json(const live::Snapshot &snapshot, std::uint32_t domain, const live::Now &now) {
   const DaemonView daemon = view_daemon(snapshot, now);
   json out = watch_json(snapshot, {}, now);
   out["domain"] = domain;

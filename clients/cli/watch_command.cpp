@@ -18,10 +18,10 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-#include "clients/cli/daemon_link.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
+#include "clients/live/daemon_link.hpp"
 
 namespace bregma::cli {
 namespace {
@@ -95,8 +95,8 @@ bool process_runs(int pid) {
 // The condition of --until-end: the daemon has ended, or its case was closed.
 class EndOfSession {
 public:
-  bool reached(const Snapshot &snapshot, const Now &now) {
-    if (silence_ns(snapshot, now.boot_ns).value_or(0) >= kDaemonSilent_ns) { // a restart is shorter
+  bool reached(const live::Snapshot &snapshot, const live::Now &now) {
+    if (live::silence_ns(snapshot, now.boot_ns).value_or(0) >= live::kDaemonSilent_ns) { // a restart is shorter
       return true;
     }
     const bool idle = snapshot.health && snapshot.health->session == bregma_wire_SESSION_IDLE;
@@ -112,7 +112,7 @@ constexpr std::int64_t kUnchanged_ns = 10'000'000'000; // a line that has not ch
 
 int watch(const WatchOptions &options, const Context &context) {
   const Interruptible signals;
-  DaemonLink link(context.domain, DaemonLink::Role::kReads, context.wait_s);
+  live::DaemonLink link(context.domain, live::DaemonLink::Role::kReads, context.wait_s);
   if (auto there = link.wait_for_daemon(); !there) {
     return fail(there.error());
   }
@@ -125,13 +125,13 @@ int watch(const WatchOptions &options, const Context &context) {
   auto screen = terminal ? std::make_unique<Screen>() : nullptr;
   EndOfSession end;
   auto next = Clock::now();
-  Now now;
+  live::Now now;
   bool ended = false;
   std::string last_line;
   std::int64_t next_line_ns = 0;
   do {
     (void)link.update(0ns);
-    now = Now::read();
+    now = live::Now::read();
     if (terminal) {
       Screen::draw(watch_table(link.snapshot(), options.tool, now) + "\nCtrl-C ends\n");
     } else if (lines) {
@@ -150,7 +150,7 @@ int watch(const WatchOptions &options, const Context &context) {
       (void)link.update(std::min<Clock::duration>(next - Clock::now(), 50ms)); // takes samples as they arrive,
       std::this_thread::sleep_for(2ms);                                        // those of all tools together
     }
-    ended = (options.until_end && end.reached(link.snapshot(), Now::read())) ||
+    ended = (options.until_end && end.reached(link.snapshot(), live::Now::read())) ||
             (options.while_pid > 0 && !process_runs(options.while_pid));
   } while (!interrupted && !ended && std::ferror(stdout) == 0);
   if (terminal) {

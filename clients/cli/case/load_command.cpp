@@ -29,7 +29,7 @@ void add_load_commands(CLI::App &group, Context &context) {
   load->callback([folder, &context] {
     context.run = [folder, &context] {
       const auto absolute = std::filesystem::absolute(*folder).lexically_normal();
-      return send_and_show(make_command(bregma_wire_COMMAND_LOAD_CASE, {absolute.string()}), context, kLoading);
+      return send_and_show(live::make_command(bregma_wire_COMMAND_LOAD_CASE, {absolute.string()}), context, kLoading);
     };
   });
 
@@ -38,7 +38,7 @@ void add_load_commands(CLI::App &group, Context &context) {
   add_daemon_options(*close, context);
   close->footer("Example:\n  bregma case close");
   close->callback([&context] {
-    context.run = [&context] { return send_and_show(make_command(bregma_wire_COMMAND_CLOSE_CASE), context); };
+    context.run = [&context] { return send_and_show(live::make_command(bregma_wire_COMMAND_CLOSE_CASE), context); };
   });
 }
 

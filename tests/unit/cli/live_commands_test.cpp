@@ -7,7 +7,7 @@
 #include <sys/wait.h>
 
 #include "clients/cli/commands.hpp"
-#include "tests/unit/cli/fake_daemon.hpp"
+#include "tests/unit/live/fake_daemon.hpp"
 
 namespace {
 

@@ -7,10 +7,10 @@
 #include <gtest/gtest.h>
 
 #include "clients/cli/command_reply.hpp"
-#include "clients/cli/daemon_link.hpp"
 #include "clients/cli/live_view.hpp"
+#include "clients/live/daemon_link.hpp"
 #include "idl/version.hpp"
-#include "tests/unit/cli/fake_daemon.hpp"
+#include "tests/unit/live/fake_daemon.hpp"
 
 namespace {
 
@@ -24,22 +24,22 @@ using test::reply_to;
 const std::string kOwnWire = wire::text_of(wire::kWireVersion);
 
 TEST(DaemonLink, WithoutADaemonItSaysSo) {
-  DaemonLink link(own_domain(), DaemonLink::Role::kReads);
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
   const auto there = link.wait_for_daemon(300ms);
   ASSERT_FALSE(there.has_value());
   EXPECT_EQ(there.error().message, "no bregmad answers on domain " + std::to_string(own_domain()) + ": is it running?");
-  EXPECT_FALSE(alive(link.snapshot(), Now::read().boot_ns));
+  EXPECT_FALSE(live::alive(link.snapshot(), live::Now::read().boot_ns));
 }
 
 TEST(DaemonLink, StateIsReceivedCompletelyAndCurrent) {
   const FakeDaemon daemon;
-  DaemonLink link(own_domain(), DaemonLink::Role::kReads);
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
   ASSERT_TRUE(link.wait_for_daemon(5s).has_value());
   link.settle();
-  EXPECT_TRUE(alive(link.snapshot(), Now::read().boot_ns));
+  EXPECT_TRUE(live::alive(link.snapshot(), live::Now::read().boot_ns));
   EXPECT_EQ(link.snapshot().tools.size(), 2U);
   EXPECT_EQ(link.snapshot().alarms.size(), 1U);
-  EXPECT_EQ(view_daemon(link.snapshot(), Now::read()).text, "verified");
+  EXPECT_EQ(view_daemon(link.snapshot(), live::Now::read()).text, "verified");
 }
 
 TEST(DaemonLink, CommandArrivesAndItsOwnReplyComesBack) {
@@ -49,8 +49,8 @@ TEST(DaemonLink, CommandArrivesAndItsOwnReplyComesBack) {
     EXPECT_EQ(wire::view(command.body._u.plan.trajectory), "Biopsy");
     return reply_to(command, bregma_wire_COMMAND_DONE, "navigating Probe along Biopsy");
   });
-  DaemonLink link(own_domain(), DaemonLink::Role::kCommands);
-  const auto command = make_command(bregma_wire_COMMAND_START_NAVIGATION, {"Probe", "Biopsy"});
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kCommands);
+  const auto command = live::make_command(bregma_wire_COMMAND_START_NAVIGATION, {"Probe", "Biopsy"});
   ASSERT_TRUE(command.has_value());
   for (int i = 0; i < 3; ++i) {
     const auto reply = link.send(*command);
@@ -65,8 +65,8 @@ TEST(DaemonLink, RefusalIsAReplyWithItsReason) {
   const FakeDaemon daemon([](const wire::Command &command) {
     return reply_to(command, bregma_wire_COMMAND_REFUSED_BY_STATE, "the registration is not verified");
   });
-  DaemonLink link(own_domain(), DaemonLink::Role::kCommands);
-  const auto reply = link.send(*make_command(bregma_wire_COMMAND_STOP_NAVIGATION));
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kCommands);
+  const auto reply = link.send(*live::make_command(bregma_wire_COMMAND_STOP_NAVIGATION));
   ASSERT_TRUE(reply.has_value());
   testing::internal::CaptureStderr();
   EXPECT_EQ(show_reply(reply, Context{}), kRefused);
@@ -79,8 +79,8 @@ TEST(DaemonLink, ReplyToAnotherClientIsNotOurs) {
     (void)wire::set_name(reply.client, "somebody else");
     return reply;
   });
-  DaemonLink link(own_domain(), DaemonLink::Role::kCommands);
-  const auto reply = link.send(*make_command(bregma_wire_COMMAND_STOP_NAVIGATION), 300ms);
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kCommands);
+  const auto reply = link.send(*live::make_command(bregma_wire_COMMAND_STOP_NAVIGATION), 300ms);
   ASSERT_FALSE(reply.has_value());
   EXPECT_EQ(reply.error().message,
             "bregmad on domain " + std::to_string(own_domain()) +
@@ -89,14 +89,14 @@ TEST(DaemonLink, ReplyToAnotherClientIsNotOurs) {
 
 TEST(DaemonLink, DaemonThatFallsSilentIsNotAlive) {
   FakeDaemon daemon;
-  DaemonLink link(own_domain(), DaemonLink::Role::kReads);
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
   ASSERT_TRUE(link.wait_for_daemon(5s).has_value());
   daemon.speaking = false;
   std::this_thread::sleep_for(100ms);
   (void)link.update(0ns);
-  Now later = Now::read();
-  later.boot_ns += kDaemonSilent_ns;
-  EXPECT_FALSE(alive(link.snapshot(), later.boot_ns));
+  live::Now later = live::Now::read();
+  later.boot_ns += live::kDaemonSilent_ns;
+  EXPECT_FALSE(live::alive(link.snapshot(), later.boot_ns));
   EXPECT_EQ(view_daemon(link.snapshot(), later).presence, Presence::kSilent);
 }
 
@@ -104,19 +104,19 @@ TEST(DaemonLink, ADaemonOfAnotherWireIsNamedWithBothVersions) {
   // A daemon whose types are another generation's does not match, and is seen by what its participant announces.
   const dds::Participant other(own_domain(), {{3, 1}, "bregmad"});
   const dds::Writer<wire::SystemHealth> health(other);
-  DaemonLink link(own_domain(), DaemonLink::Role::kReads);
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
   const auto there = link.wait_for_daemon(1s);
   ASSERT_FALSE(there.has_value());
   EXPECT_EQ(there.error().message, "no bregmad answers on domain " + std::to_string(own_domain()) +
                                        ": bregmad speaks wire 3.1, this program speaks wire " + kOwnWire +
                                        ": install one release "
                                        "on both");
-  EXPECT_NE(watch_line(link.snapshot(), {}, Now::read()).find("wire: bregmad speaks wire 3.1, this program"),
+  EXPECT_NE(watch_line(link.snapshot(), {}, live::Now::read()).find("wire: bregmad speaks wire 3.1, this program"),
             std::string::npos);
 }
 
 // Updates until the condition holds; the limit only ends a hang.
-template <class Condition> bool reaches(DaemonLink &link, Condition condition, std::chrono::seconds limit = 20s) {
+template <class Condition> bool reaches(live::DaemonLink &link, Condition condition, std::chrono::seconds limit = 20s) {
   const auto end = std::chrono::steady_clock::now() + limit;
   while (std::chrono::steady_clock::now() < end) {
     (void)link.update(20ms);
@@ -127,7 +127,7 @@ template <class Condition> bool reaches(DaemonLink &link, Condition condition, s
   return false;
 }
 
-ToolView probe(DaemonLink &link, const Now &now) {
+ToolView probe(live::DaemonLink &link, const live::Now &now) {
   const auto found = link.snapshot().tools.find("Probe");
   return found == link.snapshot().tools.end() ? ToolView{}
                                               : view_tool(found->second, view_daemon(link.snapshot(), now), now);
@@ -136,11 +136,11 @@ ToolView probe(DaemonLink &link, const Now &now) {
 TEST(DaemonLink, ClocksOfDaemonAndClientMayDifferAndThePoseStillEndsInTime) {
   for (const auto clock : {-30s, -10s, 0s, 30s}) {
     FakeDaemon daemon({}, std::chrono::nanoseconds(clock).count());
-    DaemonLink link(own_domain(), DaemonLink::Role::kReads);
-    ASSERT_TRUE(reaches(link, [&] { return probe(link, Now::read()).fresh; })) << clock.count();
+    live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
+    ASSERT_TRUE(reaches(link, [&] { return probe(link, live::Now::read()).fresh; })) << clock.count();
     const auto &state = link.snapshot().tools.at("Probe");
     // Nothing is taken any more, as with a link that is cut: the same state at later times.
-    Now now{state.arrival.boot_ns, Now::read().utc_ns};
+    live::Now now{state.arrival.boot_ns, live::Now::read().utc_ns};
     const ToolView arrived = probe(link, now);
     EXPECT_GE(arrived.age_ms, FakeDaemon::kAge_ns * 1e-6);
     EXPECT_LE(arrived.remaining_ms, FakeDaemon::kValidFor_ns * 1e-6);
@@ -162,11 +162,11 @@ TEST(DaemonLink, ClocksOfDaemonAndClientMayDifferAndThePoseStillEndsInTime) {
 
 TEST(DaemonLink, TheFirstDaemonIsFollowedUntilItIsLostAndTheOtherOneIsNamed) {
   auto first = std::make_unique<FakeDaemon>(FakeDaemon::Answer{}, 0, 1.0);
-  DaemonLink link(own_domain(), DaemonLink::Role::kReads);
-  ASSERT_TRUE(reaches(link, [&] { return probe(link, Now::read()).fresh; }));
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
+  ASSERT_TRUE(reaches(link, [&] { return probe(link, live::Now::read()).fresh; }));
   FakeDaemon second({}, 0, 2.0);
   ASSERT_TRUE(reaches(link, [&] { return link.snapshot().other_daemons.find("test_cli_live also") == 0; }));
-  EXPECT_NE(watch_table(link.snapshot(), {}, Now::read()).find("WARNING: test_cli_live also writes the topics"),
+  EXPECT_NE(watch_table(link.snapshot(), {}, live::Now::read()).find("WARNING: test_cli_live also writes the topics"),
             std::string::npos);
   for (int i = 0; i < 100; ++i) {
     (void)link.update(5ms);
@@ -180,20 +180,20 @@ TEST(DaemonLink, TheFirstDaemonIsFollowedUntilItIsLostAndTheOtherOneIsNamed) {
 
 TEST(DaemonLink, AToolWhoseCaseIsClosedLeavesTheView) {
   FakeDaemon daemon;
-  DaemonLink link(own_domain(), DaemonLink::Role::kReads);
+  live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
   ASSERT_TRUE(reaches(link, [&] { return link.snapshot().tools.size() == 2; }));
   daemon.case_open = false;
   EXPECT_TRUE(reaches(link, [&] { return link.snapshot().tools.empty(); }));
-  EXPECT_TRUE(alive(link.snapshot(), Now::read().boot_ns));
+  EXPECT_TRUE(live::alive(link.snapshot(), live::Now::read().boot_ns));
 }
 
 TEST(DaemonLink, AClientThatOnlyReadsCreatesNoWriter) {
   const FakeDaemon daemon;
-  DaemonLink reads(own_domain(), DaemonLink::Role::kReads);
+  live::DaemonLink reads(own_domain(), live::DaemonLink::Role::kReads);
   ASSERT_TRUE(reads.wait_for_daemon(5s).has_value());
   reads.settle();
   EXPECT_EQ(daemon.commanders(), 0U);
-  DaemonLink commands(own_domain(), DaemonLink::Role::kCommands);
+  live::DaemonLink commands(own_domain(), live::DaemonLink::Role::kCommands);
   ASSERT_TRUE(commands.wait_for_daemon(5s).has_value());
   EXPECT_TRUE(reaches(commands, [&] { return daemon.commanders() == 1; }));
 }
@@ -205,26 +205,26 @@ TEST(DaemonLink, NoThreadOfDdsIsLeftAfterItsEnd) {
   };
   const auto before = threads();
   {
-    const DaemonLink link(own_domain(), DaemonLink::Role::kReads);
+    const live::DaemonLink link(own_domain(), live::DaemonLink::Role::kReads);
     EXPECT_GT(threads(), before);
   }
   EXPECT_EQ(threads(), before) << "main may return: nothing runs while static objects are destroyed";
 }
 
 TEST(DaemonLink, EveryClientHasANameOfItsOwn) {
-  const DaemonLink one(own_domain(), DaemonLink::Role::kReads);
-  const DaemonLink two(own_domain(), DaemonLink::Role::kReads);
+  const live::DaemonLink one(own_domain(), live::DaemonLink::Role::kReads);
+  const live::DaemonLink two(own_domain(), live::DaemonLink::Role::kReads);
   EXPECT_NE(one.client(), two.client());
   EXPECT_LE(one.client().size(), wire::kNameLength);
 }
 
 TEST(MakeCommand, NamesThatDoNotFitAreShownAndRefused) {
-  const auto long_name = make_command(bregma_wire_COMMAND_CHECK_TOUCH, {"Stylus", std::string(40, 'x')});
+  const auto long_name = live::make_command(bregma_wire_COMMAND_CHECK_TOUCH, {"Stylus", std::string(40, 'x')});
   ASSERT_FALSE(long_name.has_value());
   EXPECT_EQ(long_name.error().message, "point '" + std::string(40, 'x') + "' is too long: 40 bytes, at most 31");
-  EXPECT_EQ(make_command(bregma_wire_COMMAND_START_PIVOT).error().message, "tool is empty");
-  EXPECT_FALSE(make_command(bregma_wire_COMMAND_LOAD_CASE, {std::string(2000, 'y')}).has_value());
-  EXPECT_TRUE(make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {"drift"}).has_value())
+  EXPECT_EQ(live::make_command(bregma_wire_COMMAND_START_PIVOT).error().message, "tool is empty");
+  EXPECT_FALSE(live::make_command(bregma_wire_COMMAND_LOAD_CASE, {std::string(2000, 'y')}).has_value());
+  EXPECT_TRUE(live::make_command(bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, {"drift"}).has_value())
       << "an alarm may have no subject";
 }
 

@@ -21,18 +21,18 @@ constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kBoot_ns = 50'000'000 * kMs;            // this host's boot clock
 constexpr std::int64_t kUtc_ns = 1'700'000'000'000'000'000;    // and its wall clock
 constexpr std::int64_t kDaemon_ns = kUtc_ns + 3'600'000 * kMs; // the daemon's clock, an hour ahead
-constexpr Now kNow{kBoot_ns, kUtc_ns};
+constexpr live::Now kNow{kBoot_ns, kUtc_ns};
 
-Now after(std::int64_t ms) { return {kBoot_ns + ms * kMs, kUtc_ns + ms * kMs}; }
+live::Now after(std::int64_t ms) { return {kBoot_ns + ms * kMs, kUtc_ns + ms * kMs}; }
 
 // Published 8 ms ago by a daemon on this host, of an exposure 12 ms ago.
-Snapshot navigating() {
-  Snapshot out;
+live::Snapshot navigating() {
+  live::Snapshot out;
   out.health.emplace();
   out.health->arrival = {kBoot_ns - 300 * kMs, 0};
   out.health->session = bregma_wire_SESSION_NAVIGATING;
   out.daemon_clock_ns = kDaemon_ns - kBoot_ns;
-  Received<wire::NavigationState> state{};
+  live::Received<wire::NavigationState> state{};
   EXPECT_TRUE(wire::set_name(state.tool, "Probe"));
   EXPECT_TRUE(wire::set_name(state.trajectory, "Biopsy"));
   EXPECT_TRUE(wire::set_name(state.nearest_structure, "Heschl_L"));
@@ -111,7 +111,7 @@ TEST(LiveView, ALongLineContinuesIndentedAndLosesNothing) {
 
 TEST(LiveView, NothingOfASilentDaemonIsShownAsCurrent) {
   const auto snapshot = navigating();
-  const Now later = after(4'000);
+  const live::Now later = after(4'000);
   for (const auto &text :
        {watch_table(snapshot, {}, later), watch_line(snapshot, {}, later), watch_json(snapshot, {}, later).dump()}) {
     EXPECT_FALSE(has(text, "11.5")) << text;
@@ -137,7 +137,7 @@ TEST(LiveView, APoseEndsWithItsTimeAndItsErrorGrowsUntilThen) {
   }
   state.acceleration_sigma_mm_s2 = 1'000.0;
   const auto seen = [&](std::int64_t ms) {
-    const Now now = after(ms);
+    const live::Now now = after(ms);
     return view_tool(state, view_daemon(snapshot, now), now);
   };
   double last_95_mm = 1.0;
@@ -202,8 +202,8 @@ TEST(LiveView, FiguresOfEveryStatusButTwoAreDashes) {
   }
 }
 
-Received<wire::DeformationState> indentation() {
-  Received<wire::DeformationState> state{};
+live::Received<wire::DeformationState> indentation() {
+  live::Received<wire::DeformationState> state{};
   EXPECT_TRUE(wire::set_name(state.point, "Deep"));
   state.time_ns = kDaemon_ns - 20 * kMs;
   state.arrival.boot_ns = kBoot_ns - 20 * kMs;
@@ -239,7 +239,7 @@ TEST(LiveView, ThePredictedAndTheImagedTargetAreBothShown) {
 
 TEST(LiveView, AnInvalidOrOldPredictionHasNoFigures) {
   const auto daemon = view_daemon(navigating(), kNow);
-  Received<wire::DeformationState> state = indentation();
+  live::Received<wire::DeformationState> state = indentation();
   state.status = bregma_wire_DEFORMATION_INVALID;
   state.reason = bregma_wire_DEFORMATION_REASON_TOO_SLOW;
   const auto invalid = view_prediction(state, daemon, kNow);
@@ -287,7 +287,7 @@ TEST(LiveView, StatusCountsWhatWasRejectedByReason) {
 
 TEST(LiveView, StatusShowsWhatTheDriversSay) {
   auto snapshot = navigating();
-  Received<wire::DriverHealth> driver{};
+  live::Received<wire::DriverHealth> driver{};
   driver.arrival.boot_ns = kBoot_ns - 400 * kMs;
   driver.state = bregma_wire_DRIVER_WAITING;
   driver.published = 1200;
@@ -330,7 +330,7 @@ TEST(LiveView, ActiveAlarmsAreListedMostSevereFirst) {
   const auto alarms = standing_alarms(snapshot);
   ASSERT_EQ(alarms.size(), 2U);
   EXPECT_EQ(wire::view(alarms[0].kind), "drift");
-  EXPECT_EQ(alarm_line(alarms[0], daemon_now_ns(snapshot, kBoot_ns)),
+  EXPECT_EQ(alarm_line(alarms[0], live::daemon_now_ns(snapshot, kBoot_ns)),
             "critical: drift (acknowledged, raised 1.5 s ago): moved?[2J")
       << "control characters do not reach the terminal";
 }

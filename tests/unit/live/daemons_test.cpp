@@ -1,12 +1,12 @@
 // Which of the daemons on a domain is shown, with clocks that the tests set.
 #include <gtest/gtest.h>
 
-#include "clients/cli/daemons.hpp"
+#include "clients/live/daemons.hpp"
 
 namespace {
 
 using namespace bregma;
-using namespace bregma::cli;
+using namespace bregma::live;
 
 constexpr std::int64_t kMs_ns = 1'000'000;
 constexpr wire::BootId kBoot = {1};
@@ -30,7 +30,7 @@ protected:
     return daemons.followed().health ? daemons.followed().health->started_time_ns : 0;
   }
 
-  Daemons daemons{{1}};
+  live::Daemons daemons{{1}};
 };
 
 TEST_F(DaemonsTest, TheFirstOneIsShownWhileItSpeaks) {
@@ -66,9 +66,9 @@ TEST_F(DaemonsTest, WithoutALivingWriterNoneIsAliveAndNoneIsChosen) {
   health(kTwo, 1'000);
   EXPECT_EQ(shown(1'000), 1);
   EXPECT_EQ(shown(1'100, false), 1) << "its last values stay, as not current";
-  EXPECT_FALSE(alive(daemons.followed(), 1'100 * kMs_ns));
+  EXPECT_FALSE(live::alive(daemons.followed(), 1'100 * kMs_ns));
   EXPECT_EQ(shown(1'200, true), 1);
-  EXPECT_TRUE(alive(daemons.followed(), 1'200 * kMs_ns));
+  EXPECT_TRUE(live::alive(daemons.followed(), 1'200 * kMs_ns));
 }
 
 TEST_F(DaemonsTest, AWriterWithoutHealthIsNamedButNeverShown) {
@@ -84,7 +84,7 @@ TEST_F(DaemonsTest, TheDaemonsClockIsMeasuredFromTheTransit) {
   health(kOne, 1'000);
   EXPECT_EQ(shown(1'000), 1);
   EXPECT_EQ(daemons.followed().clock_difference_ns, -3'600'000 * kMs_ns);
-  EXPECT_EQ(daemon_now_ns(daemons.followed(), 1'500 * kMs_ns), 3'601'500 * kMs_ns);
+  EXPECT_EQ(live::daemon_now_ns(daemons.followed(), 1'500 * kMs_ns), 3'601'500 * kMs_ns);
 }
 
 } // namespace

@@ -1,4 +1,4 @@
-#include "clients/cli/daemon_link.hpp"
+#include "clients/live/daemon_link.hpp"
 
 #include <algorithm>
 #include <random>
@@ -8,7 +8,7 @@
 
 #include "idl/boot_clock.hpp"
 
-namespace bregma::cli {
+namespace bregma::live {
 namespace {
 
 using namespace std::chrono_literals;
@@ -59,6 +59,29 @@ template <class Key, class Value> void store_in(std::map<Key, Value> &map, Key k
   }
 }
 
+Field to_field(const wire::DeformationField &sample) {
+  const auto floats = [](const auto &sequence) {
+    return std::vector<float>(sequence._buffer, sequence._buffer + sequence._length);
+  };
+  return {wire::text(sample.model), sample.time_ns, sample.status, floats(sample.displacement_mm),
+          floats(sample.von_mises_Pa)};
+}
+
+// A writer that DDS lost for a while delivers its history again.
+void store_capture(Snapshot &said, const wire::CapturedPoint &sample, bool ended) {
+  auto &points = said.captures[wire::text(sample.tool)];
+  const bool known = std::any_of(points.begin(), points.end(), [&](const wire::CapturedPoint &point) {
+    return point.frame == sample.frame && point.kind == sample.kind &&
+           point.acquired_time_ns == sample.acquired_time_ns;
+  });
+  if (ended) {
+    points.clear();
+  } else if (!known) {
+    points.push_back(sample);
+  }
+  ++said.captures_revision;
+}
+
 constexpr std::int64_t kPeersPeriod_ns = 100'000'000;
 constexpr std::size_t kMaxWriters = 1024; // remembered; a forgotten one is asked for again
 
@@ -74,7 +97,9 @@ DaemonLink::DaemonLink(std::uint32_t domain, Role role, double wait_s)
       navigation_(state_reader<wire::NavigationState>(participant_)),
       deformation_(state_reader<wire::DeformationState>(participant_)),
       alarms_(state_reader<wire::Alarm>(participant_)), health_(state_reader<wire::SystemHealth>(participant_)),
-      drivers_(participant_), peers_(participant_), wait_(participant_), now_(Now::read()), daemons_(wire::boot_id()) {
+      drivers_(participant_),
+      pictures_(role == Role::kDisplay ? std::optional<Pictures>(std::in_place, participant_) : std::nullopt),
+      peers_(participant_), wait_(participant_), now_(Now::read()), daemons_(wire::boot_id()) {
   if (control_) {
     wait_.attach(control_->replies);
   }
@@ -86,6 +111,22 @@ DaemonLink::DaemonLink(std::uint32_t domain, Role role, double wait_s)
   wait_.attach(alarms_);
   wait_.attach(health_);
   wait_.attach(drivers_);
+  if (pictures_) {
+    wait_.attach(pictures_->trackers);
+    wait_.attach(pictures_->captures);
+  }
+}
+
+void DaemonLink::want_field(bool wanted) {
+  if (!pictures_ || wanted == pictures_->field.has_value()) {
+    return;
+  }
+  if (wanted) {
+    pictures_->field.emplace(participant_);
+    wait_.attach(*pictures_->field);
+  } else {
+    pictures_->field.reset();
+  }
 }
 
 base::Error DaemonLink::no_daemon() {
@@ -154,6 +195,28 @@ std::size_t DaemonLink::take_drivers() {
   return news;
 }
 
+std::size_t DaemonLink::take_pictures() {
+  using Speaker = Daemons::Speaker;
+  if (!pictures_) {
+    return 0;
+  }
+  auto &trackers = pictures_->trackers;
+  std::size_t news = trackers.take_each([&](const wire::TrackerFrame &sample, const dds::SampleInfo &info) {
+    store_in(trackers_, wire::text(sample.device), {sample, {now_.boot_ns, std::nullopt}}, info.ended);
+  });
+  (void)trackers.status();
+  news += take_state(pictures_->captures, [](Speaker &speaker, const wire::CapturedPoint &sample, bool ended) {
+    store_capture(speaker.said, sample, ended);
+  });
+  if (pictures_->field) {
+    news += take_state(*pictures_->field, [](Speaker &speaker, const wire::DeformationField &sample, bool ended) {
+      store_one(speaker.said.field, to_field(sample), ended);
+      ++speaker.said.field_revision;
+    });
+  }
+  return news;
+}
+
 bool DaemonLink::take_all() {
   using Speaker = Daemons::Speaker;
   now_ = Now::read();
@@ -180,6 +243,7 @@ bool DaemonLink::take_all() {
     store_in(speaker.said.alarms, {wire::text(sample.kind), wire::text(sample.subject)}, sample, ended);
   });
   news += take_drivers();
+  news += take_pictures();
   news += take_replies();
   if (now_.boot_ns >= next_peers_ns_) {
     peers_.update();
@@ -193,6 +257,7 @@ void DaemonLink::choose() {
   daemons_.choose(health_.status().writers_alive > 0, now_.boot_ns);
   Snapshot &followed = daemons_.followed();
   followed.drivers = driver_health_;
+  followed.trackers = trackers_;
   followed.other_wire = dds::other_wire_text(peers_.of_another_wire());
   followed.mismatches = participant_.mismatches().text();
   followed.other_daemons = others_text();
@@ -294,4 +359,4 @@ Result<wire::Command> make_command(wire::CommandKind kind, std::initializer_list
   return command;
 }
 
-} // namespace bregma::cli
+} // namespace bregma::live

@@ -1,8 +1,8 @@
-#include "clients/cli/daemons.hpp"
+#include "clients/live/daemons.hpp"
 
 #include <algorithm>
 
-namespace bregma::cli {
+namespace bregma::live {
 namespace {
 
 constexpr std::int64_t kForgotten_ns =
@@ -65,4 +65,4 @@ std::vector<dds::Guid> Daemons::others(std::int64_t now_boot_ns) const {
   return out;
 }
 
-} // namespace bregma::cli
+} // namespace bregma::live

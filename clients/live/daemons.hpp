@@ -10,10 +10,10 @@
 #include <optional>
 #include <vector>
 
-#include "clients/cli/snapshot.hpp"
+#include "clients/live/snapshot.hpp"
 #include "idl/dds.hpp"
 
-namespace bregma::cli {
+namespace bregma::live {
 
 class Daemons {
 public:
@@ -50,4 +50,4 @@ private:
   Snapshot nothing_;
 };
 
-} // namespace bregma::cli
+} // namespace bregma::live

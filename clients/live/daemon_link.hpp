@@ -1,4 +1,4 @@
-// The command line's connection to a daemon: its broadcasts, and commands with their replies.
+// A client's connection to a daemon: its broadcasts, and commands with their replies.
 //
 // Threads: one object, one thread. Errors: the constructor throws dds::Error (the domain cannot be joined); all
 // other errors are returned as sentences for the user.
@@ -13,20 +13,20 @@
 #include <string_view>
 
 #include "base/result.hpp"
-#include "clients/cli/daemons.hpp"
+#include "clients/live/daemons.hpp"
 #include "idl/commands.hpp"
 #include "idl/dds.hpp"
 #include "idl/names.hpp"
 #include "idl/peers.hpp"
 
-namespace bregma::cli {
+namespace bregma::live {
 
 class DaemonLink {
 public:
   using Duration = std::chrono::nanoseconds;
 
-  // A client that only reads creates no writer.
-  enum class Role { kReads, kCommands };
+  // A client that only reads creates no writer. A display also reads what only pictures need: trackers and captures.
+  enum class Role { kReads, kDisplay, kCommands };
   // wait_s: default of wait_for_daemon(), and for send().
   DaemonLink(std::uint32_t domain, Role role, double wait_s = 3.0);
 
@@ -48,6 +48,10 @@ public:
   // elapsed.
   void settle(Duration timeout = std::chrono::milliseconds(600));
 
+  // Whether the deformation field is read; at first it is not, because the daemon computes it for its readers. Only for
+  // the role kDisplay.
+  void want_field(bool wanted);
+
   // Of the daemon that is followed: the first that was heard, until it is lost.
   [[nodiscard]] const Snapshot &snapshot() { return daemons_.followed(); }
 
@@ -61,6 +65,13 @@ private:
     dds::Reader<wire::CommandReply> replies;
   };
 
+  struct Pictures {
+    explicit Pictures(const dds::Participant &participant) : trackers(participant), captures(participant) {}
+    dds::Reader<wire::TrackerFrame> trackers;
+    dds::Reader<wire::CapturedPoint> captures;
+    std::optional<dds::Reader<wire::DeformationField>> field;
+  };
+
   [[nodiscard]] base::Error no_daemon();
   [[nodiscard]] bool speaks_our_wire();
   [[nodiscard]] bool is_connected() const;
@@ -70,6 +81,7 @@ private:
   template <class T, class Store> std::size_t take_state(dds::Reader<T> &reader, Store &&store);
   std::size_t take_replies();
   std::size_t take_drivers();
+  std::size_t take_pictures();
   void choose();
   [[nodiscard]] std::string others_text() const;
 
@@ -89,6 +101,7 @@ private:
   dds::Reader<wire::Alarm> alarms_;
   dds::Reader<wire::SystemHealth> health_;
   dds::Reader<wire::DriverHealth> drivers_;
+  std::optional<Pictures> pictures_;
   dds::Peers peers_;
   std::int64_t next_peers_ns_ = 0; // when they are updated next
   dds::WaitSet wait_;
@@ -96,6 +109,7 @@ private:
   Daemons daemons_;
   std::map<std::uint64_t, dds::Guid> participants_; // of the writers that were heard
   std::map<std::string, Received<wire::DriverHealth>> driver_health_;
+  std::map<std::string, Received<wire::TrackerFrame>> trackers_;
   std::map<std::uint64_t, wire::CommandReply> arrived_replies_;
 };
 
@@ -103,4 +117,4 @@ private:
 [[nodiscard]] base::Result<wire::Command> make_command(wire::CommandKind kind,
                                                        std::initializer_list<std::string_view> values = {});
 
-} // namespace bregma::cli
+} // namespace bregma::live

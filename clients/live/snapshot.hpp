@@ -6,11 +6,12 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "idl/topics.hpp"
 #include "idl/validity.hpp"
 
-namespace bregma::cli {
+namespace bregma::live {
 
 // This process's clocks at one time. Ages and silences are counted with boot_ns (CLOCK_BOOTTIME); utc_ns may step, and
 // is only shown.
@@ -22,6 +23,15 @@ struct Now {
 
 template <class T> struct Received : T { wire::Arrival arrival; };
 
+// A copy of wire::DeformationField, whose arrays belong to DDS.
+struct Field {
+  std::string model;
+  std::int64_t time_ns = 0;
+  wire::DeformationStatus status = 0;
+  std::vector<float> displacement_mm;
+  std::vector<float> von_mises_Pa;
+};
+
 // The latest values. Empty if none has arrived; an instance that has ended is removed.
 struct Snapshot {
   std::optional<Received<wire::SystemHealth>> health;
@@ -31,12 +41,18 @@ struct Snapshot {
   std::map<std::string, Received<wire::NavigationState>> tools;        // by tool
   std::map<std::string, Received<wire::DeformationState>> deformation; // by point
   std::map<std::pair<std::string, std::string>, wire::Alarm> alarms;   // by kind and subject
+  // Only for the role kDisplay: the captured points by tool in the order of capture, and the field while it is wanted.
+  std::map<std::string, std::vector<wire::CapturedPoint>> captures;
+  std::uint64_t captures_revision = 0; // incremented when they change
+  std::optional<Field> field;
+  std::uint64_t field_revision = 0;
   // The daemon's clock minus CLOCK_BOOTTIME of this host, and this host's wall clock minus the daemon's clock.
   std::optional<std::int64_t> daemon_clock_ns;
   std::optional<std::int64_t> clock_difference_ns;
 
   // The same whichever daemon is followed.
-  std::map<std::string, Received<wire::DriverHealth>> drivers; // per device
+  std::map<std::string, Received<wire::DriverHealth>> drivers;  // per device
+  std::map<std::string, Received<wire::TrackerFrame>> trackers; // per device; only for the role kDisplay
   bool no_writer = false;    // DDS knows no living daemon: the process has ended, stands still, or its link is cut
   std::uint32_t changes = 0; // number of times that another daemon was followed, because the one before was lost
   std::string other_daemons; // who else writes the daemon's topics, as a text; empty: none
@@ -48,6 +64,10 @@ struct Snapshot {
 // respond, and none of its values may be shown as current.
 inline constexpr std::int64_t kDaemonSilent_ns = 2'000'000'000;
 
+// After this time without a new state, a tool's or a prediction's status is no longer current either. Poses end
+// earlier, by the rule for live poses (idl/validity.hpp).
+inline constexpr std::int64_t kStateSilent_ns = 500'000'000;
+
 // Time since the daemon's last sign of life; empty before the first.
 [[nodiscard]] std::optional<std::int64_t> silence_ns(const Snapshot &snapshot, std::int64_t now_boot_ns);
 // False also if there has never been a daemon.
@@ -55,4 +75,4 @@ inline constexpr std::int64_t kDaemonSilent_ns = 2'000'000'000;
 // Present time on the daemon's clock, for the times that it stated; empty before its first sample.
 [[nodiscard]] std::optional<std::int64_t> daemon_now_ns(const Snapshot &snapshot, std::int64_t now_boot_ns);
 
-} // namespace bregma::cli
+} // namespace bregma::live

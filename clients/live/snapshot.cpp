@@ -1,10 +1,10 @@
-#include "clients/cli/snapshot.hpp"
+#include "clients/live/snapshot.hpp"
 
 #include <chrono>
 
 #include "idl/boot_clock.hpp"
 
-namespace bregma::cli {
+namespace bregma::live {
 
 Now Now::read() {
   using namespace std::chrono;
@@ -28,4 +28,4 @@ std::optional<std::int64_t> daemon_now_ns(const Snapshot &snapshot, std::int64_t
   return snapshot.daemon_clock_ns ? std::optional(*snapshot.daemon_clock_ns + now_boot_ns) : std::nullopt;
 }
 
-} // namespace bregma::cli
+} // namespace bregma::live

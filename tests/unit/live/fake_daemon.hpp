@@ -11,7 +11,7 @@
 
 #include <unistd.h>
 
-#include "clients/cli/daemon_link.hpp"
+#include "clients/live/daemon_link.hpp"
 #include "idl/boot_clock.hpp"
 
 namespace bregma::test {
@@ -45,7 +45,7 @@ private:
     wire::NavigationState state{};
     (void)wire::set_name(state.tool, name);
     state.status = bregma_wire_POSE_LIVE;
-    state.published_time_ns = cli::Now::read().utc_ns + clock_ns_;
+    state.published_time_ns = live::Now::read().utc_ns + clock_ns_;
     state.acquired_time_ns = state.published_time_ns - kAge_ns;
     state.age_ns = kAge_ns;
     state.valid_for_ns = kValidFor_ns;
@@ -72,7 +72,7 @@ private:
       if (speaking && step % 10 == 0) {
         wire::SystemHealth sample{};
         (void)wire::set_name(sample.daemon, "bregmad");
-        sample.time_ns = cli::Now::read().utc_ns + clock_ns_;
+        sample.time_ns = live::Now::read().utc_ns + clock_ns_;
         std::copy(boot_id_.begin(), boot_id_.end(), sample.boot_id);
         sample.published_boot_ns = wire::boot_now_ns();
         sample.session = bregma_wire_SESSION_VERIFIED;
