@@ -48,10 +48,10 @@ template <class T> using Step = tl::expected<T, std::string>; // the problem
 
 class Walk {
 public:
-  Walk(std::ifstream &in, std::uint64_t size) : in_(in), size_(size) {}
+  // begin: of the first element.
+  Walk(std::ifstream &in, std::uint64_t size, std::uint64_t begin) : in_(in), size_(size), at_(begin) {}
 
   Step<DicomFile> run() {
-    at_ = kPreamble;
     auto syntax = read_meta();
     if (!syntax) {
       return tl::unexpected(syntax.error());
@@ -96,6 +96,12 @@ private:
         syntax.resize(std::min(syntax.find_first_of(std::string_view(" \0", 2)), syntax.size()));
       }
       at_ += header->length;
+    }
+    if (syntax.empty() && at_ == 0) { // no mark and no group 2: explicit if the first element has a type in letters
+      std::array<char, 8> first{};
+      read(first.data(), std::min<std::size_t>(first.size(), size_));
+      const auto is_letter = [](char c) { return c >= 'A' && c <= 'Z'; };
+      return is_letter(first[4]) && is_letter(first[5]) ? "1.2.840.10008.1.2.1" : "1.2.840.10008.1.2";
     }
     return syntax.empty() ? Step<std::string>(tl::unexpected(std::string("it states no transfer syntax"))) : syntax;
   }
@@ -257,7 +263,7 @@ private:
 
   std::ifstream &in_;
   std::uint64_t size_;
-  std::uint64_t at_ = 0;
+  std::uint64_t at_;
   DicomFile out_;
 };
 
@@ -277,7 +283,7 @@ base::Result<DicomFile> read_dicom_file(const fs::path &file) {
   if (error || !in) {
     return base::failure(file.string() + ": cannot be read");
   }
-  const auto walked = Walk(in, size).run();
+  const auto walked = Walk(in, size, is_dicom_file(file) ? kPreamble : 0).run();
   if (!walked) {
     return base::failure(file.string() + ": is not whole, or damaged: " + walked.error());
   }

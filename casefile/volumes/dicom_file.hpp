@@ -23,7 +23,8 @@ struct DicomFile {
 [[nodiscard]] bool is_dicom_file(const std::filesystem::path &file);
 
 // Refuses a file that is not whole: an element beyond its end, a sequence without its end, fewer pixels than stated.
-// Nothing but the headers of the elements is read. A deflated data set is not looked into.
+// Nothing but the headers of the elements is read. A deflated data set is not looked into. A file without the mark is
+// taken as a data set that begins with its first byte.
 [[nodiscard]] base::Result<DicomFile> read_dicom_file(const std::filesystem::path &file);
 
 } // namespace bregma::casefile

@@ -1,5 +1,5 @@
-// A DICOM series is a set of slices, each with its own position. They form a volume only if they are stacked at equal
-// gaps along their common normal. Other tags about "slice spacing" are not used.
+// A DICOM series is a set of slices, each with its own position. Slices that are stacked at equal gaps along their
+// common normal are a volume; others are resampled to one, or refused. Other tags about "slice spacing" are not used.
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -17,6 +17,7 @@
 #include "base/text.hpp"
 #include "casefile/volumes/dicom_file.hpp"
 #include "casefile/volumes/itk_grid.hpp"
+#include "casefile/volumes/slice_stack.hpp"
 
 namespace bregma::casefile {
 namespace {
@@ -27,6 +28,10 @@ constexpr double kGapTolerance = 0.01;        // fraction of the median gap
 constexpr double kRounding_mm = 0.06;         // positions are written with one decimal at the least
 constexpr double kTiltTolerance_rad = 0.0018; // 0.1 degrees: 0.35 mm over a stack of 200 mm
 constexpr double kOrientationTolerance = 1e-4;
+constexpr double kLeastGap = 0.05;        // fraction of the median gap: below, two slices are in one place
+constexpr double kMissingShare = 0.3;     // fraction of odd gaps up to which a double gap is a missing slice
+constexpr double kLargestGap_mm = 10.0;   // that is interpolated
+constexpr double kLargestTilt_rad = 0.61; // 35 degrees; gantries tilt up to 30
 
 struct Slice {
   std::string file;
@@ -114,9 +119,42 @@ base::Result<void> check_consistency(const fs::path &folder, std::vector<Slice> 
 struct Stack {
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();
   double gap_mm = 0.0;
+  std::string uneven; // what must be resampled; empty: nothing
 };
 
-// All problems of the slices' positions in one sentence.
+std::string between(const std::vector<Slice> &slices, const std::vector<double> &gaps, std::size_t at) {
+  return shown(gaps[at], 2) + " mm (" + slices[at].name + " to " + slices[at + 1].name + ")";
+}
+
+// Gaps that no resampling can mend: one position twice, slices that are missing, and slices too far apart.
+base::Result<void> check_gaps(const fs::path &folder, const std::vector<Slice> &slices, const std::vector<double> &gaps,
+                              double median, double tolerance) {
+  const auto smallest = static_cast<std::size_t>(std::min_element(gaps.begin(), gaps.end()) - gaps.begin());
+  const auto largest = static_cast<std::size_t>(std::max_element(gaps.begin(), gaps.end()) - gaps.begin());
+  if (gaps[smallest] <= std::max(1e-3, kLeastGap * median)) {
+    return base::failure(
+        series_error(folder, "has two slices in the same place, or almost: " + between(slices, gaps, smallest) +
+                                 ": several acquisitions in one series?"));
+  }
+  const auto is_odd = [&](double gap) { return std::abs(gap - median) > tolerance; };
+  const auto odd = std::count_if(gaps.begin(), gaps.end(), is_odd);
+  const double times = std::round(gaps[largest] / median);
+  if (times >= 2.0 && static_cast<double>(odd) < kMissingShare * static_cast<double>(gaps.size()) &&
+      std::abs(gaps[largest] - times * median) <= tolerance) {
+    return base::failure(series_error(folder, "lacks slices: " + std::to_string(odd) + " of " +
+                                                  std::to_string(gaps.size()) + " differ from the median gap of " +
+                                                  shown(median, 2) + " mm, the largest is " +
+                                                  between(slices, gaps, largest)));
+  }
+  if (gaps[largest] > kLargestGap_mm) {
+    return base::failure(series_error(folder, "is too coarse to be resampled: its largest gap is " +
+                                                  between(slices, gaps, largest) + ", at most " +
+                                                  shown(kLargestGap_mm, 0) + " mm are taken"));
+  }
+  return {};
+}
+
+// All that is uneven about the slices' positions in one sentence.
 base::Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> &slices) {
   std::vector<double> gaps;
   for (std::size_t at = 1; at < slices.size(); ++at) {
@@ -125,44 +163,83 @@ base::Result<Stack> check_even(const fs::path &folder, const std::vector<Slice> 
   std::vector<double> sorted = gaps;
   std::sort(sorted.begin(), sorted.end());
   const double median = sorted[sorted.size() / 2];
-  if (sorted.front() <= 1e-3) {
-    const auto at = static_cast<std::size_t>(std::min_element(gaps.begin(), gaps.end()) - gaps.begin());
-    return base::failure(series_error(folder, "has two slices in the same place (" + slices[at].name + " and " +
-                                                  slices[at + 1].name + "): several acquisitions in one series?"));
+  const double tolerance = 2.0 * kRounding_mm + kGapTolerance * median;
+  if (auto usable = check_gaps(folder, slices, gaps, median, tolerance); !usable) {
+    return tl::unexpected(usable.error());
   }
 
-  std::string wrong;
+  Stack out;
   const double even = (slices.back().depth_mm - slices.front().depth_mm) / static_cast<double>(gaps.size());
   double off_mm = 0.0; // of a slice from an even stack
   for (std::size_t at = 0; at < slices.size(); ++at) {
     off_mm = std::max(off_mm, std::abs(slices[at].depth_mm - slices.front().depth_mm - static_cast<double>(at) * even));
   }
-  const double tolerance = 2.0 * kRounding_mm + kGapTolerance * median;
-  const auto is_odd = [&](double gap) { return std::abs(gap - median) > tolerance; };
   if (off_mm > kRounding_mm + kGapTolerance * median) {
-    const auto odd = std::count_if(gaps.begin(), gaps.end(), is_odd);
+    const auto odd =
+        std::count_if(gaps.begin(), gaps.end(), [&](double gap) { return std::abs(gap - median) > tolerance; });
     const auto smallest = static_cast<std::size_t>(std::min_element(gaps.begin(), gaps.end()) - gaps.begin());
     const auto largest = static_cast<std::size_t>(std::max_element(gaps.begin(), gaps.end()) - gaps.begin());
-    const auto between = [&](std::size_t at) {
-      return shown(gaps[at], 2) + " mm (" + slices[at].name + " to " + slices[at + 1].name + ")";
-    };
-    wrong = "is unevenly spaced: the gaps between its " + std::to_string(slices.size()) + " slices run from " +
-            between(smallest) + " to " + between(largest) + ", " + std::to_string(odd) + " of " +
-            std::to_string(gaps.size()) + " differ from the median of " + shown(median, 2) + " mm";
+    out.uneven = "is unevenly spaced: the gaps between its " + std::to_string(slices.size()) + " slices run from " +
+                 between(slices, gaps, smallest) + " to " + between(slices, gaps, largest) + ", " +
+                 std::to_string(odd) + " of " + std::to_string(gaps.size()) + " differ from the median of " +
+                 shown(median, 2) + " mm";
   }
-  const Eigen::Vector3d normal = slices.front().row.cross(slices.front().column).normalized();
+  out.normal = slices.front().row.cross(slices.front().column).normalized();
   const Eigen::Vector3d along = slices.back().position_mm - slices.front().position_mm;
-  const double tilt = std::atan2(along.cross(normal).norm(), along.dot(normal));
+  // Sideways distances from the normal through the first slice: every slice may have its own.
+  double sideways_mm = 0.0;
+  for (const Slice &slice : slices) {
+    const Eigen::Vector3d from_first = slice.position_mm - slices.front().position_mm;
+    sideways_mm = std::max(sideways_mm, (from_first - out.normal * out.normal.dot(from_first)).norm());
+  }
+  const double tilt = std::atan2(sideways_mm, along.dot(out.normal));
   if (tilt > kTiltTolerance_rad + 2.0 * kRounding_mm / along.norm()) {
-    wrong += (wrong.empty() ? "" : "; it also ") +
-             std::string("has a tilted gantry: the slices are shifted sideways by ") + shown(tilt * 180.0 / M_PI, 1) +
-             " degrees";
+    out.uneven += (out.uneven.empty() ? "" : "; it also ") +
+                  std::string("has a tilted gantry: the slices are shifted sideways by ") +
+                  shown(tilt * 180.0 / M_PI, 1) + " degrees";
+    if (tilt > kLargestTilt_rad) {
+      return base::failure(series_error(folder, out.uneven + ", too far to be one scan"));
+    }
   }
-  if (!wrong.empty()) {
-    return base::failure(
-        series_error(folder, wrong + ". It must be resampled to an even, straight grid before it is used"));
+  out.gap_mm = along.norm() / static_cast<double>(gaps.size());
+  return out;
+}
+
+// An even, straight stack in place of the slices.
+PlacedVolume even_stack(const fs::path &folder, const std::vector<Slice> &slices, const Stack &found,
+                        const ItkVolume &image, std::vector<std::string> notes) {
+  const Slice &first = slices.front();
+  SliceStack stack{first.size, first.spacing_mm, {}, {}};
+  const Eigen::Vector3d column = found.normal.cross(first.row.normalized()); // at a right angle to the row
+  for (const Slice &slice : slices) {
+    stack.depths_mm.push_back(slice.depth_mm);
+    stack.offsets_mm.emplace_back(first.row.normalized().dot(slice.position_mm), column.dot(slice.position_mm));
   }
-  return Stack{normal, along.norm() / static_cast<double>(gaps.size())};
+  const EvenStack grid = even_grid_of(stack);
+  const std::span<const float> voxels(image.GetBufferPointer(), image.GetLargestPossibleRegion().GetNumberOfPixels());
+  const float outside = *std::min_element(voxels.begin(), voxels.end());
+  const std::vector<float> values = resampled(stack, voxels, grid, outside);
+
+  PlacedVolume out{ItkVolume::New(), Eigen::Matrix4d::Identity(), true, std::move(notes), true};
+  ItkVolume::SizeType size;
+  for (unsigned axis = 0; axis < 3; ++axis) {
+    size[axis] = static_cast<itk::SizeValueType>(grid.size[axis]);
+  }
+  out.voxels->SetRegions(size);
+  out.voxels->Allocate();
+  std::copy(values.begin(), values.end(), out.voxels->GetBufferPointer());
+  const Eigen::DiagonalMatrix<double, 3> flip(-1.0, -1.0, 1.0);
+  out.T_ras_index.col(0).head<3>() = first.spacing_mm[0] * (flip * first.row.normalized());
+  out.T_ras_index.col(1).head<3>() = first.spacing_mm[1] * (flip * column);
+  out.T_ras_index.col(2).head<3>() = grid.gap_mm * (flip * found.normal);
+  out.T_ras_index.col(3).head<3>() =
+      flip * (first.row.normalized() * grid.offset_mm[0] + column * grid.offset_mm[1] + found.normal * first.depth_mm);
+  out.notes.push_back(
+      series_error(folder, found.uneven + ". It is resampled, linearly, to an even and straight grid of " +
+                               std::to_string(grid.size[0]) + " x " + std::to_string(grid.size[1]) + " x " +
+                               std::to_string(grid.size[2]) + " voxels with slices every " + shown(grid.gap_mm, 2) +
+                               " mm; where it has no slice, the value is " + shown(static_cast<double>(outside), 0)));
+  return out;
 }
 
 std::string tag_text(const itk::MetaDataDictionary &tags, const std::string &tag) {
@@ -253,6 +330,15 @@ base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &se
     return base::failure(folder.string() + ": the folder holds no DICOM series " + series + ", only: " + list);
   }
   SeriesFiles out{names->GetFileNames(series.empty() ? found.front() : series), {}};
+  for (const std::string &file : out.files) {
+    // GDCM takes files without the mark of part 10 as well.
+    if (is_dicom_file(file)) {
+      continue;
+    }
+    if (const auto sound = read_dicom_file(file); !sound) {
+      return tl::unexpected(sound.error());
+    }
+  }
   for (const fs::path &file : *whole) {
     if (!used.contains(file.string()) && file.filename() != "DICOMDIR") {
       out.notes.push_back(file.string() + " holds no image: it is left out");
@@ -301,11 +387,17 @@ base::Result<PlacedVolume> read_dicom_series(const fs::path &folder, const std::
   reader->SetImageIO(itk::GDCMImageIO::New());
   reader->SetFileNames(sorted);
   reader->Update();
+  if (reader->GetOutput()->GetLargestPossibleRegion().GetNumberOfPixels() != static_cast<itk::SizeValueType>(voxels)) {
+    return base::failure(series_error(folder, "is read with another number of voxels than its slices have"));
+  }
 
+  if (!stack->uneven.empty()) {
+    return even_stack(folder, slices, *stack, *reader->GetOutput(), found->notes);
+  }
   // The grid that was checked, not the reader's interpretation of the headers; LPS to RAS.
   const Slice &first = slices.front();
   const Eigen::DiagonalMatrix<double, 3> flip(-1.0, -1.0, 1.0);
-  PlacedVolume out{reader->GetOutput(), Eigen::Matrix4d::Identity(), true, found->notes};
+  PlacedVolume out{reader->GetOutput(), Eigen::Matrix4d::Identity(), true, found->notes, false};
   out.T_ras_index.col(0).head<3>() = first.spacing_mm[0] * (flip * first.row);
   out.T_ras_index.col(1).head<3>() = first.spacing_mm[1] * (flip * first.column);
   out.T_ras_index.col(2).head<3>() = stack->gap_mm * (flip * stack->normal);

@@ -15,9 +15,10 @@ struct PlacedVolume {
   Eigen::Matrix4d T_ras_index = Eigen::Matrix4d::Identity();
   bool space_stated = true;
   std::vector<std::string> notes;
+  bool resampled = false; // the last note says so
 };
 
-// The evenly spaced, untilted stack of slices of one DICOM series in the folder.
+// The stack of slices of one DICOM series in the folder, resampled if it is unevenly spaced or tilted.
 [[nodiscard]] base::Result<PlacedVolume> read_dicom_series(const std::filesystem::path &folder,
                                                            const std::string &series);
 

@@ -64,7 +64,7 @@ base::Result<PlacedVolume> read_stored(ImageHeader header) {
                                         static_cast<itk::SizeValueType>(header.size[2])});
   image->Allocate();
   std::copy(voxels->begin(), voxels->end(), image->GetBufferPointer());
-  return PlacedVolume{image, header.T_ras_index, header.space_stated, std::move(header.notes)};
+  return PlacedVolume{image, header.T_ras_index, header.space_stated, std::move(header.notes), false};
 }
 
 base::Result<PlacedVolume> read_file(const fs::path &path, std::optional<Space> space) {
@@ -96,7 +96,7 @@ base::Result<PlacedVolume> read_file(const fs::path &path, std::optional<Space> 
     }
   }
   return PlacedVolume{ItkVolume::Pointer(reader->GetOutput()), stated->T_ras_index, stated->space_stated,
-                      std::move(stated->notes)};
+                      std::move(stated->notes), false};
 }
 
 base::Result<void> check_grid(const fs::path &path, const Eigen::Matrix4d &T) {
@@ -203,7 +203,7 @@ base::Result<Volume> read_volume(const fs::path &path, const VolumeOptions &opti
     if (!image) {
       return tl::unexpected(image.error());
     }
-    if (notes == nullptr && !image->space_stated && !options.space) {
+    if (notes == nullptr && ((!image->space_stated && !options.space) || image->resampled)) {
       return base::failure(image->notes.back());
     }
     if (auto grid = check_grid(path, image->T_ras_index); !grid) {

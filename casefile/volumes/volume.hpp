@@ -31,10 +31,11 @@ struct VolumeOptions {
 
 // `path` is a file or a folder with DICOM slices. Refused: no file, no such format, a file that is not whole, no
 // voxels, more than kMaxVoxels, more or fewer than three dimensions, voxels that are not finite, a singular or sheared
-// grid, a DICOM series with uneven gaps or a tilted gantry, several series without a choice.
+// grid, a DICOM series with missing or overlapping slices, several series without a choice. A DICOM series with uneven
+// gaps or a tilted gantry is resampled.
 //
-// notes: receives what the file does not state and was assumed, and what was left out. Without it (nullptr) a file that
-// does not state its space is refused.
+// notes: receives what the file does not state and was assumed, what was left out, and what was resampled. Without it
+// (nullptr) a file that does not state its space, or must be resampled, is refused.
 inline constexpr std::int64_t kMaxVoxels = std::int64_t{1} << 30;
 [[nodiscard]] base::Result<Volume> read_volume(const std::filesystem::path &path, const VolumeOptions &options = {},
                                                Notes *notes = nullptr);
