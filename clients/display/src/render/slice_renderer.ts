@@ -85,12 +85,15 @@ ${labels ? `uniform highp ${labels} u_labels; uniform mat4x3 u_labels_T_index_im
 uniform highp sampler2D u_colours;
 uniform int u_colour_count;
 uniform float u_label_opacity;
-uniform float u_outside; // opacity of what is outside the image
+uniform float u_air; // values up to this are not drawn in space
+uniform float u_outside; // opacity of what is outside the image, and of air
 void main() {
   ivec3 size = textureSize(u_image, 0);
   vec3 p = u_image_T_index_image * vec4(v_image, 1.0);
   bool within = inside(p, size);
-  vec3 rgb = vec3(within ? windowed(u_image_linear(p, size), u_image_window) : 0.0);
+  float value = within ? u_image_linear(p, size) : 0.0;
+  vec3 rgb = vec3(within ? windowed(value, u_image_window) : 0.0);
+  if (u_outside == 0.0 && value <= u_air) within = false;
   ${
     second
       ? `ivec3 size2 = textureSize(u_second, 0);
@@ -140,12 +143,19 @@ export class SliceRenderer {
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
     const half: [number, number] = [(viewport.width * mm_per_pixel) / 2, (viewport.height * mm_per_pixel) / 2];
-    this.drawQuad(layers, plane, half, null, 1);
+    this.drawQuad(layers, plane, half, null);
   }
 
-  // The same as a rectangle in space, seen through a camera; nothing is drawn outside the image.
-  drawInSpace(layers: SliceLayers, plane: Plane, half_mm: readonly [number, number], view: Float32Array): void {
-    this.drawQuad(layers, plane, half_mm, view, 0);
+  // The same as a rectangle in space, seen through a camera. Nothing is drawn outside the image, nor where its value is at
+  // most `air`, so that a plane does not hide what is behind the head.
+  drawInSpace(
+    layers: SliceLayers,
+    plane: Plane,
+    half_mm: readonly [number, number],
+    view: Float32Array,
+    air: number,
+  ): void {
+    this.drawQuad(layers, plane, half_mm, view, air);
   }
 
   private drawQuad(
@@ -153,7 +163,7 @@ export class SliceRenderer {
     plane: Plane,
     half_mm: readonly [number, number],
     view: Float32Array | null,
-    outside: number,
+    air = Number.NaN,
   ): void {
     const { gl } = this;
     const program = this.programFor(layers);
@@ -163,7 +173,8 @@ export class SliceRenderer {
     gl.uniform3fv(program.at("u_right"), plane.right);
     gl.uniform3fv(program.at("u_up"), plane.up);
     gl.uniformMatrix4fv(program.at("u_view"), false, view ?? kNoView);
-    gl.uniform1f(program.at("u_outside"), outside);
+    gl.uniform1f(program.at("u_outside"), view ? 0 : 1);
+    gl.uniform1f(program.at("u_air"), air);
     this.bind(program, "u_image", 0, layers.image);
     if (layers.second) {
       this.bind(program, "u_second", 1, layers.second);

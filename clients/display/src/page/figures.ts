@@ -1,0 +1,105 @@
+// The large figures: what a surgeon reads from two metres.
+import { norm, type Vec3 } from "../geometry/vector.ts";
+import { figure, implausibleText, poseText } from "../state/text.ts";
+import type { PageContext, Part } from "./context.ts";
+import { h, setClass, setText } from "./dom.ts";
+
+const kDegrees = 180 / Math.PI;
+
+class Figure {
+  private readonly value = h("span", { class: "value" }, "–");
+  private readonly detail = h("span", { class: "detail" });
+  readonly element: HTMLElement;
+
+  constructor(
+    private readonly title: string,
+    unit: string,
+  ) {
+    const unitText = h("span", { class: "unit" }, unit);
+    this.element = h(
+      "div",
+      { class: "figure" },
+      h("span", { class: "title" }, title, this.detail),
+      h("span", {}, this.value, unitText),
+    );
+  }
+
+  get text(): string {
+    return `${this.title} ${this.detail.textContent} ${this.value.textContent}`;
+  }
+
+  set(value: string, detail = "", warn = false): void {
+    setText(this.value, value);
+    setText(this.detail, detail);
+    setClass(this.element, "warn", warn);
+    setClass(this.element, "empty", value === "–");
+  }
+}
+
+export class Figures implements Part {
+  private readonly tool = h("div", { class: "tool-name" });
+  private readonly status = h("div", { class: "tool-status" });
+  private readonly structure = new Figure("Nearest structure", "mm");
+  private readonly depth = new Figure("Depth left", "mm");
+  private readonly lateral = new Figure("Lateral deviation", "mm");
+  private readonly angle = new Figure("Angle", "°");
+  private readonly region = new Figure("Tip error, 95 %", "mm");
+  private readonly coordinates = h("div", { class: "coordinates" });
+  readonly element = h(
+    "section",
+    { class: "figures" },
+    h("div", { class: "tool" }, this.tool, this.status),
+    this.depth.element,
+    this.structure.element,
+    this.lateral.element,
+    this.angle.element,
+    this.region.element,
+    this.coordinates,
+  );
+
+  // As text: for a screenshot.
+  get lines(): string[] {
+    const all = [this.depth, this.structure, this.lateral, this.angle, this.region].map((f) => f.text);
+    return [
+      `${this.tool.textContent}: ${this.status.textContent}`,
+      all.join("  ·  "),
+      this.coordinates.textContent ?? "",
+    ].map((line) => line.replaceAll("\n", "  ·  "));
+  }
+
+  update({ scene, store, data, view }: PageContext): void {
+    const tool = scene.followedTool;
+    setClass(this.element, "unverified", tool !== null && !tool.verified);
+    setClass(this.element, "hidden-tool", tool === null);
+    if (!tool) {
+      const wanted =
+        store.all("tool").find((t) => t.trajectory) ??
+        store.all("tool").find((t) => data.tools.some((c) => c.name === t.tool && c.role !== "reference"));
+      setText(this.tool, wanted?.tool ?? "No tool");
+      const why = wanted ? implausibleText(wanted.plausibility_reason) : "";
+      setText(this.status, wanted ? poseText(wanted.status) + (wanted.status === 9 && why ? `: ${why}` : "") : "");
+      for (const f of [this.structure, this.depth, this.lateral, this.angle, this.region]) f.set("–");
+    } else {
+      const s = tool.shown.state;
+      setText(this.tool, tool.name);
+      setText(
+        this.status,
+        tool.verified ? `live · ${figure(tool.shown.age_ms, 0, "ms")}` : "NOT VERIFIED: for checks only",
+      );
+      this.structure.set(figure(s.nearest_structure_mm, 1), s.nearest_structure, s.nearest_structure_mm < 3);
+      this.depth.set(figure(s.remaining_depth_mm, 1), s.trajectory, s.remaining_depth_mm < 0);
+      this.lateral.set(figure(s.lateral_deviation_mm, 1), "", s.lateral_deviation_mm > 2);
+      this.angle.set(figure(s.angle_rad * kDegrees, 1));
+      this.region.set(figure(tool.region_95.semi_axes_mm[0], 1), `RMS ${figure(s.tre_rms_mm, 2)}`);
+    }
+    setText(this.coordinates, coordinatesText(tool?.tip ?? null, view.cursor));
+  }
+}
+
+// Position in Image, in the words of the patient: "R 12.3".
+export function coordinatesText(tip: Vec3 | null, cursor: Vec3): string {
+  const one = (p: Vec3) =>
+    [0, 1, 2].map((d) => `${(p[d] >= 0 ? "RAS" : "LPI")[d]} ${Math.abs(p[d]).toFixed(1)}`).join("   ");
+  const tipText = tip && Number.isFinite(norm(tip)) ? one(tip) : "–";
+  return `Tip  ${tipText}\nCross hair  ${one(cursor)}`;
+}

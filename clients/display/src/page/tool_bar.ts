@@ -1,0 +1,205 @@
+// The viewer's choices: layout, what a drag does, window presets, planes, convention, what is drawn.
+import type { CaseData } from "../state/case_data.ts";
+import type { DragTool } from "../view/interaction.ts";
+import type { Layout } from "../view/layout.ts";
+import type { ViewState } from "../view/view_state.ts";
+import { fill, h, setClass, setText } from "./dom.ts";
+
+export interface ToolBarHost {
+  readonly view: ViewState;
+  tool: DragTool;
+  sound: boolean;
+  changed(): void;
+  screenshot(): void;
+}
+
+const kLayouts: readonly [Layout, string][] = [
+  ["2x2", "2×2"],
+  ["1+3", "1+3"],
+  ["one", "1"],
+];
+const kTools: readonly [DragTool, string][] = [
+  ["window", "Window"],
+  ["pan", "Pan"],
+  ["measure", "Measure"],
+];
+
+export class ToolBar {
+  private readonly updates: (() => void)[] = [];
+  private readonly presets = h("span", { class: "group", role: "group", "aria-label": "Window presets" });
+  private readonly values = h("span", { class: "values" });
+  readonly element: HTMLElement;
+
+  constructor(private readonly host: ToolBarHost) {
+    const { view } = host;
+    const layouts = kLayouts.map(([layout, text]) =>
+      this.button(
+        text,
+        () => view.layout === layout,
+        () => {
+          view.layout = layout;
+        },
+        `layout ${text}`,
+      ),
+    );
+    const tools = kTools.map(([tool, text]) =>
+      this.button(
+        text,
+        () => host.tool === tool,
+        () => {
+          host.tool = tool;
+        },
+      ),
+    );
+    this.element = h(
+      "nav",
+      { class: "tools" },
+      group(...layouts),
+      group(
+        ...tools,
+        this.button(
+          "Clear",
+          () => false,
+          () => {
+            view.measurements = [];
+          },
+          "clear measurements",
+        ),
+      ),
+      this.presets,
+      this.values,
+      group(
+        this.button(
+          "Follow tip",
+          () => view.follow,
+          () => {
+            view.follow = !view.follow;
+          },
+        ),
+        this.button(
+          "Straighten",
+          () => view.oblique,
+          () => view.straighten(),
+        ),
+      ),
+      group(this.conventionButton()),
+      group(
+        this.button(
+          "Labels",
+          () => view.labels,
+          () => {
+            view.labels = !view.labels;
+          },
+        ),
+        this.button(
+          "Trace",
+          () => view.trace,
+          () => {
+            view.trace = !view.trace;
+          },
+        ),
+      ),
+      this.surfaces(),
+      group(
+        this.button(
+          "Sound",
+          () => host.sound,
+          () => {
+            host.sound = !host.sound;
+          },
+        ),
+        this.button(
+          "Screenshot",
+          () => false,
+          () => host.screenshot(),
+        ),
+      ),
+    );
+  }
+
+  update(data: CaseData | null): void {
+    const { view } = this.host;
+    fill(this.presets, data?.hash ?? "", () =>
+      (data?.presets ?? []).map((preset) =>
+        h(
+          "button",
+          {
+            type: "button",
+            click: () =>
+              this.act(() => {
+                view.window = preset;
+              }),
+          },
+          preset.name,
+        ),
+      ),
+    );
+    const digits = view.window.window < 10 ? 2 : 0;
+    setText(this.values, `W ${view.window.window.toFixed(digits)}  L ${view.window.level.toFixed(digits)}`);
+    for (const update of this.updates) update();
+  }
+
+  private act(action: () => void): void {
+    action();
+    this.host.changed();
+  }
+
+  private button(text: string, pressed: () => boolean, action: () => void, label = text): HTMLButtonElement {
+    const button = h("button", { type: "button", "aria-label": label, click: () => this.act(action) }, text);
+    this.updates.push(() => setClass(button, "on", pressed()));
+    return button;
+  }
+
+  // States the convention, and changes it.
+  private conventionButton(): HTMLButtonElement {
+    const { view } = this.host;
+    const next = () => (view.convention === "radiological" ? "neurological" : "radiological");
+    const button = h("button", {
+      type: "button",
+      class: "convention",
+      "aria-label": "convention",
+      click: () => this.act(() => view.setConvention(next())),
+    });
+    this.updates.push(() => setText(button, view.convention === "radiological" ? "Radiological" : "Neurological"));
+    return button;
+  }
+
+  private surfaces(): HTMLElement {
+    const { view } = this.host;
+    const slider = (name: "scalp" | "brain" | "structure", text: string) => {
+      const change = (e: Event) =>
+        this.act(() => {
+          view.opacities[name] = Number((e.target as HTMLInputElement).value);
+        });
+      const input = h("input", {
+        type: "range",
+        min: 0,
+        max: 1,
+        step: 0.02,
+        value: view.opacities[name],
+        input: change,
+        "aria-label": `opacity of ${text}`,
+      });
+      return h("label", {}, text, input);
+    };
+    const planes = (e: Event) =>
+      this.act(() => {
+        view.opacities.planes = (e.target as HTMLInputElement).checked;
+      });
+    return h(
+      "details",
+      { class: "surfaces" },
+      h("summary", {}, "3-D"),
+      h(
+        "div",
+        {},
+        slider("scalp", "Scalp"),
+        slider("brain", "Brain"),
+        slider("structure", "Structures"),
+        h("label", {}, "Planes", h("input", { type: "checkbox", checked: true, change: planes })),
+      ),
+    );
+  }
+}
+
+const group = (...children: HTMLElement[]): HTMLElement => h("span", { class: "group" }, ...children);

@@ -1,0 +1,213 @@
+// Lines, marks and letters over a slice.
+import { cut, outline } from "../geometry/ellipsoid.ts";
+import { edgeLetters } from "../geometry/letters.ts";
+import { intersection, kOrthogonalKinds, type Plane } from "../geometry/planes.ts";
+import { add, along, distance, scale, type Vec3 } from "../geometry/vector.ts";
+import type { CaseData } from "../state/case_data.ts";
+import { figure } from "../state/text.ts";
+import { kColours } from "./colours.ts";
+import type { Pen } from "./pen.ts";
+import { distanceColour, isSurface, type Scene, type SceneTool, tipAhead } from "./scene.ts";
+import { isOrthogonal, kPanelNames, type Measurement, type PanelKind, type ViewState } from "./view_state.ts";
+
+const kNear_mm = 3; // points are drawn in full up to this distance from the plane
+const kFar_mm = 12; // and not at all beyond this one
+const kShaft_mm = 160;
+const kAhead_mm = 60;
+
+export interface OverlayInput {
+  readonly kind: PanelKind;
+  readonly view: ViewState;
+  readonly scene: Scene;
+  readonly data: CaseData;
+  readonly pending: Measurement | null; // a measurement that is being drawn
+  readonly bare: boolean; // only the image: for the benchmark
+}
+
+export function drawSliceOverlay(pen: Pen, input: OverlayInput): void {
+  const { canvas: c, rect } = pen;
+  c.save();
+  c.beginPath();
+  c.rect(rect.x, rect.y, rect.width, rect.height);
+  c.clip();
+  if (!input.bare) {
+    drawCuts(pen, input.data);
+    drawPlanes(pen, input);
+    drawPlan(pen, input.scene);
+    drawPoints(pen, input);
+    for (const tool of input.scene.tools) drawTool(pen, tool, tool === input.scene.followedTool);
+    drawMeasurements(pen, input);
+  }
+  drawFrame(pen, input);
+  c.restore();
+}
+
+function drawCuts(pen: Pen, data: CaseData): void {
+  for (const m of data.meshes) {
+    if (m.kind === "tissue") continue;
+    const colour = m.kind === "brain" ? kColours.brain : m.kind === "scalp" ? kColours.scalp : m.css;
+    pen.segments(m.cutter.cut(pen.plane), colour, m.kind === "structure" ? 2 : 1);
+  }
+}
+
+// The other two planes as lines, which leave the cross hair's place free, and the cross hair.
+function drawPlanes(pen: Pen, { kind, view, scene }: OverlayInput): void {
+  const centre = view.cursor;
+  const reach = view.extent_mm * 1.5;
+  if (!isOrthogonal(kind)) return;
+  for (const other of kOrthogonalKinds) {
+    if (other === kind) continue;
+    const plane = view.planeOf(other, scene.followed) as Plane;
+    const line = intersection(pen.plane, plane);
+    if (!line) continue;
+    const gap = 12 * pen.mm_per_pixel;
+    for (const side of [-1, 1]) {
+      pen.line(
+        along(centre, line.direction, side * gap),
+        along(centre, line.direction, side * reach),
+        kColours[other],
+        1.25,
+      );
+    }
+  }
+}
+
+function drawPlan(pen: Pen, scene: Scene): void {
+  const plan = scene.trajectory;
+  if (!plan) return;
+  pen.line(plan.entry_mm, plan.target_mm, kColours.plan, 1.5, [7, 5]);
+  drawNear(pen, plan.entry_mm, (alpha) => {
+    pen.canvas.globalAlpha = alpha;
+    const p = pen.pixel(plan.entry_mm);
+    pen.stroke(kColours.plan, 2, [], (c) => {
+      c.moveTo(p.x - 8, p.y - 8);
+      c.lineTo(p.x + 8, p.y + 8);
+      c.moveTo(p.x - 8, p.y + 8);
+      c.lineTo(p.x + 8, p.y - 8);
+    });
+  });
+  const inPlane = inPlaneStretch(pen, plan.entry_mm, plan.target_mm);
+  if (inPlane) pen.line(inPlane[0], inPlane[1], kColours.plan, 3);
+}
+
+// The part of a line that is within a millimetre of the plane.
+function inPlaneStretch(pen: Pen, from: Vec3, to: Vec3): [Vec3, Vec3] | null {
+  const a = pen.pixel(from).height_mm;
+  const b = pen.pixel(to).height_mm;
+  const at = (h: number) => (Math.abs(b - a) < 1e-9 ? (Math.abs(a) <= 1 ? h : 2) : (h - a) / (b - a));
+  const s = [at(-1), at(1)].sort((x, y) => x - y);
+  const low = Math.abs(b - a) < 1e-9 ? 0 : Math.max(s[0], 0);
+  const high = Math.abs(b - a) < 1e-9 ? (Math.abs(a) <= 1 ? 1 : -1) : Math.min(s[1], 1);
+  if (high <= low) return null;
+  const point = (t: number) => add(scale(from, 1 - t), scale(to, t));
+  return [point(low), point(high)];
+}
+
+// Draws a point with an opacity that falls with its distance from the plane.
+function drawNear(pen: Pen, point: Vec3, draw: (alpha: number) => void): void {
+  const height = Math.abs(pen.pixel(point).height_mm);
+  if (height > kFar_mm) return;
+  draw(height <= kNear_mm ? 1 : 0.75 * (1 - (height - kNear_mm) / (kFar_mm - kNear_mm)) + 0.1);
+  pen.canvas.globalAlpha = 1;
+}
+
+function drawPoints(pen: Pen, { scene }: OverlayInput): void {
+  for (const capture of scene.captures) {
+    if (!isSurface(capture) || Math.abs(pen.pixel(capture.position).height_mm) > kNear_mm) continue;
+    pen.circle(capture.position, 2.5, distanceColour(capture.distance_mm), 1.5);
+  }
+  for (const f of scene.fiducials) {
+    drawNear(pen, f.position, (alpha) => {
+      pen.canvas.globalAlpha = alpha;
+      const colour = f.suspect ? kColours.suspect : kColours.fiducial;
+      pen.circle(f.position, 6, colour, 2);
+      if (f.residual_mm) pen.line(f.position, add(f.position, scale(f.residual_mm, 5)), colour, 2); // five times its length
+      const p = pen.pixel(f.position);
+      pen.text(f.name, p.x + 9, p.y - 9, 13, colour);
+    });
+  }
+  const plan = scene.trajectory;
+  for (const point of scene.points)
+    drawPoint(pen, point, plan !== null && distance(point.position, plan.target_mm) < 1);
+}
+
+function drawPoint(pen: Pen, point: Scene["points"][number], isTarget: boolean): void {
+  drawNear(pen, point.position, (alpha) => {
+    pen.canvas.globalAlpha = alpha;
+    pen.circle(point.position, isTarget ? 9 : 5, kColours.target, isTarget ? 3 : 1.5);
+    if (isTarget) pen.circle(point.position, 1.5, kColours.target, 3);
+  });
+  const predicted = point.predicted;
+  if (!predicted) return;
+  drawNear(pen, predicted, (alpha) => {
+    pen.canvas.globalAlpha = alpha;
+    pen.line(point.position, predicted, kColours.predicted, 1.5);
+    pen.diamond(predicted, isTarget ? 9 : 5, kColours.predicted, isTarget ? 3 : 1.5);
+  });
+}
+
+function drawTool(pen: Pen, tool: SceneTool, followed: boolean): void {
+  const colour = tool.verified ? kColours.live : kColours.unverified;
+  const dash = tool.verified ? [] : [10, 6];
+  pen.canvas.globalAlpha = followed ? 1 : 0.6;
+  const fill = tool.verified ? "rgba(69, 224, 160, 0.22)" : "rgba(255, 171, 46, 0.22)";
+  pen.ellipse(outline(tool.region_95, tool.tip, pen.plane), colour, 1, [3, 3]);
+  const section = cut(tool.region_95, tool.tip, pen.plane);
+  if (section) pen.ellipse(section, colour, 1.5, [], fill);
+  pen.line(tipAhead(tool, -kShaft_mm), tool.tip, colour, 3, dash);
+  pen.line(tool.tip, tipAhead(tool, kAhead_mm), colour, 1.25, [2, 5]);
+  pen.circle(tool.tip, 4, colour, 2.5);
+  pen.canvas.globalAlpha = 1;
+}
+
+function drawMeasurements(pen: Pen, { view, pending }: OverlayInput): void {
+  for (const m of pending ? [...view.measurements, pending] : view.measurements) {
+    const near = Math.min(Math.abs(pen.pixel(m.from).height_mm), Math.abs(pen.pixel(m.to).height_mm));
+    if (near > kFar_mm) continue;
+    pen.line(m.from, m.to, kColours.measure, 1.5);
+    pen.circle(m.from, 3, kColours.measure, 1.5);
+    pen.circle(m.to, 3, kColours.measure, 1.5);
+    const a = pen.pixel(m.from);
+    const b = pen.pixel(m.to);
+    pen.text(figure(distance(m.from, m.to), 1, "mm"), (a.x + b.x) / 2 + 8, (a.y + b.y) / 2 - 10, 16, kColours.measure);
+  }
+}
+
+// Title, letters, scale bar, and what the tool is if it is not verified.
+function drawFrame(pen: Pen, { kind, view, scene }: OverlayInput): void {
+  const { rect } = pen;
+  const letters = edgeLetters(pen.plane);
+  const size = Math.max(17, Math.min(26, rect.height / 18));
+  const [cx, cy] = [rect.x + rect.width / 2, rect.y + rect.height / 2];
+  pen.text(letters.left, rect.x + 10, cy, size, kColours.letter, "left", true);
+  pen.text(letters.right, rect.x + rect.width - 10, cy, size, kColours.letter, "right", true);
+  pen.text(letters.top, cx, rect.y + size * 0.8, size, kColours.letter, "center", true);
+  pen.text(letters.bottom, cx, rect.y + rect.height - size * 0.8, size, kColours.letter, "center", true);
+
+  const title = kind === "look_ahead" ? `${kPanelNames[kind]} ${figure(view.ahead_mm, 0, "mm")}` : kPanelNames[kind];
+  const colour = isOrthogonal(kind) ? kColours[kind] : kColours.letter;
+  pen.text(title, rect.x + 10, rect.y + 18, 16, colour, "left", true);
+  if (isOrthogonal(kind) && view.oblique) pen.text("oblique", rect.x + 10, rect.y + 38, 13, kColours.muted);
+  if (!isOrthogonal(kind) && !scene.followed.line && kind !== "along_plan") {
+    pen.text("no pose: the plane is where it was", rect.x + 10, rect.y + 38, 13, kColours.unverified);
+  }
+  if (scene.followedTool && !scene.followedTool.verified) {
+    pen.text("NOT VERIFIED", rect.x + rect.width - 12, rect.y + 18, 16, kColours.unverified, "right", true);
+  }
+  drawScaleBar(pen);
+}
+
+function drawScaleBar(pen: Pen): void {
+  const { rect } = pen;
+  const wanted_mm = (rect.width / 5) * pen.mm_per_pixel;
+  const length_mm = [100, 50, 20, 10, 5, 2, 1].find((l) => l <= wanted_mm) ?? 1;
+  const [x, y] = [rect.x + 12, rect.y + rect.height - 14];
+  const width = length_mm / pen.mm_per_pixel;
+  pen.stroke(kColours.letter, 2, [], (c) => {
+    c.moveTo(x, y - 4);
+    c.lineTo(x, y);
+    c.lineTo(x + width, y);
+    c.lineTo(x + width, y - 4);
+  });
+  pen.text(`${length_mm} mm`, x + width + 8, y - 3, 13, kColours.letter);
+}

@@ -1,0 +1,153 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { toPlane, viewer } from "../../src/geometry/planes.ts";
+import { distance, dot, type Vec3 } from "../../src/geometry/vector.ts";
+import { advice } from "../../src/page/camera_page.ts";
+import { orbit, viewMatrix } from "../../src/render/camera.ts";
+import type { RecordOf } from "../../src/state/layout.ts";
+import { figure } from "../../src/state/text.ts";
+import { coverageOf, leastCovered } from "../../src/view/coverage.ts";
+import { panelRects } from "../../src/view/layout.ts";
+import { SkinDistance } from "../../src/view/skin_distance.ts";
+import { ViewState } from "../../src/view/view_state.ts";
+import { Random } from "../support/random.ts";
+
+const nothing = { line: null, trajectory: null };
+const planes = (view: ViewState) =>
+  (["axial", "coronal", "sagittal"] as const).map((kind) => view.planeOf(kind, nothing)!);
+
+test("the three planes meet in the cross hair, also when they were turned", () => {
+  const view = new ViewState();
+  view.setCursor([10, -20, 30]);
+  view.turnOthers("axial", 0.4);
+  view.turnOthers("coronal", -0.2);
+  for (const plane of planes(view)) assert.ok(Math.abs(toPlane(plane, [10, -20, 30]).height_mm) < 1e-9);
+  assert.ok(view.oblique);
+  view.straighten();
+  assert.ok(!view.oblique);
+});
+
+test("turning in the axial panel turns the other two, which stay at a right angle", () => {
+  const view = new ViewState();
+  const [axial, coronal, sagittal] = planes(view).map(viewer);
+  view.turnOthers("axial", Math.PI / 6);
+  const [a, c, s] = planes(view).map(viewer);
+  assert.ok(distance(a, axial) < 1e-12);
+  assert.ok(Math.abs(dot(c, coronal) - Math.cos(Math.PI / 6)) < 1e-12);
+  assert.ok(Math.abs(dot(s, sagittal) - Math.cos(Math.PI / 6)) < 1e-12);
+  assert.ok(Math.abs(dot(c, s)) < 1e-12);
+});
+
+test("a step moves a plane along its own normal only, and ends following the tip", () => {
+  const view = new ViewState();
+  view.turnOthers("axial", 0.5);
+  const before = view.planeOf("coronal", nothing)!;
+  view.step("coronal", 3);
+  const after = view.planeOf("coronal", nothing)!;
+  assert.ok(Math.abs(toPlane(before, after.centre).height_mm - 3) < 1e-9);
+  assert.equal(view.follow, false);
+});
+
+test("while following, the planes go through the tip; a click ends it", () => {
+  const view = new ViewState();
+  view.track({ line: { tip: [1, 2, 3], direction: [0, 0, -1] }, trajectory: null });
+  assert.deepEqual(view.cursor, [1, 2, 3]);
+  view.setCursor([9, 9, 9]);
+  view.track({ line: { tip: [4, 5, 6], direction: [0, 0, -1] }, trajectory: null });
+  assert.deepEqual(view.cursor, [9, 9, 9]);
+});
+
+test("zooming keeps the point under the pointer", () => {
+  const view = new ViewState();
+  const rect = { x: 0, y: 0, width: 500, height: 400 };
+  const at = (u: number, v: number) => {
+    const picture = view.pictureOf(0, nothing)!;
+    const mm = view.mm_per_pixel(0, rect);
+    return [0, 1, 2].map(
+      (d) => picture.centre[d] + picture.right[d] * u * mm + picture.up[d] * v * mm,
+    ) as unknown as Vec3;
+  };
+  const before = at(120, -60);
+  view.zoomAt(0, 2.5, 120 * view.mm_per_pixel(0, rect), -60 * view.mm_per_pixel(0, rect));
+  assert.ok(distance(at(120, -60), before) < 1e-9);
+});
+
+test("panels of every layout lie side by side in the picture", () => {
+  for (const layout of ["2x2", "1+3", "one"] as const) {
+    for (let big = 0; big < 4; ++big) {
+      const rects = panelRects(layout, big, 1001, 701).filter((r) => r !== null);
+      assert.equal(rects.length, layout === "one" ? 1 : 4);
+      for (const [i, a] of rects.entries()) {
+        assert.ok(a.x >= 0 && a.y >= 0 && a.x + a.width <= 1001 && a.y + a.height <= 701);
+        for (const b of rects.slice(i + 1)) {
+          const apart = a.x + a.width <= b.x || b.x + b.width <= a.x || a.y + a.height <= b.y || b.y + b.height <= a.y;
+          assert.ok(apart);
+        }
+      }
+    }
+  }
+});
+
+test("the camera's matrix maps its own axes to those of the picture, and turning keeps it a rotation", () => {
+  let camera = { centre: [1, 2, 3] as Vec3, right: [1, 0, 0] as Vec3, up: [0, 0, 1] as Vec3, mm_per_pixel: 0.5 };
+  for (let i = 0; i < 50; ++i) camera = { ...camera, ...orbit(camera, 0.3, -0.17) };
+  assert.ok(Math.abs(dot(camera.right, camera.up)) < 1e-9);
+  const m = viewMatrix(camera, 400, 200);
+  const clip = (p: Vec3) => [0, 1, 2].map((r) => m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r]);
+  const right = camera.centre.map((c, d) => c + 100 * camera.right[d]) as unknown as Vec3; // half the width
+  assert.ok(Math.abs(clip(right)[0] - 1) < 1e-5 && Math.abs(clip(right)[1]) < 1e-5);
+  const nearer = camera.centre.map((c, d) => c + 10 * viewer(camera)[d]) as unknown as Vec3;
+  assert.ok(clip(nearer)[2] < clip(camera.centre)[2]);
+});
+
+test("distances from a surface equal those to all of its triangles", () => {
+  // A square of 100 mm at z = 0 in two triangles, and a small one far away.
+  const mesh = {
+    vertices_mm: new Float32Array([-50, -50, 0, 50, -50, 0, 50, 50, 0, -50, 50, 0, 0, 0, 90, 5, 0, 90, 0, 5, 90]),
+    triangles: new Uint32Array([0, 1, 2, 0, 2, 3, 4, 5, 6]),
+  };
+  const skin = new SkinDistance(mesh);
+  const random = new Random(9);
+  for (let k = 0; k < 500; ++k) {
+    const p: Vec3 = [random.between(-70, 70), random.between(-70, 70), random.between(-25, 25)];
+    const over = [0, 1].map((d) => Math.max(Math.abs(p[d]) - 50, 0));
+    assert.ok(Math.abs(skin.of(p) - Math.hypot(over[0], over[1], p[2])) < 1e-6);
+  }
+  assert.equal(skin.of([0, 0, 900]), Number.POSITIVE_INFINITY);
+});
+
+test("the region that was traced least is asked for, until each has its part", () => {
+  const spread = (front: number, right: number, left: number, top: number): Vec3[] => [
+    ...new Array<Vec3>(front).fill([1, 90, 3]),
+    ...new Array<Vec3>(right).fill([80, 5, 3]),
+    ...new Array<Vec3>(left).fill([-80, 5, 3]),
+    ...new Array<Vec3>(top).fill([1, 5, 90]),
+  ];
+  assert.equal(leastCovered(coverageOf(spread(10, 10, 0, 10))), "on the left");
+  assert.equal(leastCovered(coverageOf(spread(50, 20, 20, 0))), "on top");
+  assert.equal(leastCovered(coverageOf(spread(30, 20, 20, 20))), null);
+  assert.equal(leastCovered(coverageOf([])), "in front");
+});
+
+test("figures state what is not known, and no negative zero", () => {
+  assert.equal(figure(Number.NaN, 1, "mm"), "–");
+  assert.equal(figure(-0.01, 1), "0.0");
+  assert.equal(figure(-3.27, 1, "mm"), "−3.3 mm");
+});
+
+test("the camera page says which way to move", () => {
+  const tool = (x: number, y: number, z: number, change: Partial<RecordOf<"tracked_tool">> = {}) =>
+    ({
+      status: 1,
+      translation_mm: [x, y, z],
+      rotation: [1, 0, 0, 0, -1, 0, 0, 0, -1],
+      ...change,
+    }) as RecordOf<"tracked_tool">;
+  assert.match(advice(tool(0, 0, 900), [0, 0, 1]), /away from the camera/);
+  assert.match(advice(tool(0, 0, 2390), [0, 0, 1]), /towards the camera/);
+  assert.match(advice(tool(1000, 0, 1700), [0, 0, 1]), /sideways/);
+  assert.match(advice(tool(0, 0, 1700), [0, 0, -1]), /Turn its markers to the camera \(180 °\)/);
+  assert.match(advice(tool(0, 0, 1700, { status: 2 }), [0, 0, 1]), /marker is covered/);
+  assert.match(advice(tool(0, 0, 1700), [0, 0, 1]), /1.70 m away/);
+  assert.match(advice(tool(Number.NaN, 0, 0, { status: 3 }), null), /Clear the view/);
+});
