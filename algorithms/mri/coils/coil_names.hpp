@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "algorithms/geometry/rigid3.hpp"
-#include "algorithms/mri/coils/coil_frame.hpp"
+#include "algorithms/mri/coil_frame.hpp"
 #include "algorithms/mri/frames.hpp"
 
 namespace bregma::mri {

@@ -195,6 +195,14 @@ private:
                                                 : " lies outside the scanned volume"));
     }
     std::erase_if(out_.coils, [](const LocatedCoil &c) { return c.coil < 0; });
+    std::erase_if(out_.coils, [&](const LocatedCoil &c) {
+      const std::vector<int> &verify = scans_[static_cast<std::size_t>(c.scan)].verify;
+      if (std::find(verify.begin(), verify.end(), c.coil) == verify.end()) {
+        return false;
+      }
+      out_.verified.push_back(c);
+      return true;
+    });
   }
 
   bool fit() {
@@ -233,6 +241,12 @@ private:
   }
 
   void judge() {
+    for (LocatedCoil &c : out_.verified) {
+      c.used = true;
+      c.residual_mm =
+          (out_.T_base_device.pose * c.position_mm - frame_.coils[static_cast<std::size_t>(c.coil)].position_mm).norm();
+    }
+    out_.verified_mm = coil_error_rms_mm(frame_, out_.verified, out_.T_base_device.pose);
     const Eigen::Matrix3d at_target = uncertainty::tre_covariance(out_.T_base_device.covariance, options_.target_mm);
     out_.tre_95_mm = uncertainty::ellipsoid_95(at_target).semi_axes_mm[0];
     std::vector<LocatedCoil> used;

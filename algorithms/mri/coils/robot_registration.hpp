@@ -18,8 +18,8 @@
 #include <vector>
 
 #include "algorithms/geometry/pose_covariance.hpp"
+#include "algorithms/mri/coil_frame.hpp"
 #include "algorithms/mri/coils/artefacts.hpp"
-#include "algorithms/mri/coils/coil_frame.hpp"
 #include "algorithms/mri/coils/coil_names.hpp"
 #include "algorithms/mri/frames.hpp"
 
@@ -32,6 +32,9 @@ struct CoilScan {
   const Stack *foreground = nullptr;
   const Stack *opposite = nullptr; // the foreground with the current reversed, or none: positions are averaged
   std::vector<int> on;             // coils of the frame
+  // Coils that must not take part in the fit, because they verify it: they are named with the others, and are targets
+  // of (16).
+  std::vector<int> verify = {};
 };
 
 // Where a point that the scanner shows really is, with one sigma of each coordinate. Nothing where the field is
@@ -73,10 +76,12 @@ struct RobotRegistration {
   std::string reason;             // one sentence, empty for kFound
   std::vector<std::string> notes; // missing, doubled and moved coils, and what to do
   geometry::UncertainPose<frame::Base, frame::Device> T_base_device;
-  std::vector<LocatedCoil> coils;
+  std::vector<LocatedCoil> coils;    // of the fit
+  std::vector<LocatedCoil> verified; // those that verify it, and took no part
   double fre_mm = 0.0, fre_expected_mm = 0.0, p_value = 0.0;
-  double tre_95_mm = 0.0; // predicted at the target
-  double opme_mm = 0.0;   // (17) of the coils used, along the normal of their slices
+  double tre_95_mm = 0.0;   // predicted at the target
+  double verified_mm = 0.0; // (16) of the coils that verify; contains the error of finding them. NaN without
+  double opme_mm = 0.0;     // (17) of the coils used, along the normal of their slices
 };
 
 // Finds, names and registers. Artefacts of the scans come first as errors: verdict kRefused with the scan's name.

@@ -12,6 +12,7 @@ namespace bregma::sim::scanner {
 namespace {
 
 constexpr double kNode_mm = 5.0;
+constexpr int kTile = 8; // dense samples
 
 // Device from the paper's (sagittal, coronal, transverse) of DICOM, for a patient on the back, head first.
 Vector3d from_patient(const Vector3d &lps) { return {lps.x(), -lps.y(), -lps.z()}; }
@@ -84,9 +85,7 @@ StackPlan plan_of(Plane plane, const Vector3d &centre_mm, int slices) {
 Acquisition::Acquisition(const ScannerField &field, const Protocol &protocol, const StackPlan &plan)
     : field_(&field), protocol_(protocol), plan_(plan),
       per_Hz_mm_(plan.read_out() * (protocol.pixel_mm() / protocol.bandwidth_Hz) +
-                 plan.normal() * (protocol.thickness_mm / protocol.pulse_Hz)) {
-  invert();
-}
+                 plan.normal() * (protocol.thickness_mm / protocol.pulse_Hz)) {}
 
 image::Grid<3> Acquisition::grid() const {
   image::Grid<3> out;
@@ -116,7 +115,7 @@ Vector3d Acquisition::true_mm(const Vector3d &believed) const {
   return r;
 }
 
-void Acquisition::invert() {
+void Acquisition::invert() const {
   // The box around the stack, with a margin for the point spread.
   const image::Grid<3> g = grid();
   Vector3d low = Vector3d::Constant(1e9), high = -low;
@@ -182,7 +181,10 @@ Eigen::Array4f Acquisition::inverse_at(const Vector3d &believed) const {
   return a + f[2] * (face(p + across * nodes_[1]) - a);
 }
 
-Stack Acquisition::clean(const Body &body, const BodyPose &T_device_body) const {
+Stack Acquisition::clean(const Body &body, const BodyPose &T_device_body, std::span<const Vector3d> region_mm) const {
+  if (inverse_.empty()) {
+    invert();
+  }
   Stack out;
   static_cast<image::Grid<3> &>(out) = grid();
   out.voxels.assign(out.pixels(), 0.0F);
@@ -190,31 +192,51 @@ Stack Acquisition::clean(const Body &body, const BodyPose &T_device_body) const 
   const Eigen::Matrix3d R = T_body_device.rotation_matrix();
   const Vector3d t = T_body_device.translation();
   const int n = protocol_.matrix;
-  const int wide = detail::kDense * n + 2 * detail::kMargin;
+  const int wide = detail::kDense * n + 2 * detail::kMargin; // even
   const int layers = subslices(protocol_.thickness_mm);
   const double ramp = protocol_.pixel_mm() / detail::kDense;
-  std::vector<float> dense, scratch;
+  const auto place = [&](double x, double y, double slice) {
+    return out.point_mm(
+        Vector3d((x - detail::kMargin) / detail::kDense, (y - detail::kMargin) / detail::kDense, slice));
+  };
+  const auto sample = [&](const Vector3d &believed, double edge) {
+    const Eigen::Array4f e = inverse_at(believed);
+    const Vector3d r = believed + e.head<3>().matrix().cast<double>();
+    return static_cast<float>(body.water(R * r + t, edge)) * e[3];
+  };
+  double weights = 0.0;
+  for (int layer = 0; layer < layers; ++layer) {
+    weights += detail::slice_profile(1.2 * ((layer + 0.5) / layers - 0.5));
+  }
+  std::vector<float> dense(static_cast<std::size_t>(wide) * static_cast<std::size_t>(wide)), scratch;
+  const auto at = [&](int x, int y) -> float & {
+    return dense[static_cast<std::size_t>(y) * static_cast<std::size_t>(wide) + static_cast<std::size_t>(x)];
+  };
+  const double reach2 = std::pow(kRegion_mm + kTile * protocol_.pixel_mm(), 2);
   for (int slice = 0; slice < plan_.slices; ++slice) {
-    dense.assign(static_cast<std::size_t>(wide) * static_cast<std::size_t>(wide), 0.0F);
-    double weights = 0.0;
-    for (int layer = 0; layer < layers; ++layer) {
-      const double depth = 1.2 * ((layer + 0.5) / layers - 0.5);
-      const double weight = detail::slice_profile(depth);
-      weights += weight;
-      std::size_t at = 0;
-      for (int y = 0; y < wide; ++y) {
-        for (int x = 0; x < wide; ++x, ++at) {
-          const Vector3d believed =
-              out.point_mm(Vector3d((x - detail::kMargin) / static_cast<double>(detail::kDense),
-                                    (y - detail::kMargin) / static_cast<double>(detail::kDense), slice + depth));
-          const Eigen::Array4f e = inverse_at(believed);
-          const Vector3d r = believed + e.head<3>().matrix().cast<double>();
-          dense[at] += static_cast<float>(weight * body.water(R * r + t, ramp)) * e[3];
+    for (int top = 0; top < wide; top += kTile) {
+      for (int left = 0; left < wide; left += kTile) {
+        const Vector3d middle = place(left + 0.5 * kTile, top + 0.5 * kTile, slice);
+        const bool fine = region_mm.empty() || std::any_of(region_mm.begin(), region_mm.end(), [&](const Vector3d &p) {
+                            return (p - middle).squaredNorm() < reach2;
+                          });
+        const int step = fine ? 1 : detail::kDense;
+        for (int y = top; y < std::min(wide, top + kTile); y += step) {
+          for (int x = left; x < std::min(wide, left + kTile); x += step) {
+            if (!fine) {
+              const float value = sample(place(x + 0.5, y + 0.5, slice), protocol_.pixel_mm());
+              at(x, y) = at(x + 1, y) = at(x, y + 1) = at(x + 1, y + 1) = value;
+              continue;
+            }
+            float sum = 0.0F;
+            for (int layer = 0; layer < layers; ++layer) {
+              const double depth = 1.2 * ((layer + 0.5) / layers - 0.5);
+              sum += static_cast<float>(detail::slice_profile(depth)) * sample(place(x, y, slice + depth), ramp);
+            }
+            at(x, y) = sum / static_cast<float>(weights);
+          }
         }
       }
-    }
-    for (float &value : dense) {
-      value /= static_cast<float>(weights);
     }
     detail::spread(dense, n, n, &out.voxels[out.offset(0, 0, slice)], scratch);
   }

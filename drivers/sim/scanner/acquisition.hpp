@@ -14,6 +14,7 @@
 
 #include <complex>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -81,8 +82,11 @@ class Acquisition {
 public:
   Acquisition(const ScannerField &field, const Protocol &protocol, const StackPlan &plan);
 
-  // Water of 1, without noise. T_device_body: where the body really is.
-  [[nodiscard]] Stack clean(const Body &body, const BodyPose &T_device_body) const;
+  // Water of 1, without noise. T_device_body: where the body really is. Where a region is given, samples farther than
+  // kRegion_mm from all its points are as coarse as pixels and one to a slice: for scans of which only coils matter.
+  static constexpr double kRegion_mm = 25.0;
+  [[nodiscard]] Stack clean(const Body &body, const BodyPose &T_device_body,
+                            std::span<const Vector3d> region_mm = {}) const;
   // What the local field adds to it.
   [[nodiscard]] image::Image<std::complex<float>, 3> added(const Body &body, const BodyPose &T_device_body,
                                                            const LocalField &local) const;
@@ -93,16 +97,16 @@ public:
 
 private:
   [[nodiscard]] Eigen::Array4f inverse_at(const Vector3d &believed_mm) const;
-  void invert();
+  void invert() const; // at the first image
 
   const ScannerField *field_; // must outlive this
   Protocol protocol_;
   StackPlan plan_;
   Vector3d per_Hz_mm_; // movement by B0
   // Minus the displacement, and the change of volume, at nodes of the stack's surroundings.
-  std::array<int, 3> nodes_{};
-  Vector3d first_mm_;
-  std::vector<Eigen::Array4f> inverse_;
+  mutable std::array<int, 3> nodes_{};
+  mutable Vector3d first_mm_;
+  mutable std::vector<Eigen::Array4f> inverse_;
 };
 
 // The magnitude image of what was received. shift_mm (Device): how far the body has moved since `clean`, far below a

@@ -91,22 +91,34 @@ Stack received(const Stack &clean, const image::Image<std::complex<float>, 3> *a
 Stack vendor_corrected(const Stack &acquired, const ScannerField &field) {
   Stack out = acquired;
   const Eigen::Matrix4d T_index_image = acquired.T_image_index.inverse();
-  std::size_t at = 0;
-  for (int k = 0; k < out.size[2]; ++k) {
-    for (int j = 0; j < out.size[1]; ++j) {
-      for (int i = 0; i < out.size[0]; ++i, ++at) {
+  const double voxel = acquired.axes().determinant();
+  const int columns = out.size[0], rows = out.size[1];
+  // Where the scanner believed a slice to be, with one more row and column; the change of volume is that of its cells.
+  const auto believed_slice = [&](int k) {
+    std::vector<Vector3d> all;
+    for (int j = 0; j <= rows; ++j) {
+      for (int i = 0; i <= columns; ++i) {
         const Vector3d r = out.point_mm(Vector3d(i, j, k));
-        Eigen::Matrix3d J = Eigen::Matrix3d::Identity();
-        for (int d = 0; d < 3; ++d) {
-          J.col(d) +=
-              0.25 * (field.gradient_mm(r + 2.0 * Vector3d::Unit(d)) - field.gradient_mm(r - 2.0 * Vector3d::Unit(d)));
-        }
-        const Vector3d believed = r + field.gradient_mm(r);
-        out.voxels[at] =
-            static_cast<float>(J.determinant()) *
-            sample(acquired, T_index_image.topLeftCorner<3, 3>() * believed + T_index_image.topRightCorner<3, 1>());
+        all.push_back(r + field.gradient_mm(r));
       }
     }
+    return all;
+  };
+  std::vector<Vector3d> here = believed_slice(0);
+  std::size_t at = 0;
+  for (int k = 0; k < out.size[2]; ++k) {
+    std::vector<Vector3d> next = believed_slice(k + 1);
+    for (int j = 0; j < rows; ++j) {
+      for (int i = 0; i < columns; ++i, ++at) {
+        const auto n = static_cast<std::size_t>(j * (columns + 1) + i);
+        Eigen::Matrix3d cell;
+        cell << here[n + 1] - here[n], here[n + static_cast<std::size_t>(columns) + 1] - here[n], next[n] - here[n];
+        out.voxels[at] =
+            static_cast<float>(cell.determinant() / voxel) *
+            sample(acquired, T_index_image.topLeftCorner<3, 3>() * here[n] + T_index_image.topRightCorner<3, 1>());
+      }
+    }
+    here = std::move(next);
   }
   return out;
 }

@@ -182,7 +182,7 @@ LocalField SimulatedScanner::currents(const std::vector<std::string> &groups, in
 const SimulatedScanner::Scan &SimulatedScanner::scan_of(const Protocol &protocol, const StackPlan &plan) {
   if (scan_ == nullptr || !same(scan_->protocol, protocol) || !same(scan_->plan, plan)) {
     auto acquisition = std::make_unique<Acquisition>(*field_, protocol, plan);
-    Stack clean = acquisition->clean(frame_, truth_.T_device_base);
+    Stack clean = acquisition->clean(frame_, truth_.T_device_base, truth_.coils_device_mm);
     scan_ = std::make_unique<Scan>(Scan{protocol, plan, std::move(acquisition), std::move(clean)});
   }
   return *scan_;

@@ -12,8 +12,8 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
   for (const char *arguments :
        {"--help", "calibrate --help", "calibrate pivot --help", "register --help", "register points --help",
         "register surface --help", "register cloud --help", "register curves --help", "register capture --help",
-        "status --help", "case --help", "case mesh --help", "tissue --help", "tissue materials --help",
-        "tissue insert --help", "tissue shift --help"}) {
+        "mri --help", "mri register --help", "status --help", "case --help", "case mesh --help", "tissue --help",
+        "tissue materials --help", "tissue insert --help", "tissue shift --help"}) {
     const auto run = run_bregma(folder, arguments);
     EXPECT_EQ(run.exit_code, 0) << arguments;
     EXPECT_NE(run.out.find("Usage: bregma"), std::string::npos) << arguments << "\n" << run.out;

@@ -1,6 +1,7 @@
 // The registration frame of a robot: coils at known places of the robot's base, switched in groups [Tuna 2022, V-A].
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,8 @@ struct CoilFrame {
   std::string name;
   double build_sigma_mm = 0.2; // of each coordinate: how well the frame was built
   std::vector<FrameCoil> coils;
+  // Rotation from Base to Patient (LPS) in which the frame is mounted, roughly; none where any is allowed.
+  std::optional<Eigen::Matrix3d> R_patient_base;
 
   [[nodiscard]] int find(const std::string &coil) const { // -1: none of this name
     for (std::size_t i = 0; i < coils.size(); ++i) {

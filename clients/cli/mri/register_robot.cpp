@@ -1,0 +1,150 @@
+// `bregma mri register`: the robot's base registered to the scanner by active coils, from files.
+#include <memory>
+#include <string>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "clients/cli/mri/mri_commands.hpp"
+#include "clients/cli/mri/scan_list.hpp"
+#include "clients/cli/output.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+using nlohmann::json;
+
+struct RegisterArguments {
+  std::string scans;
+  std::string method = "multi-slice";
+  double limit_mm = mri::RobotRegistrationOptions().limit_mm;
+  double distortion_mm = mri::RobotRegistrationOptions().uncorrected_sigma_mm;
+};
+
+mri::CoilMethod method_of(const std::string &name) {
+  return name == "hough"          ? mri::CoilMethod::kHoughCircles
+         : name == "single-slice" ? mri::CoilMethod::kSingleSlice
+                                  : mri::CoilMethod::kMultiSlice;
+}
+
+json coils_json(const std::vector<mri::LocatedCoil> &coils, const ScanList &list) {
+  json out = json::array();
+  for (const mri::LocatedCoil &c : coils) {
+    out.push_back({{"coil", list.frame.coils[static_cast<std::size_t>(c.coil)].name},
+                   {"scan", list.scans[static_cast<std::size_t>(c.scan)].name},
+                   {"shown_device_mm", json_vector(c.shown_mm)},
+                   {"device_mm", json_vector(c.position_mm)},
+                   {"covariance_mm2", json_matrix(c.covariance)},
+                   {"residual_mm", json_number(c.residual_mm)},
+                   {"used", c.used}});
+  }
+  return out;
+}
+
+json to_json(const mri::RobotRegistration &r, const ScanList &list) {
+  json out = {{"verdict", mri::name(r.verdict)},
+              {"reason", r.reason},
+              {"notes", r.notes},
+              {"frame", list.frame.name},
+              {"coils", coils_json(r.coils, list)}};
+  if (r.verdict == mri::RegistrationVerdict::kFound || r.verdict == mri::RegistrationVerdict::kInaccurate) {
+    out["T_base_device"] = json_matrix(r.T_base_device.pose.matrix());
+    out["covariance"] = json_matrix(r.T_base_device.covariance);
+    out["fre_mm"] = json_number(r.fre_mm);
+    out["fre_expected_mm"] = json_number(r.fre_expected_mm);
+    out["p_value"] = json_number(r.p_value);
+    out["predicted_error_95_mm"] = json_number(r.tre_95_mm);
+    out["out_of_plane_mm"] = json_number(r.opme_mm);
+    out["verified"] = coils_json(r.verified, list);
+    out["verified_rms_mm"] = json_number(r.verified_mm);
+  }
+  return out;
+}
+
+std::string to_text(const mri::RobotRegistration &r, const ScanList &list) {
+  std::string out = "Registration of " + list.frame.name + " " + mri::name(r.verdict) +
+                    (r.reason.empty() ? "" : ": " + r.reason) + "\n\n";
+  for (const std::string &note : r.notes) {
+    out += note + "\n";
+  }
+  if (r.coils.empty()) {
+    return out;
+  }
+  Table table({"Coil", "Scan", "x mm", "y mm", "z mm", "Residual mm", ""});
+  const auto rows = [&](const std::vector<mri::LocatedCoil> &coils, const char *used) {
+    for (const mri::LocatedCoil &c : coils) {
+      table.row({list.frame.coils[static_cast<std::size_t>(c.coil)].name,
+                 list.scans[static_cast<std::size_t>(c.scan)].name, fixed(c.position_mm.x(), 2),
+                 fixed(c.position_mm.y(), 2), fixed(c.position_mm.z(), 2),
+                 c.residual_mm > 0.0 ? fixed(c.residual_mm, 2) : "-", c.used ? used : "not used"});
+    }
+  };
+  rows(r.coils, "");
+  rows(r.verified, "verifies");
+  out += (r.notes.empty() ? "" : "\n") + table.text();
+  if (r.verdict == mri::RegistrationVerdict::kFound || r.verdict == mri::RegistrationVerdict::kInaccurate) {
+    out += "\nPredicted error at the target " + fixed(r.tre_95_mm, 2, "mm") +
+           " (95 %)\nConsistency of the coils (FRE) " + fixed(r.fre_mm, 2, "mm") + ", expected " +
+           fixed(r.fre_expected_mm, 2, "mm") + ", p " + fixed(r.p_value, 3) + "; out of plane " +
+           fixed(r.opme_mm, 2, "mm") + "\n";
+    if (!r.verified.empty()) {
+      out += "Coils that verify: RMS " + fixed(r.verified_mm, 2, "mm") + ", the error of finding them included\n";
+    }
+  }
+  return out;
+}
+
+int run_register(const RegisterArguments &arguments, const Context &context) {
+  std::vector<std::string> notes;
+  const auto list = read_scan_list(arguments.scans, &notes);
+  print_notes(notes);
+  if (!list) {
+    return fail(list.error());
+  }
+  mri::RobotRegistrationOptions options;
+  options.artefacts.method = method_of(arguments.method);
+  options.limit_mm = arguments.limit_mm;
+  options.uncorrected_sigma_mm = arguments.distortion_mm;
+  if (list->frame.R_patient_base) {
+    const Eigen::Matrix3d R_device_base =
+        mri::T_device_patient(list->position).rotation_matrix() * *list->frame.R_patient_base;
+    options.expected_rotation = Eigen::Quaterniond(R_device_base.transpose());
+  }
+  const mri::RobotRegistration r = mri::register_robot(list->frame, list->scans, options);
+  if (context.json) {
+    print_json(to_json(r, *list));
+  } else {
+    print(to_text(r, *list));
+  }
+  return r.verdict == mri::RegistrationVerdict::kFound ? kOk : kRefused;
+}
+
+} // namespace
+
+void add_mri_register(CLI::App &mri, Context &context) {
+  auto *command = mri.add_subcommand("register", "Registers the robot's base to the scanner by active coils");
+  auto arguments = std::make_shared<RegisterArguments>();
+  command->add_option("scans", arguments->scans, "List of scans (TOML): frame, orientation, background and foreground")
+      ->required();
+  command->add_option("--method", arguments->method, "How a coil is located")
+      ->check(CLI::IsMember({"multi-slice", "hough", "single-slice"}))
+      ->capture_default_str();
+  command->add_option("--limit-mm", arguments->limit_mm, "Limit of the predicted 95 % error at the base's origin")
+      ->check(CLI::Range(0.01, 100.0))
+      ->capture_default_str();
+  command
+      ->add_option("--distortion-mm", arguments->distortion_mm,
+                   "Distortion of the images, 1 sigma of each coordinate, where it is not corrected")
+      ->check(CLI::Range(0.01, 20.0))
+      ->capture_default_str();
+  add_json_flag(*command, context);
+  command->footer("The exit code is 1 unless the registration is found.\n\nExamples:\n"
+                  "  bregma mri register scans.toml\n"
+                  "  bregma mri register scans.toml --method single-slice --json");
+  command->callback(
+      [arguments, &context] { context.run = [arguments, &context] { return run_register(*arguments, context); }; });
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,166 @@
+#include "clients/cli/mri/scan_list.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include "base/table_reader.hpp"
+#include "casefile/coil_frames.hpp"
+#include "casefile/volumes/volume.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+constexpr double kAligned = 0.999; // cosine of 2.6 degrees
+
+struct Entry {
+  std::string name, background, foreground, opposite, orientation;
+  std::vector<int> on, verify;
+};
+
+// Names of groups or coils as indices.
+std::vector<int> coils_named(base::TableReader &table, const char *key, const mri::CoilFrame &frame) {
+  std::vector<int> out;
+  for (const std::string &word : table.strings(key)) {
+    const std::size_t before = out.size();
+    for (std::size_t i = 0; i < frame.coils.size(); ++i) {
+      if (frame.coils[i].group == word || frame.coils[i].name == word) {
+        out.push_back(static_cast<int>(i));
+      }
+    }
+    if (out.size() == before) {
+      table.refuse(key, "\"" + word + "\" is no coil and no group of the frame " + frame.name);
+    }
+  }
+  return out;
+}
+
+base::Result<const mri::Stack *> load(const std::filesystem::path &file, const Eigen::Vector3d &normal, ScanList &list,
+                                      std::vector<std::string> *notes) {
+  const auto volume = casefile::read_volume(file, {}, notes);
+  if (!volume) {
+    return tl::unexpected(volume.error());
+  }
+  auto stack = slices_of(*volume, normal, list.position, file.string());
+  if (!stack) {
+    return tl::unexpected(stack.error());
+  }
+  return &list.images.emplace_back(std::move(*stack));
+}
+
+base::Result<std::vector<Entry>> read_entries(base::TableReader &root, const mri::CoilFrame &frame) {
+  std::vector<Entry> out;
+  for (base::TableReader &table : root.tables("scans")) {
+    Entry entry;
+    entry.name = table.string("name", "scan " + std::to_string(out.size() + 1));
+    entry.background = table.require_string("background");
+    entry.foreground = table.require_string("foreground");
+    entry.opposite = table.string("opposite", "");
+    entry.orientation = table.require_string("orientation");
+    entry.on = coils_named(table, "on", frame);
+    entry.verify = coils_named(table, "verify", frame);
+    if (entry.on.empty()) {
+      table.refuse("on", "names the groups or coils that carried current");
+    }
+    if (const auto normal = mri::parse_orientation(entry.orientation); !normal) {
+      table.refuse("orientation", normal.error());
+    }
+    if (auto ok = table.finish(); !ok) {
+      return tl::unexpected(ok.error());
+    }
+    out.push_back(std::move(entry));
+  }
+  if (out.empty()) {
+    root.refuse("scans", "at least one is needed");
+  }
+  return out;
+}
+
+} // namespace
+
+base::Result<mri::Stack> slices_of(const mri::Stack &ras, const Eigen::Vector3d &normal_patient,
+                                   mri::PatientPosition position, const std::string &what) {
+  const Eigen::Matrix4d T_device_image = (mri::T_device_patient(position) * mri::T_image_patient().inverse()).matrix();
+  const Eigen::Matrix4d T_device_index = T_device_image * ras.T_image_index;
+  const Eigen::Vector3d normal = mri::T_device_patient(position).rotation() * normal_patient;
+  int through = -1;
+  for (int d = 0; d < 3; ++d) {
+    if (std::abs(T_device_index.col(d).head<3>().normalized().dot(normal)) > kAligned) {
+      through = d;
+    }
+  }
+  if (through < 0) {
+    const Eigen::Vector3d k = mri::T_device_patient(position).rotation().inverse() * T_device_index.col(2).head<3>();
+    return base::failure(what + ": its slices are not in the orientation " + mri::print_orientation(normal_patient) +
+                         "; those along its third axis are " + mri::print_orientation(k.normalized()));
+  }
+  const std::array<int, 3> order{(through + 1) % 3, (through + 2) % 3, through};
+  mri::Stack out;
+  for (std::size_t d = 0; d < 3; ++d) {
+    out.size[d] = ras.size[static_cast<std::size_t>(order[d])];
+    out.T_image_index.col(static_cast<Eigen::Index>(d)) = T_device_index.col(order[d]);
+  }
+  out.T_image_index.col(3) = T_device_index.col(3);
+  out.voxels.resize(ras.voxels.size());
+  std::array<int, 3> at{};
+  std::size_t n = 0;
+  for (at[2] = 0; at[2] < ras.size[2]; ++at[2]) {
+    for (at[1] = 0; at[1] < ras.size[1]; ++at[1]) {
+      for (at[0] = 0; at[0] < ras.size[0]; ++at[0], ++n) {
+        out.voxels[out.offset(at[static_cast<std::size_t>(order[0])], at[static_cast<std::size_t>(order[1])],
+                              at[static_cast<std::size_t>(order[2])])] = ras.voxels[n];
+      }
+    }
+  }
+  return out;
+}
+
+base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::vector<std::string> *notes) {
+  const auto document = base::TomlDocument::read(file);
+  if (!document) {
+    return tl::unexpected(document.error());
+  }
+  base::TableReader root = document->root();
+  const std::filesystem::path folder = file.parent_path();
+  ScanList out;
+  auto frame = casefile::read_coil_frame(folder / root.require_string("frame"));
+  if (!frame) {
+    return tl::unexpected(frame.error());
+  }
+  out.frame = std::move(*frame);
+  const auto position = mri::parse_patient_position(root.string("patient_position", "HFS"));
+  if (!position) {
+    root.refuse("patient_position", position.error());
+  } else {
+    out.position = *position;
+  }
+  const auto entries = read_entries(root, out.frame);
+  if (!entries) {
+    return tl::unexpected(entries.error());
+  }
+  if (auto ok = root.finish(); !ok) {
+    return tl::unexpected(ok.error());
+  }
+  for (const Entry &entry : *entries) {
+    const Eigen::Vector3d normal = *mri::parse_orientation(entry.orientation);
+    mri::CoilScan scan{entry.name, nullptr, nullptr, nullptr, entry.on, entry.verify};
+    for (const auto &[path, to] :
+         {std::pair(entry.background, &scan.background), std::pair(entry.foreground, &scan.foreground),
+          std::pair(entry.opposite, &scan.opposite)}) {
+      if (path.empty()) {
+        continue;
+      }
+      const auto stack = load(folder / path, normal, out, notes);
+      if (!stack) {
+        return tl::unexpected(stack.error());
+      }
+      *to = *stack;
+    }
+    out.scans.push_back(std::move(scan));
+  }
+  return out;
+}
+
+} // namespace bregma::cli

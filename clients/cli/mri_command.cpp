@@ -1,0 +1,15 @@
+// `bregma mri`: distortion of the scanner, and the registration of the robot to it.
+#include <CLI/App.hpp>
+
+#include "clients/cli/commands.hpp"
+#include "clients/cli/mri/mri_commands.hpp"
+
+namespace bregma::cli {
+
+void add_mri_command(CLI::App &app, Context &context) {
+  auto *mri = app.add_subcommand("mri", "Works with an MR scanner");
+  mri->require_subcommand(1);
+  add_mri_register(*mri, context);
+}
+
+} // namespace bregma::cli

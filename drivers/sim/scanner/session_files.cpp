@@ -1,0 +1,119 @@
+#include "drivers/sim/scanner/session_files.hpp"
+
+#include <fstream>
+#include <string>
+#include <system_error>
+
+#include <nlohmann/json.hpp>
+
+#include "casefile/coil_frames.hpp"
+#include "casefile/volumes/volume.hpp"
+
+namespace bregma::sim::scanner {
+
+namespace {
+
+using nlohmann::json;
+
+// Device (left, up, feet) as RAS.
+Stack in_ras(Stack stack) {
+  stack.T_image_index.row(0) *= -1.0;
+  stack.T_image_index.row(2) *= -1.0;
+  return stack;
+}
+
+json vector(const Vector3d &v) { return {v.x(), v.y(), v.z()}; }
+json matrix(const Eigen::Matrix4d &m) {
+  json out = json::array();
+  for (int r = 0; r < 4; ++r) {
+    out.push_back({m(r, 0), m(r, 1), m(r, 2), m(r, 3)});
+  }
+  return out;
+}
+
+base::Result<void> write_text(const std::filesystem::path &file, const std::string &text) {
+  std::ofstream out(file);
+  out << text;
+  out.close();
+  return out ? base::Result<void>{} : base::failure(file.string() + ": cannot be written");
+}
+
+std::string truth_text(const SimulatedScanner &scanner) {
+  const Truth &truth = scanner.truth();
+  json coils = json::object();
+  for (std::size_t i = 0; i < scanner.design().size(); ++i) {
+    coils[scanner.design()[i].name] = vector(truth.coils_device_mm[i]);
+  }
+  return json{{"T_device_base", matrix(truth.T_device_base.matrix())},
+              {"T_device_phantom", matrix(truth.T_device_phantom.matrix())},
+              {"T_ct_phantom", matrix(truth.T_ct_phantom.matrix())},
+              {"coils_device_mm", coils}}
+             .dump(1) +
+         "\n";
+}
+
+mri::CoilFrame frame_of(const SimulatedScanner &scanner) {
+  mri::CoilFrame out;
+  out.name = "tuna";
+  Eigen::Matrix3d mounted; // x to the left, z (along the pillars) to the front
+  mounted << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+  out.R_patient_base = mounted;
+  for (const CoilDesign &coil : scanner.design()) {
+    out.coils.push_back({coil.name, coil.group, coil.position_mm});
+  }
+  return out;
+}
+
+} // namespace
+
+base::Result<void> write_session(const std::filesystem::path &folder, SimulatedScanner &scanner,
+                                 const SessionFiles &files) {
+  std::error_code failed;
+  std::filesystem::create_directories(folder, failed);
+  if (failed) {
+    return base::failure(folder.string() + ": " + failed.message());
+  }
+  const auto save = [&](const char *name, const Stack &stack) {
+    return casefile::write_volume(folder / name,
+                                  in_ras(files.vendor ? vendor_corrected(stack, scanner.field()) : stack));
+  };
+  std::string scans = "frame = \"frame.toml\"\npatient_position = \"HFS\"\n";
+  for (const bool top : {true, false}) {
+    const std::string side = top ? "top" : "bottom";
+    const StackPlan plan = plan_of(Plane::kCoronal, Vector3d(0, top ? 55 : -55, 0), 60);
+    const Protocol protocol = coil_protocol(60);
+    const std::vector<std::string> on{"mid-" + side, "inner-" + side};
+    auto done = save((side + "_off.nrrd").c_str(), scanner.background(protocol, plan));
+    if (done) {
+      done = save((side + "_on.nrrd").c_str(), scanner.foreground(protocol, plan, on));
+    }
+    if (done && files.reversed) {
+      done = save((side + "_reversed.nrrd").c_str(), scanner.foreground(protocol, plan, on, -1));
+    }
+    if (!done) {
+      return done;
+    }
+    scans += "\n[[scans]]\nname = \"" + side + "\"\norientation = \"C\"\nbackground = \"" + side +
+             "_off.nrrd\"\nforeground = \"" + side + "_on.nrrd\"\n" +
+             (files.reversed ? "opposite = \"" + side + "_reversed.nrrd\"\n" : "") + "on = [\"mid-" + side +
+             "\", \"inner-" + side + "\"]\nverify = [\"inner-" + side + "\"]\n";
+  }
+  if (files.phantom) {
+    auto done = save("phantom_mr.nrrd", scanner.phantom(phantom_protocol(), scanner.phantom_plan()));
+    if (done) { // the CT has no gradients to correct
+      done = casefile::write_volume(folder / "phantom_ct.nrrd", in_ras(scanner.ct(files.ct_coarser)));
+    }
+    if (!done) {
+      return done;
+    }
+  }
+  for (const auto &[name, text] : {std::pair("frame.toml", casefile::coil_frame_text(frame_of(scanner))),
+                                   std::pair("scans.toml", scans), std::pair("truth.json", truth_text(scanner))}) {
+    if (auto done = write_text(folder / name, text); !done) {
+      return done;
+    }
+  }
+  return {};
+}
+
+} // namespace bregma::sim::scanner

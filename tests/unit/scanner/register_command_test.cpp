@@ -1,0 +1,166 @@
+// `bregma mri register` on files, and the files that it reads.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+
+#include "casefile/coil_frames.hpp"
+#include "casefile/volumes/volume.hpp"
+#include "tests/unit/cli/run_bregma.hpp"
+#include "tests/unit/scanner/drawn_stacks.hpp"
+
+namespace bregma::mri::test {
+
+namespace {
+
+using bregma::test::TemporaryFolder;
+using bregma::tests::Outcome;
+using bregma::tests::run_bregma;
+
+void write(const TemporaryFolder &folder, const char *name, const std::string &text) {
+  std::ofstream(folder.path() / name) << text;
+}
+
+// As a file in RAS; drawn stacks are in Device, for a patient on the back, head first.
+void save(const TemporaryFolder &folder, const char *name, Stack stack) {
+  stack.T_image_index.row(0) *= -1.0;
+  stack.T_image_index.row(2) *= -1.0;
+  const auto done = casefile::write_volume(folder.path() / name, stack);
+  ASSERT_TRUE(done.has_value()) << done.error().message;
+}
+
+const std::string kScans = "frame = \"frame.toml\"\n[[scans]]\nname = \"all\"\norientation = \"T\"\n"
+                           "background = \"off.nrrd\"\nforeground = \"on.nrrd\"\non = [\"a\", \"b\"]\n";
+
+// A frame, a background, and a foreground in which all coils carry current.
+struct Files {
+  Files() {
+    write(folder, "frame.toml", casefile::coil_frame_text(frame));
+    write(folder, "scans.toml", kScans);
+    save(folder, "off.nrrd", drawn({}, 0, 1));
+    save(folder, "on.nrrd", drawn(places(frame, {0, 1, 2, 3, 4, 5}, kPlaced), 6.0, 2));
+  }
+  Outcome run(const std::string &more = "") const { return run_bregma(folder, "mri register scans.toml " + more); }
+
+  TemporaryFolder folder;
+  CoilFrame frame = small_frame();
+};
+
+} // namespace
+
+TEST(MriRegister, FindsTheFrameInFiles) {
+  const Files files;
+  const auto run = files.run("--distortion-mm 0.2 --json");
+  ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
+  const auto json = run.json();
+  EXPECT_EQ(json["verdict"], "found");
+  EXPECT_EQ(json["coils"].size(), 6U);
+  const Eigen::Matrix4d expected = kPlaced.inverse().matrix();
+  for (std::size_t r = 0; r < 3; ++r) {
+    EXPECT_NEAR(json["T_base_device"][r][3].get<double>(), expected(static_cast<int>(r), 3), 0.4);
+  }
+  EXPECT_LT(json["predicted_error_95_mm"].get<double>(), 1.0);
+  const auto text = files.run("--distortion-mm 0.2");
+  EXPECT_NE(text.out.find("Predicted error at the target"), std::string::npos) << text.out;
+  EXPECT_NE(text.out.find("Consistency of the coils (FRE)"), std::string::npos) << text.out;
+}
+
+TEST(MriRegister, CoilsThatVerifyTakeNoPart) {
+  const Files files;
+  write(files.folder, "scans.toml", kScans + "verify = [\"b3\"]\n");
+  const auto run = files.run("--distortion-mm 0.2 --json");
+  ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
+  const auto json = run.json();
+  EXPECT_EQ(json["coils"].size(), 5U);
+  ASSERT_EQ(json["verified"].size(), 1U);
+  EXPECT_EQ(json["verified"][0]["coil"], "b3");
+  EXPECT_LT(json["verified_rms_mm"].get<double>(), 0.6);
+}
+
+TEST(MriRegister, RefusalsAreExitCode1AndSayWhy) {
+  const Files files;
+  const auto reason = [&](const std::string &more = "--json") {
+    const auto run = files.run(more);
+    EXPECT_EQ(run.exit_code, 1) << run.out << run.err;
+    const auto json = run.json();
+    EXPECT_FALSE(json.contains("T_base_device")) << run.out;
+    return json["reason"].get<std::string>();
+  };
+  save(files.folder, "on.nrrd", drawn(places(files.frame, {0, 1, 2}, kPlaced), 6.0, 2));
+  EXPECT_NE(reason().find("fewer than four"), std::string::npos);
+  save(files.folder, "on.nrrd", drawn({}, 0, 2, 0.5));
+  EXPECT_NE(reason().find("not the same protocol"), std::string::npos);
+  // Mounted otherwise than its file states.
+  save(files.folder, "on.nrrd", drawn(places(files.frame, {0, 1, 2, 3, 4, 5}, kPlaced), 6.0, 2));
+  write(files.folder, "frame.toml",
+        "x_points_to = \"P\"\nz_points_to = \"L\"\n" + casefile::coil_frame_text(files.frame));
+  const auto run = files.run("--json");
+  EXPECT_EQ(run.exit_code, 1);
+  EXPECT_NE(run.json()["reason"].get<std::string>().find("from where it is mounted"), std::string::npos) << run.out;
+}
+
+TEST(MriRegister, WrongFilesAreExitCode2AndNameTheValue) {
+  const Files files;
+  const auto error = [&] {
+    const auto run = files.run();
+    EXPECT_EQ(run.exit_code, 2) << run.out;
+    EXPECT_EQ(run.out, "");
+    return run.err;
+  };
+  write(files.folder, "scans.toml", kScans + "verify = [\"c\"]\n");
+  EXPECT_NE(error().find("\"c\" is no coil and no group of the frame small"), std::string::npos);
+  std::string coronal = kScans;
+  coronal.replace(coronal.find("\"T\""), 3, "\"X9\"");
+  write(files.folder, "scans.toml", coronal);
+  EXPECT_NE(error().find("orientation"), std::string::npos);
+  write(files.folder, "scans.toml", "frame = \"nothing.toml\"\n");
+  EXPECT_NE(error().find("nothing.toml"), std::string::npos);
+  write(files.folder, "scans.toml", kScans);
+  std::filesystem::remove(files.folder.path() / "on.nrrd");
+  EXPECT_NE(error().find("on.nrrd"), std::string::npos);
+}
+
+TEST(MriRegister, ASeriesInAnotherOrientationThanListedIsAnError) {
+  const Files files;
+  Stack oblique = drawn({}, 0, 1);
+  oblique.T_image_index.topLeftCorner<3, 3>() =
+      geometry::rotation_exp(Vector3d(0.3, 0, 0)).toRotationMatrix() * oblique.T_image_index.topLeftCorner<3, 3>();
+  save(files.folder, "off.nrrd", oblique);
+  const auto run = files.run();
+  EXPECT_EQ(run.exit_code, 2);
+  EXPECT_NE(run.err.find("its slices are not in the orientation T"), std::string::npos) << run.err;
+}
+
+TEST(CoilFrames, ReadBackAsWrittenAndRefuseByName) {
+  const TemporaryFolder folder;
+  CoilFrame frame = small_frame();
+  Eigen::Matrix3d mounted;
+  mounted << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+  frame.R_patient_base = mounted;
+  write(folder, "frame.toml", casefile::coil_frame_text(frame));
+  const auto read = casefile::read_coil_frame(folder.path() / "frame.toml");
+  ASSERT_TRUE(read.has_value()) << read.error().message;
+  ASSERT_EQ(read->coils.size(), frame.coils.size());
+  for (std::size_t i = 0; i < frame.coils.size(); ++i) {
+    EXPECT_EQ(read->coils[i].name, frame.coils[i].name);
+    EXPECT_EQ(read->coils[i].group, frame.coils[i].group);
+    EXPECT_EQ(read->coils[i].position_mm, frame.coils[i].position_mm);
+  }
+  ASSERT_TRUE(read->R_patient_base.has_value());
+  EXPECT_EQ(*read->R_patient_base, mounted);
+
+  const auto refused = [&](const std::string &text) {
+    write(folder, "bad.toml", text);
+    const auto bad = casefile::read_coil_frame(folder.path() / "bad.toml");
+    return bad ? std::string("accepted") : bad.error().message;
+  };
+  const std::string good = casefile::coil_frame_text(frame);
+  EXPECT_NE(refused(good + "[[coils]]\nname = \"a1\"\nposition_mm = [0, 0, 99]\n").find("appears twice"),
+            std::string::npos);
+  EXPECT_NE(refused(good + "[[coils]]\nname = \"z\"\nposition_mm = [-50, -45, 30]\n").find("is the place of a1"),
+            std::string::npos);
+  EXPECT_NE(refused("name = \"x\"\nx_points_to = \"L\"\n").find("belong together"), std::string::npos);
+  EXPECT_NE(refused("name = \"x\"\n").find("at least four"), std::string::npos);
+}
+
+} // namespace bregma::mri::test
