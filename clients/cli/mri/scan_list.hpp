@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "algorithms/mri/coils/robot_registration.hpp"
+#include "algorithms/mri/frames.hpp"
 #include "base/result.hpp"
 
 namespace bregma::cli {
