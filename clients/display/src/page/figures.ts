@@ -1,6 +1,9 @@
 // The large figures: what a surgeon reads from two metres.
 import { norm, type Vec3 } from "../geometry/vector.ts";
+import { PoseStatus } from "../state/constants.ts";
+import type { RecordOf } from "../state/layout.ts";
 import { figure, implausibleText, poseText } from "../state/text.ts";
+import { hasPose } from "../state/validity.ts";
 import type { PageContext, Part } from "./context.ts";
 import { h, setClass, setText } from "./dom.ts";
 
@@ -76,8 +79,7 @@ export class Figures implements Part {
         store.all("tool").find((t) => t.trajectory) ??
         store.all("tool").find((t) => data.tools.some((c) => c.name === t.tool && c.role !== "reference"));
       setText(this.tool, wanted?.tool ?? "No tool");
-      const why = wanted ? implausibleText(wanted.plausibility_reason) : "";
-      setText(this.status, wanted ? poseText(wanted.status) + (wanted.status === 9 && why ? `: ${why}` : "") : "");
+      setText(this.status, wanted ? whyHidden(wanted) : "");
       for (const f of [this.structure, this.depth, this.lateral, this.angle, this.region]) f.set("–");
     } else {
       const s = tool.shown.state;
@@ -102,4 +104,12 @@ export function coordinatesText(tip: Vec3 | null, cursor: Vec3): string {
     [0, 1, 2].map((d) => `${(p[d] >= 0 ? "RAS" : "LPI")[d]} ${Math.abs(p[d]).toFixed(1)}`).join("   ");
   const tipText = tip && Number.isFinite(norm(tip)) ? one(tip) : "–";
   return `Tip  ${tipText}\nCross hair  ${one(cursor)}`;
+}
+
+// Why a tool is not shown. A pose that the daemon published as live can be too old by now.
+function whyHidden(tool: RecordOf<"tool">): string {
+  if (hasPose(tool)) return "pose too old";
+  if (tool.status === PoseStatus.LIVE || tool.status === PoseStatus.UNVERIFIED) return "pose refused: not plausible";
+  const why = tool.status === PoseStatus.IMPLAUSIBLE ? implausibleText(tool.plausibility_reason) : "";
+  return poseText(tool.status) + (why && `: ${why}`);
 }
