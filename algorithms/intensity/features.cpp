@@ -136,7 +136,7 @@ struct ParabolaEnvelope {
     }
     int k = 0;
     for (int q = 0; q < count; ++q) {
-      while (k < last && border[static_cast<std::size_t>(k + 1)] < q) {
+      while (k < last && border[static_cast<std::size_t>(k) + 1] < q) {
         ++k;
       }
       const int p = apex[static_cast<std::size_t>(k)];

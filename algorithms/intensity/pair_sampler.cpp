@@ -11,7 +11,7 @@ namespace bregma::intensity {
 
 namespace {
 
-constexpr std::size_t kSamplesPerPart = 16384;
+constexpr std::size_t kSamplesPerPart = 4096;
 constexpr std::size_t kMaxParts = 16;
 constexpr float kFarAway = 1e9F; // index of padding: outside of every image
 
@@ -123,7 +123,7 @@ void PairSampler::set_pose(const Eigen::Matrix4d &T_floating_reference) noexcept
   const Eigen::Matrix4d map = index_from_floating_ * T_floating_reference * reference_.T_image_index;
   for (int row = 0; row < 3; ++row) {
     for (int column = 0; column < 4; ++column) {
-      T_[static_cast<std::size_t>(4 * row + column)] = static_cast<float>(map(row, column));
+      T_[4 * static_cast<std::size_t>(row) + static_cast<std::size_t>(column)] = static_cast<float>(map(row, column));
     }
   }
   linear_ = T_floating_reference.topLeftCorner<3, 3>().cast<float>();

@@ -22,12 +22,14 @@ inline float phantom_grey(const Eigen::Vector3d &p) {
   grey -= 70.0 * inside(ellipsoid(-6, 6, 2, 5, 10, 7));
   grey += 50.0 * inside(ellipsoid(9, -8, -4, 7, 6, 9));
   grey += 35.0 * inside(ellipsoid(-8, -12, 6, 6, 5, 5));
+  grey += 80.0 * inside(ellipsoid(3, 24, -18, 9, 12, 8)); // a face: without it the body is nearly symmetric
+  grey -= 60.0 * inside(ellipsoid(6, 10, 12, 9, 6, 6));
   return static_cast<float>(grey + 12.0 * std::sin(0.25 * p.x()) * std::cos(0.2 * p.y() + 0.1 * p.z()) *
                                        inside(ellipsoid(0, 0, 0, 27, 32, 25)));
 }
 
 inline intensity::Volume phantom(std::array<int, 3> size, const Eigen::Vector3d &spacing_mm,
-                                 const Eigen::Isometry3d &T_body_image = Eigen::Isometry3d::Identity()) {
+                                 const Eigen::Affine3d &T_body_image = Eigen::Affine3d::Identity()) {
   intensity::Volume out;
   out.size = size;
   out.T_image_index.topLeftCorner<3, 3>() = spacing_mm.asDiagonal();

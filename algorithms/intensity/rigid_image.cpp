@@ -1,0 +1,450 @@
+#include "algorithms/intensity/rigid_image.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <numbers>
+#include <random>
+#include <utility>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <Eigen/LU>
+
+#include "algorithms/intensity/pose_optimiser.hpp"
+
+namespace bregma::intensity {
+
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Matrix4d;
+using Eigen::Vector3d;
+using geometry::Matrix6d;
+
+constexpr double kCoarse_mm = 8.0;
+constexpr double kMiddle_mm = 4.0;
+constexpr std::size_t kCoarseSamples = 6'000;
+constexpr std::size_t kMiddleSamples = 20'000;
+constexpr int kCoarseBins = 32;
+constexpr int kSearchRotations = 600; // about 25 degrees apart
+constexpr std::size_t kRefinedAtCoarse = 24;
+constexpr std::size_t kRefinedAtMiddle = 6;
+constexpr std::size_t kRefinedAtFine = 2;
+constexpr double kSame_mm = 4.0; // poses closer than this are one
+// Verdict.
+constexpr double kMinLead = 0.15;
+constexpr double kMinReturned = 0.6;
+constexpr double kMinOverlap = 0.25;
+constexpr double kMinInformation = 0.03; // nats per sample
+constexpr double kMaxError_mm = 3.0;     // predicted, rms at kArm_mm
+constexpr double kPerturbed_mm = 8.0;    // of each restart, translation and rotation at kArm_mm
+// Voxels and samples that count as one independent sample (docs/images.md: how they were measured).
+constexpr double kVoxelsPerIndependent = 160.0;
+constexpr double kSamplesPerIndependent = 9.0;
+
+std::string number(double value, int digits) {
+  std::array<char, 32> out{};
+  std::snprintf(out.data(), out.size(), "%.*f", digits, value);
+  return out.data();
+}
+
+double unit_random(std::mt19937_64 &rng) { return static_cast<double>(rng() >> 11U) * 0x1.0p-52 - 1.0; }
+
+// Centre of the grey values above the darkest.
+Vector3d centre_of_mass(const Volume &image) {
+  const GreyRange range = grey_range(image.voxels, 0.01);
+  Vector3d sum = Vector3d::Zero();
+  double total = 0.0;
+  for (std::size_t i = 0; i < image.voxels.size(); ++i) {
+    const float v = image.voxels[i];
+    if (std::isfinite(v)) {
+      const double weight = static_cast<double>(std::clamp(v, range.low, range.high) - range.low);
+      sum += weight * image.pixel_mm(i);
+      total += weight;
+    }
+  }
+  return total > 0.0 ? Vector3d(sum / total) : image.point_mm(Vector3d::Zero());
+}
+
+// Rotations that cover SO(3) evenly: super-Fibonacci spirals [Alexa 2022].
+Eigen::Quaterniond spread_rotation(int i, int count) {
+  constexpr double kPhi = std::numbers::sqrt2;
+  constexpr double kPsi = 1.533751168755204288118041;
+  const double s = i + 0.5;
+  const double r = std::sqrt(s / count);
+  const double R = std::sqrt(1.0 - s / count);
+  const double alpha = 2.0 * std::numbers::pi * s / kPhi;
+  const double beta = 2.0 * std::numbers::pi * s / kPsi;
+  return {R * std::cos(beta), r * std::sin(alpha), r * std::cos(alpha), R * std::sin(beta)};
+}
+
+struct Level {
+  Volume reference, floating;
+  std::unique_ptr<SimilarityMeasure> measure;
+  double spacing_mm = 0.0;
+};
+
+// Why two images cannot be registered; empty: they may be.
+std::string obstacle(const Volume &image, std::string_view name) {
+  constexpr int kMinVoxels = 4;
+  for (const int size : image.size) {
+    if (size < kMinVoxels) {
+      return "the " + std::string(name) + " image has " + std::to_string(size) + (size == 1 ? " slice" : " slices") +
+             " along an axis; at least " + std::to_string(kMinVoxels) + " are needed for a pose in space";
+    }
+  }
+  if (grey_range(image.voxels).constant()) {
+    return "the " + std::string(name) + " image has one grey value only";
+  }
+  return {};
+}
+
+class RigidSearch {
+public:
+  RigidSearch(const Volume &reference, const Volume &floating, const RigidImageOptions &options, parallel::Team &team)
+      : options_(options), team_(team), centre_mm_(centre_of_mass(reference)),
+        floating_centre_mm_(centre_of_mass(floating)), coarse_(level(reference, floating, kCoarse_mm, kCoarseSamples)),
+        middle_(level(reference, floating, kMiddle_mm, kMiddleSamples)),
+        fine_(level(reference, floating, options.finest_mm, options.max_samples)) {}
+
+  RigidImageResult run();
+
+private:
+  struct Pose {
+    Matrix4d T_floating_reference;
+    double value;
+  };
+
+  Level level(const Volume &reference, const Volume &floating, double spacing_mm, std::size_t samples) const {
+    Level out;
+    out.reference = shrunk(reference, spacing_mm, team_);
+    out.floating = shrunk(floating, spacing_mm, team_);
+    out.spacing_mm = spacing_mm;
+    MeasureOptions of_measure = options_.measure_options;
+    of_measure.max_samples = samples;
+    of_measure.seed = options_.seed;
+    if (spacing_mm > options_.finest_mm) {
+      of_measure.bins = std::min(of_measure.bins, kCoarseBins);
+    }
+    out.measure = make_measure(options_.measure, out.reference, out.floating, of_measure, team_);
+    return out;
+  }
+
+  [[nodiscard]] bool proceed(double done, std::string_view stage) const {
+    return !options_.progress || options_.progress(done, stage);
+  }
+
+  std::vector<Pose> starts();
+  Pose refine(Level &level, const Matrix4d &start, double first_step_mm, double tolerance_mm, int parameters = 6);
+  // The best distinct ones.
+  std::vector<Pose> distinct(std::vector<Pose> poses, std::size_t count) const;
+  std::vector<Pose> refine_all(Level &level, const std::vector<Pose> &from, std::size_t count, double step_mm);
+  [[nodiscard]] ReferenceFromFloating rigid(const Matrix4d &T_floating_reference) const;
+  void check_capture(const Pose &best, RigidImageResult &out);
+  [[nodiscard]] double smaller_mm3() const; // volume of the smaller image
+  void estimate_covariance(const Pose &best, RigidImageResult &out);
+  void judge(RigidImageResult &out) const;
+
+  const RigidImageOptions &options_;
+  parallel::Team &team_;
+  Vector3d centre_mm_, floating_centre_mm_;
+  Level coarse_, middle_, fine_;
+  int evaluations_ = 0;
+};
+
+std::vector<RigidSearch::Pose> RigidSearch::starts() {
+  const Matrix4d given = options_.T_reference_floating.inverse().matrix();
+  std::vector<Matrix4d> poses{given};
+  const auto centred = [&](const Matrix3d &R) {
+    Matrix4d T = Matrix4d::Identity();
+    T.topLeftCorner<3, 3>() = R;
+    T.topRightCorner<3, 1>() = floating_centre_mm_ - R * centre_mm_;
+    return T;
+  };
+  if (options_.start != Start::kPose) {
+    poses.push_back(centred(given.topLeftCorner<3, 3>()));
+  }
+  if (options_.start == Start::kSearch) {
+    for (int i = 0; i < kSearchRotations; ++i) {
+      poses.push_back(centred(spread_rotation(i, kSearchRotations).toRotationMatrix()));
+    }
+  }
+  std::vector<Pose> out;
+  for (const Matrix4d &T : poses) {
+    ++evaluations_;
+    const double value = coarse_.measure->value(T);
+    if (std::isfinite(value)) {
+      out.push_back({T, value});
+    }
+  }
+  return out;
+}
+
+RigidSearch::Pose RigidSearch::refine(Level &level, const Matrix4d &start, double first_step_mm, double tolerance_mm,
+                                      int parameters) {
+  OptimiserOptions how;
+  how.parameters = parameters;
+  how.centre_mm = centre_mm_;
+  how.first_step_mm = first_step_mm;
+  how.tolerance_mm = tolerance_mm;
+  const bool by_gradient = options_.optimiser == Optimiser::kGradient && level.measure->has_gradient();
+  const Optimum found =
+      by_gradient ? maximise_by_gradient(*level.measure, start, how) : maximise_by_lines(*level.measure, start, how);
+  evaluations_ += found.evaluations;
+  return {found.T_floating_reference, found.value};
+}
+
+std::vector<RigidSearch::Pose> RigidSearch::distinct(std::vector<Pose> poses, std::size_t count) const {
+  std::stable_sort(poses.begin(), poses.end(), [](const Pose &a, const Pose &b) { return a.value > b.value; });
+  std::vector<Pose> out;
+  for (const Pose &pose : poses) {
+    const bool known = std::any_of(out.begin(), out.end(), [&](const Pose &other) {
+      return apart_mm(rigid(pose.T_floating_reference), rigid(other.T_floating_reference), centre_mm_) < kSame_mm;
+    });
+    if (!known && out.size() < count) {
+      out.push_back(pose);
+    }
+  }
+  return out;
+}
+
+std::vector<RigidSearch::Pose> RigidSearch::refine_all(Level &level, const std::vector<Pose> &from, std::size_t count,
+                                                       double step_mm) {
+  std::vector<Pose> out;
+  for (const Pose &pose : from) {
+    const Pose refined = refine(level, pose.T_floating_reference, step_mm, 0.1 * step_mm);
+    if (std::isfinite(refined.value)) {
+      out.push_back(refined);
+    }
+  }
+  return distinct(std::move(out), count);
+}
+
+ReferenceFromFloating RigidSearch::rigid(const Matrix4d &T_floating_reference) const {
+  const Matrix3d R = T_floating_reference.topLeftCorner<3, 3>();
+  return ReferenceFromFloating(R, T_floating_reference.topRightCorner<3, 1>())
+      .inverse()
+      .as<geometry::frame::Target, geometry::frame::Source>();
+}
+
+void RigidSearch::check_capture(const Pose &best, RigidImageResult &out) {
+  std::mt19937_64 rng(options_.seed);
+  const Pose at_middle = refine(middle_, best.T_floating_reference, 1.0, 0.05);
+  for (int i = 0; i < options_.restarts; ++i) {
+    Step step(6);
+    for (Eigen::Index k = 0; k < 6; ++k) {
+      step[k] = unit_random(rng);
+    }
+    step.head<3>() *= kPerturbed_mm / step.head<3>().norm();
+    step.tail<3>() *= kPerturbed_mm / step.tail<3>().norm();
+    const Matrix4d start = at_middle.T_floating_reference * motion_of(step, centre_mm_);
+    const Pose again = refine(middle_, start, kMiddle_mm, 0.1);
+    const double apart = apart_mm(rigid(again.T_floating_reference), rigid(at_middle.T_floating_reference), centre_mm_);
+    ++out.restarts;
+    out.returned += std::isfinite(again.value) && apart < 0.5 * kMiddle_mm ? 1 : 0;
+  }
+}
+
+double RigidSearch::smaller_mm3() const {
+  const auto volume = [](const image::Grid<3> &grid) {
+    return static_cast<double>(grid.pixels()) * std::abs(grid.axes().determinant());
+  };
+  return std::min(volume(fine_.floating), volume(fine_.reference));
+}
+
+void RigidSearch::estimate_covariance(const Pose &best, RigidImageResult &out) {
+  // Samples times their mutual information is the logarithm of the likelihood ratio of "related as here" to
+  // "unrelated", so its curvature is the information on the pose. The step spans the interpolation's ripples.
+  constexpr double kStep_mm = 1.5;
+  MeasureOptions of_information;
+  of_information.bins = kCoarseBins;
+  of_information.tail = options_.measure_options.tail;
+  of_information.max_samples = options_.max_samples;
+  of_information.seed = options_.seed;
+  const auto information = make_measure(Measure::kMi, fine_.reference, fine_.floating, of_information, team_);
+  const auto gradient = [&](const Step &step) {
+    const Matrix4d T = best.T_floating_reference * motion_of(step, centre_mm_);
+    AffineGradient by_affine;
+    (void)information->value_and_gradient(T, by_affine);
+    ++evaluations_;
+    return step_gradient(by_affine, T, centre_mm_, 6);
+  };
+  out.mutual_information = information->value(best.T_floating_reference);
+  Matrix6d curvature;
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    Step step = Step::Zero(6);
+    step[i] = kStep_mm;
+    curvature.col(i) = (gradient(-step) - gradient(step)) / (2.0 * kStep_mm);
+  }
+  curvature = (0.5 * (curvature + curvature.transpose())).eval();
+  // Neighbouring voxels are not independent, nor are noise and interpolation part of that likelihood.
+  const auto voxel = [](const image::Grid<3> &grid) { return std::abs(grid.axes().determinant()); };
+  const double overlap_mm3 = out.overlap * smaller_mm3();
+  const double voxels = overlap_mm3 / std::max(voxel(fine_.reference), voxel(fine_.floating));
+  const double samples = static_cast<double>(fine_.measure->samples()) * overlap_mm3 /
+                         (static_cast<double>(fine_.reference.pixels()) * voxel(fine_.reference));
+  const double independent = std::min(voxels / kVoxelsPerIndependent, samples / kSamplesPerIndependent);
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(curvature * independent);
+  Matrix6d C = Matrix6d::Zero();
+  constexpr double kFlat = 1e-4; // per mm squared: a direction that is free within 100 mm
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    const auto axis = solver.eigenvectors().col(i);
+    C += axis * axis.transpose() / std::max(solver.eigenvalues()[i], kFlat);
+  }
+  // From motions in mm about the centre to a twist about the origin.
+  Matrix6d J = Matrix6d::Identity();
+  J.topLeftCorner<3, 3>() /= kArm_mm;
+  J.bottomLeftCorner<3, 3>() = geometry::skew(centre_mm_) / kArm_mm;
+  out.covariance = J * C * J.transpose();
+}
+
+void RigidSearch::judge(RigidImageResult &out) const {
+  const auto say = [&](ImageVerdict verdict, std::string reason) {
+    out.verdict = verdict;
+    out.reason = std::move(reason);
+  };
+  const geometry::Matrix36d J = geometry::point_jacobian(centre_mm_);
+  const Matrix3d at_centre = J * out.covariance * J.transpose();
+  const double rotation = out.covariance.topLeftCorner<3, 3>().trace() * kArm_mm * kArm_mm * 2.0 / 3.0;
+  const double predicted = std::sqrt(at_centre.trace() + rotation);
+  if (out.overlap < kMinOverlap) {
+    say(ImageVerdict::kRefused, "the images overlap by " + number(100.0 * out.overlap, 0) + " % of the smaller one; " +
+                                    number(100.0 * kMinOverlap, 0) + " % are needed");
+  } else if (out.mutual_information < kMinInformation) {
+    say(ImageVerdict::kRefused, "the images share too little (mutual information " + number(out.mutual_information, 3) +
+                                    ", " + number(kMinInformation, 2) +
+                                    " is needed): another patient or part of the body?");
+  } else if (out.lead < kMinLead) {
+    say(ImageVerdict::kAmbiguous, "another pose explains the images nearly as well (lead " + number(out.lead, 2) +
+                                      ", " + number(kMinLead, 2) +
+                                      " is needed): different anatomy, or too small a part of it");
+  } else if (out.returned < kMinReturned * out.restarts) {
+    say(ImageVerdict::kAmbiguous, "only " + std::to_string(out.returned) + " of " + std::to_string(out.restarts) +
+                                      " restarts from perturbed poses came back to this one");
+  } else if (!(predicted <= kMaxError_mm)) {
+    say(ImageVerdict::kAmbiguous, "the predicted error of " + number(predicted, 1) + " mm rms at " +
+                                      number(kArm_mm, 0) + " mm from the centre is too large: a direction is free");
+  } else {
+    say(ImageVerdict::kFound, {});
+  }
+}
+
+RigidImageResult RigidSearch::run() {
+  RigidImageResult out;
+  const auto stopped = [&] {
+    out.reason = "stopped";
+    return out;
+  };
+  if (!proceed(0.1, "comparing start poses")) {
+    return stopped();
+  }
+  const std::vector<Pose> first = starts();
+  if (first.empty()) {
+    out.reason = "the images do not overlap where their headers place them";
+    return out;
+  }
+  std::vector<double> values;
+  for (const Pose &pose : first) {
+    values.push_back(pose.value);
+  }
+  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+  if (!proceed(0.3, "refining at 8 mm")) {
+    return stopped();
+  }
+  std::vector<Pose> poses = refine_all(coarse_, distinct(first, kRefinedAtCoarse), kRefinedAtMiddle, kCoarse_mm);
+  if (!proceed(0.5, "refining at 4 mm")) {
+    return stopped();
+  }
+  poses = refine_all(middle_, poses, kRefinedAtMiddle, kMiddle_mm);
+  if (poses.empty()) {
+    out.reason = "the images do not overlap";
+    return out;
+  }
+  for (const Pose &pose : poses) {
+    out.candidates.push_back({rigid(pose.T_floating_reference), pose.value});
+  }
+  // How far the best leads, on the scale of what a start pose without relation has at this level.
+  double unrelated = 0.0;
+  {
+    std::vector<double> at_middle;
+    const std::size_t stride = std::max<std::size_t>(first.size() / 40, 1);
+    for (std::size_t i = first.size() > 40 ? 2 : 0; i < first.size(); i += stride) {
+      const double value = middle_.measure->value(first[i].T_floating_reference);
+      ++evaluations_;
+      if (std::isfinite(value)) {
+        at_middle.push_back(value);
+      }
+    }
+    std::nth_element(at_middle.begin(), at_middle.begin() + static_cast<std::ptrdiff_t>(at_middle.size() / 2),
+                     at_middle.end());
+    unrelated = at_middle.empty() ? poses.back().value : at_middle[at_middle.size() / 2];
+  }
+  out.lead = poses.size() < 2 ? 1.0 : (poses[0].value - poses[1].value) / (poses[0].value - unrelated);
+  if (!proceed(0.6, "refining at the finest level")) {
+    return stopped();
+  }
+  poses.resize(std::min(poses.size(), kRefinedAtFine));
+  std::vector<Pose> finest;
+  for (const Pose &pose : poses) {
+    finest.push_back(refine(fine_, pose.T_floating_reference, options_.finest_mm, 0.01));
+  }
+  finest = distinct(finest, kRefinedAtFine);
+  Pose best = finest.front();
+  out.T_reference_floating = rigid(best.T_floating_reference);
+  if (apart_mm(out.T_reference_floating, out.candidates.front().T_reference_floating, centre_mm_) > kSame_mm) {
+    out.lead = 0.0; // the levels disagree on which pose is the best
+  }
+  out.similarity = fine_.measure->value(best.T_floating_reference);
+  out.overlap = fine_.measure->overlap();
+  if (!proceed(0.8, "checking the capture")) {
+    return stopped();
+  }
+  check_capture(best, out);
+  estimate_covariance(best, out);
+  out.affine = out.T_reference_floating.matrix();
+  if (options_.affine) {
+    const Pose affine = refine(fine_, best.T_floating_reference, options_.finest_mm, 0.01, 12);
+    out.affine = affine.T_floating_reference.inverse();
+    out.similarity = affine.value;
+  }
+  judge(out);
+  out.evaluations = evaluations_;
+  return out;
+}
+
+} // namespace
+
+std::string_view name_of(ImageVerdict verdict) {
+  return verdict == ImageVerdict::kFound ? "found" : verdict == ImageVerdict::kAmbiguous ? "ambiguous" : "refused";
+}
+
+double apart_mm(const ReferenceFromFloating &a, const ReferenceFromFloating &b, const Vector3d &centre_mm) {
+  // Mean over a sphere of |(R - I) r|^2: |R - I|^2 r^2 / 3.
+  // r^2.
+  const auto difference = a * b.inverse();
+  const Matrix3d turn = difference.rotation_matrix() - Matrix3d::Identity();
+  const double shift2 = (difference * centre_mm - centre_mm).squaredNorm();
+  return std::sqrt(shift2 + turn.squaredNorm() * kArm_mm * kArm_mm / 3.0);
+}
+
+RigidImageResult register_rigid(const Volume &reference, const Volume &floating, const RigidImageOptions &options,
+                                parallel::Team &team) {
+  RigidImageResult out;
+  out.reason = obstacle(reference, "reference");
+  if (out.reason.empty()) {
+    out.reason = obstacle(floating, "floating");
+  }
+  if (!out.reason.empty()) {
+    return out;
+  }
+  if (options.progress && !options.progress(0.0, "preparing levels")) {
+    out.reason = "stopped";
+    return out;
+  }
+  return RigidSearch(reference, floating, options, team).run();
+}
+
+} // namespace bregma::intensity
