@@ -1,6 +1,6 @@
 // Registration: fiducials with residual and leave-one-out, the traced skin, and what to touch next.
 import { norm, sub } from "../geometry/vector.ts";
-import { CaptureKind } from "../state/constants.ts";
+import { CaptureKind, RegistrationStatus } from "../state/constants.ts";
 import { figure, registrationText } from "../state/text.ts";
 import { coverageOf, kRegions, leastCovered } from "../view/coverage.ts";
 import { isSurface } from "../view/scene.ts";
@@ -30,7 +30,10 @@ export class RegistrationPage implements Part {
     const { store, scene, data } = context;
     const registration = store.all("registration")[0];
     setText(this.status, registration ? registrationText(registration.status) : "Nothing registered yet");
-    setText(this.next, registration?.text || nextTouch(context));
+    setText(
+      this.next,
+      registration?.text || (registration?.status === RegistrationStatus.ACCEPTED ? "" : nextTouch(context)),
+    );
     const revision = `${store.revision("fiducial")} ${store.revision("capture")} ${data.hash}`;
     fill(this.fiducials, revision, () => [this.fiducialTable(context)]);
     fill(this.skin, `${scene.captures.length} ${scene.captures.at(-1)?.distance_mm}`, () => coverageRows(context));
@@ -68,7 +71,7 @@ export class RegistrationPage implements Part {
 // The next fiducial that was not touched, then the skin that was traced least.
 function nextTouch({ store, data, scene }: PageContext): string {
   const touched = new Set(store.all("capture").map((c) => c.point));
-  const next = data.fiducials.find((f) => !touched.has(f.name));
+  const next = data.fiducials.find((f) => !touched.has(f.name) && !store.get("fiducial", f.name));
   if (next) return `Touch fiducial ${next.name}.`;
   const region = leastCovered(coverageOf(scene.captures.filter(isSurface).map((c) => sub(c.position, centreOf(data)))));
   return region ? `Trace the skin ${region}.` : "";

@@ -90,7 +90,7 @@ export class Display {
     const graphics = this.graphics;
     if (!graphics || !this.data) return;
     const { view } = input;
-    this.rects = panelRects(view.layout, view.big, this.element.clientWidth, this.element.clientHeight);
+    this.arrange(view);
     this.lines.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     this.lines.clearRect(0, 0, this.element.clientWidth, this.element.clientHeight);
     if (!graphics.image) return;
@@ -105,6 +105,13 @@ export class Display {
       if (panel.kind === "space") this.drawSpace(graphics, layers, index, rect, input);
       else this.drawSlice(graphics, layers, index, rect, input);
     });
+  }
+
+  // A new arrangement begins with an empty canvas, so that nothing of the former one remains between the panels.
+  private arrange(view: ViewState): void {
+    const rects = panelRects(view.layout, view.big, this.element.clientWidth, this.element.clientHeight);
+    if (JSON.stringify(rects) !== JSON.stringify(this.rects)) this.blank();
+    this.rects = rects;
   }
 
   // Reads a pixel back, so that everything is drawn before this returns.

@@ -263,6 +263,24 @@ test("a double click enlarges a panel, and another one brings the four back", as
   );
 });
 
+test("between the panels of another layout nothing of the former one remains", async () => {
+  await open.page.getByLabel("layout 1+3").click();
+  await drawn(open.page);
+  const lit = await open.page.evaluate(() => {
+    const canvas = document.querySelector<HTMLCanvasElement>(".picture > canvas")!;
+    const right = bregma.display.rectOf(0)!.width;
+    const copy = document.createElement("canvas");
+    copy.width = 3;
+    copy.height = canvas.height;
+    copy.getContext("2d")!.drawImage(canvas, -right, 0);
+    const { data } = copy.getContext("2d")!.getImageData(0, 0, 3, canvas.height);
+    return data.filter((value, i) => i % 4 !== 3 && value > 0).length;
+  });
+  assert.equal(lit, 0);
+  await open.page.getByLabel("layout 2×2").click();
+  await drawn(open.page);
+});
+
 test("every plane of the probe can be shown", async () => {
   for (const kind of ["probe_eye", "inline_1", "inline_2", "along_plan", "look_ahead"]) {
     await open.page.getByLabel("plane of panel 3").selectOption(kind);

@@ -1,4 +1,8 @@
 import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
 import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import { orthogonalPlane, type Plane, toImage } from "../../src/geometry/planes.ts";
@@ -139,6 +143,58 @@ for (const [type, top, window] of types) {
     assert.ok(lit > total / 5, "the planes go through the image");
     assert.ok(within1 >= 0.999 * total, `${within1} of ${total} within one grey level`);
   });
+}
+
+// The reference above is our own: here it is ITK's.
+test("panels equal ITK's linear resample", async () => {
+  const window: Window = { window: 1500, level: 300 };
+  const volume = phantom("int16", 3071);
+  await load(volume, "int16");
+  const request: SliceRequest = { planes: somePlanes(volume), mm_per_pixel: 0.41, pixels: kPixels, window };
+  const drawn = await draw(request, "image");
+  const values = itkResample(volume, request);
+  let within1 = 0;
+  let total = 0;
+  values.forEach((value, pixel) => {
+    if (Number.isNaN(value)) return;
+    const difference = Math.abs(drawn[3 * pixel] - grey(value, window));
+    ++total;
+    if (difference <= 1) ++within1;
+    assert.ok(difference <= 2, `${drawn[3 * pixel]} should be ${value}`);
+  });
+  assert.ok(total > values.length / 5, "the planes go through the image");
+  assert.ok(within1 >= 0.999 * total, `${within1} of ${total} within one grey level`);
+});
+
+function itkResample(volume: Volume, request: SliceRequest): Float64Array {
+  const folder = mkdtempSync(join(tmpdir(), "bregma-display-"));
+  try {
+    const T = volume.T_image_index;
+    const columns = [0, 1, 2].map((c) => [T[c], T[4 + c], T[8 + c]]);
+    const spacing = columns.map((c) => Math.hypot(...c));
+    const header = [
+      "ObjectType = Image",
+      "NDims = 3",
+      "BinaryData = True",
+      "BinaryDataByteOrderMSB = False",
+      `DimSize = ${volume.size.join(" ")}`,
+      `ElementSpacing = ${spacing.join(" ")}`,
+      `Offset = ${T[3]} ${T[7]} ${T[11]}`,
+      `TransformMatrix = ${columns.flatMap((c, i) => c.map((x) => x / spacing[i])).join(" ")}`,
+      "ElementType = MET_SHORT",
+      "ElementDataFile = LOCAL\n",
+    ].join("\n");
+    writeFileSync(join(folder, "image.mha"), Buffer.concat([Buffer.from(header), Buffer.from(volume.voxels.buffer)]));
+    const lines = request.planes.map((p) =>
+      [...p.centre, ...p.right, ...p.up, request.mm_per_pixel, request.pixels].join(" "),
+    );
+    writeFileSync(join(folder, "planes"), `${lines.join("\n")}\n`);
+    const files = ["image.mha", "planes", "values"].map((name) => join(folder, name));
+    execFileSync(`${process.env.BREGMA_BUILD}/bin/display_itk_resample`, files);
+    return new Float64Array(new Uint8Array(readFileSync(files[2])).buffer);
+  } finally {
+    rmSync(folder, { recursive: true });
+  }
 }
 
 test("a second image on a grid of its own is blended over the first", async () => {
