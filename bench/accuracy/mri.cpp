@@ -1,0 +1,34 @@
+// The MR scanner: registration of the robot to it, on the simulated scanner, in the layout of [Tuna 2022].
+// docs/scanner.md.
+#include <iostream>
+
+#include <CLI/CLI.hpp>
+
+#include "bench/accuracy/mri_parts.hpp"
+
+int main(int argc, char **argv) {
+  using namespace bregma;
+  bench::MriBenchOptions options;
+  CLI::App app("Accuracy and speed of the registration of a robot to an MR scanner");
+  bench::add_options(app, options, {"tables", "coverage", "pillars", "quality", "faults", "time"});
+  app.add_option("--seeds", options.seeds, "Runs of each part; 0: as many as the part has by itself")
+      ->check(CLI::Range(0, 100000))
+      ->capture_default_str();
+  CLI11_PARSE(app, argc, argv);
+  constexpr std::pair<const char *, void (*)(bench::Report &, const bench::MriBenchOptions &)> kParts[] = {
+      {"tables", bench::robot_tables},   {"coverage", bench::robot_coverage}, {"pillars", bench::robot_pillars},
+      {"quality", bench::robot_quality}, {"faults", bench::robot_faults},     {"time", bench::robot_time},
+  };
+  bench::Report report(options.json);
+  try {
+    for (const auto &[name, part] : kParts) {
+      if (options.wants(name)) {
+        part(report, options);
+      }
+    }
+  } catch (const std::exception &e) {
+    std::cerr << "bench_mri: " << e.what() << '\n';
+    return 2;
+  }
+  return report.all_hold() ? 0 : 1;
+}

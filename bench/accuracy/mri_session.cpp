@@ -1,0 +1,143 @@
+#include "bench/accuracy/mri_session.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "algorithms/registration/points/paired_points.hpp"
+
+namespace bregma::bench {
+
+namespace {
+
+using namespace sim::scanner;
+
+// A normal error with this mean length.
+double sigma_of_mean(double mean_mm) { return mean_mm / std::sqrt(8.0 / M_PI); }
+
+} // namespace
+
+StackPlan pillar_plan(bool top, int slices) { return plan_of(Plane::kCoronal, Vector3d(0, top ? 55 : -55, 0), slices); }
+
+StackPlan tree_plan(Plane plane) {
+  const int slices = plane == Plane::kCoronal ? 60 : plane == Plane::kSagittal ? 100 : 120;
+  return plan_of(plane, Vector3d(0, plane == Plane::kCoronal ? 5 : 0, 0), slices);
+}
+
+std::optional<Rigid3<mri::frame::Base, mri::frame::Device>> least_squares(const mri::CoilFrame &frame,
+                                                                          const std::vector<mri::LocatedCoil> &coils) {
+  std::vector<Vector3d> source, target;
+  for (const mri::LocatedCoil &c : coils) {
+    source.push_back(c.position_mm);
+    target.push_back(frame.coils[static_cast<std::size_t>(c.coil)].position_mm);
+  }
+  const auto T = registration::fit_rigid(source, target);
+  return T ? std::optional(T->as<mri::frame::Base, mri::frame::Device>()) : std::nullopt;
+}
+
+MriSession::MriSession(const ScannerOptions &options, std::uint64_t seed)
+    : scanner_(std::make_unique<SimulatedScanner>(options, seed)), seed_(seed) {
+  frame_.name = "tuna";
+  frame_.build_sigma_mm = options.errors.build_mm;
+  for (const CoilDesign &c : scanner_->design()) {
+    frame_.coils.push_back({c.name, c.group, c.position_mm});
+  }
+}
+
+std::vector<int> MriSession::coils_of(const std::vector<std::string> &groups) const {
+  std::vector<int> out;
+  for (std::size_t i = 0; i < frame_.coils.size(); ++i) {
+    if (std::find(groups.begin(), groups.end(), frame_.coils[i].group) != groups.end()) {
+      out.push_back(static_cast<int>(i));
+    }
+  }
+  return out;
+}
+
+bool MriSession::map_field() {
+  sim::Random random(seed_, "control points");
+  const Acquisition acquisition(scanner_->field(), phantom_protocol(), scanner_->phantom_plan());
+  const std::vector<Vector3d> &crossings = scanner_->truth().crossings_mm;
+  std::vector<Vector3d> ct, mr;
+  for (const Vector3d &p : crossings) {
+    ct.push_back(p + random.normal3(sigma_of_mean(0.08)));
+    mr.push_back(acquisition.believed_mm(p) + random.normal3(sigma_of_mean(0.15)));
+  }
+  const std::size_t n = std::min<std::size_t>(ct.size(), registration::kMaxPairs);
+  std::vector<Vector3d> some_ct, some_mr; // an even selection
+  for (std::size_t i = 0; i < n; ++i) {
+    some_ct.push_back(ct[i * ct.size() / n]);
+    some_mr.push_back(mr[i * mr.size() / n]);
+  }
+  const auto T = registration::fit_rigid(some_ct, some_mr);
+  geometry::Points3 real(3, static_cast<Eigen::Index>(ct.size())), imaged = real;
+  for (std::size_t i = 0; i < ct.size(); ++i) {
+    real.col(static_cast<Eigen::Index>(i)) = *T * ct[i];
+    imaged.col(static_cast<Eigen::Index>(i)) = mr[i];
+  }
+  auto field = mri::DistortionField::fit(real, imaged);
+  if (field) {
+    field_ = std::move(*field);
+  }
+  return field.has_value();
+}
+
+std::unique_ptr<StackPair> MriSession::scan(const Protocol &protocol, const StackPlan &plan,
+                                            const std::vector<std::string> &on,
+                                            const std::vector<std::string> &verify) {
+  auto out = std::make_unique<StackPair>();
+  out->background = scanner_->background(protocol, plan);
+  out->foreground = scanner_->foreground(protocol, plan, on);
+  out->scan = {name(Plane::kCoronal), &out->background, &out->foreground, nullptr, coils_of(on), coils_of(verify)};
+  out->normal = plan.normal();
+  return out;
+}
+
+std::unique_ptr<StackPair> MriSession::vendor_corrected(const StackPair &pair) const {
+  auto out = std::make_unique<StackPair>();
+  out->background = sim::scanner::vendor_corrected(pair.background, scanner_->field());
+  out->foreground = sim::scanner::vendor_corrected(pair.foreground, scanner_->field());
+  out->scan = pair.scan;
+  out->scan.background = &out->background;
+  out->scan.foreground = &out->foreground;
+  out->normal = pair.normal;
+  return out;
+}
+
+std::optional<mri::CorrectedPoint> MriSession::corrected(const Vector3d &shown_mm) const {
+  const auto real = field_->to_true(shown_mm);
+  if (!real) {
+    return std::nullopt;
+  }
+  const auto known = field_->assess(*real);
+  if (known.coverage == mri::Coverage::kUnknown) {
+    return std::nullopt;
+  }
+  return mri::CorrectedPoint{*real, known.sigma_mm};
+}
+
+mri::RobotRegistrationOptions MriSession::options(Images images, mri::CoilMethod method) const {
+  mri::RobotRegistrationOptions out;
+  out.artefacts.method = method;
+  if (images == Images::kOurs) {
+    out.correction = [this](const Vector3d &shown) { return corrected(shown); };
+  } else {
+    out.uncorrected_sigma_mm = images == Images::kVendor ? 0.3 : 1.0;
+  }
+  return out;
+}
+
+Vector3d MriSession::error_at(int coil, const Rigid3<mri::frame::Base, mri::frame::Device> &T_base_device,
+                              Images images, const Protocol &protocol, const StackPlan &plan) const {
+  const auto i = static_cast<std::size_t>(coil);
+  const Vector3d &real = scanner_->truth().coils_device_mm[i];
+  Vector3d shown = Acquisition(scanner_->field(), protocol, plan).believed_mm(real);
+  if (images == Images::kVendor) {
+    shown -= scanner_->field().gradient_mm(real);
+  } else if (images == Images::kOurs) {
+    const auto point = corrected(shown);
+    shown = point ? point->position_mm : Vector3d::Constant(std::nan(""));
+  }
+  return T_base_device * shown - scanner_->truth().T_device_base.inverse() * real;
+}
+
+} // namespace bregma::bench

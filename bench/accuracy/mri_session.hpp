@@ -1,0 +1,73 @@
+// A simulated session of an MR scanner as the benchmark's estimators see it, and what the truth says about their
+// answers.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "algorithms/mri/coils/robot_registration.hpp"
+#include "algorithms/mri/distortion_field.hpp"
+#include "drivers/sim/scanner/simulated_scanner.hpp"
+
+namespace bregma::bench {
+
+using mri::Rigid3;
+using mri::Vector3d;
+
+enum class Images { kVendor, kUncorrected, kOurs };
+
+// Stacks of one scan position.
+struct StackPair {
+  mri::Stack background, foreground;
+  mri::CoilScan scan;
+  Vector3d normal = Vector3d::UnitZ(); // of the slices, in Device
+};
+
+class MriSession {
+public:
+  MriSession(const sim::scanner::ScannerOptions &options, std::uint64_t seed);
+
+  // Control points of the phantom, with the mean errors that their detection may have (0.08 mm in CT, 0.15 mm in MR),
+  // and the field through them. CT and MR points are brought together by least squares, as a rigid registration does.
+  // False where no field fits.
+  bool map_field();
+
+  // One pair of stacks. vendor: as the vendor's correction leaves it.
+  [[nodiscard]] std::unique_ptr<StackPair> scan(const sim::scanner::Protocol &protocol,
+                                                const sim::scanner::StackPlan &plan, const std::vector<std::string> &on,
+                                                const std::vector<std::string> &verify = {});
+  [[nodiscard]] std::unique_ptr<StackPair> vendor_corrected(const StackPair &pair) const;
+
+  [[nodiscard]] mri::RobotRegistrationOptions options(Images images, mri::CoilMethod method) const;
+
+  // Error of the chain at coils whose own detection is left out: the place at which the scan shows the coil, corrected
+  // and mapped, against where the coil really is in Base. mm.
+  [[nodiscard]] Vector3d error_at(int coil, const Rigid3<mri::frame::Base, mri::frame::Device> &T_base_device,
+                                  Images images, const sim::scanner::Protocol &protocol,
+                                  const sim::scanner::StackPlan &plan) const;
+
+  [[nodiscard]] sim::scanner::SimulatedScanner &scanner() { return *scanner_; }
+  [[nodiscard]] const mri::CoilFrame &frame() const { return frame_; }
+  [[nodiscard]] const mri::DistortionField *field() const { return field_ ? &*field_ : nullptr; }
+  [[nodiscard]] std::vector<int> coils_of(const std::vector<std::string> &groups) const;
+
+private:
+  [[nodiscard]] std::optional<mri::CorrectedPoint> corrected(const Vector3d &shown_mm) const;
+
+  std::unique_ptr<sim::scanner::SimulatedScanner> scanner_;
+  std::uint64_t seed_;
+  mri::CoilFrame frame_;
+  std::optional<mri::DistortionField> field_;
+};
+
+// Stacks of the paper: top or bottom coils in 60 coronal slices; the tree in 60, 100, 120 or 120 slices.
+[[nodiscard]] sim::scanner::StackPlan pillar_plan(bool top, int slices = 60);
+[[nodiscard]] sim::scanner::StackPlan tree_plan(sim::scanner::Plane plane);
+
+// (7) by plain least squares over all coils, as the paper has it.
+[[nodiscard]] std::optional<Rigid3<mri::frame::Base, mri::frame::Device>>
+least_squares(const mri::CoilFrame &frame, const std::vector<mri::LocatedCoil> &coils);
+
+} // namespace bregma::bench
