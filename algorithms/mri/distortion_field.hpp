@@ -64,6 +64,7 @@ public:
   [[nodiscard]] std::optional<Vector> to_true(const Vector &imaged_mm) const noexcept;
   [[nodiscard]] Assessment assess(const Vector &true_mm) const noexcept;
 
+  [[nodiscard]] const FieldOptions &options() const { return options_; }
   [[nodiscard]] const HarmonicSeries &harmonics(int axis) const { return harmonics_[static_cast<std::size_t>(axis)]; }
   [[nodiscard]] bool has_spline() const { return spline_.has_value(); }
   [[nodiscard]] const geometry::Points3 &control_points_mm() const { return control_mm_; } // true positions
