@@ -44,6 +44,7 @@ export class App {
   readonly link: StateLink;
   scene: Scene | null = null;
   cover: Cover | null = null;
+  draws = 0; // so far
   bare = false; // only images: what the benchmark compares with
   private data: CaseData | null = null;
   private loading = "";
@@ -211,7 +212,10 @@ export class App {
       this.awake = false;
       this.link.remeasure();
     } else if (step_ms > kStep_ms) this.link.ping();
-    this.changed();
+    const before = this.cover;
+    const covered = this.showCover(localTime());
+    this.topBar.update(this.store, this.data);
+    if (covered !== (before !== null)) this.changed();
   }
 
   private showCover(now: LocalTime): boolean {
@@ -233,8 +237,8 @@ export class App {
   }
 
   private draw(): void {
+    ++this.draws;
     const now = localTime();
-    this.topBar.update(this.store, this.data);
     this.toolBar.update(this.data);
     const covered = this.showCover(now);
     if (covered || !this.data) {

@@ -39,7 +39,8 @@ export class Display {
   constructor(private readonly changed: () => void) {
     this.element.className = "picture";
     this.element.append(this.picture, this.overlay);
-    this.lines = this.overlay.getContext("2d") as CanvasRenderingContext2D;
+    // Drawn by the CPU: where WebGL is software, lines that are drawn by it cost more than the whole image.
+    this.lines = this.overlay.getContext("2d", { willReadFrequently: true }) as CanvasRenderingContext2D;
     this.picture.addEventListener("webglcontextlost", (event) => {
       event.preventDefault(); // so that it can be restored
       this.graphics = null;

@@ -264,6 +264,9 @@ test("a double click enlarges a panel, and another one brings the four back", as
 });
 
 test("between the panels of another layout nothing of the former one remains", async () => {
+  await open.page.evaluate(() => {
+    bregma.view.big = 0;
+  });
   await open.page.getByLabel("layout 1+3").click();
   await drawn(open.page);
   const lit = await open.page.evaluate(() => {

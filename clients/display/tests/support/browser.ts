@@ -4,13 +4,20 @@ import { type Browser, chromium, type Page } from "playwright-core";
 
 const kPrograms = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
 
-export async function launchBrowser(): Promise<Browser> {
+function options() {
   const executablePath = process.env.BREGMA_BROWSER ?? kPrograms.find((path) => existsSync(path));
   if (!executablePath) throw new Error("no Chromium: ./dev setup installs it");
-  return chromium.launch({
-    executablePath,
-    args: ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-  });
+  const args = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
+  return { executablePath, args };
+}
+
+export const launchBrowser = (): Promise<Browser> => chromium.launch(options());
+
+// With the id of its process, for measurements.
+export async function launchServer(): Promise<{ browser: Browser; pid: number; close(): Promise<void> }> {
+  const server = await chromium.launchServer(options());
+  const browser = await chromium.connect(server.wsEndpoint());
+  return { browser, pid: server.process().pid ?? 0, close: () => server.close() };
 }
 
 // A blank page with a script of tests/browser/pages in it.
