@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # install_generated.sh DESTDIR PREFIX VERSION: called by cmake --install. Makes what the installed programs say about
-# themselves: manual pages from --help, completion, the default configuration; and the systemd unit with their path.
+# themselves: manual pages from --help, completion, the default configuration; and the systemd units with their path.
 set -euo pipefail
 destdir=$1 prefix=$2 version=$3
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -29,9 +29,14 @@ pages() {
 pages bregma "neurosurgical navigation from the command line"
 pages bregmad "the real-time core of neurosurgical navigation"
 pages bregma-sim-room "a simulated operating room"
+pages bregma-gateway "the state of bregmad for browsers of this host"
+pages bregma-case-server "sends the files of bregmad's case to displays"
 
 "$bin/bregma" completion bash >"$share/bash-completion/completions/bregma"
 "$bin/bregma" completion zsh >"$share/zsh/site-functions/_bregma"
 "$bin/bregmad" --print-config >"$share/bregma/bregmad.toml"
-sed -e "s|/usr/bin/|$prefix/bin/|; s|/usr/share/|$prefix/share/|" "$here/bregmad.service" \
-  >"$destdir$prefix/lib/systemd/system/bregmad.service"
+for unit in bregmad bregma-gateway bregma-case-server; do
+  sed -e "s|/usr/bin/|$prefix/bin/|; s|/usr/share/|$prefix/share/|" "$here/$unit.service" \
+    >"$destdir$prefix/lib/systemd/system/$unit.service"
+done
+sed -e "s|/usr/share/doc|$prefix/share/doc|" "$here/bregma-kiosk.service" >"$destdir$prefix/lib/systemd/system/bregma-kiosk.service"

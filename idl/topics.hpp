@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "casefiles.h"
 #include "control.h"
 #include "state.h"
 #include "streams.h"
@@ -47,6 +48,8 @@ BREGMA_WIRE_TYPE(DriverState);
 BREGMA_WIRE_TYPE(CommandKind);
 BREGMA_WIRE_TYPE(CommandForm);
 BREGMA_WIRE_TYPE(CommandResult);
+BREGMA_WIRE_TYPE(CaseOfferState);
+BREGMA_WIRE_TYPE(Sha256);
 #undef BREGMA_WIRE_TYPE
 
 struct Qos {
@@ -73,6 +76,9 @@ inline constexpr Qos kCaptures{true, true, 4096, 0, 1'000 * kMillisecond_ns};
 inline constexpr Qos kControl{true, false, 0, 0, 0};
 // The key is the client: one that does not read loses its own oldest replies, and delays nobody.
 inline constexpr Qos kReplies{true, false, 64, 0, 0};
+// Files of a case, for displays: a client asks again for what it has not received, so neither side keeps much.
+inline constexpr Qos kCaseRequests{true, false, 64, 0, 0};
+inline constexpr Qos kCaseChunks{true, false, 64, 0, 0};
 } // namespace qos
 
 // X(type, quality of service)
@@ -96,7 +102,10 @@ inline constexpr Qos kReplies{true, false, 64, 0, 0};
   X(Command, kControl)                                                                                                 \
   X(CommandReply, kReplies)                                                                                            \
   X(SimulatedTruth, kTruth)                                                                                            \
-  X(DriverHealth, kState)
+  X(DriverHealth, kState)                                                                                              \
+  X(CaseOffer, kState)                                                                                                 \
+  X(CaseRequest, kCaseRequests)                                                                                        \
+  X(CaseChunk, kCaseChunks)
 
 template <class T> struct Topic;
 

@@ -55,6 +55,8 @@ public:
   // Of the daemon that is followed: the first that was heard, until it is lost.
   [[nodiscard]] const Snapshot &snapshot() { return daemons_.followed(); }
 
+  // For further topics of the same program.
+  [[nodiscard]] const dds::Participant &participant() const { return participant_; }
   [[nodiscard]] std::uint32_t domain() const { return domain_; }
   [[nodiscard]] const std::string &client() const { return client_; } // unique to this object
 

@@ -37,6 +37,7 @@ public:
   FakeDaemon &operator=(const FakeDaemon &) = delete;
   std::atomic<bool> speaking{true};
   std::atomic<bool> case_open{true}; // false: the tools have ended
+  std::atomic<int> period_ms{5};     // of the tools' states; ten of them are that of the health
   // Writers of commands that this daemon is connected to.
   [[nodiscard]] std::uint32_t commanders() const { return commanders_; }
 
@@ -93,7 +94,7 @@ private:
         }
       });
       commanders_ = commands.matched_writers();
-      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+      std::this_thread::sleep_for(std::chrono::milliseconds(period_ms));
     }
   }
 

@@ -1,0 +1,275 @@
+#include "clients/case_server/case_bundle.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <set>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "algorithms/surface/triangle_mesh.hpp"
+#include "algorithms/tissue/mesh/tet_mesh.hpp"
+#include "case_model/brain.hpp"
+#include "casefile/case.hpp"
+#include "casefile/volumes/volume.hpp"
+
+namespace bregma::case_server {
+namespace {
+
+using casefile::Case;
+using nlohmann::json;
+
+// Okabe and Ito's colours, which are told apart also with a colour vision deficiency.
+constexpr std::array kColours{"#e69f00", "#56b4e9", "#009e73", "#f0e442", "#0072b2", "#d55e00", "#cc79a7", "#999999"};
+constexpr const char *kScalpColour = "#d9b8a0";
+constexpr const char *kBrainColour = "#e8b4b8";
+
+json vector(const Eigen::Vector3d &v) { return {v.x(), v.y(), v.z()}; }
+
+json points(const std::vector<casefile::NamedPoint> &list) {
+  json out = json::array();
+  for (const auto &point : list) {
+    out.push_back({{"name", point.name}, {"position_mm", vector(point.position_mm)}});
+  }
+  return out;
+}
+
+json trajectories(const Case &c) {
+  json out = json::array();
+  for (const auto &line : c.trajectories) {
+    out.push_back({{"name", line.name}, {"entry_mm", vector(line.entry_mm)}, {"target_mm", vector(line.target_mm)}});
+  }
+  return out;
+}
+
+json tools(const Case &c) {
+  constexpr std::array kRoles{"reference", "pointer", "probe"};
+  json out = json::array();
+  for (const auto &tool : c.tools) {
+    json markers = json::array();
+    for (const auto &marker : tool.markers_mm) {
+      markers.push_back(vector(marker));
+    }
+    out.push_back({{"name", tool.name},
+                   {"role", kRoles.at(static_cast<std::size_t>(tool.role))},
+                   {"axis", vector(tool.axis)},
+                   {"normal", vector(tool.normal)},
+                   {"tip_mm", vector(tool.nominal_tip_mm)},
+                   {"markers_mm", std::move(markers)}});
+  }
+  return out;
+}
+
+// The patient's side of the planned targets, or of all targets without a trajectory. +x is right in RAS.
+std::string side(const Case &c) {
+  std::vector<double> x;
+  for (const auto &line : c.trajectories) {
+    x.push_back(line.target_mm.x());
+  }
+  if (x.empty()) {
+    for (const auto &target : c.targets) {
+      x.push_back(target.position_mm.x());
+    }
+  }
+  const bool right = std::any_of(x.begin(), x.end(), [](double value) { return value > 0.0; });
+  const bool left = std::any_of(x.begin(), x.end(), [](double value) { return value < 0.0; });
+  return right && left ? "both" : right ? "right" : left ? "left" : "";
+}
+
+template <class T> void append(std::vector<std::byte> &out, const T *values, std::size_t count) {
+  const std::size_t at = out.size();
+  out.resize(at + count * sizeof(T));
+  std::memcpy(out.data() + at, values, count * sizeof(T));
+}
+
+std::vector<std::byte> mesh_bytes(const surface::TriangleMesh &mesh) {
+  std::vector<std::byte> out;
+  const std::array<std::uint32_t, 2> counts{static_cast<std::uint32_t>(mesh.vertices_mm.size()),
+                                            static_cast<std::uint32_t>(mesh.triangles.size())};
+  append(out, counts.data(), counts.size());
+  for (const auto &vertex : mesh.vertices_mm) {
+    const Eigen::Vector3f v = vertex.cast<float>();
+    append(out, v.data(), 3);
+  }
+  for (const auto &triangle : mesh.triangles) {
+    const Eigen::Matrix<std::uint32_t, 3, 1> t = triangle.cast<std::uint32_t>();
+    append(out, t.data(), 3);
+  }
+  return out;
+}
+
+template <class T> std::vector<std::byte> voxels_as(const std::vector<float> &voxels) {
+  std::vector<T> values(voxels.size());
+  std::transform(voxels.begin(), voxels.end(), values.begin(), [](float v) { return static_cast<T>(v); });
+  std::vector<std::byte> out;
+  append(out, values.data(), values.size());
+  return out;
+}
+
+struct Voxels {
+  const char *type;
+  std::vector<std::byte> bytes;
+};
+
+// The smallest type that holds every voxel exactly.
+Voxels exact_voxels(const std::vector<float> &voxels, float lowest, float highest) {
+  const bool whole = std::all_of(voxels.begin(), voxels.end(), [](float v) { return v == std::floor(v); });
+  const auto fits = [&](auto type) {
+    using Limits = std::numeric_limits<decltype(type)>;
+    return whole && lowest >= static_cast<float>(Limits::min()) && highest <= static_cast<float>(Limits::max());
+  };
+  if (fits(std::uint8_t{})) {
+    return {"uint8", voxels_as<std::uint8_t>(voxels)};
+  }
+  if (fits(std::int16_t{})) {
+    return {"int16", voxels_as<std::int16_t>(voxels)};
+  }
+  if (fits(std::uint16_t{})) {
+    return {"uint16", voxels_as<std::uint16_t>(voxels)};
+  }
+  return {"float32", voxels_as<float>(voxels)};
+}
+
+json percentiles(std::vector<float> voxels) {
+  json out = json::array();
+  for (const double percent : {1.0, 5.0, 50.0, 95.0, 99.0, 99.9}) {
+    const auto rank = static_cast<std::ptrdiff_t>(percent / 100.0 * static_cast<double>(voxels.size() - 1));
+    std::nth_element(voxels.begin(), voxels.begin() + rank, voxels.end());
+    out.push_back({percent, voxels[static_cast<std::size_t>(rank)]});
+  }
+  return out;
+}
+
+class Builder {
+public:
+  explicit Builder(const Case &c) : case_(c) {
+    root_ = {{"id", c.id},
+             {"side", side(c)},
+             {"image", nullptr},
+             {"labels", nullptr},
+             {"meshes", json::array()},
+             {"trajectories", trajectories(c)},
+             {"targets", points(c.targets)},
+             {"fiducials", points(c.fiducials)},
+             {"landmarks", points(c.landmarks)},
+             {"brain_landmarks", points(c.brain_landmarks)},
+             {"tools", tools(c)},
+             {"limits", {{"max_check_mm", c.limits.max_check_mm}, {"max_target_tre_mm", c.limits.max_target_tre_mm}}}};
+  }
+
+  void add_image(const casefile::Volume &volume) {
+    const auto [lowest, highest] = std::minmax_element(volume.voxels.begin(), volume.voxels.end());
+    Voxels voxels = exact_voxels(volume.voxels, *lowest, *highest);
+    json matrix = json::array();
+    for (Eigen::Index row = 0; row < 4; ++row) {
+      for (Eigen::Index column = 0; column < 4; ++column) {
+        matrix.push_back(volume.T_image_index(row, column));
+      }
+    }
+    json entry = file(std::move(voxels.bytes));
+    entry["type"] = voxels.type;
+    entry["dims"] = volume.size;
+    entry["T_ras_voxel"] = std::move(matrix);
+    entry["min"] = *lowest;
+    entry["max"] = *highest;
+    entry["percentiles"] = percentiles(volume.voxels);
+    root_["image"] = std::move(entry);
+  }
+
+  void add_mesh(const std::string &name, const char *kind, const char *colour, double opacity,
+                const surface::TriangleMesh &mesh) {
+    json entry = file(mesh_bytes(mesh));
+    entry["name"] = name;
+    entry["file"] = file_name(name);
+    entry["kind"] = kind;
+    entry["colour"] = colour;
+    entry["opacity"] = opacity;
+    entry["vertices"] = mesh.vertices_mm.size();
+    entry["triangles"] = mesh.triangles.size();
+    root_["meshes"].push_back(std::move(entry));
+  }
+
+  casefiles::Bundle finish() {
+    out_.case_id = case_.id;
+    out_.manifest = root_.dump(-1, ' ', false, json::error_handler_t::replace);
+    return std::move(out_);
+  }
+
+private:
+  json file(std::vector<std::byte> bytes) {
+    const casefiles::Hash hash = casefiles::sha256(std::span<const std::byte>(bytes));
+    json out{{"sha256", casefiles::to_hex(hash)}, {"bytes", bytes.size()}};
+    out_.files[hash] = std::move(bytes);
+    return out;
+  }
+
+  // A part of an address, unique in the case.
+  std::string file_name(const std::string &name) {
+    std::string stem;
+    for (const char c : name.substr(0, 40)) {
+      stem += std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_';
+    }
+    std::string unique = stem;
+    for (int i = 2; !names_.insert(unique).second; ++i) {
+      unique = stem + "_" + std::to_string(i);
+    }
+    return unique;
+  }
+
+  const Case &case_;
+  json root_;
+  casefiles::Bundle out_;
+  std::set<std::string> names_;
+};
+
+// All nodes of the tissue's mesh, in its order, and the triangles of its boundary. Empty for a brain that cannot be
+// meshed: the daemon then has no model either.
+surface::TriangleMesh tissue_surface(const Case &c, int elements) {
+  case_model::BrainSettings settings;
+  settings.mesh.lattice.tetrahedra = elements;
+  const auto brain = case_model::brain_of(c, settings);
+  surface::TriangleMesh out;
+  if (brain) {
+    const auto &mesh = brain->filled.mesh;
+    out.vertices_mm = mesh.nodes_mm;
+    out.triangles = tissue::boundary_of(mesh).triangles;
+  }
+  return out;
+}
+
+} // namespace
+
+base::Result<casefiles::Bundle> bundle_of(const std::filesystem::path &folder, int tissue_elements) {
+  const auto loaded = casefile::load_case(folder);
+  if (!loaded) {
+    return tl::unexpected(loaded.error());
+  }
+  Builder builder(*loaded);
+  casefile::Notes notes;
+  const auto volume = casefile::read_volume(loaded->image, {}, &notes);
+  if (!volume) {
+    return tl::unexpected(volume.error());
+  }
+  builder.add_image(*volume);
+  builder.add_mesh("scalp", "scalp", kScalpColour, 0.25, loaded->scalp.mesh);
+  builder.add_mesh("brain", "brain", kBrainColour, 0.5, loaded->brain.mesh);
+  for (std::size_t i = 0; i < loaded->structures.size(); ++i) {
+    const auto &structure = loaded->structures[i];
+    builder.add_mesh(structure.name, "structure", kColours.at(i % kColours.size()), 1.0, structure.mesh);
+  }
+  if (tissue_elements > 0) {
+    if (const auto tissue = tissue_surface(*loaded, tissue_elements); !tissue.vertices_mm.empty()) {
+      builder.add_mesh("tissue", "tissue", kBrainColour, 1.0, tissue);
+    }
+  }
+  return builder.finish();
+}
+
+} // namespace bregma::case_server

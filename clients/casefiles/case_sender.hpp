@@ -1,0 +1,54 @@
+// Answers requests for the files of the case that is offered: the side of bregma-case-server.
+//
+// Threads: one object, one thread.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "clients/casefiles/sha256.hpp"
+#include "idl/dds.hpp"
+
+namespace bregma::casefiles {
+
+// The files of a case in memory, and the manifest that lists them.
+struct Bundle {
+  std::string case_id;
+  std::string manifest;                         // JSON, see docs/gateway.md
+  std::map<Hash, std::vector<std::byte>> files; // without the manifest
+};
+
+class CaseSender {
+public:
+  CaseSender(const dds::Participant &participant, std::string server);
+
+  void offer_none();
+  void offer_preparing(const std::string &case_id);
+  void offer_failed(const std::string &case_id, const std::string &why);
+  void offer(Bundle bundle);
+
+  // Sends what was asked for; waits up to timeout for a request.
+  void serve(std::chrono::nanoseconds timeout);
+
+  [[nodiscard]] std::uint64_t sent_chunks() const { return sent_chunks_; }
+
+private:
+  void publish(wire::CaseOfferState state, const std::string &case_id, const std::string &text);
+  void answer(const wire::CaseRequest &request);
+
+  std::string server_;
+  dds::Writer<wire::CaseOffer> offers_;
+  dds::Reader<wire::CaseRequest> requests_;
+  dds::Writer<wire::CaseChunk> chunks_;
+  dds::WaitSet wait_;
+  Hash manifest_{};
+  std::uint64_t manifest_bytes_ = 0;
+  std::map<Hash, std::vector<std::byte>> files_; // with the manifest
+  std::uint64_t sent_chunks_ = 0;
+};
+
+} // namespace bregma::casefiles

@@ -1,0 +1,154 @@
+#include "clients/gateway/encode.hpp"
+
+#include <cmath>
+#include <cstring>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "clients/gateway/layout.hpp"
+#include "idl/names.hpp"
+
+namespace bregma::gateway {
+namespace {
+
+constexpr std::int64_t kMs_ns = 1'000'000;
+constexpr std::int64_t kArrival_ns = 5'000 * kMs_ns;
+
+// Published 2 ms before its arrival at 5,000 ms, exposed 10 ms before that, valid for 90 ms.
+live::Received<wire::NavigationState> state_of(wire::PoseStatus status) {
+  live::Received<wire::NavigationState> out{};
+  (void)wire::set_name(out.tool, "Probe");
+  out.status = status;
+  out.published_time_ns = 1'000'000 * kMs_ns;
+  out.acquired_time_ns = out.published_time_ns - 10 * kMs_ns;
+  out.age_ns = 10 * kMs_ns;
+  out.valid_for_ns = 90 * kMs_ns;
+  out.T_image_tip = {{std::sqrt(0.5), 0, 0, std::sqrt(0.5)}, {1, 2, 3}};
+  out.tre_rms_mm = 0.7;
+  out.acceleration_sigma_mm_s2 = wire::kUnknown;
+  out.distance_to_target_mm = 12.0;
+  out.arrival = {kArrival_ns, 2 * kMs_ns};
+  return out;
+}
+
+live::Snapshot snapshot_with(const live::Received<wire::NavigationState> &state) {
+  live::Snapshot out;
+  out.health.emplace();
+  out.health->session = bregma_wire_SESSION_NAVIGATING;
+  out.health->arrival = {kArrival_ns, 0};
+  out.tools["Probe"] = state;
+  out.daemon_clock_ns = 1'000'000 * kMs_ns - kArrival_ns;
+  return out;
+}
+
+TEST(ToolRecord, TimesAreThoseOfTheGatewaysClock) {
+  const Tool tool = tool_record(state_of(bregma_wire_POSE_LIVE), true, kArrival_ns);
+  EXPECT_EQ(tool.published_ms, 4998.0);
+  EXPECT_EQ(tool.acquired_ms, 4988.0);
+  EXPECT_EQ(tool.valid_until_ms, 5088.0);
+  EXPECT_EQ(tool.status, bregma_wire_POSE_LIVE);
+  EXPECT_EQ(tool.tip_mm[2], 3.0);
+  const double quarter_turn[9] = {0, -1, 0, 1, 0, 0, 0, 0, 1};
+  for (int i = 0; i < 9; ++i) {
+    EXPECT_NEAR(tool.rotation[i], quarter_turn[i], 1e-12) << i;
+  }
+  EXPECT_TRUE(std::isnan(tool.distance_to_target_mm)) << "without a plan there is no target";
+}
+
+void expect_blank(const Tool &tool) {
+  EXPECT_NE(tool.status, bregma_wire_POSE_LIVE);
+  EXPECT_NE(tool.status, bregma_wire_POSE_UNVERIFIED);
+  EXPECT_TRUE(std::isnan(tool.valid_until_ms));
+  for (const double value : {tool.tip_mm[0], tool.rotation[0], tool.covariance[0], tool.tre_rms_mm,
+                             tool.tre_95_semi_axes_mm[0], tool.nearest_structure_mm, tool.distance_to_target_mm}) {
+    EXPECT_TRUE(std::isnan(value));
+  }
+}
+
+TEST(ToolRecord, ThePoseEndsWithItsTimeWithTheDaemonAndWithItsStatus) {
+  const auto live = state_of(bregma_wire_POSE_LIVE);
+  EXPECT_EQ(tool_record(live, true, kArrival_ns + 88 * kMs_ns - 1).status, bregma_wire_POSE_LIVE);
+  expect_blank(tool_record(live, true, kArrival_ns + 88 * kMs_ns));
+  expect_blank(tool_record(live, false, kArrival_ns));
+  for (int status = 0; status < 20; ++status) {
+    if (status != bregma_wire_POSE_LIVE && status != bregma_wire_POSE_UNVERIFIED) {
+      expect_blank(tool_record(state_of(status), true, kArrival_ns));
+    }
+  }
+  auto unknown = live;
+  unknown.arrival.transit_ns.reset();
+  expect_blank(tool_record(unknown, true, kArrival_ns));
+  EXPECT_TRUE(std::isnan(tool_record(unknown, true, kArrival_ns).acquired_ms));
+  auto nan = live;
+  nan.T_image_tip.translation_mm[1] = wire::kUnknown;
+  expect_blank(tool_record(nan, true, kArrival_ns));
+}
+
+TEST(EncoderTest, AnUnchangedSnapshotIsNoNewsUntilThePoseIsOver) {
+  RecordStore store;
+  Encoder encoder(store);
+  const auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  EXPECT_TRUE(encoder.encode(snapshot, {kArrival_ns, 0}));
+  EXPECT_FALSE(encoder.encode(snapshot, {kArrival_ns + 50 * kMs_ns, 0}));
+  EXPECT_TRUE(encoder.encode(snapshot, {kArrival_ns + 90 * kMs_ns, 0}));
+}
+
+TEST(EncoderTest, JitterOfTheDaemonsClockIsNoNews) {
+  RecordStore store;
+  Encoder encoder(store);
+  auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  wire::Alarm alarm{};
+  (void)wire::set_name(alarm.kind, "drift");
+  alarm.state = bregma_wire_ALARM_RAISED;
+  alarm.raised_time_ns = 999'000 * kMs_ns;
+  snapshot.alarms[{"drift", ""}] = alarm;
+  (void)encoder.encode(snapshot, {kArrival_ns, 0});
+  *snapshot.daemon_clock_ns += 30'000;
+  EXPECT_FALSE(encoder.encode(snapshot, {kArrival_ns + kMs_ns, 0}));
+}
+
+TEST(EncoderTest, WhatIsGoneEnds) {
+  RecordStore store;
+  Encoder encoder(store);
+  auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  wire::CapturedPoint point{};
+  (void)wire::set_name(point.tool, "Pointer");
+  snapshot.captures["Pointer"] = {point, point};
+  snapshot.captures_revision = 1;
+  (void)encoder.encode(snapshot, {kArrival_ns, 0});
+  const auto first = store.next({});
+  snapshot.tools.clear();
+  snapshot.captures["Pointer"].pop_back();
+  snapshot.captures_revision = 2;
+  EXPECT_TRUE(encoder.encode(snapshot, {kArrival_ns + kMs_ns, 0}));
+  const auto records = frame_json(store.next({.after = first->up_to})->bytes)["records"];
+  ASSERT_EQ(records.size(), 2U);
+  EXPECT_EQ(records[0], nlohmann::json::parse(R"({"kind": "tool", "ended": true, "tool": "Probe"})"));
+  EXPECT_EQ(records[1],
+            nlohmann::json::parse(R"({"kind": "capture", "ended": true, "tool": "Pointer", "ordinal": 1.0})"));
+}
+
+TEST(EncoderTest, ASilentDaemonIsNamedAndItsSessionIsNotCurrent) {
+  RecordStore store;
+  Encoder encoder(store);
+  const auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  (void)encoder.encode(snapshot, {kArrival_ns, 0});
+  const auto first = store.next({});
+  (void)encoder.encode(snapshot, {kArrival_ns + live::kDaemonSilent_ns, 0});
+  const auto records = frame_json(store.next({.after = first->up_to})->bytes)["records"];
+  bool seen = false;
+  for (const auto &record : records) {
+    if (record["kind"] == "link") {
+      EXPECT_EQ(record["presence"], 1);
+      EXPECT_EQ(record["text"], "bregmad is silent");
+      seen = true;
+    } else if (record["kind"] == "session") {
+      EXPECT_EQ(record["session"], bregma_wire_SESSION_UNKNOWN);
+    }
+  }
+  EXPECT_TRUE(seen);
+}
+
+} // namespace
+} // namespace bregma::gateway
