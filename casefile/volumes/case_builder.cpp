@@ -11,6 +11,7 @@
 #include "base/text.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/volumes/partial_folder.hpp"
+#include "casefile/volumes/patient.hpp"
 #include "casefile/volumes/volume.hpp"
 
 namespace bregma::casefile {
@@ -89,6 +90,9 @@ public:
     if (auto saved = save_case(created_.value); !saved) {
       return tl::unexpected(saved.error());
     }
+    if (auto kept = keep_patient(); !kept) {
+      return tl::unexpected(kept.error());
+    }
     return std::move(created_);
   }
 
@@ -164,6 +168,12 @@ private:
       structures_.emplace_back(request.name, std::move(regions));
     }
     return {};
+  }
+
+  base::Result<void> keep_patient() {
+    const auto patient = sources_.anonymous ? std::nullopt : read_patient(sources_.image, sources_.series);
+    created_.has_patient = patient.has_value();
+    return patient ? write_patient(created_.value.folder, *patient) : base::Result<void>();
   }
 
   base::Result<void> make_scalp() {

@@ -39,6 +39,7 @@ struct CaseSources {
   std::filesystem::path tools;           // TOML with [[tools]]
   int vertices = 10'000;                 // number for scalp and brain; structures get at most half
   std::optional<double> scalp_threshold; // Otsu's where not given
+  bool anonymous = false;                // keeps nothing about the patient (patient.hpp)
   bool snap = false;                     // moves fiducials and landmarks onto the scalp, from at most kMaxSnap_mm
 };
 
@@ -53,6 +54,7 @@ struct SurfaceSummary {
 struct CreatedCase {
   Case value;
   std::vector<SurfaceSummary> surfaces; // scalp, brain, structures
+  bool has_patient = false;             // patient.json was written
   std::vector<std::string> notes;       // what the files do not state and was assumed, or was left out
 };
 

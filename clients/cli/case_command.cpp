@@ -73,10 +73,15 @@ int run_create(CreateOptions options, const Context &context) {
     print_json({{"id", created->value.id},
                 {"folder", created->value.folder.string()},
                 {"surfaces", surfaces},
+                {"patient_file", created->has_patient},
                 {"notes", created->notes}});
     return kOk;
   }
   print_notes(created->notes);
+  if (created->has_patient) {
+    print_notes({"patient.json keeps the patient's name, ID and birth date, for the display on this host (--anonymous: "
+                 "nothing is kept)"});
+  }
   Table table({"surface", "vertices", "of", "volume ml", "mean off mm", "worst off mm"});
   for (const auto &[name, vertices, report] : created->surfaces) {
     table.row({name, std::to_string(vertices), std::to_string(report.full_vertices), fixed(report.volume_ml, 1),
@@ -241,6 +246,8 @@ void add_create(CLI::App &group, Context &context) {
       ->capture_default_str();
   auto *threshold = command->add_option("--threshold", options->threshold, "Threshold of the scalp (default: Otsu's)");
   command->add_flag("--snap", sources.snap, "Move fiducials and landmarks onto the scalp, by at most 10 mm");
+  command->add_flag("--anonymous", sources.anonymous,
+                    "Keep nothing about the patient; else patient.json has name, ID and birth date of a DICOM header");
   command->add_flag("--force", options->force, "Replace the case that is there; its sessions are kept");
   add_json_flag(*command, context);
   command->footer(

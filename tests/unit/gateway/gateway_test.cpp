@@ -106,6 +106,27 @@ TEST(GatewayTest, MetricsStateTheDaemonAndTheGateway) {
   }
 }
 
+TEST(GatewayTest, ThePatientIsThatOfTheFileBesideTheCaseOnThisHost) {
+  const test::TemporaryFolder folder;
+  const std::string path = folder.path().string();
+  FakeDaemon daemon;
+  const RunningGateway gateway;
+  StateClient client(gateway.port());
+  const auto alive = [](const Link &link, const RecordHeader &) { return link.presence == 2; };
+  EXPECT_TRUE(receives<Link>(client, RecordKind::kLink, alive));
+  EXPECT_EQ(test::get(gateway.port(), "/patient").result_int(), 404U) << "no case is loaded";
+  daemon.case_folder = path.c_str();
+  const auto no_server = [](const CaseProgress &progress, const RecordHeader &) { return progress.state == 1; };
+  EXPECT_TRUE(receives<CaseProgress>(client, RecordKind::kCase, no_server));
+  EXPECT_EQ(test::get(gateway.port(), "/patient").result_int(), 404U) << "the case names nobody";
+  folder.write("patient.json", R"({"name": "Doe, Jane", "id": "02", "birth_date": "1966-01-01", "other": 1})");
+  EXPECT_EQ(test::get(gateway.port(), "/patient").body(),
+            R"({"birth_date":"1966-01-01","id":"02","name":"Doe, Jane"})");
+  const std::string origin = "http://evil.example";
+  EXPECT_EQ(test::get(gateway.port(), "/patient", {{"Origin", origin}}).result_int(), 403U);
+  daemon.case_folder = "";
+}
+
 TEST(GatewayConfig, OutsideLoopbackNothingIsServedWithoutTlsTokenAndName) {
   Config config{.listen = {.address = "0.0.0.0"}};
   EXPECT_EQ(check(config).error().message,

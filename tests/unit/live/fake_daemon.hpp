@@ -37,7 +37,8 @@ public:
   FakeDaemon &operator=(const FakeDaemon &) = delete;
   std::atomic<bool> speaking{true};
   std::atomic<bool> case_open{true}; // false: the tools have ended
-  std::atomic<int> period_ms{5};     // of the tools' states; ten of them are that of the health
+  std::atomic<const char *> case_folder{""};
+  std::atomic<int> period_ms{5}; // of the tools' states; ten of them are that of the health
   // Writers of commands that this daemon is connected to.
   [[nodiscard]] std::uint32_t commanders() const { return commanders_; }
 
@@ -77,6 +78,7 @@ private:
         std::copy(boot_id_.begin(), boot_id_.end(), sample.boot_id);
         sample.published_boot_ns = wire::boot_now_ns();
         sample.session = bregma_wire_SESSION_VERIFIED;
+        wire::set_text(sample.case_folder, case_folder.load());
         sample.wire_generation = wire::kWireVersion.generation;
         (void)health.write(sample);
       }
