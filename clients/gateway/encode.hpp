@@ -21,7 +21,7 @@ namespace bregma::gateway {
 
 class Encoder {
 public:
-  static constexpr std::int64_t kLinkPeriod_ns = 200'000'000;
+  static constexpr std::int64_t kLinkPeriod_ns = 150'000'000;
   static constexpr std::int64_t kTrackersPeriod_ns = 100'000'000;
   static constexpr std::int64_t kFieldPeriod_ns = 200'000'000;
 

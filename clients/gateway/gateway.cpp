@@ -23,7 +23,9 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kUpdate = 20ms; // at most, until the end of a pose is noticed without new samples
+constexpr auto kUpdate = 20ms;    // at most, until the end of a pose is noticed without new samples
+constexpr auto kSiblings = 150us; // after a sample, until one of the same frame has followed
+constexpr std::int64_t kMaxSiblings_ns = 600'000;
 constexpr auto kTick = 1s;
 constexpr std::size_t kMinToken = 16;
 constexpr std::size_t kMaxPatientBytes = 4096;
@@ -103,12 +105,21 @@ void Gateway::read_dds() {
   Encoder encoder(shared_->store);
   while (!stopping_) {
     link_->want_field(field_wanted_);
-    (void)link_->update(kUpdate);
-    follow_case_folder();
-    const bool news = encoder.encode(link_->snapshot(), live::Now::read());
-    if (encode_case() || news) {
-      server_->news();
+    if (link_->update(kUpdate)) {
+      await_siblings();
     }
+    follow_case_folder();
+    (void)encoder.encode(link_->snapshot(), live::Now::read());
+    (void)encode_case();
+    server_->news(); // also without any: what has waited for a tool is sent after a while
+  }
+}
+
+// The daemon writes the states of a tracker's frame one after another. Sent with the first one, the others would wait
+// for the next frame of each client.
+void Gateway::await_siblings() {
+  const std::int64_t end_ns = wire::boot_now_ns() + kMaxSiblings_ns;
+  while (wire::boot_now_ns() < end_ns && link_->update(kSiblings)) {
   }
 }
 

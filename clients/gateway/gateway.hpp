@@ -49,6 +49,7 @@ public:
 private:
   explicit Gateway(boost::asio::io_context &io);
   void read_dds();
+  void await_siblings();
   void serve_case();
   void serve_patient();
   void follow_case_folder();

@@ -7,6 +7,7 @@
 #include <set>
 
 #include "clients/gateway/layout.hpp"
+#include "idl/boot_clock.hpp"
 #include "idl/topics.hpp"
 
 namespace bregma::gateway {
@@ -85,13 +86,14 @@ void blank_pose(Tool &tool) {
 
 void RecordStore::renew(Slots::iterator slot) {
   slot->version = ++newest_;
+  slot->changed_ns = wire::boot_now_ns();
   slots_.splice(slots_.end(), slots_, slot);
 }
 
 bool RecordStore::put(const std::string &key, const Record &record) {
   const auto found = by_key_.find(key);
   if (found == by_key_.end()) {
-    slots_.push_back({key, record, ++newest_, false});
+    slots_.push_back({key, record, ++newest_, wire::boot_now_ns(), false});
     by_key_.emplace(key, std::prev(slots_.end()));
     return true;
   }
@@ -149,11 +151,25 @@ bool RecordStore::replace(std::span<const RecordKind> kinds, const std::vector<R
   return changed;
 }
 
+// news: the oldest of it.
+bool RecordStore::due(Slots::const_iterator news, std::int64_t now_ns) const {
+  if (news == slots_.end() || now_ns - news->changed_ns >= kQuiet_ns) {
+    return true;
+  }
+  return std::any_of(news, slots_.end(), [](const Slot &slot) {
+    const auto kind = static_cast<RecordKind>(header_of(slot.record.bytes).kind);
+    return kind == RecordKind::kTool || kind == RecordKind::kAlarm;
+  });
+}
+
 std::optional<Frame> RecordStore::next(const FrameRequest &request) const {
   const std::lock_guard lock(mutex_);
   auto slot = slots_.end();
   while (slot != slots_.begin() && std::prev(slot)->version > request.after) {
     --slot;
+  }
+  if (!request.pong && request.after > 0 && !due(slot, request.now_ns)) {
+    return std::nullopt;
   }
   Frame out;
   out.up_to = request.after;

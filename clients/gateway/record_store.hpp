@@ -58,13 +58,16 @@ struct Frame {
 
 class RecordStore {
 public:
+  // Tools and alarms are sent at once. Other news waits this long for one of them: a frame of its own would delay the
+  // tools' next one by the client's period.
+  static constexpr std::int64_t kQuiet_ns = 50'000'000;
   // A frame holds at most this and one record; the rest follows in the next one.
   static constexpr std::size_t kMaxFrameBytes = std::size_t{256} << 10;
 
   // All records of these kinds, at once: changed ones are news, missing ones end. True if anything has changed.
   bool replace(std::span<const RecordKind> kinds, const std::vector<Record> &records);
 
-  // Empty if there is nothing to send. A tool whose pose is over by now_ns is sent without it, whatever is stored.
+  // Empty if there is nothing to send yet. A tool whose pose is over by now_ns is sent without it, whatever is stored.
   [[nodiscard]] std::optional<Frame> next(const FrameRequest &request) const;
 
   // Ended instances that all clients know need no place any more. seen: the lowest version of the clients, or newest().
@@ -80,6 +83,7 @@ private:
     std::string key;
     Record record;
     std::uint64_t version = 0;
+    std::int64_t changed_ns = 0;
     bool ended = false;
   };
   using Slots = std::list<Slot>; // in the order of their versions
@@ -87,6 +91,7 @@ private:
   bool put(const std::string &key, const Record &record);
   bool end(Slots::iterator slot);
   void renew(Slots::iterator slot);
+  [[nodiscard]] bool due(Slots::const_iterator news, std::int64_t now_ns) const;
 
   mutable std::mutex mutex_;
   Slots slots_;

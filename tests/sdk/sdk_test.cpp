@@ -113,11 +113,12 @@ std::string Sdk::failed_;
 
 TEST_F(Sdk, AllFilesAreInstalled) {
   for (const char *file :
-       {"bin/bregma", "bin/bregmad", "bin/bregma-sim-room", "include/bregma/idl/dds.hpp",
-        "include/bregma/algorithms/geometry/rigid3.hpp", "include/bregma/drivers/frame/program.hpp",
-        "share/bregma/idl/streams.idl", "share/bregma/cyclonedds-local.xml", "share/bregma/bregma-limits.conf",
-        "share/doc/bregma/LICENSE", "share/doc/bregma/docs/new-driver.md", "lib/sysusers.d/bregma.conf",
-        "share/man/man1/bregmad.1", "share/man/man1/bregma-sim-room.1", "share/zsh/site-functions/_bregma"}) {
+       {"bin/bregma", "bin/bregmad", "bin/bregma-sim-room", "bin/bregma-gateway", "bin/bregma-case-server",
+        "include/bregma/idl/dds.hpp", "include/bregma/algorithms/geometry/rigid3.hpp",
+        "include/bregma/drivers/frame/program.hpp", "share/bregma/idl/streams.idl", "share/bregma/cyclonedds-local.xml",
+        "share/bregma/bregma-limits.conf", "share/doc/bregma/LICENSE", "share/doc/bregma/docs/new-driver.md",
+        "lib/sysusers.d/bregma.conf", "share/man/man1/bregmad.1", "share/man/man1/bregma-sim-room.1",
+        "share/zsh/site-functions/_bregma"}) {
     EXPECT_TRUE(fs::is_regular_file(prefix() / file)) << file;
   }
   const std::string unit = read_file(prefix() / "lib/systemd/system/bregmad.service");

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "clients/gateway/layout.hpp"
+#include "idl/boot_clock.hpp"
 #include "idl/topics.hpp"
 
 namespace bregma::gateway {
@@ -136,6 +137,19 @@ TEST(RecordStore, AFieldIsSentToThoseWhoWantItWithItsArrays) {
   ASSERT_EQ(records.size(), 1U);
   EXPECT_EQ(records[0]["displacement_mm"], nlohmann::json::parse("[1.0, 2.0, 3.0, 4.0, 5.0, null]"));
   EXPECT_EQ(records[0]["von_mises_Pa"], nlohmann::json::parse("[7.0]"));
+}
+
+TEST(RecordStore, OtherNewsWaitsForATool) {
+  constexpr std::array kLinks{RecordKind::kLink};
+  RecordStore store;
+  (void)store.replace(kTools, {tool("Probe", 1)});
+  const std::uint64_t seen = store.newest();
+  (void)store.replace(kLinks, {make_record(RecordKind::kLink, Link{})});
+  const std::int64_t now_ns = wire::boot_now_ns();
+  EXPECT_FALSE(store.next({.after = seen, .now_ns = now_ns}));
+  EXPECT_EQ(records_of(store.next({.after = seen, .now_ns = now_ns + RecordStore::kQuiet_ns})).size(), 1U);
+  (void)store.replace(kTools, {tool("Probe", 2)});
+  EXPECT_EQ(records_of(store.next({.after = seen, .now_ns = now_ns})).size(), 2U);
 }
 
 TEST(RecordStore, AnAnswerToAPingIsAFrameWithoutNews) {
