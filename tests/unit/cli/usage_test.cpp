@@ -12,7 +12,7 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
   for (const char *arguments :
        {"--help", "calibrate --help", "calibrate pivot --help", "register --help", "register points --help",
         "register surface --help", "register cloud --help", "register curves --help", "register capture --help",
-        "mri --help", "mri register --help", "status --help", "case --help", "case mesh --help", "tissue --help",
+        "mri --help", "mri field --help", "mri correct --help", "mri register --help", "status --help", "case --help", "case mesh --help", "tissue --help",
         "tissue materials --help", "tissue insert --help", "tissue shift --help"}) {
     const auto run = run_bregma(folder, arguments);
     EXPECT_EQ(run.exit_code, 0) << arguments;

@@ -87,7 +87,8 @@ double rms_error(const Stack &stack, const std::vector<float> &image) {
   int count = 0;
   for (int row = 8; row + 8 < stack.plane.rows; ++row) {
     for (int column = 8; column + 8 < stack.plane.columns; ++column) {
-      const auto at = static_cast<std::size_t>(row * stack.plane.columns + column);
+      const auto at = static_cast<std::size_t>(row) * static_cast<std::size_t>(stack.plane.columns) +
+                      static_cast<std::size_t>(column);
       sum += std::pow(static_cast<double>(image[at]) - pattern(stack.place(column, row, stack.middle)), 2);
       ++count;
     }

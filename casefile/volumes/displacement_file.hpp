@@ -1,0 +1,41 @@
+// A distortion field as files: displacements as an NRRD vector image, which ITK and Slicer read as a displacement field
+// or grid transform, and beside it a scalar image with the stated error (NAME.error.nrrd).
+//
+// In resampling direction: the corrected image takes its value at p from the distorted one at p + displacement(p). In
+// memory RAS, in the files LPS; mm. Errors are negative where the field extrapolates. The header states under "bregma
+// ..." keys what the field belongs to; other programs keep or ignore them.
+//
+// Reader and writer are our own. Only files of this writer are read; ITK's reader is compared in the tests. Every
+// problem is an Error that names the file and the field.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <Eigen/Core>
+
+#include "algorithms/image/grid.hpp"
+#include "base/result.hpp"
+
+namespace bregma::casefile {
+
+struct DisplacementField {
+  image::Image<Eigen::Vector3f, 3> displacement_mm;
+  image::Image<float, 3> signed_error_95_mm; // on a grid of its own
+  double max_error_95_mm = 0.0;              // above it the field is unknown
+  std::string scanner;                       // may be empty
+  std::string protocol;
+  std::string patient_position = "HFS"; // of the images that the field was measured with
+  std::string made;                     // date, YYYY-MM-DD
+  std::string expires;                  // last day of use, YYYY-MM-DD; empty: no limit
+};
+
+// The path must end in .nrrd. Texts are one line each. Both files are replaced.
+[[nodiscard]] base::Result<void> write_displacement_field(const std::filesystem::path &path,
+                                                          const DisplacementField &field);
+[[nodiscard]] base::Result<DisplacementField> read_displacement_field(const std::filesystem::path &path);
+
+// The file of the errors of a field.
+[[nodiscard]] std::filesystem::path error_file_of(const std::filesystem::path &path);
+
+} // namespace bregma::casefile

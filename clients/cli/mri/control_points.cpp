@@ -1,0 +1,107 @@
+#include "clients/cli/mri/control_points.hpp"
+
+#include <array>
+
+#include "algorithms/geometry/angles.hpp"
+
+#include "clients/cli/output.hpp"
+#include "clients/cli/registration/point_file.hpp"
+
+namespace bregma::cli {
+
+using nlohmann::json;
+
+namespace {
+
+std::string unmatched_lines(const char *side, const std::vector<mri::UnmatchedPoint> &points) {
+  std::string out;
+  for (const mri::UnmatchedPoint &p : points) {
+    out += std::string(side) + " point " + std::to_string(p.index + 1) + ": " + mri::name(p.reason) + " (" +
+           fixed(p.distance_mm, 1, "mm") + ")\n";
+  }
+  return out;
+}
+
+json unmatched_json(const std::vector<mri::UnmatchedPoint> &points) {
+  json out = json::array();
+  for (const mri::UnmatchedPoint &p : points) {
+    out.push_back(
+        {{"point", p.index + 1}, {"reason", mri::name(p.reason)}, {"distance_mm", json_number(p.distance_mm)}});
+  }
+  return out;
+}
+
+std::string cell(const mri::ErrorSummary::Row &row) {
+  return fixed(row.mean_mm, 2) + " (" + fixed(row.deviation_mm, 2) + ")";
+}
+
+} // namespace
+
+base::Result<geometry::Points3> read_control_points(const std::string &file, std::vector<std::string> &notes) {
+  auto read = read_point_file(file);
+  if (!read) {
+    return tl::unexpected(read.error());
+  }
+  notes.insert(notes.end(), read->notes.begin(), read->notes.end());
+  geometry::Points3 out(3, static_cast<Eigen::Index>(read->points.size()));
+  for (std::size_t i = 0; i < read->points.size(); ++i) {
+    out.col(static_cast<Eigen::Index>(i)) = read->points[i].position_mm;
+  }
+  return out;
+}
+
+std::string match_text(const mri::MatchResult &match, Eigen::Index reference_points, Eigen::Index imaged_points) {
+  std::string out = "Control points: " + std::string(mri::name(match.outcome)) + ", " +
+                    std::to_string(match.pairs.size()) + " pairs of " + std::to_string(reference_points) +
+                    " points in CT and " + std::to_string(imaged_points) + " in MR, " +
+                    fixed(match.rms_residual_mm, 2, "mm") + " RMS from a smooth distortion\n";
+  if (match.alternative) {
+    out += "Another placement, turned by " + fixed(match.alternative->rotation_rad / geometry::kRadiansPerDegree, 0) +
+           " degrees and moved by " + fixed(match.alternative->shift_mm, 1, "mm") + ", explains " +
+           std::to_string(match.alternative->pairs) + " pairs\n";
+  }
+  return out + unmatched_lines("CT", match.reference_unmatched) + unmatched_lines("MR", match.imaged_unmatched);
+}
+
+json match_json(const mri::MatchResult &match) {
+  json out = {{"outcome", mri::name(match.outcome)},
+              {"pairs", json::array()},
+              {"rms_residual_mm", json_number(match.rms_residual_mm)},
+              {"ct_unmatched", unmatched_json(match.reference_unmatched)},
+              {"mr_unmatched", unmatched_json(match.imaged_unmatched)}};
+  for (const mri::MatchedPair &p : match.pairs) {
+    out["pairs"].push_back({p.reference + 1, p.imaged + 1});
+  }
+  if (match.alternative) {
+    out["alternative"] = {{"rotation_deg", json_number(match.alternative->rotation_rad / geometry::kRadiansPerDegree)},
+                          {"shift_mm", json_number(match.alternative->shift_mm)},
+                          {"pairs", match.alternative->pairs}};
+  }
+  return out;
+}
+
+std::string distortion_table(const mri::ErrorSummary &before, const mri::ErrorSummary &after) {
+  Table table({"Axis", "Initial mean (SD) mm", "max mm", "Residual mean (SD) mm", "max mm"});
+  constexpr std::array kAxes = {"x", "y", "z"};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    table.row({kAxes[axis], cell(before.axis[axis]), fixed(before.axis[axis].max_mm, 2), cell(after.axis[axis]),
+               fixed(after.axis[axis].max_mm, 2)});
+  }
+  table.row({"e", cell(before.overall), fixed(before.overall.max_mm, 2), cell(after.overall),
+             fixed(after.overall.max_mm, 2)});
+  return table.text();
+}
+
+json summary_json(const mri::ErrorSummary &summary) {
+  const auto row = [](const mri::ErrorSummary::Row &r) {
+    return json{{"mean_mm", json_number(r.mean_mm)},
+                {"deviation_mm", json_number(r.deviation_mm)},
+                {"max_mm", json_number(r.max_mm)}};
+  };
+  return {{"x", row(summary.axis[0])},
+          {"y", row(summary.axis[1])},
+          {"z", row(summary.axis[2])},
+          {"overall", row(summary.overall)}};
+}
+
+} // namespace bregma::cli

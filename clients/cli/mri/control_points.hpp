@@ -1,0 +1,29 @@
+// Control points of a phantom from files, and their report.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "algorithms/geometry/points.hpp"
+#include "algorithms/mri/distortion_field.hpp"
+#include "algorithms/mri/point_matching.hpp"
+#include "base/result.hpp"
+
+namespace bregma::cli {
+
+// Points of a list (.mrk.json, .fcsv, table), RAS, mm.
+[[nodiscard]] base::Result<geometry::Points3> read_control_points(const std::string &file,
+                                                                  std::vector<std::string> &notes);
+
+// "matched 336 of 339 and 336 points ..." with every point that has no partner, numbered from 1 as in the file.
+[[nodiscard]] std::string match_text(const mri::MatchResult &match, Eigen::Index reference_points,
+                                     Eigen::Index imaged_points);
+[[nodiscard]] nlohmann::json match_json(const mri::MatchResult &match);
+
+// Table 3 of [Tuna 2022] in its layout.
+[[nodiscard]] std::string distortion_table(const mri::ErrorSummary &before, const mri::ErrorSummary &after);
+[[nodiscard]] nlohmann::json summary_json(const mri::ErrorSummary &summary);
+
+} // namespace bregma::cli

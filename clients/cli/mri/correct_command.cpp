@@ -1,0 +1,263 @@
+// `bregma mri correct`: an image corrected by a distortion field.
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <ctime>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "algorithms/mri/correction.hpp"
+#include "algorithms/mri/frames.hpp"
+#include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_header.hpp"
+#include "casefile/volumes/volume.hpp"
+#include "clients/cli/mri/mri_commands.hpp"
+#include "clients/cli/output.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+using nlohmann::json;
+
+struct CorrectArguments {
+  std::string field, image, output, series, patient_position;
+  bool not_corrected = false, other_scanner = false, expired = false, jacobian = false;
+};
+
+std::string today() {
+  const std::time_t at = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+  std::tm utc{};
+  gmtime_r(&at, &utc);
+  char text[16];
+  return {text, std::strftime(text, sizeof text, "%Y-%m-%d", &utc)};
+}
+
+// What forbids the correction; otherwise the patient position of the image, if it states one.
+base::Result<std::string> check_image(const CorrectArguments &arguments, const casefile::DisplacementField &field) {
+  if (!field.expires.empty() && field.expires < today() && !arguments.expired) {
+    return base::failure(arguments.field + ": expired on " + field.expires +
+                         "; measure the scanner again, or accept it by --expired");
+  }
+  std::error_code ignored;
+  const bool dicom = std::filesystem::is_directory(arguments.image, ignored);
+  if (!dicom) {
+    return arguments.not_corrected
+               ? base::Result<std::string>(std::string())
+               : base::failure(arguments.image + ": does not state whether its distortion was corrected by the vendor; "
+                                                 "if it was not, say so by --not-corrected");
+  }
+  const auto header = casefile::read_scan_header(arguments.image, arguments.series);
+  if (!header) {
+    return tl::unexpected(header.error());
+  }
+  const std::string series = arguments.image + ": the series \"" + header->series_description + "\" ";
+  if (header->modality != "MR") {
+    return base::failure(series + "has the modality \"" + header->modality + "\", not MR");
+  }
+  if (header->vendor_corrected()) {
+    return base::failure(series + "was corrected by the vendor (image type " + header->image_type +
+                         "); a second correction would distort it");
+  }
+  if (!field.scanner.empty() && header->scanner() != field.scanner && !arguments.other_scanner) {
+    return base::failure(series + "is of the scanner \"" + header->scanner() + "\", the field of \"" + field.scanner +
+                         "\"; accept it by --other-scanner");
+  }
+  return header->patient_position;
+}
+
+// The image as slices: its shortest axis counts them. Values in the order of `order`.
+struct Slices {
+  std::array<int, 3> order{0, 1, 2}; // axes of the volume that are columns, rows and slices
+  std::vector<std::vector<float>> values;
+};
+Slices slices_of(const casefile::Volume &volume) {
+  Slices out;
+  const auto through = static_cast<int>(std::min_element(volume.size.begin(), volume.size.end()) - volume.size.begin());
+  out.order = {(through + 1) % 3, (through + 2) % 3, through};
+  const auto size = [&](int d) {
+    return volume.size[static_cast<std::size_t>(out.order[static_cast<std::size_t>(d)])];
+  };
+  std::array<int, 3> at{};
+  const auto index = [&](int d) -> int & {
+    return at[static_cast<std::size_t>(out.order[static_cast<std::size_t>(d)])];
+  };
+  for (index(2) = 0; index(2) < size(2); ++index(2)) {
+    auto &slice = out.values.emplace_back();
+    for (index(1) = 0; index(1) < size(1); ++index(1)) {
+      for (index(0) = 0; index(0) < size(0); ++index(0)) {
+        slice.push_back(volume.at(at[0], at[1], at[2]));
+      }
+    }
+  }
+  return out;
+}
+
+void put_back(const Slices &slices, casefile::Volume &volume) {
+  std::array<int, 3> at{};
+  const auto index = [&](int d) -> int & {
+    return at[static_cast<std::size_t>(slices.order[static_cast<std::size_t>(d)])];
+  };
+  for (index(2) = 0; index(2) < static_cast<int>(slices.values.size()); ++index(2)) {
+    const auto &slice = slices.values[static_cast<std::size_t>(index(2))];
+    std::size_t n = 0;
+    const int rows = volume.size[static_cast<std::size_t>(slices.order[1])];
+    const int columns = volume.size[static_cast<std::size_t>(slices.order[0])];
+    for (index(1) = 0; index(1) < rows; ++index(1)) {
+      for (index(0) = 0; index(0) < columns; ++index(0), ++n) {
+        volume.voxels[volume.offset(at[0], at[1], at[2])] = slice[n];
+      }
+    }
+  }
+}
+
+struct Summary {
+  mri::CorrectionSummary worst; // over all slices; fractions are means
+  double missing_fraction = 0.0;
+};
+
+// T_field_image: from the image's RAS frame into that of the field.
+Summary correct(casefile::Volume &volume, const mri::FieldTable &table, const Eigen::Matrix4d &T_field_image,
+                bool jacobian) {
+  const Slices slices = slices_of(volume);
+  std::vector<std::span<const float>> views(slices.values.begin(), slices.values.end());
+  Slices corrected = slices;
+  const int count = static_cast<int>(views.size());
+  mri::PlaneGeometry plane;
+  plane.columns = volume.size[static_cast<std::size_t>(slices.order[0])];
+  plane.rows = volume.size[static_cast<std::size_t>(slices.order[1])];
+  Summary out;
+  for (int k = 0; k < count; ++k) {
+    Eigen::Matrix4d T_image_plane = volume.T_image_index;
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      T_image_plane.col(axis) = volume.T_image_index.col(slices.order[static_cast<std::size_t>(axis)]);
+    }
+    T_image_plane.col(3) += k * T_image_plane.col(2);
+    plane.T_field_index = T_field_image * T_image_plane;
+    const mri::PlaneCorrection correction(table, plane, jacobian);
+    correction.apply<float>(views, k, corrected.values[static_cast<std::size_t>(k)]);
+    const mri::CorrectionSummary &s = correction.summary();
+    out.worst.max_shift_mm = std::max(out.worst.max_shift_mm, s.max_shift_mm);
+    out.worst.max_through_plane_mm = std::max(out.worst.max_through_plane_mm, s.max_through_plane_mm);
+    out.worst.error_95_mm = std::max(out.worst.error_95_mm, s.error_95_mm);
+    out.worst.extrapolated_fraction += s.extrapolated_fraction / count;
+    out.worst.unknown_fraction += s.unknown_fraction / count;
+    out.missing_fraction += correction.missing_fraction(count, k) / count;
+  }
+  put_back(corrected, volume);
+  return out;
+}
+
+base::Result<Eigen::Matrix4d> field_from_image(const std::string &field_position, const std::string &image_position) {
+  const auto field = mri::parse_patient_position(field_position);
+  const auto image = mri::parse_patient_position(image_position);
+  if (!field || !image) {
+    return base::failure(!field ? field.error() : image.error());
+  }
+  const auto T_ras_lps = mri::T_image_patient();
+  return (T_ras_lps * mri::T_device_patient(*field).inverse() * mri::T_device_patient(*image) * T_ras_lps.inverse())
+      .matrix();
+}
+
+int run_correct(const CorrectArguments &arguments, const Context &context) {
+  auto field = casefile::read_displacement_field(arguments.field);
+  if (!field) {
+    return fail(field.error());
+  }
+  if (auto free = check_output("--output", arguments.output, {arguments.field, arguments.image}); !free) {
+    return fail(free.error());
+  }
+  const auto stated = check_image(arguments, *field);
+  if (!stated) {
+    fail(stated.error());
+    return kRefused;
+  }
+  const std::string position = !arguments.patient_position.empty() ? arguments.patient_position
+                               : !stated->empty()                  ? *stated
+                                                                   : field->patient_position;
+  const auto T_field_image = field_from_image(field->patient_position, position);
+  if (!T_field_image) {
+    return fail(T_field_image.error());
+  }
+  std::vector<std::string> notes;
+  casefile::VolumeOptions options;
+  options.series = arguments.series;
+  auto volume = casefile::read_volume(arguments.image, options, &notes);
+  print_notes(notes);
+  if (!volume) {
+    return fail(volume.error());
+  }
+  auto sizes = volume->size;
+  std::sort(sizes.begin(), sizes.end());
+  if (sizes[1] < 2) {
+    return fail(arguments.image + ": a line of voxels is not an image");
+  }
+  const mri::FieldTable table(std::move(field->displacement_mm), std::move(field->signed_error_95_mm),
+                              field->max_error_95_mm);
+  const Summary s = correct(*volume, table, *T_field_image, arguments.jacobian);
+  if (s.worst.unknown_fraction >= 1.0) {
+    fail(arguments.image + ": lies outside the field everywhere");
+    return kRefused;
+  }
+  if (auto written = casefile::write_volume(arguments.output, *volume); !written) {
+    return fail(written.error());
+  }
+  if (context.json) {
+    print_json({{"output", arguments.output},
+                {"max_shift_mm", json_number(s.worst.max_shift_mm)},
+                {"max_through_plane_mm", json_number(s.worst.max_through_plane_mm)},
+                {"error_95_mm", json_number(s.worst.error_95_mm)},
+                {"extrapolated_fraction", json_number(s.worst.extrapolated_fraction)},
+                {"unknown_fraction", json_number(s.worst.unknown_fraction)},
+                {"missing_fraction", json_number(s.missing_fraction)}});
+  } else {
+    print("Corrected by up to " + fixed(s.worst.max_shift_mm, 2, "mm") + ", " +
+          fixed(s.worst.max_through_plane_mm, 2, "mm") + " through the slices; error at most " +
+          fixed(s.worst.error_95_mm, 2, "mm") +
+          " (95 %)\nVoxels outside the phantom's volume: " + fixed(100.0 * s.worst.extrapolated_fraction, 1) +
+          " % extrapolated, " + fixed(100.0 * s.worst.unknown_fraction, 1) +
+          " % unknown; beyond the outermost slice: " + fixed(100.0 * s.missing_fraction, 1) +
+          " %\nWritten: " + arguments.output + "\n");
+  }
+  return kOk;
+}
+
+} // namespace
+
+void add_mri_correct(CLI::App &mri, Context &context) {
+  auto *command = mri.add_subcommand("correct", "Corrects an image by a distortion field");
+  auto arguments = std::make_shared<CorrectArguments>();
+  command->add_option("field", arguments->field, "Distortion field (.nrrd) from `bregma mri field`")->required();
+  command->add_option("image", arguments->image, "Folder with a DICOM series, or NIfTI, NRRD, MetaImage")->required();
+  command->add_option("-o,--output", arguments->output, "Corrected image (.nrrd, .nii, .nii.gz, .mha)")->required();
+  command->add_option("--series", arguments->series, "UID of the series, where a folder holds several");
+  command
+      ->add_option("--patient-position", arguments->patient_position,
+                   "Patient position of the image, where it does not state one")
+      ->check([](const std::string &text) {
+        const auto position = mri::parse_patient_position(text);
+        return position ? std::string() : position.error();
+      });
+  command->add_flag("--jacobian", arguments->jacobian, "Correct the brightness as well");
+  command->add_flag("--not-corrected", arguments->not_corrected,
+                    "States that the vendor has not corrected the image, where its file cannot say so");
+  command->add_flag("--other-scanner", arguments->other_scanner, "Accept a field of another scanner");
+  command->add_flag("--expired", arguments->expired, "Accept a field that has expired");
+  add_json_flag(*command, context);
+  command->footer("Refused (exit code 1): images that the vendor has corrected, of another modality or scanner, and a "
+                  "field that has expired.\n\nExamples:\n"
+                  "  bregma mri correct field.nrrd series/ -o corrected.nrrd\n"
+                  "  bregma mri correct field.nrrd image.nii.gz -o corrected.nii.gz --not-corrected --jacobian");
+  command->callback(
+      [arguments, &context] { context.run = [arguments, &context] { return run_correct(*arguments, context); }; });
+}
+
+} // namespace bregma::cli

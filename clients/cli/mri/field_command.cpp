@@ -1,0 +1,156 @@
+// `bregma mri field`: the distortion field of a scanner from control points of a phantom in CT and MR.
+#include <chrono>
+#include <ctime>
+#include <memory>
+#include <string>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "algorithms/mri/field_table.hpp"
+#include "algorithms/mri/frames.hpp"
+#include "casefile/volumes/displacement_file.hpp"
+#include "clients/cli/mri/control_points.hpp"
+#include "clients/cli/mri/mri_commands.hpp"
+#include "clients/cli/output.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+using geometry::Points3;
+using nlohmann::json;
+
+constexpr double kGrid_mm = 4.0;
+constexpr double kMargin_mm = 24.0;
+constexpr int kThreads = 2;
+
+struct FieldArguments {
+  std::string ct, mr, output, scanner, protocol;
+  std::string patient_position = "HFS";
+  bool any_orientation = false;
+  int days = 90;
+};
+
+std::string date(int days_from_now) {
+  const std::time_t at =
+      std::chrono::system_clock::to_time_t(std::chrono::system_clock::now() + std::chrono::hours(24 * days_from_now));
+  std::tm utc{};
+  gmtime_r(&at, &utc);
+  char text[16];
+  return {text, std::strftime(text, sizeof text, "%Y-%m-%d", &utc)};
+}
+
+Points3 every_other(const Points3 &p, Eigen::Index begin) { return p(Eigen::all, Eigen::seq(begin, p.cols() - 1, 2)); }
+
+// Section VI-A: every other pair determines the field, the others verify it.
+base::Result<mri::ErrorSummary> hold_out(const Points3 &truth, const Points3 &imaged) {
+  const auto field = mri::DistortionField::fit(every_other(truth, 0), every_other(imaged, 0));
+  if (!field) {
+    return base::failure("every other control point does not determine the field: " + field.error());
+  }
+  return mri::summarise(mri::residuals(*field, every_other(truth, 1), every_other(imaged, 1)));
+}
+
+base::Result<void> save(const FieldArguments &arguments, const mri::FieldTable &table) {
+  casefile::DisplacementField file;
+  file.displacement_mm = table.displacements();
+  file.signed_error_95_mm = table.signed_errors();
+  file.max_error_95_mm = table.max_error_95_mm();
+  file.scanner = arguments.scanner;
+  file.protocol = arguments.protocol;
+  file.patient_position = arguments.patient_position;
+  file.made = date(0);
+  file.expires = arguments.days > 0 ? date(arguments.days) : "";
+  return casefile::write_displacement_field(arguments.output, file);
+}
+
+int run_field(const FieldArguments &arguments, const Context &context) {
+  std::vector<std::string> notes;
+  const auto ct = read_control_points(arguments.ct, notes);
+  const auto mr = read_control_points(arguments.mr, notes);
+  print_notes(notes);
+  if (!ct || !mr) {
+    return fail(!ct ? ct.error() : mr.error());
+  }
+  if (auto free = check_output("--output", arguments.output, {arguments.ct, arguments.mr}); !free) {
+    return fail(free.error());
+  }
+  mri::MatchOptions options;
+  options.same_orientation = !arguments.any_orientation;
+  const mri::MatchResult match = mri::match_points(*ct, *mr, options);
+  json out = {{"match", match_json(match)}};
+  std::string text = match_text(match, ct->cols(), mr->cols());
+  if (match.outcome != mri::MatchOutcome::kMatched) {
+    if (context.json) {
+      print_json(out);
+    } else {
+      print(text + "No field: the correspondence must be matched\n");
+    }
+    return kRefused;
+  }
+  const Points3 truth = match.reference_points(*ct), imaged = match.imaged_points(*mr);
+  const auto field = mri::DistortionField::fit(truth, imaged);
+  if (!field) {
+    return fail(field.error());
+  }
+  const auto after = hold_out(truth, imaged);
+  if (!after) {
+    return fail(after.error());
+  }
+  const mri::ErrorSummary before = mri::summarise(imaged - truth);
+  text += "\nDistortion before and after correction; the residual is that of every other point, held out\n" +
+          distortion_table(before, *after) + "Local spline: " + (field->has_spline() ? "used" : "not needed") + "\n";
+  out["initial"] = summary_json(before);
+  out["residual"] = summary_json(*after);
+  out["local_spline"] = field->has_spline();
+  if (!arguments.output.empty()) {
+    const mri::FieldTable table(*field, kGrid_mm, kMargin_mm, kThreads);
+    if (auto saved = save(arguments, table); !saved) {
+      return fail(saved.error());
+    }
+    text += "Written: " + arguments.output + " and " + casefile::error_file_of(arguments.output).string() +
+            "; the grid differs from the field by at most " + fixed(table.table_error_mm(), 3, "mm") + "\n";
+    out["output"] = arguments.output;
+    out["grid_error_mm"] = json_number(table.table_error_mm());
+  }
+  if (context.json) {
+    print_json(out);
+  } else {
+    print(text);
+  }
+  return kOk;
+}
+
+} // namespace
+
+void add_mri_field(CLI::App &mri, Context &context) {
+  auto *command = mri.add_subcommand("field", "Finds a scanner's distortion field from a phantom's control points");
+  auto arguments = std::make_shared<FieldArguments>();
+  command->add_option("ct", arguments->ct, "Control points in CT (.mrk.json, .fcsv or a table)")->required();
+  command->add_option("mr", arguments->mr, "Control points in MR; their origin is the isocentre")->required();
+  command->add_option("-o,--output", arguments->output, "Distortion field (.nrrd), read by ITK and Slicer");
+  command->add_option("--scanner", arguments->scanner,
+                      "Scanner, as its DICOM headers name it: the field is for no other");
+  command->add_option("--protocol", arguments->protocol, "Protocol of the phantom's scan");
+  command->add_option("--patient-position", arguments->patient_position, "Patient position of the phantom's scan")
+      ->check([](const std::string &text) {
+        const auto position = mri::parse_patient_position(text);
+        return position ? std::string() : position.error();
+      })
+      ->capture_default_str();
+  command->add_option("--days", arguments->days, "Days until the field expires; 0: never")
+      ->check(CLI::Range(0, 3650))
+      ->capture_default_str();
+  command->add_flag("--any-orientation", arguments->any_orientation,
+                    "The phantom may lie otherwise in MR than in CT: turned placements are tried");
+  add_json_flag(*command, context);
+  command->footer("The exit code is 1 where the correspondence is not certain.\n\nExamples:\n"
+                  "  bregma mri field CT.mrk.json MR.mrk.json -o field.nrrd --scanner \"SIEMENS Vida 175614\"\n"
+                  "  bregma mri field CT.mrk.json MR.mrk.json --json");
+  command->callback(
+      [arguments, &context] { context.run = [arguments, &context] { return run_field(*arguments, context); }; });
+}
+
+} // namespace bregma::cli

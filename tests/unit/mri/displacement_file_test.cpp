@@ -1,0 +1,99 @@
+// The files of a distortion field: round trip, refusals by field, and cuts anywhere.
+#include <fstream>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "casefile/volumes/displacement_file.hpp"
+#include "tests/unit/casefile/files.hpp"
+
+namespace {
+
+using namespace bregma;
+using namespace bregma::casefile;
+using bregma::test::TemporaryFolder;
+
+DisplacementField small_field() {
+  DisplacementField out;
+  out.displacement_mm.size = {3, 4, 2};
+  out.displacement_mm.T_image_index << 4, 0, 0, -10, 0, 4, 0, 20, 0, 0, 5, 30, 0, 0, 0, 1;
+  for (int i = 0; i < 24; ++i) {
+    out.displacement_mm.voxels.emplace_back(0.1F * static_cast<float>(i), -2.0F, 0.5F);
+  }
+  out.signed_error_95_mm.size = {2, 1, 1};
+  out.signed_error_95_mm.voxels = {0.25F, -1.5F};
+  out.max_error_95_mm = 2.0;
+  out.scanner = "SIEMENS Avanto 18030";
+  out.protocol = "gre_trans, 260 Hz/pixel";
+  out.made = "2026-11-29";
+  out.expires = "2027-02-27";
+  return out;
+}
+
+TEST(DisplacementFile, WhatIsWrittenIsReadBack) {
+  const TemporaryFolder folder;
+  const DisplacementField field = small_field();
+  const auto written = write_displacement_field(folder / "field.nrrd", field);
+  ASSERT_TRUE(written) << written.error().message;
+  const auto read = read_displacement_field(folder / "field.nrrd");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->displacement_mm.size, field.displacement_mm.size);
+  EXPECT_EQ(read->displacement_mm.T_image_index, field.displacement_mm.T_image_index);
+  EXPECT_EQ(read->displacement_mm.voxels, field.displacement_mm.voxels);
+  EXPECT_EQ(read->signed_error_95_mm.voxels, field.signed_error_95_mm.voxels);
+  EXPECT_EQ(read->max_error_95_mm, 2.0);
+  EXPECT_EQ(read->scanner, field.scanner);
+  EXPECT_EQ(read->protocol, field.protocol);
+  EXPECT_EQ(read->patient_position, "HFS");
+  EXPECT_EQ(read->made, field.made);
+  EXPECT_EQ(read->expires, field.expires);
+}
+
+TEST(DisplacementFile, FilesThatAreNoFieldAreRefusedByField) {
+  const TemporaryFolder folder;
+  const auto file = folder / "field.nrrd";
+  ASSERT_TRUE(write_displacement_field(file, small_field()));
+  const std::string good = tests::read_file(file);
+  const auto message = [&](const std::string &from, const std::string &to) {
+    std::string text = good;
+    const auto at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    text.replace(at, from.size(), to);
+    std::ofstream(file, std::ios::binary) << text;
+    const auto read = read_displacement_field(file);
+    return read ? std::string("accepted") : read.error().message.substr(file.string().size());
+  };
+  EXPECT_EQ(message("type: float", "type: double"),
+            ": type \"double\" is not that of a distortion field as `bregma mri field` writes it: float");
+  EXPECT_EQ(message("sizes: 3 3 4 2", "sizes: 3 3 4"),
+            ": sizes \"3 3 4\" must be those of three axes with at most 64000000 nodes");
+  EXPECT_EQ(message("sizes: 3 3 4 2", "sizes: 3 3 4 -2"), ": sizes \"3 3 4 -2\" must be whole numbers of at least one");
+  EXPECT_EQ(message("max_error_95_mm:=2", "max_error_95_mm:=x"),
+            ": bregma max_error_95_mm \"x\" is not a positive number");
+  EXPECT_EQ(message("made:=2026-11-29", "made:=yesterday"),
+            ": bregma made \"yesterday\" or expires \"2027-02-27\" is not a date (YYYY-MM-DD)");
+  EXPECT_EQ(message("(-4,-0,0)", "(0,0,0)").substr(0, 20), ": space directions \"");
+  EXPECT_EQ(message("NRRD0005", "NIFTI005"), ": is not an NRRD file");
+  const std::string cut = message(good, good.substr(0, good.size() - 1));
+  EXPECT_NE(cut.find("its header asks for"), std::string::npos) << cut;
+
+  DisplacementField lines = small_field();
+  lines.scanner = "a\nb";
+  const auto refused = write_displacement_field(file, lines);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().message, file.string() + ": scanner has a line break or a control character");
+  EXPECT_FALSE(write_displacement_field(folder / "field.mha", small_field()));
+}
+
+TEST(DisplacementFile, ACutAnywhereIsRefused) {
+  const TemporaryFolder folder;
+  const auto file = folder / "field.nrrd";
+  ASSERT_TRUE(write_displacement_field(file, small_field()));
+  const std::string good = tests::read_file(file);
+  for (std::size_t size = 0; size < good.size(); size += 7) {
+    std::ofstream(file, std::ios::binary) << good.substr(0, size);
+    EXPECT_FALSE(read_displacement_field(file)) << size;
+  }
+}
+
+} // namespace
