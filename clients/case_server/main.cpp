@@ -87,10 +87,10 @@ int serve(int argc, char **argv) {
                  "deformation.elements of the daemon's configuration; 0: without the tissue's mesh")
       ->check(CLI::Range(0, 200'000))
       ->capture_default_str();
-  app.footer("It runs on the daemon's host, as a user that may read the case folders.\n"
-             "Examples:\n"
+  app.footer("Examples:\n"
              "  bregma-case-server\n"
              "  bregma-case-server --domain 7\n"
+             "It runs on the daemon's host, as a user that may read the case folders.\n"
              "Exit codes: 0 ended by a signal; 2 it could not run.");
   try {
     app.parse(argc, argv);

@@ -80,9 +80,10 @@ int serve(int argc, char **argv) {
       ->check(CLI::ExistingFile);
   app.add_option("--key", config.listen.key, "TLS: its key, PEM")->check(CLI::ExistingFile);
   app.add_option("--token-file", token_file, "File with the token that a viewer needs")->check(CLI::ExistingFile);
-  app.add_option("--page", config.page, "Folder with the page's files")->capture_default_str();
-  app.add_option("--cache", config.cache, "Folder for the files of cases, which are fetched from the daemon's host")
-      ->capture_default_str();
+  app.add_option("--page", config.page, "Folder with the page's files (default: as installed with this program)");
+  app.add_option("--cache", config.cache,
+                 "Folder for the files of cases, which are fetched from the daemon's host\n"
+                 "(default: bregma-gateway in $XDG_CACHE_HOME or ~/.cache)");
   app.add_flag("--print-layout", print_layout, "Print the layout of the records of /state as Markdown, and end");
   app.footer("Examples:\n"
              "  bregma-gateway\n"
