@@ -55,6 +55,7 @@ Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
     }
     out.mesh.triangles.push_back(corners);
   }
+  note_open_end(content, out);
   return out;
 }
 
@@ -62,7 +63,9 @@ Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
 Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
   VolumeGeometry out;
   int found = 0;
-  for (const std::string_view line : base::cells(text, '\n')) {
+  bool stated = false;
+  // Only lines that end: a line that was cut may lack digits.
+  for (const std::string_view line : base::cells(text.substr(0, text.find_last_of('\n') + 1), '\n')) {
     const std::size_t equals = line.find('=');
     if (equals == std::string_view::npos) {
       continue;
@@ -70,6 +73,7 @@ Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
     const std::string_view key = base::trimmed(line.substr(0, equals));
     const std::string_view value = base::trimmed(line.substr(equals + 1));
     if (key == "valid") {
+      stated = true;
       out.valid = value.starts_with('1');
     }
     const bool axis = key == "xras" || key == "yras" || key == "zras";
@@ -87,6 +91,9 @@ Parsed<VolumeGeometry> volume_geometry(std::string_view text, std::size_t at) {
       out.centre = *vector;
     }
     ++found;
+  }
+  if (!stated) {
+    return wrong_byte(at, "is not whole: its volume geometry ends before it begins");
   }
   if (out.valid && (found != 4 || !out.has_axes())) {
     return wrong_byte(at, "volume geometry: xras, yras and zras must be directions at right angles, and cras be there");
@@ -110,8 +117,11 @@ Parsed<VolumeGeometry> footer_geometry(std::string_view content, std::size_t at)
       }
       return geometry;
     } else {
-      break;
+      return VolumeGeometry{.in_scanner = real_ras};
     }
+  }
+  if (at != content.size()) {
+    return wrong_byte(content.size(), "is not whole: it ends within its tags");
   }
   return VolumeGeometry{.in_scanner = real_ras};
 }

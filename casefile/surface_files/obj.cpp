@@ -70,8 +70,8 @@ Parsed<RawSurface> parse_obj(std::string_view content) {
     return wrong("holds no vertices");
   }
   // Nothing in the format tells whether the file is whole.
-  out.notes.push_back(std::to_string(out.mesh.vertices_mm.size()) + " vertices and " +
-                      std::to_string(out.mesh.triangles.size()) + " triangles were read");
+  out.notes.push_back(read_counts(out.mesh));
+  note_open_end(content, out);
   return out;
 }
 

@@ -42,6 +42,19 @@ struct RawSurface {
   std::vector<std::string> notes{};  // what was applied or not; without the file's name
 };
 
+// Said where a format does not state how much there is.
+[[nodiscard]] inline std::string read_counts(const surface::TriangleMesh &mesh) {
+  return std::to_string(mesh.vertices_mm.size()) + " vertices and " + std::to_string(mesh.triangles.size()) +
+         " triangles were read";
+}
+
+// Of a text: says so if its last line does not end, since its last number may then lack digits.
+inline void note_open_end(std::string_view content, RawSurface &surface) {
+  if (content.empty() || std::string_view(" \t\r\n").find(content.back()) == std::string_view::npos) {
+    surface.notes.push_back("its last line does not end, it may have been cut: " + read_counts(surface.mesh));
+  }
+}
+
 // The SPACE=LPS or SPACE=RAS that Slicer writes into the comments of its mesh files; a file that states both is
 // refused.
 [[nodiscard]] Parsed<std::optional<Space>> stated_space(std::string_view comments);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 #include <unordered_map>
+#include <utility>
 
 #include "casefile/surface_files/number_bytes.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
@@ -90,11 +91,13 @@ Parsed<RawSurface> ascii_stl(std::string_view content) {
   RawSurface out;
   VertexMerger vertices(out.mesh);
   TextCursor cursor(content);
+  bool ended = false;
   while (true) {
     std::string_view word = cursor.word();
     if (word.empty()) {
       break;
     }
+    ended = word == "endsolid";
     if (word == "solid" || word == "endsolid") {
       const auto space = stated_space(cursor.rest_of_line());
       if (!space) {
@@ -112,7 +115,8 @@ Parsed<RawSurface> ascii_stl(std::string_view content) {
     }
     out.mesh.triangles.push_back(*corners);
   }
-  return out;
+  return ended ? Parsed<RawSurface>(std::move(out))
+               : wrong_line(cursor.line(), "is not whole: it ends before endsolid");
 }
 
 Parsed<RawSurface> binary_stl(std::string_view content) {

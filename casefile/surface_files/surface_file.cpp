@@ -24,7 +24,11 @@ Parsed<RawSurface> parse_ply_surface(std::string_view content) {
     return wrong(mesh.error());
   }
   const bool ours = header.find("comment Bregma: RAS") != std::string_view::npos;
-  return RawSurface{std::move(*mesh), "PLY", ours ? std::optional(Space::kRas) : *space, Space::kLps};
+  RawSurface out{std::move(*mesh), "PLY", ours ? std::optional(Space::kRas) : *space, Space::kLps};
+  if (header.find("format ascii") != std::string_view::npos) {
+    note_open_end(content, out);
+  }
+  return out;
 }
 
 } // namespace

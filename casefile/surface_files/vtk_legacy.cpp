@@ -74,6 +74,11 @@ public:
         return tl::unexpected(problem);
       }
     }
+    // The format states the size of each section, but not which sections there are.
+    surface_.notes.push_back(read_counts(surface_.mesh));
+    if (!binary_) {
+      note_open_end(content_, surface_);
+    }
     return std::move(surface_);
   }
 

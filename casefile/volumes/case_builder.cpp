@@ -10,6 +10,8 @@
 
 #include "base/text.hpp"
 #include "casefile/markups.hpp"
+#include "casefile/volumes/label_check.hpp"
+#include "casefile/volumes/label_names.hpp"
 #include "casefile/volumes/partial_folder.hpp"
 #include "casefile/volumes/patient.hpp"
 #include "casefile/volumes/volume.hpp"
@@ -53,7 +55,7 @@ base::Result<fs::path> store_image(const fs::path &source, const Volume &volume,
   return folder / "image.nii.gz";
 }
 
-std::optional<std::int16_t> region_number(const std::string &region, const std::map<int, std::string> &names) {
+std::optional<std::int16_t> region_number(const std::string &region, const LabelNames &names) {
   for (const auto &[value, name] : names) {
     if (name == region && value > 0 && value <= std::numeric_limits<std::int16_t>::max()) {
       return static_cast<std::int16_t>(value);
@@ -143,25 +145,18 @@ private:
       return tl::unexpected(labels.error());
     }
     labels_ = std::move(*labels);
-    std::error_code ignored;
-    const bool given = !sources_.label_names.empty();
-    const fs::path file = given ? sources_.label_names : label_table_of(sources_.labels);
-    if (given || fs::exists(file, ignored)) {
-      auto names = read_label_names(file);
-      if (!names) {
-        return tl::unexpected(names.error());
-      }
-      names_ = std::move(*names);
+    if (auto names = read_names(); !names) {
+      return names;
     }
     for (const StructureRequest &request :
-         sources_.structures.empty() ? aal_critical_structures() : sources_.structures) {
+         sources_.structures.empty() ? critical_structures(names_) : sources_.structures) {
       std::vector<std::int16_t> regions;
       for (const std::string &region : request.regions) {
         const auto number = region_number(region, names_);
         if (!number) {
           return base::failure(sources_.labels.string() + ": structure \"" + request.name +
                                "\": there is no region \"" + region + "\" in " +
-                               (names_.empty() ? "it; no names are known" : file.string()));
+                               (names_.empty() ? "it; no names are known" : names_from_));
         }
         regions.push_back(*number);
       }
@@ -176,6 +171,28 @@ private:
     return patient ? write_patient(created_.value.folder, *patient) : base::Result<void>();
   }
 
+  // Of a known atlas, of the file that is given, or of one beside the labels.
+  base::Result<void> read_names() {
+    if (auto known = known_label_names(sources_.label_names.string())) {
+      names_ = std::move(*known);
+      names_from_ = "the atlas " + sources_.label_names.string();
+      return {};
+    }
+    std::error_code ignored;
+    const bool given = !sources_.label_names.empty();
+    const fs::path file = given ? sources_.label_names : label_table_of(sources_.labels);
+    names_from_ = file.string();
+    if (!given && !fs::exists(file, ignored)) {
+      return {};
+    }
+    auto names = read_label_names(file);
+    if (!names) {
+      return tl::unexpected(names.error());
+    }
+    names_ = std::move(*names);
+    return {};
+  }
+
   base::Result<void> make_scalp() {
     const auto image =
         read_volume(sources_.image, {.series = sources_.series, .space = sources_.space}, &created_.notes);
@@ -188,6 +205,12 @@ private:
       return tl::unexpected(stored.error());
     }
     created_.value.image = std::move(*stored);
+    if (!structures_.empty()) {
+      for (const std::string &doubt : label_doubts(labels_, names_, *image)) {
+        created_.notes.push_back(sources_.labels.string() + ": the labels " + doubt);
+      }
+    }
+    image_grid_ = {{image->size, image->T_image_index}, {}};
     SurfaceOptions options = scalp_options();
     options.threshold = sources_.scalp_threshold;
     options.vertices = sources_.vertices;
@@ -199,6 +222,10 @@ private:
     const auto image = read_volume(sources_.brain, {.space = sources_.space}, &created_.notes);
     if (!image) {
       return tl::unexpected(image.error());
+    }
+    if (!same_grid(*image, image_grid_)) {
+      created_.notes.push_back(sources_.brain.string() +
+                               ": the brain lies on another grid than the image: was it made from it?");
     }
     SurfaceOptions options;
     options.threshold = 0.0;
@@ -255,7 +282,9 @@ private:
   const Progress &progress_;
   CreatedCase created_;
   LabelVolume labels_;
-  std::map<int, std::string> names_;
+  Volume image_grid_; // without voxels
+  LabelNames names_;
+  std::string names_from_;
   std::vector<std::pair<std::string, std::vector<std::int16_t>>> structures_;
 };
 
@@ -279,17 +308,46 @@ base::Result<StructureRequest> parse_structure(const std::string &text) {
   return request;
 }
 
-std::vector<StructureRequest> aal_critical_structures() {
-  const StructureRequest kinds[] = {
-      {"Precentral gyrus", {"Precentral"}},
-      {"Occipital lobe", {"Calcarine", "Cuneus", "Lingual", "Occipital_Sup", "Occipital_Mid", "Occipital_Inf"}},
-      {"Heschl gyrus", {"Heschl"}}};
+std::vector<StructureRequest> critical_structures(const LabelNames &names) {
+  struct Atlas {
+    // Of a region's name, around its own: the left and the right side.
+    std::array<std::string, 2> before, after;
+    std::vector<StructureRequest> kinds;
+  };
+  const std::array<Atlas, 4> atlases{
+      {{{"", ""},
+        {"_L", "_R"},
+        {{"Precentral gyrus", {"Precentral"}},
+         {"Occipital lobe", {"Calcarine", "Cuneus", "Lingual", "Occipital_Sup", "Occipital_Mid", "Occipital_Inf"}},
+         {"Heschl gyrus", {"Heschl"}}}},
+       {{"ctx-lh-", "ctx-rh-"},
+        {"", ""},
+        {{"Precentral gyrus", {"precentral"}},
+         {"Occipital lobe", {"lateraloccipital", "cuneus", "pericalcarine", "lingual"}},
+         {"Heschl gyrus", {"transversetemporal"}}}},
+       {{"Left ", "Right "},
+        {"", ""},
+        {{"Precentral gyrus", {"PrG precentral gyrus"}},
+         {"Occipital lobe",
+          {"Calc calcarine cortex", "Cun cuneus", "LiG lingual gyrus", "IOG inferior occipital gyrus",
+           "MOG middle occipital gyrus", "OCP occipital pole", "SOG superior occipital gyrus"}},
+         {"Heschl gyrus", {"TTG transverse temporal gyrus"}}}},
+       {{"", ""},
+        {"_l", "_r"},
+        {{"Precentral gyrus", {"FL_precen_G"}}, {"Occipital lobe", {"OL_rest_lat", "OL_ling_G", "OL_cuneus"}}}}}};
+  const auto has = [&names](const std::string &region) {
+    return std::any_of(names.begin(), names.end(), [&region](const auto &entry) { return entry.second == region; });
+  };
+  const auto found = std::find_if(atlases.begin(), atlases.end(), [&has](const Atlas &atlas) {
+    return has(atlas.before[0] + atlas.kinds.front().regions.front() + atlas.after[0]);
+  });
+  const Atlas &atlas = found != atlases.end() ? *found : atlases.front();
   std::vector<StructureRequest> requests;
-  for (const StructureRequest &kind : kinds) {
-    for (const std::string side : {"L", "R"}) {
-      StructureRequest request{kind.name + " " + side, kind.regions};
+  for (const StructureRequest &kind : atlas.kinds) {
+    for (const std::size_t side : {0U, 1U}) {
+      StructureRequest request{kind.name + (side == 0 ? " L" : " R"), kind.regions};
       for (std::string &region : request.regions) {
-        region += "_" + side;
+        region = atlas.before[side] + region + atlas.after[side];
       }
       requests.push_back(std::move(request));
     }

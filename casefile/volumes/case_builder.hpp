@@ -8,6 +8,7 @@
 
 #include "base/result.hpp"
 #include "casefile/case.hpp"
+#include "casefile/volumes/label_names.hpp"
 #include "casefile/volumes/surface.hpp"
 
 namespace bregma::casefile {
@@ -21,8 +22,9 @@ struct StructureRequest {
 // "Name=Region,Region" or "Region", which is then the structure's name as well.
 [[nodiscard]] base::Result<StructureRequest> parse_structure(const std::string &text);
 
-// Critical structures by the names of the AAL atlas: precentral gyri, occipital lobes, Heschl's gyri, each side apart.
-[[nodiscard]] std::vector<StructureRequest> aal_critical_structures();
+// Precentral gyri, occipital lobes and Heschl's gyri, each side apart, by the names of the atlas whose names these are:
+// AAL, FreeSurfer (Desikan-Killiany), Neuromorphometrics or Hammers (which has no Heschl's gyrus); AAL if of none.
+[[nodiscard]] std::vector<StructureRequest> critical_structures(const LabelNames &names);
 
 // The craniotomy of the case is centred on the first trajectory, if there is one.
 struct CaseSources {
@@ -32,8 +34,8 @@ struct CaseSources {
   std::optional<Space> space = std::nullopt; // of images that do not state theirs
   std::filesystem::path brain;               // the same head without skull: every voxel above 0 is brain
   std::filesystem::path labels;              // regions; may be empty, then there are no structures
-  std::filesystem::path label_names;         // empty: next to the labels, with ".txt" for ".gz"
-  std::vector<StructureRequest> structures;  // empty: aal_critical_structures()
+  std::filesystem::path label_names;         // or one of known_atlases(); empty: next to the labels, ".txt" for ".gz"
+  std::vector<StructureRequest> structures;  // empty: critical_structures()
   // Slicer markups; all but the first may be empty.
   std::filesystem::path fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::filesystem::path tools;           // TOML with [[tools]]

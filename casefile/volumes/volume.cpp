@@ -295,30 +295,4 @@ base::Result<void> write_volume(const fs::path &path, const Volume &volume) {
   return {};
 }
 
-base::Result<std::map<int, std::string>> read_label_names(const fs::path &path) {
-  std::ifstream file(path);
-  if (!file) {
-    return base::failure(file_error(path, "cannot be opened"));
-  }
-  std::map<int, std::string> names;
-  std::string line;
-  for (int number = 1; std::getline(file, line); ++number) {
-    if (line.find_first_not_of(" \t\r") == std::string::npos || line.front() == '#') {
-      continue;
-    }
-    std::istringstream text(line);
-    int label = 0;
-    std::string name;
-    if (!(text >> label >> name)) {
-      return base::failure(file_error(path, "line " + std::to_string(number) + ": \"" + line.substr(0, 60) +
-                                                "\" is not a region number and a name"));
-    }
-    if (!names.emplace(label, name).second) {
-      return base::failure(file_error(path, "line " + std::to_string(number) + ": region " + std::to_string(label) +
-                                                " is named a second time"));
-    }
-  }
-  return names;
-}
-
 } // namespace bregma::casefile

@@ -10,7 +10,6 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <map>
 #include <optional>
 #include <string>
 
@@ -49,8 +48,5 @@ inline constexpr std::int64_t kMaxVoxels = std::int64_t{1} << 30;
 
 // NIfTI (.nii, .nii.gz), NRRD (.nrrd) or MetaImage (.mha), by the extension.
 [[nodiscard]] base::Result<void> write_volume(const std::filesystem::path &path, const Volume &volume);
-
-// Region number to name, from lines "number name [anything]" as the atlases of MRIcron have them.
-[[nodiscard]] base::Result<std::map<int, std::string>> read_label_names(const std::filesystem::path &path);
 
 } // namespace bregma::casefile

@@ -227,7 +227,8 @@ void add_create(CLI::App &group, Context &context) {
   command->add_option("--brain", sources.brain, "The same head without skull: voxels above 0 are brain")->required();
   command->add_option("--labels", sources.labels, "Regions: a label image on the same head");
   command->add_option("--label-names", sources.label_names,
-                      "Lines \"number name\" (default: next to the labels, .txt)");
+                      "Names of the regions: a table, or freesurfer, hammers, neuromorphometrics (default: next to the "
+                      "labels, .txt)");
   command->add_option("--structure", options->structures,
                       "Critical structure: \"Region\" or \"Name=Region,Region\"; any number of them\n"
                       "(default: precentral gyri, occipital lobes and Heschl's gyri of the AAL atlas)");

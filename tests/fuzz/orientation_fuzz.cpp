@@ -1,4 +1,5 @@
-// Orientation of a plane as a scanner prints it: every accepted text gives a unit normal, whose printed form is accepted.
+// Orientation of a plane as a scanner prints it: every accepted text gives a unit normal, whose printed form is
+// accepted.
 #include <cmath>
 #include <cstddef>
 #include <cstdint>

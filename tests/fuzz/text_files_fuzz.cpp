@@ -1,8 +1,9 @@
-// Arbitrary bytes as a list of points, curves, a transform or a sequence of poses: nothing crashes, and accepted values
-// are finite.
+// Arbitrary bytes as a list of points, curves, trajectories, a transform or poses: nothing crashes, accepted values are
+// finite, and a transform or a JSON file that is cut is refused.
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
+#include <functional>
 #include <string_view>
 
 #include "casefile/itk_transform.hpp"
@@ -50,7 +51,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
   }
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
   const std::string_view content(reinterpret_cast<const char *>(data) + 1, size - 1);
-  switch (static_cast<unsigned>(data[0] - '0') % 5) { // the seeds begin with the digits 0 to 4
+  switch (static_cast<unsigned>(data[0] - '0') % 6) { // the seeds begin with the digits 0 to 5
   case 0: {
     const auto file = scratch.write("a.csv", content);
     read_points(file);
@@ -61,6 +62,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     const auto file = scratch.write("a.mrk.json", content);
     read_points(file);
     read_curves(file);
+    const auto paths = casefile::read_trajectories(file);
+    require(paths || !paths.error().message.empty());
+    const std::size_t end = content.find_last_of('}');
+    if (casefile::read_points(file) && end != std::string_view::npos) {
+      const std::size_t part = std::hash<std::string_view>()(content) % (end + 1);
+      require(!casefile::read_points(scratch.write("cut.mrk.json", content.substr(0, part))));
+    }
     break;
   }
   case 2:
@@ -72,15 +80,28 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     const auto rigid = casefile::read_itk_rigid(file);
     require(!affine || affine->allFinite());
     require(!rigid || rigid->matrix().allFinite());
+    if (affine && !content.empty()) {
+      const std::size_t part = std::hash<std::string_view>()(content) % content.size();
+      const auto cut = casefile::read_itk_transform(scratch.write("cut.tfm", content.substr(0, part)));
+      require(!cut || *cut == *affine); // cut behind the transform
+    }
     break;
   }
-  default: {
+  case 4: {
     const auto poses = casefile::read_transform_sequence(scratch.write("a.igs.mha", content));
     require(poses || !poses.error().message.empty());
     for (const auto &frame : poses ? poses->frames : std::vector<casefile::SequenceFrame>()) {
       for (const auto &[name, entry] : frame.transforms) {
         require(entry.pose.matrix().allFinite());
       }
+    }
+    break;
+  }
+  default: {
+    const auto poses = casefile::read_pose_matrices(scratch.write("poses/100.txt", content).parent_path());
+    require(poses || !poses.error().message.empty());
+    for (const auto &timed : poses ? poses->poses : std::vector<casefile::TimedPose>()) {
+      require(timed.pose.matrix().allFinite());
     }
     break;
   }

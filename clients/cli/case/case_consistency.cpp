@@ -6,7 +6,7 @@
 #include <Eigen/Core>
 
 #include "algorithms/surface/surface_model.hpp"
-#include "base/text.hpp"
+#include "casefile/volumes/label_names.hpp"
 #include "casefile/volumes/surface.hpp"
 #include "clients/cli/output.hpp"
 
@@ -112,14 +112,12 @@ private:
     std::vector<std::string> wrong;
     std::size_t sided = 0;
     for (const Surface &structure : c_.structures) {
-      const std::string name = base::lower(structure.name);
-      const bool left = name.ends_with("_l") || name.ends_with(" l") || name.find("left") != std::string::npos;
-      const bool right = name.ends_with("_r") || name.ends_with(" r") || name.find("right") != std::string::npos;
-      if (left == right) {
+      const auto side = casefile::side_named(structure.name);
+      if (!side) {
         continue;
       }
       ++sided;
-      if ((centre_of(structure.mesh).x() > middle) == left) {
+      if ((centre_of(structure.mesh).x() > middle) == (*side == casefile::Side::kLeft)) {
         wrong.push_back(structure.name);
       }
     }

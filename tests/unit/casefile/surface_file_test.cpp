@@ -326,6 +326,36 @@ TEST(SurfaceFile, PolygonsAndStripsAreSplitExactly) {
   }
 }
 
+// Every format, cut at 200 places: refused, or nothing of the surface is missing, or the file cannot tell and it is
+// said.
+TEST(FaultInput, NoSurfaceThatWasCutIsReadInSilence) {
+  const TemporaryFolder folder;
+  const SurfaceReadOptions options{.size = kAnySize};
+  int formats = 0;
+  for (const auto &seed : std::filesystem::directory_iterator(BREGMA_SOURCE_DIR "/tests/fuzz/seeds/surfaces")) {
+    const std::string name = seed.path().filename().string();
+    const std::string bytes = bregma::tests::read_file(seed.path());
+    const auto whole = read_surface(folder.write(name, bytes), options);
+    ASSERT_TRUE(whole) << whole.error().message;
+    ++formats;
+    const std::size_t step = 1 + bytes.size() / 200;
+    for (std::size_t size = 0; size < bytes.size(); size += step) {
+      const auto cut = read_surface(folder.write("cut_" + name, bytes.substr(0, size)), options);
+      if (!cut) {
+        continue;
+      }
+      const bool same =
+          cut->mesh.vertices_mm == whole->mesh.vertices_mm && cut->mesh.triangles == whole->mesh.triangles;
+      const bool said = std::any_of(cut->notes.begin(), cut->notes.end(), [](const std::string &note) {
+        return note.find("triangles were read") != std::string::npos ||
+               note.find("geometry is not in the file") != std::string::npos;
+      });
+      EXPECT_TRUE(same || said) << name << ", " << size << " of " << bytes.size() << " bytes";
+    }
+  }
+  EXPECT_GE(formats, 14);
+}
+
 TEST(SurfaceFile, ACloudIsReadOnlyWhereItIsWanted) {
   const TemporaryFolder folder;
   const auto file =

@@ -11,6 +11,7 @@
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
+#include "casefile/volumes/label_names.hpp"
 #include "files.hpp"
 
 namespace bregma::casefile {
@@ -339,20 +340,6 @@ TEST(ReadLabels, TakesWholeNumbersOnly) {
   EXPECT_NE(std::string::npos,
             refused.error().message.find("l.nrrd: is not a label image: it has a voxel of value 2.500"))
       << refused.error().message;
-}
-
-TEST(LabelNames, AreReadAndChecked) {
-  const TemporaryFolder scratch;
-  write_bytes(scratch / "n.txt", "1 Precentral_L 2001\n\n# comment\n2 Precentral_R 2002\r\n");
-  const auto names = read_label_names(scratch / "n.txt");
-  ASSERT_TRUE(names);
-  EXPECT_EQ((std::map<int, std::string>{{1, "Precentral_L"}, {2, "Precentral_R"}}), *names);
-  write_bytes(scratch / "n.txt", "1 A\nB 2\n");
-  EXPECT_EQ((scratch / "n.txt").string() + ": line 2: \"B 2\" is not a region number and a name",
-            read_label_names(scratch / "n.txt").error().message);
-  write_bytes(scratch / "n.txt", "1 A\n1 B\n");
-  EXPECT_EQ((scratch / "n.txt").string() + ": line 2: region 1 is named a second time",
-            read_label_names(scratch / "n.txt").error().message);
 }
 
 TEST(WriteVolume, RefusesFormatsThatItDoesNotKnow) {

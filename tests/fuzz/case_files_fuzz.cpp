@@ -1,0 +1,95 @@
+// Arbitrary bytes as the case.toml of a complete folder, as a list of tools, or as a program's configuration: nothing
+// crashes, what is accepted satisfies the checks, and a refused configuration changes nothing.
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <string>
+#include <string_view>
+
+#include "base/parameters.hpp"
+#include "casefile/case.hpp"
+#include "tests/support/temporary_folder.hpp"
+#include "tests/unit/casefile/sample_case.hpp"
+
+namespace {
+
+using namespace bregma;
+
+void require(bool condition) {
+  if (!condition) {
+    std::abort();
+  }
+}
+
+// The folder of a small case, whose case.toml each input replaces.
+class CaseFolder {
+public:
+  CaseFolder() {
+    casefile::Case c = tests::sample_case(folder_.path());
+    for (auto &structure : c.structures) {
+      structure.mesh = tests::sphere({-30, 0, 30}, 25, 1);
+    }
+    c.scalp.mesh = tests::sphere({0, 0, 0}, 90, 1);
+    c.brain.mesh = tests::sphere({0, 0, 5}, 70, 1);
+    static_cast<void>(folder_.write("image.nii.gz", ""));
+    require(casefile::save_case(c).has_value());
+  }
+  void load(std::string_view toml) const {
+    static_cast<void>(folder_.write("case.toml", toml));
+    const auto loaded = casefile::load_case(folder_.path());
+    require(loaded || !loaded.error().message.empty());
+    require(!loaded || casefile::check_case(*loaded).has_value());
+  }
+  void tools(std::string_view toml) const {
+    const auto read = casefile::read_tools(folder_.write("tools.toml", toml));
+    require(read || !read.error().message.empty());
+    for (const auto &tool : read ? *read : std::vector<casefile::ToolModel>()) {
+      require(tool.nominal_tip_mm.allFinite() && tool.axis.allFinite() && tool.normal.allFinite());
+    }
+  }
+
+private:
+  test::TemporaryFolder folder_;
+};
+
+void configure(std::string_view toml) {
+  double rate_hz = 10.0;
+  std::int64_t count = 3;
+  bool on = true;
+  std::string name = "a", kind = "one";
+  base::ParameterSet set("program");
+  set.number("part.rate_hz", &rate_hz, "Hz", 1, 1000, "A rate")
+      .integer("part.count", &count, "", 0, 100, "A count")
+      .flag("part.on", &on, "A flag")
+      .string("other.name", &name, "A name")
+      .choice("other.kind", &kind, {"one", "two"}, "A kind");
+  const std::string before = set.to_toml();
+  const auto loaded = set.load_text(toml, "a.toml");
+  require(loaded || (!loaded.error().message.empty() && set.to_toml() == before));
+  require(rate_hz >= 1.0 && rate_hz <= 1000.0 && count >= 0 && count <= 100 && (kind == "one" || kind == "two"));
+  const auto again = set.load_text(set.to_toml(), "b.toml");
+  require(again.has_value());
+}
+
+} // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
+  static const CaseFolder folder;
+  if (size == 0) {
+    return 0;
+  }
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
+  const std::string_view content(reinterpret_cast<const char *>(data) + 1, size - 1);
+  switch (static_cast<unsigned>(data[0] - '0') % 3) { // the seeds begin with the digits 0 to 2
+  case 0:
+    folder.load(content);
+    break;
+  case 1:
+    folder.tools(content);
+    break;
+  default:
+    configure(content);
+    break;
+  }
+  return 0;
+}
