@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <ctime>
 #include <functional>
+#include <span>
 
 #include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
@@ -318,6 +319,28 @@ void robot_time(Report &report, const MriBenchOptions & /*options*/) {
   report.add(figure("time: registration of a batch of 240 slices, of the processor", percentile(processor, 0.5), "ms"));
   report.add(with_peer(at_most("time: registration of a batch of 240 slices", percentile(times, 0.5), "ms", 250.0),
                        1750.0, "paper, MATLAB"));
+
+  // Slices one by one: what is left when the last one of the second scan has come.
+  std::vector<double> left, slice;
+  for (int i = 0; i < 5; ++i) {
+    const std::vector<mri::CoilScan> scans{run.top->scan, run.bottom->scan};
+    const mri::RobotRegistrationOptions o = session.options(Images::kOurs, mri::CoilMethod::kMultiSlice);
+    const auto top = mri::find_artefacts(run.top->background, run.top->foreground, o.artefacts);
+    auto finder = mri::ArtefactFinder::start(run.bottom->background, o.artefacts);
+    const mri::Stack &stack = run.bottom->foreground;
+    const std::size_t pixels = stack.pixels() / static_cast<std::size_t>(stack.size[2]);
+    const auto add = [&](int k) { finder->add(k, std::span(stack.voxels).subspan(stack.offset(0, 0, k), pixels)); };
+    for (int k = 0; k + 1 < stack.size[2]; ++k) {
+      slice.push_back(milliseconds([&] { add(k); }));
+    }
+    left.push_back(milliseconds([&] {
+      add(stack.size[2] - 1);
+      const std::vector<std::vector<mri::CoilArtefact>> artefacts{top->artefacts, finder->finish()->artefacts};
+      run.result = mri::register_artefacts(session.frame(), scans, artefacts, o);
+    }));
+  }
+  report.add(figure("time: slice of a foreground, as it comes", percentile(slice, 0.5), "ms"));
+  report.add(at_most("time: registration after the last slice", percentile(left, 0.5), "ms", 50.0));
 }
 
 } // namespace bregma::bench

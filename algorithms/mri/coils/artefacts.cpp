@@ -212,26 +212,56 @@ CoilArtefact measure(const LostSignal &lost, const std::vector<Circle> &circles,
 
 } // namespace
 
-tl::expected<ArtefactSearch, std::string> find_artefacts(const Stack &background, const Stack &foreground,
-                                                         const ArtefactOptions &options) {
-  tl::expected<LostSignal, std::string> lost = LostSignal::between(background, foreground, options);
+struct ArtefactFinder::State {
+  ArtefactOptions options;
+  LostSignal lost;
+  std::vector<std::vector<Circle>> circles; // of each slice
+};
+
+ArtefactFinder::ArtefactFinder(std::unique_ptr<State> state) : state_(std::move(state)) {}
+ArtefactFinder::ArtefactFinder(ArtefactFinder &&) noexcept = default;
+ArtefactFinder &ArtefactFinder::operator=(ArtefactFinder &&) noexcept = default;
+ArtefactFinder::~ArtefactFinder() = default;
+
+tl::expected<ArtefactFinder, std::string> ArtefactFinder::start(const Stack &background,
+                                                                const ArtefactOptions &options) {
+  auto lost = LostSignal::start(background, options);
   if (!lost) {
     return tl::make_unexpected(lost.error());
   }
+  return ArtefactFinder(std::make_unique<State>(State{
+      options, std::move(*lost), std::vector<std::vector<Circle>>(static_cast<std::size_t>(background.size[2]))}));
+}
+
+bool ArtefactFinder::add(int k, std::span<const float> foreground) {
+  const image::Grid<3> &grid = state_->lost.grid();
+  if (k < 0 || k >= grid.size[2] || foreground.size() != grid.pixels() / static_cast<std::size_t>(grid.size[2])) {
+    return false;
+  }
+  state_->lost.add(k, foreground);
+  if (state_->lost.volume_mm3(k) > 0.25 * kMinLostVolume_mm3) {
+    state_->circles[static_cast<std::size_t>(k)] = circles_of(state_->lost, k, state_->options);
+  }
+  return true;
+}
+
+tl::expected<ArtefactSearch, std::string> ArtefactFinder::finish() const {
+  const LostSignal &lost = state_->lost;
+  const ArtefactOptions &options = state_->options;
+  if (auto ok = lost.check(); !ok) {
+    return tl::make_unexpected(ok.error());
+  }
   std::vector<Circle> circles;
-  for (int slice = 0; slice < background.size[2]; ++slice) {
-    if (lost->volume_mm3(slice) > 0.25 * kMinLostVolume_mm3) {
-      const std::vector<Circle> more = circles_of(*lost, slice, options);
-      circles.insert(circles.end(), more.begin(), more.end());
-    }
+  for (const std::vector<Circle> &more : state_->circles) {
+    circles.insert(circles.end(), more.begin(), more.end());
   }
   ArtefactSearch out;
-  out.noise = lost->noise();
-  out.signal = lost->signal();
-  const double thickness = background.spacing_mm().z();
+  out.noise = lost.noise();
+  out.signal = lost.signal();
+  const double thickness = lost.grid().spacing_mm().z();
   const int needed = std::max(1, static_cast<int>(std::floor(4.5 / thickness)));
   for (const std::vector<Circle> &one : group(std::move(circles), thickness, 0.8 * options.window_mm)) {
-    const CoilArtefact artefact = measure(*lost, one, options);
+    const CoilArtefact artefact = measure(lost, one, options);
     const bool known = std::any_of(out.artefacts.begin(), out.artefacts.end(), [&](const CoilArtefact &other) {
       return (other.centre_mm - artefact.centre_mm).norm() < 0.5 * options.window_mm;
     });
@@ -242,6 +272,27 @@ tl::expected<ArtefactSearch, std::string> find_artefacts(const Stack &background
   std::stable_sort(out.artefacts.begin(), out.artefacts.end(),
                    [](const CoilArtefact &a, const CoilArtefact &b) { return a.volume_mm3 > b.volume_mm3; });
   return out;
+}
+
+tl::expected<ArtefactSearch, std::string> find_artefacts(const Stack &background, const Stack &foreground,
+                                                         const ArtefactOptions &options) {
+  if (background.size != foreground.size ||
+      (background.T_image_index - foreground.T_image_index).cwiseAbs().maxCoeff() > 1e-3) {
+    return tl::make_unexpected("background and foreground differ in size, spacing, position or orientation: scan both "
+                               "with the same slices");
+  }
+  if (foreground.voxels.size() != foreground.pixels()) {
+    return tl::make_unexpected("the stack has no pixels");
+  }
+  auto finder = ArtefactFinder::start(background, options);
+  if (!finder) {
+    return tl::make_unexpected(finder.error());
+  }
+  const std::size_t slice = foreground.pixels() / static_cast<std::size_t>(std::max(1, foreground.size[2]));
+  for (int k = 0; k < foreground.size[2]; ++k) {
+    finder->add(k, std::span(foreground.voxels).subspan(foreground.offset(0, 0, k), slice));
+  }
+  return finder->finish();
 }
 
 } // namespace bregma::mri

@@ -9,6 +9,8 @@
 // Frame: that of the stacks' T_image_index, mm. Pure functions, any thread; they allocate.
 #pragma once
 
+#include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -46,6 +48,28 @@ struct ArtefactSearch {
   std::vector<CoilArtefact> artefacts; // largest first
   double noise = 0.0;                  // one sigma of the difference, in units of the pixels
   double signal = 0.0;                 // of the background: its 90th percentile
+};
+
+// Slices of the foreground one by one, as they come from the scanner: what a slice shows is worked out at once, so that
+// little is left after the last one. The background must outlive this. Not for several threads at a time.
+class ArtefactFinder {
+public:
+  // Otherwise a sentence: no signal, saturated pixels.
+  [[nodiscard]] static tl::expected<ArtefactFinder, std::string> start(const Stack &background,
+                                                                       const ArtefactOptions &options = {});
+  ArtefactFinder(ArtefactFinder &&) noexcept;
+  ArtefactFinder &operator=(ArtefactFinder &&) noexcept;
+  ~ArtefactFinder();
+
+  // Slice k (0 to size[2] - 1), row-major, in any order. False, and nothing done, for another k or number of pixels.
+  bool add(int k, std::span<const float> foreground);
+  // Otherwise a sentence, as find_artefacts; also for slices that are missing.
+  [[nodiscard]] tl::expected<ArtefactSearch, std::string> finish() const;
+
+private:
+  struct State;
+  explicit ArtefactFinder(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
 };
 
 // Otherwise a sentence that says what is wrong with the input: different grids, saturated pixels, no signal, a

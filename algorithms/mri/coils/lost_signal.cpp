@@ -36,21 +36,22 @@ cv::Mat wrap(const Stack &stack, int k) {
   return {stack.size[1], stack.size[0], CV_32F, const_cast<float *>(&stack.voxels[stack.offset(0, 0, k)])};
 }
 
-cv::Mat disc(double diameter_mm, double pixel_mm) {
+cv::Mat square(double diameter_mm, double pixel_mm) {
   const int n = std::max(3, 2 * static_cast<int>(std::ceil(0.5 * diameter_mm / pixel_mm)) + 1);
   return cv::getStructuringElement(cv::MORPH_RECT, {n, n});
 }
 
-// Part of the pixels with signal that have the highest value of the stack.
-double saturated_part(const Stack &stack, double dark) {
-  const float highest = *std::max_element(stack.voxels.begin(), stack.voxels.end());
-  const auto with_signal =
-      std::count_if(stack.voxels.begin(), stack.voxels.end(), [&](float v) { return static_cast<double>(v) > dark; });
-  const auto at_highest = std::count(stack.voxels.begin(), stack.voxels.end(), highest);
-  return static_cast<double>(at_highest) / static_cast<double>(std::max<std::ptrdiff_t>(1, with_signal));
+std::string percent(double part) { return std::to_string(static_cast<int>(std::lround(100.0 * part))) + " %"; }
+std::string saturation_text(const char *which, double part) {
+  return std::string("the ") + which + " is saturated: " + percent(part) +
+         " of its pixels have the highest value; lower the receiver's gain";
 }
 
-std::string percent(double part) { return std::to_string(static_cast<int>(std::lround(100.0 * part))) + " %"; }
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 
 } // namespace
 
@@ -73,98 +74,126 @@ double LostSignal::mean_within(int k, double column, double row, double radius_p
   return n > 0 ? sum / n : 0.0;
 }
 
-tl::expected<LostSignal, std::string> LostSignal::between(const Stack &background, const Stack &foreground,
-                                                          const ArtefactOptions &options) {
-  if (background.size != foreground.size ||
-      (background.T_image_index - foreground.T_image_index).cwiseAbs().maxCoeff() > 1e-3) {
-    return tl::make_unexpected("background and foreground differ in size, spacing, position or orientation: scan both "
-                               "with the same slices");
-  }
-  if (background.voxels.empty() || background.voxels.size() != background.pixels() ||
-      foreground.voxels.size() != foreground.pixels()) {
+double LostSignal::noise() const { return noises_.empty() ? 0.0 : median(noises_); }
+
+tl::expected<LostSignal, std::string> LostSignal::start(const Stack &background, const ArtefactOptions &options) {
+  if (background.voxels.empty() || background.voxels.size() != background.pixels()) {
     return tl::make_unexpected("the stack has no pixels");
   }
   LostSignal out;
+  out.background_ = &background;
+  out.options_ = options;
   out.signal_ = quantile(some_of(background.voxels), 0.9);
-  if (!(out.signal_ > 0.0)) {
+  const double dark = kDark * out.signal_;
+  const auto with_signal = std::count_if(background.voxels.begin(), background.voxels.end(),
+                                         [&](float v) { return static_cast<double>(v) > dark; });
+  if (!(out.signal_ > 0.0) || with_signal < 1000) {
     return tl::make_unexpected("the background shows no signal");
   }
-  const double dark = kDark * out.signal_;
-  for (const auto &[stack, which] : {std::pair(&background, "background"), std::pair(&foreground, "foreground")}) {
-    const double saturated = saturated_part(*stack, dark);
-    if (saturated > options.max_saturated) {
-      return tl::make_unexpected(std::string("the ") + which + " is saturated: " + percent(saturated) +
-                                 " of its pixels have the highest value; lower the receiver's gain");
+  const float highest = *std::max_element(background.voxels.begin(), background.voxels.end());
+  const double part = static_cast<double>(std::count(background.voxels.begin(), background.voxels.end(), highest)) /
+                      static_cast<double>(with_signal);
+  if (part > options.max_saturated) {
+    return tl::make_unexpected(saturation_text("background", part));
+  }
+  static_cast<image::Grid<3> &>(out.values_) = background;
+  out.values_.voxels.assign(background.voxels.size(), 0.0F);
+  out.volumes_mm3_.assign(static_cast<std::size_t>(background.size[2]), 0.0);
+  out.added_.assign(static_cast<std::size_t>(background.size[2]), false);
+  return out;
+}
+
+void LostSignal::add(int k, std::span<const float> foreground) {
+  const double dark = kDark * signal_;
+  const std::size_t first = values_.offset(0, 0, k);
+  std::vector<float> ratios, differences;
+  for (std::size_t i = 0; i < foreground.size(); i += 5) {
+    const float before = background_->voxels[first + i];
+    if (static_cast<double>(before) > 2.0 * dark) {
+      ratios.push_back(foreground[i] / before);
+      differences.push_back(before - foreground[i]);
     }
+  }
+  double gain = 1.0, noise = 0.0;
+  if (ratios.size() > 50) { // otherwise a slice beside the water
+    gain = std::max(0.1, quantile(ratios, 0.5));
+    const auto middle = static_cast<float>(quantile(differences, 0.5));
+    for (float &d : differences) {
+      d = std::abs(d - middle);
+    }
+    noise = 1.4826 * quantile(differences, 0.5);
+    gains_.push_back(gain);
+    noises_.push_back(noise);
+  }
+  for (const float v : foreground) {
+    const auto value = static_cast<double>(v);
+    shown_pixels_ += value > dark ? 1.0 : 0.0;
+    if (value > highest_) {
+      highest_ = value;
+      at_highest_ = 0.0;
+    }
+    at_highest_ += value == highest_ ? 1.0 : 0.0;
   }
 
-  std::vector<float> ratios, differences;
-  for (std::size_t i = 0; i < background.voxels.size(); i += 7) {
-    if (static_cast<double>(background.voxels[i]) > 2.0 * dark) {
-      ratios.push_back(foreground.voxels[i] / background.voxels[i]);
-      differences.push_back(background.voxels[i] - foreground.voxels[i]);
+  const double pixel_mm = values_.spacing_mm().head<2>().mean();
+  const double voxel_mm3 = values_.spacing_mm().prod();
+  const cv::Mat before = wrap(*background_, k);
+  // OpenCV has no Mat of const pixels; nothing here writes to it.
+  const cv::Mat after(before.rows, before.cols, CV_32F, const_cast<float *>(foreground.data()));
+  cv::Mat smooth, local, part;
+  cv::blur(before, smooth, {3, 3});
+  cv::dilate(smooth, local, square(2.0 * kAround_mm, pixel_mm));
+  part = before - after / gain;
+  if (noise > 0.08 * signal_) { // a faint image: average before the threshold
+    cv::GaussianBlur(part, part, {}, 1.0);
+  }
+  cv::Mat lost = wrap(values_, k);
+  for (int j = 0; j < lost.rows; ++j) {
+    const float *p = part.ptr<float>(j);
+    const float *l = local.ptr<float>(j);
+    float *o = lost.ptr<float>(j);
+    for (int i = 0; i < lost.cols; ++i) {
+      const double signal = static_cast<double>(l[i]);
+      const double relative = signal > dark ? static_cast<double>(p[i]) / signal : 0.0;
+      o[i] = static_cast<float>(std::clamp((relative - kFloor) / (kFull - kFloor), 0.0, 1.0));
+      shown_mm3_ += signal > dark ? voxel_mm3 : 0.0;
+      gained_mm3_ += relative < -options_.min_lost ? voxel_mm3 : 0.0;
+      lost_mm3_ += relative > options_.min_lost ? voxel_mm3 : 0.0;
     }
   }
-  if (ratios.size() < 100) {
+  cv::morphologyEx(lost, smooth, cv::MORPH_CLOSE, square(kHole_mm, pixel_mm)); // plastic in a coil has nothing to lose
+  smooth.copyTo(lost);
+  volumes_mm3_[static_cast<std::size_t>(k)] = cv::sum(lost)[0] * voxel_mm3;
+  added_[static_cast<std::size_t>(k)] = true;
+}
+
+tl::expected<void, std::string> LostSignal::check() const {
+  const auto missing = std::count(added_.begin(), added_.end(), false);
+  if (missing > 0) {
+    return tl::make_unexpected(std::to_string(missing) + " of " + std::to_string(added_.size()) +
+                               " slices of the foreground are missing");
+  }
+  if (gains_.empty()) {
     return tl::make_unexpected("the background shows no signal");
   }
-  const double gain = quantile(ratios, 0.5);
+  const double saturated = at_highest_ / std::max(1.0, shown_pixels_);
+  if (saturated > options_.max_saturated) {
+    return tl::make_unexpected(saturation_text("foreground", saturated));
+  }
+  const double gain = median(gains_);
   if (gain < 0.8 || gain > 1.25) {
     return tl::make_unexpected("the foreground is " + percent(gain) +
                                " as bright as the background: not the same protocol, or not the same scene");
   }
-  const double middle = quantile(differences, 0.5);
-  for (float &d : differences) {
-    d = std::abs(d - static_cast<float>(middle));
-  }
-  out.noise_ = 1.4826 * quantile(differences, 0.5);
-
-  static_cast<image::Grid<3> &>(out.values_) = background;
-  out.values_.voxels.resize(background.voxels.size());
-  out.volumes_mm3_.resize(static_cast<std::size_t>(background.size[2]));
-  const double pixel_mm = background.spacing_mm().head<2>().mean();
-  const double voxel_mm3 = background.spacing_mm().prod();
-  const cv::Mat around = disc(2.0 * kAround_mm, pixel_mm), hole = disc(kHole_mm, pixel_mm);
-  const double blur_px = out.relative_noise() > 0.08 ? 1.0 : 0.0; // faint images: average before the threshold
-  double lost_mm3 = 0.0, gained_mm3 = 0.0, shown_mm3 = 0.0;
-  cv::Mat smooth, local, part, valid;
-  for (int k = 0; k < background.size[2]; ++k) {
-    const cv::Mat before = wrap(background, k), after = wrap(foreground, k);
-    cv::blur(before, smooth, {3, 3});
-    cv::dilate(smooth, local, around);
-    part = before - after / gain;
-    if (blur_px > 0.0) {
-      cv::GaussianBlur(part, part, {}, blur_px);
-    }
-    cv::Mat lost = wrap(out.values_, k);
-    double sum = 0.0;
-    for (int j = 0; j < lost.rows; ++j) {
-      const float *p = part.ptr<float>(j);
-      const float *l = local.ptr<float>(j);
-      float *o = lost.ptr<float>(j);
-      for (int i = 0; i < lost.cols; ++i) {
-        const double signal = static_cast<double>(l[i]);
-        const double relative = signal > dark ? static_cast<double>(p[i]) / signal : 0.0;
-        o[i] = static_cast<float>(std::clamp((relative - kFloor) / (kFull - kFloor), 0.0, 1.0));
-        shown_mm3 += signal > dark ? voxel_mm3 : 0.0;
-        gained_mm3 += relative < -options.min_lost ? voxel_mm3 : 0.0;
-        lost_mm3 += relative > options.min_lost ? voxel_mm3 : 0.0;
-      }
-    }
-    cv::morphologyEx(lost, smooth, cv::MORPH_CLOSE, hole); // plastic inside a coil has nothing to lose
-    smooth.copyTo(lost);
-    sum = cv::sum(lost)[0];
-    out.volumes_mm3_[static_cast<std::size_t>(k)] = sum * voxel_mm3;
-  }
-  if (gained_mm3 > 2.0 * lost_mm3 && gained_mm3 > 300.0) {
+  if (gained_mm3_ > 2.0 * lost_mm3_ && gained_mm3_ > 300.0) {
     return tl::make_unexpected(
         "the foreground shows signal that the background lacks: background and foreground are exchanged");
   }
-  if (lost_mm3 > options.max_lost_part * shown_mm3) {
-    return tl::make_unexpected(percent(lost_mm3 / shown_mm3) +
+  if (lost_mm3_ > options_.max_lost_part * shown_mm3_) {
+    return tl::make_unexpected(percent(lost_mm3_ / shown_mm3_) +
                                " of the signal is lost: the two stacks do not show the same scene");
   }
-  return out;
+  return {};
 }
 
 } // namespace bregma::mri

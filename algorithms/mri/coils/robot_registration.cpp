@@ -92,8 +92,8 @@ public:
   Registering(const CoilFrame &frame, std::span<const CoilScan> scans, const RobotRegistrationOptions &options)
       : frame_(frame), scans_(scans), options_(options) {}
 
-  RobotRegistration run() {
-    if (find_coils() && name_them() && fit()) {
+  RobotRegistration run(std::span<const Artefacts> artefacts) {
+    if (use_coils(artefacts) && name_them() && fit()) {
       judge();
     }
     return std::move(out_);
@@ -106,19 +106,15 @@ private:
     return false;
   }
 
-  bool find_coils() {
+  bool use_coils(std::span<const Artefacts> artefacts) {
     for (std::size_t s = 0; s < scans_.size(); ++s) {
-      const auto found = artefacts_of(scans_[s], options_.artefacts);
-      if (!found) {
-        return refuse(RegistrationVerdict::kRefused, found.error());
-      }
       if (s > 0 && std::abs(normal_of(*scans_[s].background).dot(normal_of(*scans_[0].background))) < 0.9998) {
         return refuse(RegistrationVerdict::kRefused, scans_[s].name +
                                                          ": its slices have another orientation than those of " +
                                                          scans_[0].name + "; scan all coils in one orientation");
       }
       int unknown = 0;
-      for (const CoilArtefact &a : *found) {
+      for (const CoilArtefact &a : artefacts[s]) {
         if (a.cut_off) {
           out_.notes.push_back(scans_[s].name + ": an artefact reaches the border of the scan and is not used");
           continue;
@@ -298,9 +294,31 @@ const char *name(RegistrationVerdict verdict) noexcept {
   return "";
 }
 
+RobotRegistration register_artefacts(const CoilFrame &frame, std::span<const CoilScan> scans,
+                                     std::span<const std::vector<CoilArtefact>> artefacts,
+                                     const RobotRegistrationOptions &options) {
+  RobotRegistration refused;
+  if (artefacts.size() != scans.size() || scans.empty()) {
+    refused.reason =
+        "there are " + std::to_string(scans.size()) + " scans and artefacts of " + std::to_string(artefacts.size());
+    return refused;
+  }
+  return Registering(frame, scans, options).run(artefacts);
+}
+
 RobotRegistration register_robot(const CoilFrame &frame, std::span<const CoilScan> scans,
                                  const RobotRegistrationOptions &options) {
-  return Registering(frame, scans, options).run();
+  std::vector<Artefacts> artefacts;
+  for (const CoilScan &scan : scans) {
+    auto found = artefacts_of(scan, options.artefacts);
+    if (!found) {
+      RobotRegistration refused;
+      refused.reason = found.error();
+      return refused;
+    }
+    artefacts.push_back(std::move(*found));
+  }
+  return register_artefacts(frame, scans, artefacts, options);
 }
 
 tl::expected<std::vector<LocatedCoil>, std::string> locate_targets(const CoilFrame &frame, const CoilScan &scan,

@@ -88,6 +88,12 @@ struct RobotRegistration {
 [[nodiscard]] RobotRegistration register_robot(const CoilFrame &frame, std::span<const CoilScan> scans,
                                                const RobotRegistrationOptions &options = {});
 
+// The same from artefacts that are known already, a list per scan: for slices that come one by one (ArtefactFinder). Of
+// the scans, names, backgrounds and coils are used.
+[[nodiscard]] RobotRegistration register_artefacts(const CoilFrame &frame, std::span<const CoilScan> scans,
+                                                   std::span<const std::vector<CoilArtefact>> artefacts,
+                                                   const RobotRegistrationOptions &options = {});
+
 // Coils of other scans, found near where the registration expects them: targets for (16).
 [[nodiscard]] tl::expected<std::vector<LocatedCoil>, std::string>
 locate_targets(const CoilFrame &frame, const CoilScan &scan, const RobotRegistration &registration,

@@ -140,6 +140,28 @@ TEST(Artefacts, PairsThatDoNotBelongTogetherAreRefused) {
   ASSERT_FALSE(find_artefacts(dark, dark).has_value());
 }
 
+TEST(Artefacts, SlicesMayComeOneByOneInAnyOrder) {
+  const Stack background = drawn({}, 0, 1), foreground = drawn({{-41.3, 20.4, 10.7}, {30.2, -33.9, -8.1}}, 6.0, 2);
+  const auto batch = find_artefacts(background, foreground);
+  auto finder = ArtefactFinder::start(background);
+  ASSERT_TRUE(batch && finder);
+  const std::size_t pixels = 128 * 128;
+  const auto slice = [&](int k) { return std::span(foreground.voxels).subspan(foreground.offset(0, 0, k), pixels); };
+  for (int k = 99; k > 0; --k) {
+    ASSERT_TRUE(finder->add(k, slice(k)));
+  }
+  EXPECT_EQ(finder->finish().error(), "1 of 100 slices of the foreground are missing");
+  EXPECT_FALSE(finder->add(100, slice(0)));
+  EXPECT_FALSE(finder->add(0, slice(0).first(100)));
+  ASSERT_TRUE(finder->add(0, slice(0)));
+  const auto streamed = finder->finish();
+  ASSERT_TRUE(streamed);
+  ASSERT_EQ(streamed->artefacts.size(), batch->artefacts.size());
+  for (std::size_t i = 0; i < batch->artefacts.size(); ++i) {
+    EXPECT_LT((streamed->artefacts[i].centre_mm - batch->artefacts[i].centre_mm).norm(), 1e-6);
+  }
+}
+
 TEST(Artefacts, NothingIsFoundInTwoBackgrounds) {
   const auto found = find_artefacts(drawn({}, 0, 1), drawn({}, 0, 2));
   ASSERT_TRUE(found.has_value());
