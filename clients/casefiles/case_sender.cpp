@@ -10,7 +10,7 @@
 namespace bregma::casefiles {
 namespace {
 
-constexpr std::uint64_t kChunk = bregma_wire_CASE_CHUNK_BYTES;
+constexpr std::uint64_t kSentChunkBytes = bregma_wire_CASE_CHUNK_BYTES;
 constexpr std::uint32_t kMaxChunks = 64; // per request
 
 } // namespace
@@ -75,11 +75,12 @@ void CaseSender::answer(const wire::CaseRequest &request) {
     return;
   }
   auto &bytes = found->second;
-  const std::uint64_t chunks = (bytes.size() + kChunk - 1) / kChunk;
+  const std::uint64_t chunks = (bytes.size() + kSentChunkBytes - 1) / kSentChunkBytes;
   const std::uint64_t first = std::min<std::uint64_t>(request.first_chunk, chunks);
   const std::uint64_t last = std::min<std::uint64_t>(first + std::min(request.count, kMaxChunks), chunks);
   for (std::uint64_t i = first; i < last; ++i) {
-    const std::span data(bytes.data() + i * kChunk, std::min<std::size_t>(kChunk, bytes.size() - i * kChunk));
+    const std::span data(bytes.data() + i * kSentChunkBytes,
+                         std::min<std::size_t>(kSentChunkBytes, bytes.size() - i * kSentChunkBytes));
     wire::CaseChunk chunk{};
     std::copy(std::begin(request.client), std::end(request.client), std::begin(chunk.client));
     std::copy(hash.begin(), hash.end(), std::begin(chunk.file));

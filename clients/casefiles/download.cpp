@@ -15,7 +15,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::int64_t kHere = std::numeric_limits<std::int64_t>::max();
-constexpr std::uint64_t kChunk = bregma_wire_CASE_CHUNK_BYTES;
+constexpr std::uint64_t kChunkBytes = bregma_wire_CASE_CHUNK_BYTES;
 constexpr std::uint64_t kMaxBytes = std::uint64_t{4} << 30;
 
 } // namespace
@@ -27,7 +27,7 @@ std::uint32_t crc32_of(std::span<const std::byte> data) {
 
 Download::Download(const FileId &id, fs::path place)
     : id_(id), place_(std::move(place)), part_(place_.string() + ".part"),
-      out_(part_, std::ios::binary | std::ios::trunc), asked_ns_((id.bytes + kChunk - 1) / kChunk, 0) {}
+      out_(part_, std::ios::binary | std::ios::trunc), asked_ns_((id.bytes + kChunkBytes - 1) / kChunkBytes, 0) {}
 
 base::Result<Download> Download::begin(const FileId &id, const fs::path &place) {
   if (id.bytes == 0 || id.bytes > kMaxBytes) {
@@ -40,7 +40,9 @@ base::Result<Download> Download::begin(const FileId &id, const fs::path &place) 
   return out;
 }
 
-std::uint64_t Download::bytes_of(std::uint64_t chunk) const { return std::min(kChunk, id_.bytes - chunk * kChunk); }
+std::uint64_t Download::bytes_of(std::uint64_t chunk) const {
+  return std::min(kChunkBytes, id_.bytes - chunk * kChunkBytes);
+}
 
 std::optional<Download::Chunks> Download::ask(std::int64_t now_ns) {
   const auto under_way =
@@ -67,7 +69,7 @@ bool Download::accept(std::uint64_t chunk, std::uint32_t crc32, std::span<const 
       crc32_of(data) != crc32) {
     return false;
   }
-  out_.seekp(static_cast<std::streamoff>(chunk * kChunk));
+  out_.seekp(static_cast<std::streamoff>(chunk * kChunkBytes));
   out_.write(reinterpret_cast<const char *>(data.data()), static_cast<std::streamsize>(data.size()));
   asked_ns_[chunk] = kHere;
   ++received_;
