@@ -19,11 +19,11 @@ if (what === "page") {
   cpSync(join(root, "static"), output, { recursive: true });
 } else {
   symlinkSync(join(root, "node_modules"), join(output, "node_modules")); // where Node looks for playwright-core
-  for (const kind of ["unit", "browser"]) {
-    const folder = join(root, "tests", kind);
+  for (const kind of ["unit", "browser", "bench"]) {
+    const folder = join(root, kind === "bench" ? kind : `tests/${kind}`);
     if (kind === "browser") await buildPages(join(folder, "pages"));
     const entryPoints = readdirSync(folder)
-      .filter((name) => name.endsWith(".test.ts"))
+      .filter((name) => name.endsWith(kind === "bench" ? ".ts" : ".test.ts"))
       .map((name) => join(folder, name));
     const options = {
       platform: "node",

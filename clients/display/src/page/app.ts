@@ -45,7 +45,7 @@ export class App {
   scene: Scene | null = null;
   cover: Cover | null = null;
   draws = 0; // so far
-  bare = false; // only images: what the benchmark compares with
+  bare = false; // the panels show only images: what the benchmark compares with
   private data: CaseData | null = null;
   private loading = "";
   private failure = "";
@@ -262,12 +262,10 @@ export class App {
     if (scene.followedTool) this.trace.add(gateway_ms, scene.followedTool.tip);
     this.showDeformed(data);
     this.display.draw({ view, scene, pending: this.interaction.pending, bare: this.bare });
-    if (!this.bare) {
-      const context = { store, data, scene, view, gateway_ms };
-      this.tabs[this.tab][1].update(context);
-      this.alarms.update(context);
-      this.menus.update();
-    }
+    const context = { store, data, scene, view, gateway_ms };
+    this.tabs[this.tab][1].update(context);
+    this.alarms.update(context);
+    this.menus.update();
     this.finishDraw(gateway_ms, scene);
   }
 

@@ -89,7 +89,7 @@ export class Figures implements Part {
         tool.verified ? `live · ${figure(tool.shown.age_ms, 0, "ms")}` : "NOT VERIFIED: for checks only",
       );
       this.structure.set(figure(s.nearest_structure_mm, 1), s.nearest_structure, s.nearest_structure_mm < 3);
-      this.depth.set(figure(s.remaining_depth_mm, 1), s.trajectory, s.remaining_depth_mm < 0);
+      this.depth.set(figure(s.remaining_depth_mm, 1), s.trajectory, s.remaining_depth_mm < -0.5);
       this.lateral.set(figure(s.lateral_deviation_mm, 1), "", s.lateral_deviation_mm > 2);
       this.angle.set(figure(s.angle_rad * kDegrees, 1));
       this.region.set(figure(tool.region_95.semi_axes_mm[0], 1), `RMS ${figure(s.tre_rms_mm, 2)}`);

@@ -93,20 +93,9 @@ export class MeshRenderer {
     this.drawModel(mesh, style, kIdentity4, kIdentity3);
   }
 
-  // The translucent surface of a closed mesh: what is behind first.
+  // A translucent surface over what is drawn already. One pass: sorting its near and far sides would cost a second one.
   drawTranslucent(mesh: MeshBuffer, style: MeshStyle): void {
-    const { gl } = this;
-    gl.enable(gl.BLEND);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.depthMask(false);
-    gl.enable(gl.CULL_FACE);
-    for (const face of [gl.FRONT, gl.BACK]) {
-      gl.cullFace(face);
-      this.draw(mesh, style);
-    }
-    gl.disable(gl.CULL_FACE);
-    gl.depthMask(true);
-    gl.disable(gl.BLEND);
+    this.blended(() => this.draw(mesh, style));
   }
 
   // The ellipsoid with these semi-axes as vectors.
@@ -119,13 +108,7 @@ export class MeshRenderer {
       this.drawModel(this.sphere, style, model, normal);
       return;
     }
-    const { gl } = this;
-    gl.enable(gl.BLEND);
-    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.depthMask(false);
-    this.drawModel(this.sphere, style, model, normal);
-    gl.depthMask(true);
-    gl.disable(gl.BLEND);
+    this.blended(() => this.drawModel(this.sphere, style, model, normal));
   }
 
   drawBall(centre: Vec3, radius_mm: number, style: MeshStyle): void {
@@ -147,6 +130,16 @@ export class MeshRenderer {
     const b = cross(direction, a);
     const model = new Float32Array([...scale(a, radius_mm), 0, ...scale(b, radius_mm), 0, ...along, 0, ...from, 1]);
     this.drawModel(this.cylinder, style, model, new Float32Array([...a, ...b, ...direction]));
+  }
+
+  private blended(draw: () => void): void {
+    const { gl } = this;
+    gl.enable(gl.BLEND);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.depthMask(false);
+    draw();
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
   }
 
   private drawModel(mesh: MeshBuffer, style: MeshStyle, model: Float32Array, normal: Float32Array): void {

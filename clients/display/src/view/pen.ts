@@ -65,6 +65,13 @@ export class Pen {
     this.stroke(colour, width, [], (c) => c.arc(p.x, p.y, radius_px, 0, 2 * Math.PI), fill);
   }
 
+  // A small mark that costs little, for thousands of points.
+  dot(point: Vec3, size_px: number, colour: string): void {
+    const p = this.pixel(point);
+    this.canvas.fillStyle = colour;
+    this.canvas.fillRect(p.x - size_px / 2, p.y - size_px / 2, size_px, size_px);
+  }
+
   diamond(point: Vec3, radius_px: number, colour: string, width: number): void {
     const p = this.pixel(point);
     this.stroke(colour, width, [], (c) => {

@@ -155,7 +155,7 @@ export function drawSpaceOverlay(
   if (!bare) {
     const viewer = towardsViewer(camera);
     for (const capture of scene.captures) {
-      if (isSurface(capture)) pen.circle(capture.position, 1.5, distanceColour(capture.distance_mm), 1);
+      if (isSurface(capture)) pen.dot(capture.position, 3, distanceColour(capture.distance_mm));
     }
     pen.polyline(scene.trace, kColours.live, 1.5);
     drawAxes(pen, viewer);

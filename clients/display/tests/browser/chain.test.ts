@@ -1,0 +1,147 @@
+// The page on the real chain: bregmad, the simulated operating room, the case server and bregma-gateway as processes. The
+// operation goes on from a registration; then each of them stops, or is killed.
+import assert from "node:assert/strict";
+import { mkdirSync } from "node:fs";
+import { after, before, test } from "node:test";
+import type { Browser, Page } from "playwright-core";
+import type { App } from "../../src/page/app.ts";
+import { kColours } from "../../src/view/colours.ts";
+import { launchBrowser } from "../support/browser.ts";
+import { headCase } from "../support/head_case.ts";
+import { countColour, coverTitle, textOf, toolsShown, until, untilCover, untilPicture } from "../support/page_probe.ts";
+import { RealChain } from "../support/real_chain.ts";
+
+declare const bregma: App; // in the page
+
+const build = process.env.BREGMA_BUILD ?? "";
+const shots = `${build}/display_tests/screenshots`;
+let chain: RealChain;
+let browser: Browser;
+let page: Page;
+const errors: string[] = [];
+
+before(async () => {
+  mkdirSync(shots, { recursive: true });
+  chain = new RealChain({
+    bin: `${build}/bin`,
+    page: `${build}/display`,
+    caseFolder: headCase(build, process.env.BREGMA_SOURCE ?? ""),
+    domain: Number(process.env.BREGMA_DOMAIN ?? 40 + (process.pid % 150)),
+  });
+  const url = await chain.start();
+  browser = await launchBrowser();
+  page = await browser.newPage({ viewport: { width: 1000, height: 640 } });
+  page.on("pageerror", (e) => errors.push(e.message));
+  await page.goto(url);
+});
+after(async () => {
+  await browser?.close();
+  await chain?.stop();
+});
+
+const session = () => textOf(page, ".session");
+const untilSession = (wanted: RegExp, limit_ms: number) =>
+  until(session, (s) => wanted.test(s), `session ${wanted}`, limit_ms);
+const untilVerified = () =>
+  until(
+    () => page.evaluate(() => bregma.scene?.tools.some((t) => t.verified) ?? false),
+    (live) => live,
+    "a live pose",
+    60_000,
+  );
+const untilGone = () =>
+  until(
+    () => toolsShown(page),
+    (n) => n === 0,
+    "no tool is shown",
+  );
+
+async function noProbe(): Promise<void> {
+  for (const colour of [kColours.live, kColours.unverified]) {
+    assert.equal(await countColour(page, "overlay", colour), 0);
+    assert.equal(await countColour(page, "picture", colour), 0);
+  }
+}
+
+test("the case arrives over DDS, and the operation is followed to navigation", async () => {
+  await untilPictureWithin(120_000);
+  assert.equal(await textOf(page, ".case-id"), "colin27");
+  await untilSession(/Navigating/, 120_000);
+  await untilVerified();
+  const reports = await page.evaluate(() => bregma.store.all("fiducial").map((f) => f.norm_mm));
+  assert.equal(reports.length, 8);
+  for (const norm of reports) assert.ok(norm < 5);
+  assert.ok((await page.evaluate(() => bregma.scene?.captures.length ?? 0)) > 30);
+  await page.screenshot({ path: `${shots}/chain_navigating.png` });
+});
+
+const untilPictureWithin = (limit_ms: number) =>
+  until(
+    () => coverTitle(page),
+    (t) => t === "",
+    "the picture",
+    limit_ms,
+  );
+
+// What is drawn after an interruption must have been exposed after it.
+async function backWith(status: "live" | "unverified"): Promise<void> {
+  await untilPicture(page);
+  const verified = () => page.evaluate(() => bregma.scene?.tools.map((t) => t.verified) ?? []);
+  await until(verified, (v) => v.length > 0, "a tool", 60_000);
+  if (status === "unverified") assert.ok((await verified()).every((v) => !v));
+  const age = await page.evaluate(() => Math.max(0, ...(bregma.scene?.tools.map((t) => t.shown.age_ms) ?? [])));
+  assert.ok(age < 300, `${age} ms`);
+}
+
+test("a stopped daemon: the probe is gone, the reason is stated, and the picture comes back", async () => {
+  chain.signal("bregmad", "SIGSTOP");
+  await untilGone();
+  await until(
+    () => coverTitle(page),
+    (t) => /silent|No navigation state/.test(t),
+    "the cover",
+  );
+  await noProbe();
+  await page.screenshot({ path: `${shots}/chain_daemon_stopped.png` });
+  chain.signal("bregmad", "SIGCONT");
+  await backWith("live");
+});
+
+test("a stopped gateway", async () => {
+  await untilVerified();
+  chain.signal("bregma-gateway", "SIGSTOP");
+  await untilGone();
+  await untilCover(page, "Connection lost");
+  await noProbe();
+  chain.signal("bregma-gateway", "SIGCONT");
+  await backWith("live");
+});
+
+test("a gateway that is killed and started again", async () => {
+  await untilVerified();
+  chain.signal("bregma-gateway", "SIGKILL");
+  await untilGone();
+  await untilCover(page, "Connection lost");
+  await noProbe();
+  await chain.startGateway();
+  await backWith("live");
+});
+
+test("a daemon that is killed and started again: the probe is back, not verified", async () => {
+  await untilVerified();
+  chain.signal("bregmad", "SIGKILL");
+  await untilGone();
+  await until(
+    () => coverTitle(page),
+    (t) => t !== "",
+    "the cover",
+  );
+  await noProbe();
+  await page.screenshot({ path: `${shots}/chain_daemon_killed.png` });
+  chain.startDaemon();
+  await backWith("unverified");
+  await untilSession(/not verified/, 30_000);
+  await page.screenshot({ path: `${shots}/chain_unverified.png` });
+});
+
+test("nothing failed in the page", () => assert.deepEqual(errors, []));
