@@ -9,11 +9,30 @@ using bregma::tests::run_bregma;
 
 TEST(Usage, HelpIsAnAnswerAndNotAnError) {
   const TemporaryFolder folder;
-  for (const char *arguments :
-       {"--help", "calibrate --help", "calibrate pivot --help", "register --help", "register points --help",
-        "register surface --help", "register cloud --help", "register curves --help", "register capture --help",
-        "mri --help", "mri field --help", "mri correct --help", "mri register --help", "status --help", "case --help", "case mesh --help", "tissue --help",
-        "tissue materials --help", "tissue insert --help", "tissue shift --help"}) {
+  for (const char *arguments : {"--help",
+                                "calibrate --help",
+                                "calibrate pivot --help",
+                                "register --help",
+                                "register points --help",
+                                "register surface --help",
+                                "register cloud --help",
+                                "register curves --help",
+                                "register capture --help",
+                                "mri --help",
+                                "mri field --help",
+                                "mri correct --help",
+                                "mri register --help",
+                                "image --help",
+                                "image register --help",
+                                "image profile --help",
+                                "image features --help",
+                                "status --help",
+                                "case --help",
+                                "case mesh --help",
+                                "tissue --help",
+                                "tissue materials --help",
+                                "tissue insert --help",
+                                "tissue shift --help"}) {
     const auto run = run_bregma(folder, arguments);
     EXPECT_EQ(run.exit_code, 0) << arguments;
     EXPECT_NE(run.out.find("Usage: bregma"), std::string::npos) << arguments << "\n" << run.out;

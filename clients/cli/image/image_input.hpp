@@ -1,0 +1,37 @@
+// Common parts of `bregma image`: reading images, and the options of a measure.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "algorithms/intensity/similarity_measure.hpp"
+#include "algorithms/parallel/team.hpp"
+#include "base/result.hpp"
+
+namespace CLI {
+class App;
+}
+
+namespace bregma::cli {
+
+// A file or a DICOM folder, with its option for a file that does not state its space.
+struct ImageFile {
+  std::string path, space;
+};
+void add_image_file(CLI::App &command, ImageFile &file, const std::string &name, const std::string &help);
+
+// notes: receives what was assumed.
+[[nodiscard]] base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<std::string> &notes);
+
+// --bins and the names of measures.
+[[nodiscard]] std::vector<std::string> measure_names();
+[[nodiscard]] intensity::Measure measure_named(const std::string &name);
+void add_bins_option(CLI::App &command, int &bins);
+
+// Up to two threads, as other registrations of files.
+[[nodiscard]] int registration_threads();
+
+// Brightest and darkest thousandth of the voxels count as their neighbours: metal and spikes would take the bins.
+inline constexpr double kGreyTail = 0.001;
+
+} // namespace bregma::cli

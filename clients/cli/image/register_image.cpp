@@ -1,0 +1,246 @@
+// `bregma image register`: registers an image to another one by their grey values.
+#include <chrono>
+#include <cmath>
+#include <memory>
+#include <string>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <Eigen/LU>
+
+#include "algorithms/intensity/rigid_image.hpp"
+#include "algorithms/intensity/warp.hpp"
+#include "casefile/itk_transform.hpp"
+#include "casefile/volumes/volume.hpp"
+#include "clients/cli/case/progress_line.hpp"
+#include "clients/cli/image/comparison_picture.hpp"
+#include "clients/cli/image/image_commands.hpp"
+#include "clients/cli/image/image_input.hpp"
+#include "clients/cli/output.hpp"
+#include "clients/cli/registration/registration_output.hpp"
+
+namespace bregma::cli {
+
+namespace {
+
+using intensity::ImageVerdict;
+using intensity::RigidImageResult;
+using intensity::Volume;
+using nlohmann::json;
+
+struct RegisterImageArguments {
+  ImageFile source, target;
+  std::string measure = "nmi", start = "search", optimiser = "gradient";
+  std::string initial, targets, tfm, resampled, picture;
+  int bins = 64;
+  double finest_mm = 2.0;
+  bool affine = false;
+};
+
+base::Result<void> check_outputs(const RegisterImageArguments &arguments) {
+  const std::vector<std::string> inputs{arguments.source.path, arguments.target.path, arguments.initial,
+                                        arguments.targets};
+  for (const auto &[option, path] : {std::pair("--tfm", arguments.tfm), std::pair("--resampled", arguments.resampled),
+                                     std::pair("--picture", arguments.picture)}) {
+    if (auto kept = check_output(option, path, inputs); !kept) {
+      return kept;
+    }
+  }
+  return {};
+}
+
+// Where errors are predicted without --targets: at the centre of the target image and 60 mm from it along the axes.
+std::vector<casefile::NamedPoint> default_points(const Volume &target) {
+  const Eigen::Vector3d last(target.size[0] - 1, target.size[1] - 1, target.size[2] - 1);
+  const Eigen::Vector3d centre = target.point_mm(0.5 * last);
+  constexpr double kAway_mm = 60.0;
+  std::vector<casefile::NamedPoint> out{{"centre", centre}};
+  const std::array<std::string, 3> names{"60 mm right", "60 mm anterior", "60 mm superior"};
+  for (std::size_t d = 0; d < 3; ++d) {
+    out.push_back({names[d], centre + kAway_mm * Eigen::Vector3d::Unit(static_cast<Eigen::Index>(d))});
+  }
+  return out;
+}
+
+json common_json(const RigidImageResult &result, const RegisterImageArguments &arguments, double time_ms) {
+  json candidates = json::array();
+  for (const intensity::ImageCandidate &candidate : result.candidates) {
+    candidates.push_back({{"T_target_source", json_matrix(candidate.T_reference_floating.matrix())},
+                          {"similarity_at_4_mm", json_number(candidate.similarity)}});
+  }
+  return {{"accepted", result.verdict == ImageVerdict::kFound},
+          {"verdict", std::string(intensity::name_of(result.verdict))},
+          {"reason", result.reason},
+          {"measure", arguments.measure},
+          {"bins", arguments.bins},
+          {"start", arguments.start},
+          {"similarity", json_number(result.similarity)},
+          {"mutual_information_nats", json_number(result.mutual_information)},
+          {"overlap", json_number(result.overlap)},
+          {"lead", json_number(result.lead)},
+          {"restarts", result.restarts},
+          {"restarts_returned", result.returned},
+          {"evaluations", result.evaluations},
+          {"candidates", std::move(candidates)},
+          {"time_ms", time_ms}};
+}
+
+std::string summary_text(const RigidImageResult &result, const RegisterImageArguments &arguments, double time_ms) {
+  return "\n" + arguments.measure + " " + fixed(result.similarity, 4) + ", overlap " +
+         fixed(100.0 * result.overlap, 0) + " % of the smaller image, " + std::to_string(result.returned) + " of " +
+         std::to_string(result.restarts) + " perturbed restarts came back, lead over the next pose " +
+         fixed(result.lead, 2) + "\n" + std::to_string(result.evaluations) + " comparisons in " +
+         fixed(time_ms, 0, "ms") + "\n";
+}
+
+// The source on the target's grid; outside of it, its darkest value.
+std::vector<float> resampled(const Volume &target, const Volume &source, const Eigen::Matrix4d &T_target_source,
+                             parallel::Team &team) {
+  const Eigen::Matrix4d back = T_target_source.inverse();
+  std::vector<float> out = intensity::warp<3>(
+      target, source, source.voxels,
+      [&](const Eigen::Vector3d &p) -> Eigen::Vector3d { return (back * p.homogeneous()).head<3>(); }, team);
+  const float dark = intensity::grey_range(source.voxels).low;
+  for (float &v : out) {
+    v = std::isfinite(v) ? v : dark;
+  }
+  return out;
+}
+
+base::Result<void> write_images(const RegisterImageArguments &arguments, const Volume &target, const Volume &source,
+                                const Eigen::Matrix4d &T_target_source, parallel::Team &team) {
+  if (arguments.resampled.empty() && arguments.picture.empty()) {
+    return {};
+  }
+  Volume moved{target, resampled(target, source, T_target_source, team)};
+  if (!arguments.picture.empty()) {
+    const Eigen::Vector3d last(target.size[0] - 1, target.size[1] - 1, target.size[2] - 1);
+    if (auto written = write_slices_picture(arguments.picture, target, &moved.voxels, target.point_mm(0.5 * last));
+        !written) {
+      return written;
+    }
+  }
+  return arguments.resampled.empty() ? base::Result<void>() : casefile::write_volume(arguments.resampled, moved);
+}
+
+base::Result<intensity::RigidImageOptions> options_of(const RegisterImageArguments &arguments) {
+  intensity::RigidImageOptions options;
+  options.measure = measure_named(arguments.measure);
+  options.measure_options.bins = arguments.bins;
+  options.measure_options.tail = kGreyTail;
+  options.start = arguments.start == "header"    ? intensity::Start::kPose
+                  : arguments.start == "centres" ? intensity::Start::kCentres
+                                                 : intensity::Start::kSearch;
+  options.optimiser = arguments.optimiser == "lines" ? intensity::Optimiser::kLines : intensity::Optimiser::kGradient;
+  options.affine = arguments.affine;
+  options.finest_mm = arguments.finest_mm;
+  if (!arguments.initial.empty()) {
+    const auto pose = casefile::read_itk_rigid(arguments.initial);
+    if (!pose) {
+      return tl::unexpected(pose.error());
+    }
+    options.T_reference_floating = *pose;
+  }
+  return options;
+}
+
+int register_image(const RegisterImageArguments &arguments, const Context &context) {
+  if (auto kept = check_outputs(arguments); !kept) {
+    return fail(kept.error());
+  }
+  auto options = options_of(arguments);
+  if (!options) {
+    return fail(options.error());
+  }
+  RegistrationFiles files; // for the common output
+  files.source.path = arguments.source.path;
+  files.target.path = arguments.target.path;
+  files.target.space = arguments.target.space;
+  files.tfm = arguments.tfm;
+  const auto targets = read_targets(arguments.targets, files.target);
+  if (!targets) {
+    return fail(targets.error());
+  }
+  std::vector<std::string> notes = targets->notes;
+  const auto source = read_image(arguments.source, notes);
+  if (!source) {
+    return fail(source.error());
+  }
+  const auto target = read_image(arguments.target, notes);
+  if (!target) {
+    return fail(target.error());
+  }
+  parallel::Team team(registration_threads());
+  const auto began = std::chrono::steady_clock::now();
+  RigidImageResult result;
+  {
+    ProgressLine progress;
+    options->progress = [&](double done, std::string_view stage) { return progress.show(done, stage); };
+    result = intensity::register_rigid(*target, *source, *options, team);
+  }
+  const double time_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count();
+  json document = common_json(result, arguments, time_ms);
+  document["notes"] = notes;
+  if (!context.json) {
+    print_notes(notes);
+  }
+  if (result.verdict != ImageVerdict::kFound) {
+    return refuse(std::string(intensity::name_of(result.verdict)), result.reason, context, std::move(document));
+  }
+  const auto errors = errors_at(targets->points.empty() ? default_points(*target) : targets->points, result.covariance);
+  if (context.json) {
+    document.update(transforms_json(result.affine, files));
+    if (!arguments.affine) { // that of the rigid pose only
+      add_covariance(document, result.covariance);
+      document["targets"] = errors_json(errors);
+    }
+    print_json(document);
+  } else {
+    print(transforms_text(result.affine) + summary_text(result, arguments, time_ms) +
+          (arguments.affine ? std::string() : errors_text(errors)));
+  }
+  if (auto written = write_images(arguments, *target, *source, result.affine, team); !written) {
+    return fail(written.error());
+  }
+  return write_tfm(files, result.affine);
+}
+
+} // namespace
+
+void add_image_register(CLI::App &parent, Context &context) {
+  auto *command = parent.add_subcommand("register", "Registers an image to another one of the same head");
+  auto arguments = std::make_shared<RegisterImageArguments>();
+  add_image_file(*command, arguments->source, "source", "The floating image");
+  add_image_file(*command, arguments->target, "target", "The reference image");
+  command->add_option("--measure", arguments->measure, "Similarity of the images")
+      ->check(CLI::IsMember(measure_names()))
+      ->capture_default_str();
+  add_bins_option(*command, arguments->bins);
+  command->add_option("--start", arguments->start, "Poses to start from: header, centres (of mass) or search (all)")
+      ->check(CLI::IsMember({"header", "centres", "search"}))
+      ->capture_default_str();
+  command->add_option("--initial", arguments->initial, "A .tfm that replaces the pose of the headers");
+  command->add_option("--optimiser", arguments->optimiser, "gradient (BFGS) or lines (Powell)")
+      ->check(CLI::IsMember({"gradient", "lines"}))
+      ->capture_default_str();
+  command->add_option("--finest-mm", arguments->finest_mm, "Spacing of the finest level")
+      ->check(CLI::Range(0.5, 4.0))
+      ->capture_default_str();
+  command->add_flag("--affine", arguments->affine, "Also scales and shears, from the rigid pose");
+  command->add_option("--targets", arguments->targets, "Points in the target's coordinates to predict the TRE at");
+  command->add_option("--tfm", arguments->tfm, "Write the transform for ITK and Slicer");
+  command->add_option("--resampled", arguments->resampled,
+                      "Write the source on the target's grid: .nii, .nii.gz, .nrrd, .mha");
+  command->add_option("--picture", arguments->picture, "Write a checkerboard of both images (PNG)");
+  add_json_flag(*command, context);
+  command->footer(
+      "The verdict is found, ambiguous or refused (exit code 1), with the reason. Only a pose that is found "
+      "is\nprinted as a transform and written.\n\nExamples:\n"
+      "  bregma image register mr.nii.gz ct.nii.gz --tfm mr_to_ct.tfm --picture check.png\n"
+      "  bregma image register dicom_folder/ ct.nrrd --start header --targets lesion.mrk.json --json");
+  command->callback(
+      [arguments, &context] { context.run = [arguments, &context] { return register_image(*arguments, context); }; });
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,137 @@
+// `bregma image` on files: what it writes, and what a person reads where images cannot be registered.
+#include <cmath>
+#include <fstream>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "casefile/itk_transform.hpp"
+#include "casefile/volumes/volume.hpp"
+#include "tests/unit/algorithms/intensity/phantom.hpp"
+#include "tests/unit/cli/run_bregma.hpp"
+
+namespace {
+
+using namespace bregma;
+using bregma::tests::run_bregma;
+using test::TemporaryFolder;
+
+constexpr double kScale = 2.6; // of the phantom: to the size of a head
+
+casefile::Volume head(std::array<int, 3> size, bool other,
+                      const Eigen::Matrix4d &T_header = Eigen::Matrix4d::Identity()) {
+  Eigen::Affine3d to_body = Eigen::Affine3d::Identity();
+  to_body.scale(1.0 / kScale);
+  casefile::Volume out = test::phantom(size, {3.3, 3.3, 3.3}, to_body);
+  if (other) {
+    for (std::size_t i = 0; i < out.voxels.size(); ++i) {
+      out.voxels[i] = 90.0F * std::sin(out.voxels[i] / 45.0F) + static_cast<float>(i % 7);
+    }
+  }
+  out.T_image_index = (T_header * out.T_image_index).eval();
+  return out;
+}
+
+struct Files {
+  TemporaryFolder folder;
+  Files() {
+    write("target.nii.gz", head({50, 58, 46}, false));
+    write("source.nii.gz", head({48, 56, 48}, true, test::pose({5, -8, 12}, {12, -7, 9})));
+  }
+  void write(const std::string &name, const casefile::Volume &volume) const {
+    ASSERT_TRUE(casefile::write_volume(folder.path() / name, volume).has_value());
+  }
+  [[nodiscard]] tests::Outcome run(const std::string &arguments) const { return run_bregma(folder, arguments); }
+};
+
+TEST(ImageCommand, RegistersTwoImagesAndWritesWhatIsAskedFor) {
+  const Files files;
+  const auto run = files.run("image register source.nii.gz target.nii.gz --finest-mm 3.3 --tfm out.tfm "
+                             "--resampled moved.nii.gz --picture check.png --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto out = run.json();
+  EXPECT_EQ(out["verdict"], "found");
+  EXPECT_GT(out["lead"].get<double>(), 0.15);
+  EXPECT_EQ(out["targets"].size(), 4U);
+  const auto T = casefile::read_itk_rigid(files.folder.path() / "out.tfm");
+  ASSERT_TRUE(T.has_value());
+  const Eigen::Matrix4d truth = test::pose({5, -8, 12}, {12, -7, 9}).inverse();
+  EXPECT_LT((T->matrix() - truth).topRightCorner(3, 1).norm(), 0.5);
+  EXPECT_LT((T->matrix() - truth).topLeftCorner(3, 3).norm(), 0.01);
+  const auto moved = casefile::read_volume(files.folder.path() / "moved.nii.gz");
+  ASSERT_TRUE(moved.has_value()) << moved.error().message;
+  EXPECT_EQ(moved->size, (std::array<int, 3>{50, 58, 46}));
+  EXPECT_EQ(tests::read_file((files.folder.path() / "check.png").string()).substr(1, 3), "PNG");
+  const auto text = files.run("image register source.nii.gz target.nii.gz --finest-mm 3.3");
+  EXPECT_NE(text.out.find("T_target_source"), std::string::npos) << text.out;
+  EXPECT_NE(text.out.find("perturbed restarts came back"), std::string::npos) << text.out;
+}
+
+TEST(ImageCommand, RefusesWithAReasonAndWritesNothing) {
+  const Files files;
+  files.write("slice.nii.gz", head({48, 56, 1}, true));
+  casefile::Volume flat = head({48, 56, 48}, true);
+  std::fill(flat.voxels.begin(), flat.voxels.end(), 4.0F);
+  files.write("flat.nii.gz", flat);
+  files.write("far.nii.gz", head({48, 56, 48}, true, test::pose({0, 0, 0}, {0, 0, 2000})));
+  const auto reason = [&](const std::string &arguments) {
+    const auto run = files.run("image register " + arguments + " target.nii.gz --tfm no.tfm --resampled no.nii");
+    EXPECT_EQ(run.exit_code, 1);
+    EXPECT_EQ(run.out, "");
+    EXPECT_FALSE(std::ifstream(files.folder.path() / "no.tfm").good());
+    EXPECT_FALSE(std::ifstream(files.folder.path() / "no.nii").good());
+    return run.err;
+  };
+  EXPECT_NE(reason("slice.nii.gz").find("bregma: refused: the floating image has 1 slice along an axis"),
+            std::string::npos);
+  EXPECT_NE(reason("flat.nii.gz").find("bregma: refused: the floating image has one grey value only"),
+            std::string::npos);
+  EXPECT_NE(reason("--start header far.nii.gz")
+                .find("bregma: refused: the images do not overlap where their headers place them"),
+            std::string::npos);
+}
+
+TEST(ImageCommand, ImagesThatAreNoVolumesCannotBeRead) {
+  const Files files;
+  std::ofstream(files.folder.path() / "four.mha")
+      << "ObjectType = Image\nNDims = 4\nDimSize = 2 2 2 2\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+      << std::string(16, 'a');
+  std::ofstream(files.folder.path() / "colour.mha")
+      << "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementNumberOfChannels = 3\nElementType = MET_UCHAR\n"
+         "ElementDataFile = LOCAL\n"
+      << std::string(24, 'a');
+  for (const char *name : {"four.mha", "colour.mha", "absent.nii"}) {
+    const auto run = files.run("image register " + std::string(name) + " target.nii.gz");
+    EXPECT_EQ(run.exit_code, 2) << name;
+    EXPECT_NE(run.err.find(name), std::string::npos) << run.err;
+  }
+  EXPECT_EQ(files.run("image register source.nii.gz target.nii.gz --tfm source.nii.gz").exit_code, 2);
+}
+
+TEST(ImageCommand, ProfileFindsThePoseAndWritesCurves) {
+  const Files files;
+  files.write("turned.nii.gz", head({48, 56, 48}, true, test::pose({0, 0, 6}, {0, 0, 0})));
+  const auto run = files.run("image profile turned.nii.gz target.nii.gz --measure nmi,ami --from -15 --to 15 --step 1 "
+                             "--csv curve.csv --plot curve.svg --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto out = run.json();
+  EXPECT_EQ(out["at"].size(), 31U);
+  EXPECT_NEAR(out["largest_at"]["nmi"].get<double>(), 6.0, 1.0);
+  EXPECT_NEAR(out["largest_at"]["ami"].get<double>(), 6.0, 1.0);
+  const std::string csv = tests::read_file((files.folder.path() / "curve.csv").string());
+  EXPECT_TRUE(csv.starts_with("rotation-z_deg,nmi,ami\n-15.0000,")) << csv.substr(0, 60);
+  EXPECT_NE(tests::read_file((files.folder.path() / "curve.svg").string()).find("<svg"), std::string::npos);
+  EXPECT_EQ(files.run("image profile source.nii.gz target.nii.gz --from 0 --to 5000 --step 1").err,
+            "bregma: --from, --to, --step: 5001 steps; 1 to 2000 are possible\n");
+}
+
+TEST(ImageCommand, FeaturesShowThatAigAsPrintedIsNearlyZero) {
+  const Files files;
+  const auto printed = files.run("image features source.nii.gz --reading printed --json").json();
+  EXPECT_GT(printed["zero_fraction"].get<double>(), 0.99);
+  const auto reading = files.run("image features source.nii.gz --out aig.nii.gz --picture aig.png --json").json();
+  EXPECT_LT(reading["zero_fraction"].get<double>(), 0.9);
+  EXPECT_TRUE(casefile::read_volume(files.folder.path() / "aig.nii.gz").has_value());
+}
+
+} // namespace
