@@ -14,6 +14,7 @@ using Eigen::Vector3d;
 using geometry::Points3;
 
 constexpr double kNear = 1.5;      // of the median spacing: neighbours along an edge of a cell, not its diagonal
+constexpr double kFar = 0.5;       // nearer ones are doubled
 constexpr double kSameStep = 0.25; // of the spacing: distance of two displacements that count as the same
 constexpr double kApart = 0.643;   // cosine of 50 degrees
 constexpr std::size_t kMaxCandidates = 300;
@@ -40,14 +41,14 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-LatticeSteps lattice_steps(const Points3 &points_mm) {
+LatticeSteps lattice_steps(const Points3 &points_mm, double spacing_mm) {
   LatticeSteps out;
-  out.spacing_mm = median(nearest_distances(points_mm));
+  out.spacing_mm = spacing_mm > 0.0 ? spacing_mm : median(nearest_distances(points_mm));
   std::vector<Vector3d> displacements;
   for (Index i = 0; i < points_mm.cols(); ++i) {
     for (Index j = i + 1; j < points_mm.cols(); ++j) {
       const Vector3d d = points_mm.col(j) - points_mm.col(i);
-      if (d.norm() < kNear * out.spacing_mm) {
+      if (d.norm() < kNear * out.spacing_mm && d.norm() > kFar * out.spacing_mm) {
         displacements.push_back(d);
       }
     }

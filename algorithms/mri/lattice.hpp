@@ -20,7 +20,8 @@ struct LatticeSteps {
   geometry::Points3 steps_mm; // at most three, the most frequent first, at least 50 degrees apart
   double spacing_mm = 0.0;    // median distance of nearest neighbours
 };
-// Most frequent displacements between near neighbours, averaged over the points.
-[[nodiscard]] LatticeSteps lattice_steps(const geometry::Points3 &points_mm);
+// Most frequent displacements between near neighbours, averaged over the points. spacing_mm: of a known lattice, where
+// points may be doubled; 0: the median distance of nearest neighbours.
+[[nodiscard]] LatticeSteps lattice_steps(const geometry::Points3 &points_mm, double spacing_mm = 0.0);
 
 } // namespace bregma::mri

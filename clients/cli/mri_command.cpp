@@ -9,6 +9,7 @@ namespace bregma::cli {
 void add_mri_command(CLI::App &app, Context &context) {
   auto *mri = app.add_subcommand("mri", "Works with an MR scanner");
   mri->require_subcommand(1);
+  add_mri_points(*mri, context);
   add_mri_field(*mri, context);
   add_mri_correct(*mri, context);
   add_mri_register(*mri, context);

@@ -5,6 +5,7 @@
 
 namespace bregma::cli {
 
+void add_mri_points(CLI::App &mri, Context &context);   // points
 void add_mri_field(CLI::App &mri, Context &context);    // field
 void add_mri_correct(CLI::App &mri, Context &context);  // correct
 void add_mri_register(CLI::App &mri, Context &context); // register

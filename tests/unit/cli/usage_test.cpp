@@ -19,6 +19,7 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
                                 "register curves --help",
                                 "register capture --help",
                                 "mri --help",
+                                "mri points --help",
                                 "mri field --help",
                                 "mri correct --help",
                                 "mri register --help",
