@@ -56,6 +56,9 @@ public:
     if (!syntax) {
       return tl::unexpected(syntax.error());
     }
+    if (at_ >= size_) { // on which GDCM ends the process
+      return tl::unexpected(std::string("it ends before its data set"));
+    }
     if (*syntax == "1.2.840.10008.1.2.1.99") { // deflated
       out_.has_pixels = true;
       out_.compressed = true;

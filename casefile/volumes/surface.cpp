@@ -183,10 +183,11 @@ base::Result<ExtractedSurface> surface_of(const Field &field, const SurfaceOptio
     return base::failure("the surface " + defect_of(check));
   }
   out.mesh = full;
+  const int components = check.components;
   if (out.report.full_vertices > options.vertices) {
     out.mesh = mesh_in_image(quadric_decimated(smooth, options.vertices), field.grid);
     check = check_mesh(out.mesh);
-    if (!sound(check)) {
+    if (!sound(check) || check.components != components) { // pinched, or a small part is lost
       step(0.5, "decimation, keeping the topology");
       out.mesh = decimated(full, options.vertices);
       check = check_mesh(out.mesh);

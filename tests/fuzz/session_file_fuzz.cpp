@@ -1,8 +1,12 @@
-// Arbitrary bytes as a session file: nothing crashes, every part is read or refused, and a file that was read whole is
-// refused, at the latest while it is read, when pages are missing.
+// Arbitrary bytes as a session file, and a whole one with changed bytes: nothing crashes, every part is read or
+// refused, and a whole file is refused, at the latest while it is read, where it is cut.
 #include <cstdint>
 #include <cstdlib>
-#include <functional>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <span>
+#include <string>
 #include <string_view>
 
 #include "casefile/session_file/session_file.hpp"
@@ -35,25 +39,57 @@ bool read_all(const std::filesystem::path &file) {
   return frames && states && whole;
 }
 
-void write(const test::TemporaryFolder &folder, std::string_view name, std::string_view content) {
+// Without what an earlier database left beside it.
+std::filesystem::path write(const std::filesystem::path &folder, const std::string &name, std::string_view content) {
   for (const char *more : {"-wal", "-shm", "-journal"}) {
     std::error_code ignored;
-    std::filesystem::remove(folder / (std::string(name) + more), ignored);
+    std::filesystem::remove(folder / (name + more), ignored);
   }
-  static_cast<void>(folder.write(std::string(name), content));
+  std::ofstream(folder / name, std::ios::binary) << content;
+  return folder / name;
+}
+
+// Attachments and frames, over some pages.
+std::string whole_file(const test::TemporaryFolder &folder) {
+  const auto file = folder / "whole.session";
+  {
+    auto writer = casefile::SessionWriter::create(file);
+    require(writer.has_value());
+    const std::string body(3'000, 'b');
+    require(writer->set_meta("case", "colin27") && writer->set_meta("started", "2026-01-01") &&
+            writer->attach("scalp.ply", std::as_bytes(std::span(body))));
+    for (int i = 0; i < 8; ++i) {
+      require(writer->write(i, wire::TrackerFrame{}) && writer->write(i, wire::NavigationState{}));
+    }
+    require(writer->commit().has_value());
+  }
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
 }
 
 } // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
   static const test::TemporaryFolder scratch;
-  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
-  const std::string_view content(reinterpret_cast<const char *>(data), size);
-  write(scratch, "a.bregma", content);
-  if (read_all(scratch / "a.bregma")) {
-    constexpr std::size_t kPage = 512; // the smallest of SQLite
-    write(scratch, "cut.bregma", content.substr(0, std::hash<std::string_view>()(content) % (size - kPage)));
-    require(!read_all(scratch / "cut.bregma"));
+  static const std::string whole = whole_file(scratch);
+  static const bool readable = read_all(write(scratch.path(), "a.session", whole));
+  require(readable);
+  if (size % 2 == 0) {
+    // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
+    const std::string_view content(reinterpret_cast<const char *>(data), size);
+    static_cast<void>(read_all(write(scratch.path(), "a.session", content)));
+    return 0;
   }
+  // Bytes of the whole file, each as place and value, and then a cut.
+  std::string changed = whole;
+  std::size_t cut = 0;
+  for (std::size_t at = 0; at + 4 < size; at += 4) {
+    const std::size_t place =
+        std::size_t{data[at]} | std::size_t{data[at + 1]} << 8U | std::size_t{data[at + 2]} << 16U;
+    changed[place % changed.size()] = static_cast<char>(data[at + 3]);
+    cut = cut * 31U + place + data[at + 3];
+  }
+  static_cast<void>(read_all(write(scratch.path(), "a.session", changed)));
+  require(!read_all(write(scratch.path(), "a.session", std::string_view(whole).substr(0, cut % whole.size()))));
   return 0;
 }

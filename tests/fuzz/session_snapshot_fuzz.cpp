@@ -1,14 +1,21 @@
-// Arbitrary bytes as session.json: nothing crashes, and a file that is accepted is refused when it is cut.
+// Arbitrary bytes as session.json, and arbitrary values in one whose checksum is right: nothing crashes, what is
+// accepted can be saved and restored again, and a file that is accepted is refused when it is cut.
 #include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <functional>
 #include <string>
+#include <string_view>
+
+#include <boost/crc.hpp>
+#include <nlohmann/json.hpp>
 
 #include "server/session/snapshot.hpp"
 
 namespace {
 
 using namespace bregma;
+using nlohmann::json;
 
 void require(bool condition) {
   if (!condition) {
@@ -16,22 +23,66 @@ void require(bool condition) {
   }
 }
 
-void restore(const std::string &text) {
+bool restore(const std::string &text) {
   const auto data = server::from_json(text, "session.json");
   require(data || !data.error().message.empty());
   if (!data) {
-    return;
+    return false;
   }
-  // What is restored can be saved and restored again.
   require(server::from_json(server::to_json(*data), "session.json").has_value());
   const std::size_t end = text.find_last_of('}') + 1;
   require(!server::from_json(text.substr(0, std::hash<std::string>()(text) % end), "session.json"));
+  return true;
+}
+
+// The file whose session these values are.
+std::string with_checksum(const json &session) {
+  const auto dump = [](const json &value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); };
+  const std::string content = dump(session);
+  boost::crc_32_type crc;
+  crc.process_bytes(content.data(), content.size());
+  char sum[16];
+  (void)std::snprintf(sum, sizeof sum, "%08x", static_cast<unsigned>(crc.checksum()));
+  const json written = json::parse(server::to_json({}));
+  return dump({{"bregma_session", written["bregma_session"]}, {"crc32", sum}, {"session", session}}) + "\n";
+}
+
+// A session with every part.
+server::SessionData complete() {
+  server::SessionData out;
+  out.case_folder = "/cases/colin27";
+  out.case_id = "colin27";
+  out.tips["Stylus"] = {};
+  out.fiducials["F1"] = {};
+  out.surface.push_back({});
+  out.accepted = server::RegistrationAccepted{};
+  out.checks["Nasion"] = {};
+  return out;
 }
 
 } // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
+  static const std::string whole = server::to_json(complete());
+  static const bool readable = restore(whole);
+  require(readable);
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
-  restore(std::string(reinterpret_cast<const char *>(data), size));
+  const std::string text(reinterpret_cast<const char *>(data), size);
+  static_cast<void>(restore(text));
+  // "/checks/Nasion/error_mm = 1e400" in the complete session.
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos || text.front() != '/') {
+    return 0;
+  }
+  const json value = json::parse(text.substr(equals + 1), nullptr, false);
+  if (value.is_discarded()) {
+    return 0;
+  }
+  try {
+    json session = json::parse(whole)["session"];
+    session[json::json_pointer(text.substr(0, equals))] = value;
+    static_cast<void>(restore(with_checksum(session)));
+  } catch (const json::exception &) { // the path does not fit the session
+  }
   return 0;
 }

@@ -185,6 +185,36 @@ TEST(DicomSeries, AFolderWithoutImagesIsRefused) {
   EXPECT_EQ(scratch.path().string() + ": the folder holds no DICOM images", volume.error().message);
 }
 
+// A CD: a list of its content at the top, the series in folders.
+TEST(DicomSeries, ACdIsReadFromItsTopAndItsListIsNamed) {
+  const TemporaryFolder scratch;
+  if (!unpacked("dicom_mr_oblique_384.tgz", scratch.path())) {
+    GTEST_SKIP() << "needs " << test::shared_data() / "images/dicom_mr_oblique_384.tgz";
+  }
+  fs::create_directories(scratch / "cd/IMAGES/A");
+  fs::create_directories(scratch / "cd/IMAGES/B");
+  for (int slice = 100; slice < 108; ++slice) {
+    fs::copy_file(scratch / ("dicoms/N2D_0" + std::to_string(slice) + ".dcm"),
+                  scratch / (std::string("cd/IMAGES/") + (slice % 2 == 0 ? "A" : "B") + "/I" + std::to_string(slice)));
+  }
+  using namespace std::string_literals;
+  const std::string header = std::string(128, '\0') + "DICM\2\0\x10\0UI\x14\0"s + "1.2.840.10008.1.2.1\0"s;
+  test::write_bytes(scratch / "cd/DICOMDIR", header);
+  const auto cut = read_volume(scratch / "cd");
+  ASSERT_FALSE(cut);
+  EXPECT_NE(std::string::npos, cut.error().message.find("DICOMDIR: is not whole, or damaged: it ends before its data"));
+  test::write_bytes(scratch / "cd/DICOMDIR", header + "\4\0\x30\x11"
+                                                      "CS\2\0A "s);
+  Notes notes;
+  const auto volume = read_volume(scratch / "cd", {}, &notes);
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_EQ(*std::min_element(volume->size.begin(), volume->size.end()), 8);
+  EXPECT_TRUE(notes.empty());
+  const auto itself = read_volume(scratch / "cd/DICOMDIR");
+  ASSERT_FALSE(itself);
+  EXPECT_NE(std::string::npos, itself.error().message.find("is the list of a DICOM medium; give the folder"));
+}
+
 // An equally spaced series without one slice: one gap is twice the others.
 TEST(DicomSeries, AMissingSliceIsFound) {
   const TemporaryFolder scratch;
