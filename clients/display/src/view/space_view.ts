@@ -133,8 +133,11 @@ export class SpaceView {
 
   private drawSurface(buffer: MeshBuffer, colour: Colour, opacity: number): void {
     if (opacity <= 0.01) return;
+    const { gl } = this;
+    gl.enable(gl.CULL_FACE); // the far side of a closed surface adds little and costs as much as the near one
     if (opacity >= 0.99) this.meshes.draw(buffer, { colour, opacity: 1 });
     else this.meshes.drawTranslucent(buffer, { colour, opacity });
+    gl.disable(gl.CULL_FACE);
   }
 }
 

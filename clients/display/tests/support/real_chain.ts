@@ -38,9 +38,15 @@ export class RealChain {
     this.startDaemon();
     this.spawn("bregma-case-server", []);
     await this.startGateway();
+    this.startRoom();
+    return `http://localhost:${this.port}/`;
+  }
+
+  // The operator gives up when a step fails, as where a machine is too busy for the tracker's frames: it can be started again.
+  startRoom(): void {
+    const { caseFolder } = this.options;
     const scenario = join(this.folder, "navigation.toml");
     this.spawn("bregma-sim-room", ["--case", caseFolder, "--scenario", scenario, "--seed", String(kSeed), "--live"]);
-    return `http://localhost:${this.port}/`;
   }
 
   startDaemon(): void {

@@ -48,6 +48,7 @@ tool = "Stylus"
 
 [[steps]]
 do = "confirm_verification"
+may_fail = true
 
 [[steps]]
 do = "start_navigation"
