@@ -42,8 +42,8 @@ constexpr double kMinInformation = 0.03; // nats per sample
 constexpr double kMaxError_mm = 3.0;     // predicted, rms at kArm_mm
 constexpr double kPerturbed_mm = 8.0;    // of each restart, translation and rotation at kArm_mm
 // Voxels and samples that count as one independent sample (docs/images.md: how they were measured).
-constexpr double kVoxelsPerIndependent = 160.0;
-constexpr double kSamplesPerIndependent = 9.0;
+constexpr double kVoxelsPerIndependent = 260.0;
+constexpr double kSamplesPerIndependent = 14.4;
 
 std::string number(double value, int digits) {
   std::array<char, 32> out{};

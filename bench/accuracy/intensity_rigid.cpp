@@ -1,0 +1,250 @@
+// Registration in space: success, time, and whether the predicted covariance holds.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <tuple>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+
+#include "algorithms/geometry/angles.hpp"
+#include "bench/accuracy/intensity_elastix.hpp"
+#include "bench/accuracy/intensity_parts.hpp"
+
+namespace bregma::bench {
+
+namespace {
+
+using Eigen::Vector3d;
+using intensity::ImageVerdict;
+using intensity::Measure;
+using intensity::ReferenceFromFloating;
+using intensity::RigidImageOptions;
+using intensity::RigidImageResult;
+using intensity::Volume;
+
+const Vector3d kBrainCentre(0.0, -20.0, 10.0); // MNI, mm
+constexpr double kHalfVoxel_mm = 1.0;
+constexpr double kHalfDegree = 0.5;
+
+RigidImageOptions usual() {
+  RigidImageOptions out;
+  out.measure_options.tail = 0.001;
+  return out;
+}
+
+double since_s(std::chrono::steady_clock::time_point began) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
+}
+
+// The image with a header that is wrong by a motion; the registration has to find its inverse.
+struct Misplaced {
+  Volume image;
+  ReferenceFromFloating truth;
+};
+Misplaced misplaced(const Volume &image, bool anywhere, std::mt19937_64 &rng) {
+  constexpr double kNearDegrees = 30.0;
+  Eigen::Quaterniond turn(
+      Eigen::AngleAxisd(std::abs(uniform(rng)) * kNearDegrees * geometry::kRadiansPerDegree, direction(rng)));
+  if (anywhere) {
+    turn = Eigen::Quaterniond(normal(rng), normal(rng), normal(rng), normal(rng)).normalized();
+  }
+  const Vector3d shift = (anywhere ? 100.0 : 30.0) * std::abs(uniform(rng)) * direction(rng);
+  const geometry::Rigid3<geometry::frame::Source, geometry::frame::Target> moved(turn, shift);
+  Misplaced out{image, moved.inverse()};
+  out.image.T_image_index = moved.matrix() * image.T_image_index;
+  return out;
+}
+
+struct Tally {
+  int runs = 0, right = 0, found = 0, wrong_found = 0;
+  std::vector<double> errors_mm, times_s;
+
+  void take(const RigidImageResult &result, const ReferenceFromFloating &truth, double time_s) {
+    ++runs;
+    times_s.push_back(time_s);
+    const double shift = (result.T_reference_floating * (truth.inverse() * kBrainCentre) - kBrainCentre).norm();
+    const double turn = geometry::angle_between(result.T_reference_floating.rotation(), truth.rotation());
+    right += shift <= kHalfVoxel_mm && turn <= kHalfDegree * geometry::kRadiansPerDegree ? 1 : 0;
+    errors_mm.push_back(intensity::apart_mm(result.T_reference_floating, truth, kBrainCentre));
+    const bool is_found = result.verdict == ImageVerdict::kFound;
+    found += is_found ? 1 : 0;
+    wrong_found += is_found && worst_corner_mm(result, truth) > 4.0 ? 1 : 0; // two voxels
+  }
+
+private:
+  // Largest error beyond its predicted bound over the corners of the brain's box; 0 where the bound holds.
+  static double worst_corner_mm(const RigidImageResult &result, const ReferenceFromFloating &truth) {
+    double worst = 0.0;
+    for (unsigned corner = 0; corner < 8; ++corner) {
+      const Vector3d p = kBrainCentre + Vector3d((corner & 1U) != 0 ? 70 : -70, (corner & 2U) != 0 ? 85 : -85,
+                                                 (corner & 4U) != 0 ? 65 : -65);
+      worst = std::max(worst, (result.T_reference_floating * (truth.inverse() * p) - p).norm());
+    }
+    return worst;
+  }
+};
+
+Tally success(const Volume &reference, const Volume &floating, const RigidImageOptions &how, bool anywhere, int starts,
+              unsigned seed, const std::string &study) {
+  std::mt19937_64 rng(seed);
+  parallel::Team team(bench_threads());
+  Progress progress(study, starts);
+  Tally out;
+  for (int i = 0; i < starts; ++i) {
+    const Misplaced pair = misplaced(floating, anywhere, rng);
+    const auto began = std::chrono::steady_clock::now();
+    const RigidImageResult result = intensity::register_rigid(reference, pair.image, how, team);
+    out.take(result, pair.truth, since_s(began));
+    progress.step();
+  }
+  return out;
+}
+
+double percent(int part, int whole) { return 100.0 * part / whole; }
+
+} // namespace
+
+void rigid_figures(Report &report, const IntensityOptions &options) {
+  const Volume t1 = load_volume(options.mni + "/avg152T1.nii.gz");
+  const int starts = options.quick ? 4 : 100;
+  report.note(
+      "Templates at 2 mm onto T1, the header wrong by up to 30 mm and 30 deg, " + std::to_string(starts) +
+      " starts; right: within half a voxel and 0.5 deg; wrong: found, and more than two voxels off at the worst "
+      "corner of the brain. CT and T1 are means of two populations");
+  for (const auto &[file, name, limited] :
+       {std::tuple("/avg152T2.nii.gz", "T2/T1", true), std::tuple("/avg152PD.nii.gz", "PD/T1", true),
+        std::tuple("/scct.nii.gz", "CT/T1", false)}) {
+    Tally tally = success(t1, load_volume(options.mni + file), usual(), false, starts, 41, name);
+    const std::string label(name);
+    const double right = percent(tally.right, tally.runs);
+    report.add(limited ? at_least(label + " right", right, "%", 99.0) : figure(label + " right", right, "%"));
+    report.add(figure(label + " rms distance, median", percentile(tally.errors_mm, 0.5), "mm"));
+    report.add(figure(label + " rms distance, worst", percentile(tally.errors_mm, 1.0), "mm"));
+    report.add(at_most(label + " found but wrong", tally.wrong_found, "runs", 0.0));
+    report.add(figure(label + " time, median", percentile(tally.times_s, 0.5), "s"));
+  }
+  const Volume t2 = load_volume(options.mni + "/avg152T2.nii.gz");
+  Tally any = success(t1, t2, usual(), true, starts, 43, "any pose");
+  report.add(at_least("T2/T1 from any pose right", percent(any.right, any.runs), "%", 95.0));
+  report.add(at_most("T2/T1 from any pose found but wrong", any.wrong_found, "runs", 0.0));
+  for (const Measure measure : {Measure::kMi, Measure::kGmi, Measure::kAmi, Measure::kMfMi, Measure::kCorrelation}) {
+    RigidImageOptions how = usual();
+    how.measure = measure;
+    how.start = intensity::Start::kCentres;
+    const int fewer = options.quick ? 2 : 20;
+    const std::string label = "T2/T1 " + std::string(intensity::name_of(measure)) + " from centres";
+    Tally tally = success(t1, t2, how, false, fewer, 47, label);
+    report.add(figure(label + " right", percent(tally.right, tally.runs), "%"));
+    report.add(figure(label + " rms distance, median", percentile(tally.errors_mm, 0.5), "mm"));
+  }
+  for (const bool lines : {false, true}) {
+    RigidImageOptions how = usual();
+    how.start = intensity::Start::kCentres;
+    how.optimiser = lines ? intensity::Optimiser::kLines : intensity::Optimiser::kGradient;
+    const std::string label = lines ? "Powell" : "BFGS";
+    Tally tally = success(t1, t2, how, false, options.quick ? 3 : 20, 53, label);
+    report.add(figure("T2/T1 " + label + " right", percent(tally.right, tally.runs), "%"));
+    report.add(figure("T2/T1 " + label + " time, median", percentile(tally.times_s, 0.5), "s"));
+  }
+}
+
+void one_mm_figures(Report &report, const IntensityOptions &options) {
+  const Volume head = load_volume(options.colin);
+  parallel::Team team(bench_threads());
+  const int runs = options.quick ? 1 : 10;
+  report.note("Colin27 at 1 mm (181 x 217 x 181) with its copy: grey-value map, bias field, 2 to 9 % noise, pose up to "
+              "30 deg and 20 mm, part of the field of view");
+  std::mt19937_64 rng(61);
+  SyntheticOptions how;
+  how.spacing_mm = 1.0;
+  std::vector<double> errors;
+  std::vector<double> times;
+  for (int i = 0; i < runs; ++i) {
+    const SyntheticPair pair = synthetic_pair(head, how, rng, team);
+    const auto began = std::chrono::steady_clock::now();
+    const RigidImageResult result = intensity::register_rigid(pair.reference, pair.floating, usual(), team);
+    times.push_back(since_s(began));
+    errors.push_back(intensity::apart_mm(result.T_reference_floating, pair.truth, kBrainCentre));
+  }
+  report.add(at_most("1 mm pair time, worst", percentile(times, 1.0), "s", 5.0));
+  report.add(figure("1 mm pair rms distance, worst", percentile(errors, 1.0), "mm"));
+}
+
+void speed_figures(Report &report, const IntensityOptions &options) {
+  const Volume t1 = load_volume(options.mni + "/avg152T1.nii.gz");
+  std::mt19937_64 rng(67);
+  const Misplaced pair = misplaced(load_volume(options.mni + "/avg152T2.nii.gz"), false, rng);
+  parallel::Team team(bench_threads());
+  for (const bool search : {false, true}) {
+    RigidImageOptions how = usual();
+    how.start = search ? intensity::Start::kSearch : intensity::Start::kCentres;
+    std::vector<double> times;
+    RigidImageResult result;
+    for (int i = 0; i < (options.quick ? 2 : 5); ++i) {
+      const auto began = std::chrono::steady_clock::now();
+      result = intensity::register_rigid(t1, pair.image, how, team);
+      times.push_back(since_s(began));
+    }
+    const std::string label = search ? "T2/T1 from all rotations" : "T2/T1 from centres of mass";
+    report.add(figure(label + ", rms distance",
+                      intensity::apart_mm(result.T_reference_floating, pair.truth, kBrainCentre), "mm"));
+    report.add(figure(label + ", time", percentile(times, 0.5), "s"));
+  }
+  const auto peer = run_elastix(t1, pair.image);
+  if (!peer) {
+    report.note("elastix: " + peer.error().message);
+    return;
+  }
+  report.add(
+      figure("elastix, rms distance", intensity::apart_mm(peer->T_reference_floating, pair.truth, kBrainCentre), "mm"));
+  report.add(figure("elastix, time without files", peer->time_s, "s"));
+}
+
+void coverage_figures(Report &report, const IntensityOptions &options) {
+  const int runs = options.quick ? 8 : 1000;
+  report.note(
+      "Predicted covariance, synthetic pairs of Colin27 at 2 mm (map, bias field, 2 to 9 % noise, 60 to 100 % of "
+      "the field of view, pose up to 30 deg and 20 mm): points on a 60 mm sphere within their 95 % region. "
+      "Its two constants were measured with other seeds (docs/images.md)");
+  const Volume head = load_volume(options.colin);
+  parallel::Team team(bench_threads());
+  std::mt19937_64 rng(71);
+  Progress progress("coverage", runs);
+  int inside = 0;
+  int points = 0;
+  int found = 0;
+  double squares = 0.0;
+  double predicted = 0.0;
+  for (int i = 0; i < runs; ++i) {
+    const SyntheticPair pair = synthetic_pair(head, {}, rng, team);
+    RigidImageOptions how = usual();
+    how.start = intensity::Start::kCentres;
+    how.seed = static_cast<std::uint64_t>(i) + 1;
+    const RigidImageResult result = intensity::register_rigid(pair.reference, pair.floating, how, team);
+    progress.step();
+    if (result.verdict != ImageVerdict::kFound) {
+      continue;
+    }
+    ++found;
+    for (unsigned corner = 0; corner < 8; ++corner) {
+      const Vector3d p = kBrainCentre + 60.0 / std::sqrt(3.0) *
+                                            Vector3d((corner & 1U) != 0 ? 1 : -1, (corner & 2U) != 0 ? 1 : -1,
+                                                     (corner & 4U) != 0 ? 1 : -1);
+      const Vector3d error = result.T_reference_floating * (pair.truth.inverse() * p) - p;
+      const geometry::Matrix36d J = geometry::point_jacobian(p);
+      const Eigen::Matrix3d C = J * result.covariance * J.transpose();
+      constexpr double kChi95 = 7.8147; // three degrees of freedom
+      inside += error.dot(C.ldlt().solve(error)) <= kChi95 ? 1 : 0;
+      squares += error.squaredNorm();
+      predicted += C.trace();
+      ++points;
+    }
+  }
+  report.add(figure("covariance: pairs found", percent(found, runs), "%"));
+  report.add(figure("covariance: points inside their 95 % region", percent(inside, std::max(points, 1)), "%"));
+  report.add(with_peer(figure("covariance: predicted rms", std::sqrt(predicted / points), "mm"),
+                       std::sqrt(squares / points), "true"));
+}
+
+} // namespace bregma::bench
