@@ -27,8 +27,10 @@ std::optional<Rigid3<mri::frame::Base, mri::frame::Device>> least_squares(const 
                                                                           const std::vector<mri::LocatedCoil> &coils) {
   std::vector<Vector3d> source, target;
   for (const mri::LocatedCoil &c : coils) {
-    source.push_back(c.position_mm);
-    target.push_back(frame.coils[static_cast<std::size_t>(c.coil)].position_mm);
+    if (c.coil >= 0) { // named
+      source.push_back(c.position_mm);
+      target.push_back(frame.coils[static_cast<std::size_t>(c.coil)].position_mm);
+    }
   }
   const auto T = registration::fit_rigid(source, target);
   return T ? std::optional(T->as<mri::frame::Base, mri::frame::Device>()) : std::nullopt;

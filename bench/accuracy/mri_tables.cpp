@@ -59,7 +59,7 @@ public:
     Cell &cell = cells_[key];
     cell.expected += static_cast<int>(expected);
     cell.found += static_cast<int>(coils.size());
-    if (coils.empty()) {
+    if (coils.empty() || coils.front().coil < 0) { // none, or none with a name
       return;
     }
     cell.rms_mm.push_back(mri::coil_error_rms_mm(frame, coils, T));

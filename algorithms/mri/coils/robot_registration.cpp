@@ -358,8 +358,10 @@ double coil_error_rms_mm(const CoilFrame &frame, std::span<const LocatedCoil> co
                          const Rigid3<frame::Base, frame::Device> &T_base_device) {
   std::vector<Vector3d> source, target;
   for (const LocatedCoil &c : coils) {
-    source.push_back(c.position_mm);
-    target.push_back(frame.coils[static_cast<std::size_t>(c.coil)].position_mm);
+    if (c.coil >= 0) {
+      source.push_back(c.position_mm);
+      target.push_back(frame.coils[static_cast<std::size_t>(c.coil)].position_mm);
+    }
   }
   return uncertainty::rms_distance_mm(T_base_device.as<geometry::frame::Target, geometry::frame::Source>(), source,
                                       target);
@@ -369,8 +371,10 @@ double coil_out_of_plane_mm(const CoilFrame &frame, std::span<const LocatedCoil>
                             const Rigid3<frame::Base, frame::Device> &T_base_device, const Vector3d &normal_device) {
   std::vector<Vector3d> source, target;
   for (const LocatedCoil &c : coils) {
-    source.push_back(c.position_mm);
-    target.push_back(frame.coils[static_cast<std::size_t>(c.coil)].position_mm);
+    if (c.coil >= 0) {
+      source.push_back(c.position_mm);
+      target.push_back(frame.coils[static_cast<std::size_t>(c.coil)].position_mm);
+    }
   }
   return uncertainty::out_of_plane_mean_error_mm(T_base_device.as<geometry::frame::Target, geometry::frame::Source>(),
                                                  source, target, T_base_device.rotation() * normal_device);

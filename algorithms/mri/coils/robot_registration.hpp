@@ -59,7 +59,7 @@ struct RobotRegistrationOptions {
 };
 
 struct LocatedCoil {
-  int coil = -1; // of the frame
+  int coil = -1; // of the frame; -1: without a name, as the pattern fits not at all or in two ways
   int scan = 0;
   Vector3d shown_mm = Vector3d::Zero();    // in Device, as found
   Vector3d position_mm = Vector3d::Zero(); // in Device, corrected

@@ -1,11 +1,7 @@
 // `bregma mri correct`: an image corrected by a distortion field.
 #include <algorithm>
 #include <array>
-#include <chrono>
-#include <ctime>
-#include <filesystem>
 #include <memory>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -17,8 +13,8 @@
 #include "algorithms/mri/correction.hpp"
 #include "algorithms/mri/frames.hpp"
 #include "casefile/volumes/displacement_file.hpp"
-#include "casefile/volumes/scan_header.hpp"
 #include "casefile/volumes/volume.hpp"
+#include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
 #include "clients/cli/output.hpp"
 
@@ -32,47 +28,6 @@ struct CorrectArguments {
   std::string field, image, output, series, patient_position;
   bool not_corrected = false, other_scanner = false, expired = false, jacobian = false;
 };
-
-std::string today() {
-  const std::time_t at = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
-  std::tm utc{};
-  gmtime_r(&at, &utc);
-  char text[16];
-  return {text, std::strftime(text, sizeof text, "%Y-%m-%d", &utc)};
-}
-
-// What forbids the correction; otherwise the patient position of the image, if it states one.
-base::Result<std::string> check_image(const CorrectArguments &arguments, const casefile::DisplacementField &field) {
-  if (!field.expires.empty() && field.expires < today() && !arguments.expired) {
-    return base::failure(arguments.field + ": expired on " + field.expires +
-                         "; measure the scanner again, or accept it by --expired");
-  }
-  std::error_code ignored;
-  const bool dicom = std::filesystem::is_directory(arguments.image, ignored);
-  if (!dicom) {
-    return arguments.not_corrected
-               ? base::Result<std::string>(std::string())
-               : base::failure(arguments.image + ": does not state whether its distortion was corrected by the vendor; "
-                                                 "if it was not, say so by --not-corrected");
-  }
-  const auto header = casefile::read_scan_header(arguments.image, arguments.series);
-  if (!header) {
-    return tl::unexpected(header.error());
-  }
-  const std::string series = arguments.image + ": the series \"" + header->series_description + "\" ";
-  if (header->modality != "MR") {
-    return base::failure(series + "has the modality \"" + header->modality + "\", not MR");
-  }
-  if (header->vendor_corrected()) {
-    return base::failure(series + "was corrected by the vendor (image type " + header->image_type +
-                         "); a second correction would distort it");
-  }
-  if (!field.scanner.empty() && header->scanner() != field.scanner && !arguments.other_scanner) {
-    return base::failure(series + "is of the scanner \"" + header->scanner() + "\", the field of \"" + field.scanner +
-                         "\"; accept it by --other-scanner");
-  }
-  return header->patient_position;
-}
 
 // The image as slices: its shortest axis counts them. Values in the order of `order`.
 struct Slices {
@@ -175,7 +130,8 @@ int run_correct(const CorrectArguments &arguments, const Context &context) {
   if (auto free = check_output("--output", arguments.output, {arguments.field, arguments.image}); !free) {
     return fail(free.error());
   }
-  const auto stated = check_image(arguments, *field);
+  const auto stated = check_field_use(arguments.field, *field, arguments.image, arguments.series,
+                                      {arguments.not_corrected, arguments.other_scanner, arguments.expired});
   if (!stated) {
     fail(stated.error());
     return kRefused;

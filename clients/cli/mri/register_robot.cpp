@@ -1,11 +1,18 @@
 // `bregma mri register`: the robot's base registered to the scanner by active coils, from files.
+#include <cmath>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "algorithms/mri/field_table.hpp"
+#include "algorithms/uncertainty/distributions.hpp"
+#include "casefile/volumes/displacement_file.hpp"
+#include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
 #include "clients/cli/mri/scan_list.hpp"
 #include "clients/cli/output.hpp"
@@ -17,7 +24,8 @@ namespace {
 using nlohmann::json;
 
 struct RegisterArguments {
-  std::string scans;
+  std::string scans, field;
+  FieldConsent consent;
   std::string method = "multi-slice";
   double limit_mm = mri::RobotRegistrationOptions().limit_mm;
   double distortion_mm = mri::RobotRegistrationOptions().uncorrected_sigma_mm;
@@ -29,10 +37,15 @@ mri::CoilMethod method_of(const std::string &name) {
                                   : mri::CoilMethod::kMultiSlice;
 }
 
+// "-" for an artefact without a name.
+std::string coil_name(const mri::LocatedCoil &c, const ScanList &list) {
+  return c.coil < 0 ? "-" : list.frame.coils[static_cast<std::size_t>(c.coil)].name;
+}
+
 json coils_json(const std::vector<mri::LocatedCoil> &coils, const ScanList &list) {
   json out = json::array();
   for (const mri::LocatedCoil &c : coils) {
-    out.push_back({{"coil", list.frame.coils[static_cast<std::size_t>(c.coil)].name},
+    out.push_back({{"coil", c.coil < 0 ? json() : json(coil_name(c, list))},
                    {"scan", list.scans[static_cast<std::size_t>(c.scan)].name},
                    {"shown_device_mm", json_vector(c.shown_mm)},
                    {"device_mm", json_vector(c.position_mm)},
@@ -75,8 +88,7 @@ std::string to_text(const mri::RobotRegistration &r, const ScanList &list) {
   Table table({"Coil", "Scan", "x mm", "y mm", "z mm", "Residual mm", ""});
   const auto rows = [&](const std::vector<mri::LocatedCoil> &coils, const char *used) {
     for (const mri::LocatedCoil &c : coils) {
-      table.row({list.frame.coils[static_cast<std::size_t>(c.coil)].name,
-                 list.scans[static_cast<std::size_t>(c.scan)].name, fixed(c.position_mm.x(), 2),
+      table.row({coil_name(c, list), list.scans[static_cast<std::size_t>(c.scan)].name, fixed(c.position_mm.x(), 2),
                  fixed(c.position_mm.y(), 2), fixed(c.position_mm.z(), 2),
                  c.residual_mm > 0.0 ? fixed(c.residual_mm, 2) : "-", c.used ? used : "not used"});
     }
@@ -96,6 +108,53 @@ std::string to_text(const mri::RobotRegistration &r, const ScanList &list) {
   return out;
 }
 
+// Points of Device corrected by a field, whose frame is RAS of the position in which it was measured. Nothing where the
+// field is unknown. The stated error is spread evenly over the coordinates.
+base::Result<mri::PointCorrection> correction_by(const casefile::DisplacementField &field) {
+  const auto position = mri::parse_patient_position(field.patient_position);
+  if (!position) {
+    return base::failure(position.error());
+  }
+  const auto T_field_device = mri::T_image_patient() * mri::T_device_patient(*position).inverse();
+  const auto table =
+      std::make_shared<const mri::FieldTable>(field.displacement_mm, field.signed_error_95_mm, field.max_error_95_mm);
+  const double per_sigma = std::sqrt(uncertainty::chi_square_upper_quantile(0.05, 3.0));
+  return [=](const Eigen::Vector3d &device_mm) -> std::optional<mri::CorrectedPoint> {
+    const auto real = table->to_true(T_field_device * device_mm);
+    if (!real) {
+      return std::nullopt;
+    }
+    const mri::FieldTable::Sample known = table->sample(*real);
+    if (known.coverage == mri::Coverage::kUnknown) {
+      return std::nullopt;
+    }
+    return mri::CorrectedPoint{T_field_device.inverse() * *real,
+                               Eigen::Vector3d::Constant(known.error_95_mm / per_sigma)};
+  };
+}
+
+// Reads the field and asks whether it may be applied to every image. An empty path: no correction.
+base::Result<mri::PointCorrection> read_correction(const RegisterArguments &arguments, const ScanList &list) {
+  if (arguments.field.empty()) {
+    return mri::PointCorrection();
+  }
+  const auto field = casefile::read_displacement_field(arguments.field);
+  if (!field) {
+    return tl::unexpected(field.error());
+  }
+  for (const std::string &file : list.files) {
+    const auto position = check_field_use(arguments.field, *field, file, {}, arguments.consent);
+    if (!position) {
+      return tl::unexpected(position.error());
+    }
+    if (!position->empty() && *position != mri::name(list.position)) {
+      return base::failure(file + ": the patient position is " + *position + ", the list states " +
+                           mri::name(list.position));
+    }
+  }
+  return correction_by(*field);
+}
+
 int run_register(const RegisterArguments &arguments, const Context &context) {
   std::vector<std::string> notes;
   const auto list = read_scan_list(arguments.scans, &notes);
@@ -112,6 +171,11 @@ int run_register(const RegisterArguments &arguments, const Context &context) {
         mri::T_device_patient(list->position).rotation_matrix() * *list->frame.R_patient_base;
     options.expected_rotation = Eigen::Quaterniond(R_device_base.transpose());
   }
+  auto correction = read_correction(arguments, *list);
+  if (!correction) {
+    return fail(correction.error());
+  }
+  options.correction = std::move(*correction);
   const mri::RobotRegistration r = mri::register_robot(list->frame, list->scans, options);
   if (context.json) {
     print_json(to_json(r, *list));
@@ -128,6 +192,12 @@ void add_mri_register(CLI::App &mri, Context &context) {
   auto arguments = std::make_shared<RegisterArguments>();
   command->add_option("scans", arguments->scans, "List of scans (TOML): frame, orientation, background and foreground")
       ->required();
+  command->add_option("--field", arguments->field,
+                      "Distortion field of the scanner, as `bregma mri field` writes it (NRRD)");
+  command->add_flag("--not-corrected", arguments->consent.not_corrected,
+                    "Images that do not state it were not corrected by the vendor");
+  command->add_flag("--other-scanner", arguments->consent.other_scanner, "Accept a field of another scanner");
+  command->add_flag("--expired", arguments->consent.expired, "Accept a field that has expired");
   command->add_option("--method", arguments->method, "How a coil is located")
       ->check(CLI::IsMember({"multi-slice", "hough", "single-slice"}))
       ->capture_default_str();
@@ -142,6 +212,7 @@ void add_mri_register(CLI::App &mri, Context &context) {
   add_json_flag(*command, context);
   command->footer("The exit code is 1 unless the registration is found.\n\nExamples:\n"
                   "  bregma mri register scans.toml\n"
+                  "  bregma mri register scans.toml --field field.nrrd --not-corrected\n"
                   "  bregma mri register scans.toml --method single-slice --json");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return run_register(*arguments, context); }; });

@@ -47,6 +47,7 @@ base::Result<const mri::Stack *> load(const std::filesystem::path &file, const E
   if (!stack) {
     return tl::unexpected(stack.error());
   }
+  list.files.push_back(file.string());
   return &list.images.emplace_back(std::move(*stack));
 }
 

@@ -28,7 +28,8 @@ namespace bregma::cli {
 struct ScanList {
   mri::CoilFrame frame;
   mri::PatientPosition position = mri::PatientPosition::kHfs;
-  std::list<mri::Stack> images; // scans refer to them
+  std::list<mri::Stack> images;   // scans refer to them
+  std::vector<std::string> files; // of the images
   std::vector<mri::CoilScan> scans;
 };
 

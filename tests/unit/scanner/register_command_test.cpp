@@ -5,6 +5,7 @@
 #include <fstream>
 
 #include "casefile/coil_frames.hpp"
+#include "casefile/volumes/displacement_file.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
 #include "tests/unit/scanner/drawn_stacks.hpp"
@@ -75,6 +76,50 @@ TEST(MriRegister, CoilsThatVerifyTakeNoPart) {
   ASSERT_EQ(json["verified"].size(), 1U);
   EXPECT_EQ(json["verified"][0]["coil"], "b3");
   EXPECT_LT(json["verified_rms_mm"].get<double>(), 0.6);
+}
+
+TEST(MriRegister, AFieldCorrectsTheCoilsAndStatesItsError) {
+  const Files files;
+  // A scanner that shows everything 3 mm too far to the right and stretches by 2 %, as a field on a grid in RAS.
+  const auto shown = [](const Vector3d &ras) -> Vector3d { return 0.02 * ras + Vector3d(3, 0, 0); };
+  casefile::DisplacementField field;
+  for (auto *grid : {static_cast<image::Grid<3> *>(&field.displacement_mm),
+                     static_cast<image::Grid<3> *>(&field.signed_error_95_mm)}) {
+    grid->size = {9, 9, 9};
+    grid->T_image_index.topLeftCorner<3, 3>() = 30.0 * Eigen::Matrix3d::Identity();
+    grid->T_image_index.topRightCorner<3, 1>() = Vector3d::Constant(-120.0);
+  }
+  for (std::size_t i = 0; i < field.displacement_mm.pixels(); ++i) {
+    field.displacement_mm.voxels.push_back(shown(field.displacement_mm.pixel_mm(i)).cast<float>());
+  }
+  field.signed_error_95_mm.voxels.assign(field.signed_error_95_mm.pixels(), 0.3F);
+  field.max_error_95_mm = 2.0;
+  field.made = "2026-01-01";
+  ASSERT_TRUE(casefile::write_displacement_field(files.folder.path() / "field.nrrd", field));
+  std::vector<Vector3d> balls;
+  for (const Vector3d &p : places(files.frame, {0, 1, 2, 3, 4, 5}, kPlaced)) {
+    const Vector3d moved = shown(Vector3d(-p.x(), p.y(), -p.z())); // Device to RAS
+    balls.push_back(p + Vector3d(-moved.x(), moved.y(), -moved.z()));
+  }
+  save(files.folder, "on.nrrd", drawn(balls, 6.0, 2));
+
+  const auto run = files.run("--field field.nrrd --not-corrected --json");
+  ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
+  const auto json = run.json();
+  EXPECT_EQ(json["verdict"], "found") << json;
+  const Eigen::Matrix4d expected = kPlaced.inverse().matrix();
+  for (std::size_t r = 0; r < 3; ++r) {
+    EXPECT_NEAR(json["T_base_device"][r][3].get<double>(), expected(static_cast<int>(r), 3), 0.4);
+  }
+  EXPECT_LT(json["fre_mm"].get<double>(), 0.4);
+  const auto plain = files.run("--json").json();
+  EXPECT_GT(plain["fre_mm"].get<double>(), json["fre_mm"].get<double>() + 0.3);
+  EXPECT_GT(plain["predicted_error_95_mm"].get<double>(), json["predicted_error_95_mm"].get<double>());
+
+  // Whether the vendor has corrected an NRRD is not known.
+  const auto doubtful = files.run("--field field.nrrd");
+  EXPECT_EQ(doubtful.exit_code, 2);
+  EXPECT_NE(doubtful.err.find("--not-corrected"), std::string::npos) << doubtful.err;
 }
 
 TEST(MriRegister, RefusalsAreExitCode1AndSayWhy) {
