@@ -1,6 +1,10 @@
 #include <algorithm>
+#include <array>
+#include <cstdint>
 #include <cstring>
+#include <fstream>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -35,6 +39,26 @@ struct SessionReader::Database {
   }
 };
 
+namespace {
+
+// SQLite reads a file that was cut within its last page as if zeros followed. Its header states the size of a page
+// (sqlite.org/fileformat2.html, 1.3.2); whole pages that are missing it notices itself.
+bool ends_within_a_page(const std::filesystem::path &file) {
+  std::ifstream in(file, std::ios::binary);
+  std::array<char, 18> header{};
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(file, error);
+  if (error || !in.read(header.data(), header.size()) || std::string_view(header.data()) != "SQLite format 3") {
+    return false; // SQLite refuses it
+  }
+  const auto byte = [&header](std::size_t at) { return std::uintmax_t{static_cast<unsigned char>(header[at])}; };
+  const std::uintmax_t stated = byte(16) << 8U | byte(17);
+  const std::uintmax_t page = stated == 1 ? 65'536 : stated; // 1: does not fit its two bytes
+  return page > 0 && size % page != 0;
+}
+
+} // namespace
+
 SessionReader::SessionReader(std::unique_ptr<Database> database) : database_(std::move(database)) {}
 SessionReader::SessionReader(SessionReader &&) noexcept = default;
 SessionReader &SessionReader::operator=(SessionReader &&) noexcept = default;
@@ -44,6 +68,9 @@ base::Result<SessionReader> SessionReader::open(const std::filesystem::path &fil
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(file, ignored)) {
     return base::failure(file.string() + ": there is no such file");
+  }
+  if (ends_within_a_page(file)) {
+    return base::failure(file.string() + ": is not whole: it ends within a page of its database");
   }
   auto connection = detail::Connection::open(file, detail::OpenMode::kExisting);
   if (!connection) {
@@ -184,8 +211,9 @@ base::Result<std::size_t> SessionReader::each_body(std::string_view topic, std::
     return tl::unexpected(find ? select.error() : find.error());
   }
   find->bind(1, topic);
-  if (find->step() != SQLITE_ROW) {
-    return each_later(topic, target, visit);
+  if (const int code = find->step(); code != SQLITE_ROW) {
+    return code == SQLITE_DONE ? each_later(topic, target, visit)
+                               : base::Result<std::size_t>(database_->connection.error());
   }
   if (const auto size = static_cast<std::size_t>(find->integer(1)); size != target.size()) {
     return base::failure(file + ": topic " + std::string(topic) + " was recorded with " + std::to_string(size) +

@@ -1,5 +1,6 @@
 #include <cstring>
 #include <fstream>
+#include <iterator>
 
 #include <gtest/gtest.h>
 #include <sqlite3.h>
@@ -40,6 +41,30 @@ void run_sql(const std::filesystem::path &file, const char *sql) {
 std::string refusal(const std::filesystem::path &file) {
   const auto reader = SessionReader::open(file);
   return reader ? std::string() : reader.error().message;
+}
+
+// At the latest while it is read.
+TEST(SessionFile, AFileThatWasCutAnywhereIsRefused) {
+  const test::TemporaryFolder folder;
+  {
+    auto writer = create(folder / "a.session");
+    for (std::uint64_t i = 0; i < 100; ++i) {
+      EXPECT_TRUE(writer.write(static_cast<std::int64_t>(i), navigation(i)));
+    }
+  }
+  std::ifstream in(folder / "a.session", std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(in), {}};
+  const auto refused = [&folder] {
+    const auto reader = SessionReader::open(folder / "cut.session");
+    return !reader || !reader->topics() || !reader->meta() ||
+           !reader->each<wire::NavigationState>([](const wire::NavigationState &, std::int64_t) {});
+  };
+  static_cast<void>(folder.write("cut.session", whole));
+  ASSERT_FALSE(refused());
+  for (std::size_t size = 0; size < whole.size(); size += 1 + whole.size() / 200) {
+    static_cast<void>(folder.write("cut.session", whole.substr(0, size)));
+    EXPECT_TRUE(refused()) << size << " of " << whole.size() << " bytes";
+  }
 }
 
 TEST(SessionFile, ReturnsEveryByteInTheOrderOfRecording) {
