@@ -1,5 +1,6 @@
 #include "base/table_reader.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/read_file.hpp"
@@ -21,6 +22,28 @@ ValueRule integer_rule(std::string_view unit, std::int64_t min, std::int64_t max
 
 const ValueRule kStringRule{Type::kString, {}, {}, {}, {}};
 const ValueRule kFlagRule{Type::kFlag, {}, {}, {}, {}};
+
+std::string rule_text(const ValueRule &rule) { return rule.type == Type::kString ? "text" : detail::range_text(rule); }
+
+std::string vector_text(const Eigen::Vector3d &vector) {
+  const Eigen::Vector3d v = vector + Eigen::Vector3d::Zero(); // -0.0 is 0.0
+  return "[" + detail::to_toml_text(v.x()) + ", " + detail::to_toml_text(v.y()) + ", " + detail::to_toml_text(v.z()) +
+         "]";
+}
+
+// "tools[2].name" is "tools[].name" in the layout.
+std::string without_indexes(const std::string &key) {
+  std::string out;
+  bool inside = false;
+  for (const char c : key) {
+    inside = inside && c != ']';
+    if (!inside) {
+      out += c;
+    }
+    inside = inside || c == '[';
+  }
+  return out;
+}
 
 template <class T> T value_or(const std::optional<ParameterValue> &value, T fallback) {
   return value ? std::get<T>(*value) : std::move(fallback);
@@ -62,7 +85,18 @@ void TableReader::refuse(std::string_view key, const std::string &what) {
   report(node == nullptr ? *table_ : *node, full(key), what, scalar);
 }
 
-std::optional<ParameterValue> TableReader::value(std::string_view key, const ValueRule &rule, bool required) {
+void TableReader::note(std::string_view key, bool required, std::string rule, std::string fallback) {
+  KnownKey fresh{without_indexes(full(key)), required, std::move(rule), std::move(fallback)};
+  const bool seen = std::any_of(sink_->known.begin(), sink_->known.end(),
+                                [&fresh](const KnownKey &known) { return known.key == fresh.key; });
+  if (!seen) {
+    sink_->known.push_back(std::move(fresh));
+  }
+}
+
+std::optional<ParameterValue> TableReader::value(std::string_view key, const ValueRule &rule, bool required,
+                                                 const std::optional<ParameterValue> &fallback) {
+  note(key, required, rule_text(rule), fallback ? detail::to_toml_text(*fallback) : std::string());
   const toml::node *node = required ? require(key) : find(key);
   if (node == nullptr) {
     return std::nullopt;
@@ -93,22 +127,30 @@ std::string TableReader::require_choice(std::string_view key, const std::vector<
 }
 
 std::string TableReader::string(std::string_view key, std::string fallback) {
-  return value_or(value(key, kStringRule, false), std::move(fallback));
+  return value_or(value(key, kStringRule, false, fallback), fallback);
 }
 
 double TableReader::number(std::string_view key, double fallback, std::string_view unit, double min, double max) {
-  return value_or(value(key, number_rule(unit, min, max), false), fallback);
+  return value_or(value(key, number_rule(unit, min, max), false, fallback), fallback);
+}
+
+std::optional<double> TableReader::optional_number(std::string_view key, std::string_view unit, double min,
+                                                   double max) {
+  const auto read = value(key, number_rule(unit, min, max), false);
+  return read ? std::optional(std::get<double>(*read)) : std::nullopt;
 }
 
 std::int64_t TableReader::integer(std::string_view key, std::int64_t fallback, std::string_view unit, std::int64_t min,
                                   std::int64_t max) {
-  return value_or(value(key, integer_rule(unit, min, max), false), fallback);
+  return value_or(value(key, integer_rule(unit, min, max), false, fallback), fallback);
 }
 
-bool TableReader::flag(std::string_view key, bool fallback) { return value_or(value(key, kFlagRule, false), fallback); }
+bool TableReader::flag(std::string_view key, bool fallback) {
+  return value_or(value(key, kFlagRule, false, fallback), fallback);
+}
 
 std::string TableReader::choice(std::string_view key, std::string fallback, const std::vector<std::string> &choices) {
-  return value_or(value(key, {Type::kChoice, {}, {}, {}, choices}, false), std::move(fallback));
+  return value_or(value(key, {Type::kChoice, {}, {}, {}, choices}, false, fallback), fallback);
 }
 
 std::optional<Eigen::Vector3d> TableReader::vector_of(const toml::node &node, const std::string &key) {
@@ -128,16 +170,30 @@ std::optional<Eigen::Vector3d> TableReader::vector_of(const toml::node &node, co
 }
 
 Eigen::Vector3d TableReader::require_vector3(std::string_view key) {
+  note(key, true, "[x, y, z]");
   const toml::node *node = require(key);
   return node == nullptr ? Eigen::Vector3d::Zero() : vector_of(*node, full(key)).value_or(Eigen::Vector3d::Zero());
 }
 
 Eigen::Vector3d TableReader::vector3(std::string_view key, const Eigen::Vector3d &fallback) {
+  note(key, false, "[x, y, z]", vector_text(fallback));
   const toml::node *node = find(key);
   return node == nullptr ? fallback : vector_of(*node, full(key)).value_or(fallback);
 }
 
+std::optional<Eigen::Vector3d> TableReader::optional_vector3(std::string_view key) {
+  note(key, false, "[x, y, z]");
+  const toml::node *node = find(key);
+  return node == nullptr ? std::nullopt : vector_of(*node, full(key));
+}
+
+std::vector<Eigen::Vector3d> TableReader::require_vector3s(std::string_view key) {
+  note(key, true, "list of [x, y, z]");
+  return require(key) == nullptr ? std::vector<Eigen::Vector3d>() : vector3s(key);
+}
+
 std::vector<Eigen::Vector3d> TableReader::vector3s(std::string_view key) {
+  note(key, false, "list of [x, y, z]");
   std::vector<Eigen::Vector3d> out;
   const toml::node *node = find(key);
   if (node == nullptr) {
@@ -158,6 +214,7 @@ std::vector<Eigen::Vector3d> TableReader::vector3s(std::string_view key) {
 }
 
 std::vector<std::string> TableReader::strings(std::string_view key) {
+  note(key, false, "list of texts");
   std::vector<std::string> out;
   const toml::node *node = find(key);
   if (node == nullptr) {
@@ -246,7 +303,7 @@ Result<TomlDocument> TomlDocument::parse(std::string_view text, const std::strin
   }
   TomlDocument out;
   out.table_ = std::make_shared<const toml::table>(std::move(*table));
-  out.sink_ = std::make_shared<TableReader::Sink>(TableReader::Sink{name, std::nullopt});
+  out.sink_ = std::make_shared<TableReader::Sink>(TableReader::Sink{name, std::nullopt, {}});
   return out;
 }
 

@@ -35,11 +35,21 @@ class node;
 
 namespace bregma::base {
 
+// A key that a reader has asked for, whether the document has it or not.
+struct KnownKey {
+  std::string key; // from the root; "tools[].name" for a key of [[tools]]
+  bool required = false;
+  std::string rule;     // "0.01 to 20 mm", "text", "[x, y, z]"
+  std::string fallback; // as in TOML; empty: required, or absent means something else than a value
+  friend bool operator==(const KnownKey &, const KnownKey &) = default;
+};
+
 class TableReader {
 public:
   struct Sink { // shared by all readers of a document
     std::string file;
     std::optional<Error> first_error;
+    std::vector<KnownKey> known; // each once, in the order of reading
   };
 
   TableReader(const toml::table &table, std::shared_ptr<Sink> sink, std::string path = {});
@@ -55,12 +65,15 @@ public:
 
   std::string string(std::string_view key, std::string fallback);
   double number(std::string_view key, double fallback, std::string_view unit, double min, double max);
+  std::optional<double> optional_number(std::string_view key, std::string_view unit, double min, double max);
   std::int64_t integer(std::string_view key, std::int64_t fallback, std::string_view unit, std::int64_t min,
                        std::int64_t max);
   bool flag(std::string_view key, bool fallback);
   std::string choice(std::string_view key, std::string fallback, const std::vector<std::string> &choices);
   Eigen::Vector3d vector3(std::string_view key, const Eigen::Vector3d &fallback);
+  std::optional<Eigen::Vector3d> optional_vector3(std::string_view key);
 
+  std::vector<Eigen::Vector3d> require_vector3s(std::string_view key); // may be an empty list
   // Empty where the key is absent.
   std::vector<Eigen::Vector3d> vector3s(std::string_view key);
   std::vector<std::string> strings(std::string_view key);
@@ -78,7 +91,9 @@ public:
 private:
   const toml::node *find(std::string_view key);
   const toml::node *require(std::string_view key);
-  std::optional<ParameterValue> value(std::string_view key, const ValueRule &rule, bool required);
+  std::optional<ParameterValue> value(std::string_view key, const ValueRule &rule, bool required,
+                                      const std::optional<ParameterValue> &fallback = std::nullopt);
+  void note(std::string_view key, bool required, std::string rule, std::string fallback = {});
   std::optional<Eigen::Vector3d> vector_of(const toml::node &node, const std::string &key);
   void report(const toml::node &where, const std::string &key, const std::string &what, bool with_value);
   [[nodiscard]] std::string full(std::string_view key) const;
@@ -94,6 +109,8 @@ public:
   [[nodiscard]] static Result<TomlDocument> read(const std::filesystem::path &file);
   [[nodiscard]] static Result<TomlDocument> parse(std::string_view text, const std::string &name);
   [[nodiscard]] TableReader root() const;
+  // What the readers of this document have asked for so far: the layout of the file, as it is read and checked.
+  [[nodiscard]] const std::vector<KnownKey> &known_keys() const { return sink_->known; }
 
 private:
   TomlDocument() = default;

@@ -73,6 +73,9 @@ tissue::LatticeMesh brain_mesh_of(const casefile::Case &c, const surface::Surfac
 }
 
 base::Result<Brain> brain_of(const casefile::Case &c, const BrainSettings &settings) {
+  if (c.brain.mesh.triangles.empty()) {
+    return base::failure(c.folder.string() + ": the case has no brain (surfaces.brain in case.toml)");
+  }
   try {
     const surface::SurfaceModel surface(c.brain.mesh);
     const tissue::Craniotomy craniotomy = craniotomy_of(c, surface, settings.craniotomy_radius_mm);

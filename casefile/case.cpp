@@ -5,6 +5,7 @@
 
 #include "base/table_reader.hpp"
 #include "casefile/case_check.hpp"
+#include "casefile/case_keys.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
 #include "casefile/tissue_tables.hpp"
@@ -36,10 +37,7 @@ ToolModel read_tool(base::TableReader &reader) {
   ToolModel tool;
   tool.name = reader.require_string("name");
   tool.role = role_of(reader.require_choice("role", {"reference", "pointer", "probe"}));
-  tool.markers_mm = reader.vector3s("markers_mm");
-  if (!reader.has("markers_mm")) {
-    reader.refuse("markers_mm", "is missing");
-  }
+  tool.markers_mm = reader.require_vector3s("markers_mm");
   tool.normal = direction(reader.vector3("normal", tool.normal));
   tool.axis = direction(reader.vector3("axis", tool.axis));
   tool.nominal_tip_mm = reader.vector3("nominal_tip_mm", tool.nominal_tip_mm);
@@ -114,7 +112,7 @@ PlanFiles read_table(base::TableReader &root, Case &c) {
   files.trajectories = root.string("trajectories", "");
   if (auto surfaces = root.table("surfaces")) {
     files.scalp = surfaces->require_string("scalp");
-    files.brain = surfaces->require_string("brain");
+    files.brain = surfaces->string("brain", "");
     static_cast<void>(surfaces->finish());
   } else {
     root.refuse("surfaces", "is missing");
@@ -169,6 +167,15 @@ base::Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
   return tools;
 }
 
+std::vector<base::KnownKey> case_file_keys() {
+  const auto document = base::TomlDocument::parse(
+      "[surfaces]\n[[structures]]\n[[tools]]\n[limits]\n[craniotomy]\n[tissue]\n", "case.toml");
+  base::TableReader root = document->root();
+  Case c;
+  static_cast<void>(read_table(root, c));
+  return document->known_keys();
+}
+
 base::Result<Case> load_case(const fs::path &folder) {
   std::error_code error;
   if (!fs::is_directory(folder, error)) {
@@ -194,7 +201,9 @@ base::Result<Case> load_case(const fs::path &folder) {
   c.scalp.name = "scalp";
   loader.mesh("surfaces.scalp", files.scalp, c.scalp.mesh);
   c.brain.name = "brain";
-  loader.mesh("surfaces.brain", files.brain, c.brain.mesh);
+  if (!files.brain.empty()) {
+    loader.mesh("surfaces.brain", files.brain, c.brain.mesh);
+  }
   for (std::size_t i = 0; i < files.structures.size(); ++i) {
     loader.mesh("structures[" + std::to_string(i) + "].file", files.structures[i], c.structures[i].mesh);
   }

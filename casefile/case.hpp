@@ -72,7 +72,7 @@ struct Case {
   std::string id; // contains nothing about the patient
   std::filesystem::path image;
   Surface scalp;
-  Surface brain;
+  Surface brain;                   // without triangles: the case has none, and there is no tissue model
   std::vector<Surface> structures; // critical structures
   std::vector<NamedPoint> fiducials;
   std::vector<NamedPoint> landmarks;       // for checks, never part of the registration

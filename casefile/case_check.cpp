@@ -104,6 +104,9 @@ Problem brain_landmarks_problem(const Case &c) {
   if (auto problem = names_problem(c.brain_landmarks, "brain_landmarks", "control point")) {
     return problem;
   }
+  if (!c.brain_landmarks.empty() && c.brain.mesh.triangles.empty()) {
+    return CaseProblem{"brain_landmarks", "the tissue model follows them, and the case has no brain (surfaces.brain)"};
+  }
   if (c.brain_landmarks.size() > kMaxBrainLandmarks) {
     return CaseProblem{"brain_landmarks", "holds " + std::to_string(c.brain_landmarks.size()) + " points, at most " +
                                               std::to_string(kMaxBrainLandmarks) + " are allowed"};
@@ -205,8 +208,10 @@ Problem surfaces_problem(const Case &c) {
   if (auto closed = check_closed(c.scalp.mesh); !closed) {
     return CaseProblem{"surfaces.scalp", closed.error().message};
   }
-  if (auto closed = check_closed(c.brain.mesh); !closed) {
-    return CaseProblem{"surfaces.brain", closed.error().message};
+  if (!c.brain.mesh.triangles.empty()) {
+    if (auto closed = check_closed(c.brain.mesh); !closed) {
+      return CaseProblem{"surfaces.brain", closed.error().message};
+    }
   }
   if (auto problem = names_problem(c.structures, "structures", "structure")) {
     return problem;

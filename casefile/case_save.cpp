@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <cctype>
-#include <fstream>
 #include <set>
 #include <system_error>
 
 #include "base/toml_values.hpp"
+#include "base/write_file.hpp"
 #include "casefile/case.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
@@ -74,22 +74,6 @@ std::string limits_text(const Limits &limits) {
          "\nmax_target_tre_mm = " + number(limits.max_target_tre_mm) + "\n";
 }
 
-// Writes to a temporary file next to the old one first, so that case.toml is complete at all times.
-base::Result<void> replace_file(const fs::path &file, const std::string &content) {
-  const fs::path fresh = file.string() + ".new";
-  std::ofstream out(fresh, std::ios::binary);
-  out << content;
-  out.close();
-  std::error_code error;
-  if (out) {
-    fs::rename(fresh, file, error);
-  }
-  if (!out || error) {
-    return base::failure(file.string() + ": cannot be written" + (error ? ": " + error.message() : ""));
-  }
-  return {};
-}
-
 // Runs the steps until one fails.
 class Steps {
 public:
@@ -127,10 +111,12 @@ base::Result<void> save_case(const Case &c) {
   toml += "trajectories = \"trajectories.mrk.json\"\n";
   steps.run([&] { return write_trajectories(c.folder / "trajectories.mrk.json", c.trajectories); });
 
-  toml += "\n# Closed surfaces, coordinates RAS in mm.\n[surfaces]\nscalp = \"surfaces/scalp.ply\"\n"
-          "brain = \"surfaces/brain.ply\"\n";
+  toml += "\n# Closed surfaces, coordinates RAS in mm.\n[surfaces]\nscalp = \"surfaces/scalp.ply\"\n";
   steps.run([&] { return write_mesh(c.folder / "surfaces/scalp.ply", c.scalp.mesh); });
-  steps.run([&] { return write_mesh(c.folder / "surfaces/brain.ply", c.brain.mesh); });
+  if (!c.brain.mesh.triangles.empty()) {
+    toml += "brain = \"surfaces/brain.ply\"\n";
+    steps.run([&] { return write_mesh(c.folder / "surfaces/brain.ply", c.brain.mesh); });
+  }
   std::set<std::string> taken{"scalp", "brain"};
   for (const Surface &structure : c.structures) {
     const std::string file = "surfaces/" + file_stem(structure.name, taken) + ".ply";
@@ -141,7 +127,7 @@ base::Result<void> save_case(const Case &c) {
     toml += tool_text(tool);
   }
   toml += limits_text(c.limits) + detail::tissue_tables_text(c);
-  steps.run([&] { return replace_file(c.folder / "case.toml", toml); });
+  steps.run([&] { return base::write_file(c.folder / "case.toml", toml); });
   return steps.result();
 }
 

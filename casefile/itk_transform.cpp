@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <fstream>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -18,6 +17,7 @@
 
 #include "base/read_file.hpp"
 #include "base/text.hpp"
+#include "base/write_file.hpp"
 #include "casefile/pose_text.hpp"
 
 namespace bregma::casefile {
@@ -268,10 +268,7 @@ base::Result<void> write_itk_transform(const fs::path &file, const Matrix4d &T_t
   for (Eigen::Index row = 0; row < 3; ++row) {
     out += " " + exact(moving_fixed(row, 3));
   }
-  std::ofstream stream(file, std::ios::binary);
-  stream << out << "\nFixedParameters: 0 0 0\n";
-  stream.close();
-  return stream ? base::Result<void>() : base::failure(file.string() + ": cannot be written");
+  return base::write_file(file, out + "\nFixedParameters: 0 0 0\n");
 }
 
 base::Result<Matrix4d> read_itk_transform(const fs::path &file) {

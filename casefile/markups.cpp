@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <functional>
 
 #include <nlohmann/json.hpp>
@@ -10,6 +9,7 @@
 #include "base/csv_table.hpp"
 #include "base/read_file.hpp"
 #include "base/text.hpp"
+#include "base/write_file.hpp"
 #include "casefile/length_unit.hpp"
 #include "casefile/space.hpp"
 
@@ -303,14 +303,8 @@ Json markup_json(const char *type, const std::string &name, Json points) {
 
 base::Result<void> write(const fs::path &file, Json markups) {
   const Json document = {{"@schema", kSchema}, {"markups", std::move(markups)}};
-  std::ofstream out(file, std::ios::binary);
   // Names come from other programs and may not be valid UTF-8.
-  out << document.dump(2, ' ', false, Json::error_handler_t::replace) << "\n";
-  out.flush();
-  if (!out) {
-    return base::failure(file.string() + ": cannot be written");
-  }
-  return {};
+  return base::write_file(file, document.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 }
 
 // Markups of one kind. Others beside them are left out; a file of others alone is refused.

@@ -3,13 +3,13 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
-#include <fstream>
 #include <string>
 #include <unordered_map>
 
 #include <Eigen/Geometry>
 
 #include "base/read_file.hpp"
+#include "base/write_file.hpp"
 #include "casefile/ply.hpp"
 
 namespace bregma::casefile {
@@ -69,13 +69,7 @@ base::Result<void> write_mesh(const std::filesystem::path &file, const TriangleM
   if (const std::string problem = mesh_problem(mesh); !problem.empty()) {
     return base::failure(file.string() + ": not written: " + problem);
   }
-  std::ofstream out(file, std::ios::binary);
-  out << detail::to_ply(mesh);
-  out.close();
-  if (!out) {
-    return base::failure(file.string() + ": cannot be written");
-  }
-  return {};
+  return base::write_file(file, detail::to_ply(mesh));
 }
 
 base::Result<void> write_stl(const std::filesystem::path &file, const TriangleMesh &mesh) {
@@ -100,10 +94,7 @@ base::Result<void> write_stl(const std::filesystem::path &file, const TriangleMe
     }
     put(std::uint16_t{0});
   }
-  std::ofstream out(file, std::ios::binary);
-  out << bytes;
-  out.close();
-  return out ? base::Result<void>() : base::failure(file.string() + ": cannot be written");
+  return base::write_file(file, bytes);
 }
 
 base::Result<void> check_closed(const TriangleMesh &mesh) {

@@ -3,8 +3,8 @@
 namespace bregma::casefile {
 
 RunLimits read_run_limits(base::TableReader &limits) {
-  const auto number = [&limits](std::string_view key, std::string_view unit, double max) -> std::optional<double> {
-    return limits.has(key) ? std::optional(limits.require_number(key, unit, 0.0, max)) : std::nullopt;
+  const auto number = [&limits](std::string_view key, std::string_view unit, double max) {
+    return limits.optional_number(key, unit, 0.0, max);
   };
   const auto integer = [&limits](std::string_view key) -> std::optional<std::int64_t> {
     return limits.has(key) ? std::optional(limits.require_integer(key, "", 0, 1'000'000'000)) : std::nullopt;

@@ -36,6 +36,9 @@ std::vector<std::string> material_names() {
 }
 
 std::optional<CaseProblem> craniotomy_problem(const Case &c, const CraniotomyPlan &plan) {
+  if (c.brain.mesh.triangles.empty()) {
+    return CaseProblem{"craniotomy", "is for the tissue model, and the case has no brain (surfaces.brain)"};
+  }
   if (!plan.trajectory.empty()) {
     std::string names;
     for (const Trajectory &trajectory : c.trajectories) {
@@ -76,13 +79,6 @@ std::optional<CaseProblem> tissue_problem(const TissueChoice &choice) {
   return std::nullopt;
 }
 
-// Reads the key in all cases, so that a misspelt key is recognized as unknown.
-std::optional<double> number_if_there(base::TableReader &reader, const char *key, const char *unit, double min,
-                                      double max) {
-  const double value = reader.number(key, min, unit, min, max);
-  return reader.has(key) ? std::optional(value) : std::nullopt;
-}
-
 std::string line(const char *key, const base::ParameterValue &value) {
   return std::string(key) + " = " + base::detail::to_toml_text(value) + "\n";
 }
@@ -92,13 +88,13 @@ std::string line(const char *key, const base::ParameterValue &value) {
 CraniotomyPlan read_craniotomy(base::TableReader &reader) {
   CraniotomyPlan plan;
   plan.trajectory = reader.string("trajectory", "");
-  plan.centre_mm = reader.vector3("centre_mm", plan.centre_mm);
+  plan.centre_mm = reader.optional_vector3("centre_mm").value_or(plan.centre_mm);
   if (reader.has("trajectory") == reader.has("centre_mm")) {
     reader.refuse("centre_mm", "give either centre_mm or trajectory");
   } else if (reader.has("trajectory") && plan.trajectory.empty()) {
     reader.refuse("trajectory", "must be the name of a trajectory");
   }
-  plan.radius_mm = number_if_there(reader, "radius_mm", "mm", 0.0, 100.0);
+  plan.radius_mm = reader.optional_number("radius_mm", "mm", 0.0, 100.0);
   static_cast<void>(reader.finish());
   return plan;
 }
@@ -107,7 +103,7 @@ TissueChoice read_tissue(base::TableReader &reader) {
   TissueChoice choice;
   choice.material = reader.require_choice("material", material_names());
   for (const Override &known : kOverrides) {
-    choice.*known.value = number_if_there(reader, known.key, known.unit, known.min, known.max);
+    choice.*known.value = reader.optional_number(known.key, known.unit, known.min, known.max);
   }
   static_cast<void>(reader.finish());
   return choice;

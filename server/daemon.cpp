@@ -158,7 +158,7 @@ void Daemon::Impl::run() {
   asio::steady_timer process_timer(io_);
   watch_process(process_timer);
   watchdog.ready("serving DDS domain " + std::to_string(config_.domain_id));
-  spdlog::info("bregmad serves DDS domain {}", config_.domain_id);
+  spdlog::info("bregmad {} ({}) serves DDS domain {}", BREGMA_VERSION, BREGMA_BUILD, config_.domain_id);
   io_.run();
 
   watchdog.stopping();

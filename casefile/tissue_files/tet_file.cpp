@@ -2,10 +2,7 @@
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
-#include <fstream>
 #include <stdexcept>
-#include <system_error>
 
 #include <vtkCellArray.h>
 #include <vtkCellData.h>
@@ -19,6 +16,7 @@
 #include <vtkUnstructuredGrid.h>
 #include <vtkXMLUnstructuredGridWriter.h>
 
+#include "base/write_file.hpp"
 namespace bregma::casefile {
 namespace {
 
@@ -102,24 +100,6 @@ std::string to_text(vtkUnstructuredGrid *grid) {
   return writer->Write() == 1 ? writer->GetOutputString() : std::string();
 }
 
-base::Result<void> replace_whole(const fs::path &file, const std::string &content) {
-  const fs::path fresh = file.string() + ".new";
-  errno = 0;
-  std::ofstream out(fresh, std::ios::binary);
-  out.write(content.data(), static_cast<std::streamsize>(content.size()));
-  out.close();
-  std::error_code error(out ? 0 : errno, std::generic_category());
-  if (out) {
-    fs::rename(fresh, file, error);
-  }
-  if (!out || error) {
-    std::error_code ignored;
-    fs::remove(fresh, ignored);
-    return base::failure(file.string() + ": cannot be written" + (error ? ": " + error.message() : ""));
-  }
-  return {};
-}
-
 } // namespace
 
 base::Result<void> write_tet_mesh(const fs::path &file, const tissue::TetMesh &mesh,
@@ -134,7 +114,7 @@ base::Result<void> write_tet_mesh(const fs::path &file, const tissue::TetMesh &m
   if (text.empty()) {
     return base::failure(file.string() + ": VTK cannot write this mesh");
   }
-  return replace_whole(file, text);
+  return base::write_file(file, text);
 }
 
 } // namespace bregma::casefile

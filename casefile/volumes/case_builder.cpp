@@ -121,7 +121,7 @@ private:
         return tl::unexpected(read.error());
       }
       c.trajectories = std::move(*read);
-      if (!c.trajectories.empty()) {
+      if (!c.trajectories.empty() && !sources_.brain.empty()) {
         c.craniotomy = {.trajectory = c.trajectories.front().name, .radius_mm = std::nullopt};
       }
     }
@@ -219,6 +219,9 @@ private:
   }
 
   base::Result<void> make_brain() {
+    if (sources_.brain.empty()) {
+      return {};
+    }
     const auto image = read_volume(sources_.brain, {.space = sources_.space}, &created_.notes);
     if (!image) {
       return tl::unexpected(image.error());

@@ -26,17 +26,17 @@ struct StructureRequest {
 // AAL, FreeSurfer (Desikan-Killiany), Neuromorphometrics or Hammers (which has no Heschl's gyrus); AAL if of none.
 [[nodiscard]] std::vector<StructureRequest> critical_structures(const LabelNames &names);
 
-// The craniotomy of the case is centred on the first trajectory, if there is one.
+// The craniotomy of a case with a brain is centred on the first trajectory, if there is one.
 struct CaseSources {
   std::string id;
   std::filesystem::path image;               // image of the head: a file or a DICOM folder
   std::string series;                        // series of the DICOM folder, if it has several
   std::optional<Space> space = std::nullopt; // of images that do not state theirs
-  std::filesystem::path brain;               // the same head without skull: every voxel above 0 is brain
+  std::filesystem::path brain;               // the same head without skull: every voxel above 0 is brain; may be empty
   std::filesystem::path labels;              // regions; may be empty, then there are no structures
   std::filesystem::path label_names;         // or one of known_atlases(); empty: next to the labels, ".txt" for ".gz"
   std::vector<StructureRequest> structures;  // empty: critical_structures()
-  // Slicer markups; all but the first may be empty.
+  // Slicer markups; all but the first may be empty. Landmarks in the brain need a brain.
   std::filesystem::path fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::filesystem::path tools;           // TOML with [[tools]]
   int vertices = 10'000;                 // number for scalp and brain; structures get at most half
@@ -55,7 +55,7 @@ struct SurfaceSummary {
 
 struct CreatedCase {
   Case value;
-  std::vector<SurfaceSummary> surfaces; // scalp, brain, structures
+  std::vector<SurfaceSummary> surfaces; // scalp, brain where there is one, structures
   bool has_patient = false;             // patient.json was written
   std::vector<std::string> notes;       // what the files do not state and was assumed, or was left out
 };

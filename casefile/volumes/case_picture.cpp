@@ -43,7 +43,9 @@ Scene case_scene(const Case &c, const Eigen::Vector3d &towards_eye, int width, i
     scene.meshes.push_back(layer(c.structures[at].mesh, structure_colour(at), 1.0));
   }
   // Transparent layers, drawn from the inside out.
-  scene.meshes.push_back(layer(c.brain.mesh, kBrain, 0.4));
+  if (!c.brain.mesh.triangles.empty()) {
+    scene.meshes.push_back(layer(c.brain.mesh, kBrain, 0.4));
+  }
   scene.meshes.push_back(layer(c.scalp.mesh, kScalp, 0.35));
   for (const NamedPoint &point : c.fiducials) {
     scene.spheres.push_back({point.position_mm, 3.5, kFiducial});

@@ -1,6 +1,5 @@
 // `bregma case`: makes a case folder from images and plans, shows it, checks it, renders it, and meshes its brain.
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <sstream>
 #include <string>
@@ -11,10 +10,13 @@
 #include <CLI/Formatter.hpp>
 #include <CLI/Validators.hpp>
 
+#include "base/write_file.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/volumes/case_builder.hpp"
 #include "casefile/volumes/case_picture.hpp"
 #include "clients/cli/case/case_facts.hpp"
+#include "clients/cli/case/case_output.hpp"
+#include "clients/cli/case/case_parts.hpp"
 #include "clients/cli/case/load_command.hpp"
 #include "clients/cli/case/mesh_command.hpp"
 #include "clients/cli/case/progress_line.hpp"
@@ -38,6 +40,13 @@ struct CreateOptions {
 
 int run_create(CreateOptions options, const Context &context) {
   casefile::CaseSources &sources = options.sources;
+  if (const std::vector<CasePart> parts = parts_to_give(sources); !parts.empty()) {
+    std::string needed;
+    for (const CasePart &part : parts) {
+      needed += std::string(needed.empty() ? "" : "; ") + part.option + ", " + part.purpose;
+    }
+    return fail("a case also needs " + needed + " (docs/first-case.md)");
+  }
   for (const std::string &text : options.structures) {
     auto request = casefile::parse_structure(text);
     if (!request) {
@@ -73,6 +82,7 @@ int run_create(CreateOptions options, const Context &context) {
     print_json({{"id", created->value.id},
                 {"folder", created->value.folder.string()},
                 {"surfaces", surfaces},
+                {"missing", parts_json(missing_parts(created->value))},
                 {"patient_file", created->has_patient},
                 {"notes", created->notes}});
     return kOk;
@@ -89,6 +99,9 @@ int run_create(CreateOptions options, const Context &context) {
   }
   print("Case " + created->value.id + " made in " + created->value.folder.string() + "\n\n" + table.text() +
         "\nOff: distance of the full surface's vertices from the reduced surface.\n");
+  if (const auto missing = missing_parts(created->value); !missing.empty()) {
+    print("\n" + parts_text(missing));
+  }
   return kOk;
 }
 
@@ -109,17 +122,21 @@ int run_show(const std::string &folder, const Context &context) {
 int run_check(const std::string &folder, const Context &context) {
   const auto loaded = casefile::load_case(folder);
   std::vector<std::string> problems;
+  std::vector<CasePart> missing;
   if (loaded) {
+    missing = missing_parts(*loaded);
     problems = find_warnings(*loaded, facts_of(*loaded));
   } else {
     problems.push_back(loaded.error().message);
   }
   if (context.json) {
-    print_json({{"folder", folder}, {"ok", problems.empty()}, {"problems", problems}});
+    print_json(
+        {{"folder", folder}, {"ok", problems.empty()}, {"problems", problems}, {"missing", parts_json(missing)}});
   } else {
     for (const std::string &problem : problems) {
       print(problem + "\n");
     }
+    print(parts_text(missing));
     print(folder + (problems.empty() ? ": nothing wrong was found\n" : ": not fit for use as it is\n"));
   }
   return problems.empty() ? kOk : kRefused;
@@ -188,6 +205,9 @@ base::Result<Eigen::Vector3d> view_direction(const std::string &text) {
 }
 
 int run_picture(const PictureOptions &options, const Context &context) {
+  if (auto kept = check_output_of_case("file", options.file, options.folder); !kept) {
+    return fail(kept.error());
+  }
   const auto direction = view_direction(options.view);
   if (!direction) {
     return fail(direction.error());
@@ -201,10 +221,10 @@ int run_picture(const PictureOptions &options, const Context &context) {
   if (!png) {
     return fail(png.error());
   }
-  std::ofstream out(options.file, std::ios::binary);
-  out.write(reinterpret_cast<const char *>(png->data()), static_cast<std::streamsize>(png->size())); // NOLINT
-  if (!out.flush()) {
-    return fail(options.file + ": cannot be written");
+  const auto written =
+      base::write_file(options.file, {reinterpret_cast<const char *>(png->data()), png->size()}); // NOLINT
+  if (!written) {
+    return fail(written.error());
   }
   if (context.json) {
     print_json({{"file", options.file}, {"bytes", png->size()}});
@@ -219,12 +239,14 @@ void add_create(CLI::App &group, Context &context) {
   casefile::CaseSources &sources = options->sources;
   auto *command = group.add_subcommand("create", "Makes a case folder from images and plans");
   command->add_option("folder", options->folder, "Folder to make")->required();
-  command->add_option("--image", sources.image, "Head: NIfTI, NRRD, MetaImage, or a folder with a DICOM series")
-      ->required();
+  command->add_option("--image", sources.image,
+                      "Head: NIfTI, NRRD, MetaImage, or a folder with a DICOM series; needed");
   command->add_option("--series", sources.series, "Series UID, where the DICOM folder holds several");
   command->add_option("--source-space", options->space, "Space of images that do not state it: ras or lps")
       ->check(CLI::IsMember({"ras", "lps"}));
-  command->add_option("--brain", sources.brain, "The same head without skull: voxels above 0 are brain")->required();
+  command->add_option("--brain", sources.brain,
+                      "The same head without skull, or a mask: voxels above 0 are brain.\n"
+                      "For the tissue model; navigation needs none");
   command->add_option("--labels", sources.labels, "Regions: a label image on the same head");
   command->add_option("--label-names", sources.label_names,
                       "Names of the regions: a table, or freesurfer, hammers, neuromorphometrics (default: next to the "
@@ -232,14 +254,13 @@ void add_create(CLI::App &group, Context &context) {
   command->add_option("--structure", options->structures,
                       "Critical structure: \"Region\" or \"Name=Region,Region\"; any number of them\n"
                       "(default: precentral gyri, occipital lobes and Heschl's gyri of the AAL atlas)");
-  command->add_option("--fiducials", sources.fiducials, "Slicer markups (.mrk.json): points to register by")
-      ->required();
+  command->add_option("--fiducials", sources.fiducials, "Slicer markups (.mrk.json): points to register by; needed");
   command->add_option("--landmarks", sources.landmarks, "Slicer markups: landmarks for check touches");
   command->add_option("--brain-landmarks", sources.brain_landmarks,
                       "Slicer markups: points in the brain that the tissue model follows, such as AC and PC");
   command->add_option("--targets", sources.targets, "Slicer markups: targets");
   command->add_option("--trajectories", sources.trajectories, "Slicer markups: lines, entry first");
-  command->add_option("--tools", sources.tools, "TOML with [[tools]]")->required();
+  command->add_option("--tools", sources.tools, "TOML with [[tools]]; needed");
   command->add_option("--id", sources.id, "Name of the case, nothing about the patient (default: the folder's name)");
   command
       ->add_option("--vertices", sources.vertices, "Number of vertices of scalp and of brain; half of it per structure")

@@ -10,11 +10,16 @@
 #include <CLI/Formatter.hpp>
 #include <unistd.h>
 
+#include "base/read_file.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/completion.hpp"
 #include "clients/cli/doctor_measurements.hpp"
 #include "clients/cli/doctor_network.hpp"
+#include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
+#include "clients/cli/support_bundle.hpp"
+#include "clients/live/daemon_link.hpp"
+#include "idl/version.hpp"
 #include "server/runtime/realtime.hpp"
 #include "server/runtime/state_directory.hpp"
 
@@ -29,7 +34,22 @@ struct DoctorOptions {
   bool quick = false;
   std::string state_directory;
   std::string case_folder;
+  std::string bundle, configuration, log;
 };
+
+// Where an installed daemon has its configuration (deploy/bregmad.service).
+constexpr const char *kInstalledConfiguration = "/etc/bregma/bregmad.toml";
+constexpr std::size_t kMaxText = std::size_t{64} << 20; // the log is rotated at 10 MB
+constexpr const char *kBundleText =
+    "A support bundle of Bregma, made by `bregma doctor --bundle`.\n\n"
+    "versions.txt        of the program and of the wire\n"
+    "machine.txt         kernel, distribution, processor, memory\n"
+    "doctor.json         checks and measurements of this machine\n"
+    "health.json         counters of the running daemon: devices by their kind, loops, alarms by their kind\n"
+    "configuration.toml  parameters; texts that are not ours are replaced by their length\n"
+    "log.txt             time, level and our own words of each line; the rest is replaced by its length\n\n"
+    "It has no image, no name of a case, patient, point, tool, device, user or machine, and no path. Read it before\n"
+    "you send it.\n";
 
 const char *word(Fitness fitness) {
   return fitness == Fitness::kGood ? "good" : fitness == Fitness::kLimited ? "limited" : "bad";
@@ -111,7 +131,7 @@ RealtimeCheck check_space(const std::filesystem::path &wanted) {
     return out;
   }
   out.finding = fixed(static_cast<double>(space->bytes) / 1e9, 1, "GB") + " free: " + fixed(space->hours(), 1) +
-                " hours of recording at " + fixed(kRecordingBytesPerSecond / 1e6, 1, "MB/s");
+                " hours of recording at " + fixed(casefile::kTypicalBytesPerSecond / 1e6, 1, "MB/s");
   // An operation lasts some hours, and its recording must not end before it.
   out.fitness = space->hours() >= 8.0 ? Fitness::kGood : space->hours() >= 1.0 ? Fitness::kLimited : Fitness::kBad;
   if (out.fitness != Fitness::kGood) {
@@ -120,7 +140,66 @@ RealtimeCheck check_space(const std::filesystem::path &wanted) {
   return out;
 }
 
+nlohmann::json checks_json(const std::vector<RealtimeCheck> &checks, const char *verdict) {
+  nlohmann::json list = nlohmann::json::array();
+  for (const auto &check : checks) {
+    list.push_back(
+        {{"name", check.name}, {"verdict", word(check.fitness)}, {"finding", check.finding}, {"advice", check.advice}});
+  }
+  return {{"verdict", verdict}, {"checks", std::move(list)}};
+}
+
+std::string health_text(const Context &context) {
+  try {
+    live::DaemonLink link(context.domain, live::DaemonLink::Role::kReads, context.wait_s);
+    static_cast<void>(link.wait_for_daemon());
+    if (!link.snapshot().health) {
+      return json_text({{"daemon", "none answers on domain " + std::to_string(context.domain)}}, 2) + "\n";
+    }
+    link.settle();
+    return json_text(anonymous_health(*link.snapshot().health, standing_alarms(link.snapshot())), 2) + "\n";
+  } catch (const dds::Error &error) { // may be the fault that the bundle is for
+    return json_text({{"daemon", without_paths(error.what())}}, 2) + "\n";
+  }
+}
+
+base::Result<void> make_bundle(const DoctorOptions &options, const nlohmann::json &checks, const Context &context) {
+  std::error_code ignored;
+  std::string configuration = "# Not given: --config FILE\n";
+  const bool installed = std::filesystem::exists(kInstalledConfiguration, ignored);
+  if (!options.configuration.empty() || installed) {
+    const auto text =
+        base::read_file(options.configuration.empty() ? kInstalledConfiguration : options.configuration, kMaxText);
+    if (!text) {
+      return tl::unexpected(text.error());
+    }
+    configuration = anonymous_configuration(*text);
+  }
+  std::string log = "Not given: --log FILE, which is log.file of the configuration, or the output of\n"
+                    "journalctl -u bregmad -o cat\n";
+  if (!options.log.empty()) {
+    const auto text = base::read_file(options.log, kMaxText);
+    if (!text) {
+      return tl::unexpected(text.error());
+    }
+    log = anonymous_log(*text);
+  }
+  const BundlePart parts[] = {{"README.txt", kBundleText},
+                              {"versions.txt", "bregma " BREGMA_VERSION " (" BREGMA_BUILD ")\nwire " +
+                                                   wire::text_of(wire::kWireVersion) + "\n"},
+                              {"machine.txt", machine_text()},
+                              {"doctor.json", without_paths(json_text(checks, 2)) + "\n"},
+                              {"health.json", health_text(context)},
+                              {"configuration.toml", configuration},
+                              {"log.txt", log}};
+  return write_bundle(options.bundle, parts);
+}
+
 int run_doctor(const DoctorOptions &options, const Context &context) {
+  std::error_code ignored;
+  if (!options.bundle.empty() && std::filesystem::exists(options.bundle, ignored)) {
+    return fail(options.bundle + ": exists already"); // before the measurements, which take time
+  }
   const auto domain =
       200 + static_cast<std::uint32_t>(getpid()) % 30; // a separate domain, so that the check disturbs no daemon
   EchoProcess echo(domain);
@@ -140,15 +219,15 @@ int run_doctor(const DoctorOptions &options, const Context &context) {
       std::any_of(checks.begin(), checks.end(), [](const auto &one) { return one.fitness == Fitness::kBad; });
   const bool limited =
       std::any_of(checks.begin(), checks.end(), [](const auto &one) { return one.fitness == Fitness::kLimited; });
-  if (context.json) {
-    nlohmann::json list = nlohmann::json::array();
-    for (const auto &check : checks) {
-      list.push_back({{"name", check.name},
-                      {"verdict", word(check.fitness)},
-                      {"finding", check.finding},
-                      {"advice", check.advice}});
+  nlohmann::json report = checks_json(checks, bad ? "bad" : limited ? "limited" : "good");
+  if (!options.bundle.empty()) {
+    if (const auto made = make_bundle(options, report, context); !made) {
+      return fail(made.error());
     }
-    print_json({{"verdict", bad ? "bad" : limited ? "limited" : "good"}, {"checks", std::move(list)}});
+  }
+  if (context.json) {
+    report["bundle"] = options.bundle.empty() ? nlohmann::json() : nlohmann::json(options.bundle);
+    print_json(report);
     return bad ? kRefused : kOk;
   }
   Table table({"Verdict", "What", "Found"});
@@ -161,6 +240,9 @@ int run_doctor(const DoctorOptions &options, const Context &context) {
   }
   print(table.text());
   print(advice.empty() ? std::string() : "\nTo set:\n" + advice);
+  if (!options.bundle.empty()) {
+    print("\nWritten: " + options.bundle + ". It has no names, images and paths; read it before you send it.\n");
+  }
   print(bad       ? "\nThis machine cannot be relied on to keep the rates.\n"
         : limited ? "\nThis machine keeps the rates, with the reservations above.\n"
                   : "\nThis machine keeps the rates.\n");
@@ -177,9 +259,18 @@ void add_doctor_command(CLI::App &app, Context &context) {
   command->add_option(
       "--case", options->case_folder,
       "Case folder: recordings are in it, so its disk's space is stated (default: the state directory's)");
+  command->add_option("--bundle", options->bundle,
+                      "Write a support bundle (.tar.gz): versions, configuration, health and log,\n"
+                      "without names, images and identities");
+  command->add_option("--config", options->configuration,
+                      "Configuration of the daemon, for the bundle (default: /etc/bregma/bregmad.toml, if it exists)");
+  command->add_option("--log", options->log, "Log of the daemon, for the bundle");
   add_json_flag(*command, context);
-  command->footer("Run it on the daemon's machine, as its user, without other load. It changes no settings.\n"
-                  "Exit code 1 when something is bad.\n\nExamples:\n  bregma doctor\n  bregma doctor --quick --json");
+  add_daemon_options(*command, context);
+  command->footer(
+      "Run it on the daemon's machine, as its user, without other load. It changes no settings.\n"
+      "Exit code 1 when something is bad.\n\nExamples:\n  bregma doctor\n  bregma doctor --quick --json\n"
+      "  journalctl -u bregmad -o cat > bregmad.log; bregma doctor --bundle fault.tar.gz --log bregmad.log");
   command->callback(
       [options, &context] { context.run = [options, &context] { return run_doctor(*options, context); }; });
   add_completion_command(app, context);

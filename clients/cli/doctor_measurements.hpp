@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "base/result.hpp"
+#include "casefile/session_file/growth.hpp"
 
 namespace bregma::cli {
 
@@ -44,12 +45,9 @@ private:
 // Writes and fsyncs blocks as large as the recorder's commits, in a temporary file. Milliseconds.
 [[nodiscard]] base::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks);
 
-// A recording grows by this: 252 MB in 105 s of the demo (250 frames/s, tissue model, simulated truth).
-inline constexpr double kRecordingBytesPerSecond = 2.4e6;
-
 struct FreeSpace {
   std::uint64_t bytes = 0; // that a program without privileges may use
-  [[nodiscard]] double hours() const { return static_cast<double>(bytes) / kRecordingBytesPerSecond / 3600.0; }
+  [[nodiscard]] double hours() const { return static_cast<double>(bytes) / casefile::kTypicalBytesPerSecond / 3600.0; }
 };
 [[nodiscard]] base::Result<FreeSpace> free_space(const std::filesystem::path &directory);
 

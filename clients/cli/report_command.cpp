@@ -1,7 +1,6 @@
 // `bregma report`: report on a recorded session.
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <string>
 #include <vector>
@@ -10,6 +9,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "base/write_file.hpp"
 #include "casefile/run_limits.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
@@ -27,15 +27,12 @@ struct ReportOptions {
   std::string scenario;
 };
 
-base::Result<void> write_file(const std::filesystem::path &file, const std::string &text) {
-  std::ofstream out(file, std::ios::binary);
-  if (!out.write(text.data(), static_cast<std::streamsize>(text.size())).flush()) {
-    return base::failure(file.string() + ": cannot be written");
-  }
-  return {};
-}
-
 int run_report(const ReportOptions &options, const Context &context) {
+  std::vector<std::string> inputs = options.sessions;
+  inputs.push_back(options.scenario);
+  if (auto kept = check_output("--html", options.html, inputs); !kept) {
+    return fail(kept.error());
+  }
   casefile::RunLimits limits;
   if (!options.scenario.empty()) {
     const auto loaded = casefile::load_run_limits(options.scenario);
@@ -60,7 +57,7 @@ int run_report(const ReportOptions &options, const Context &context) {
   const auto judgements = report::judge(*session, limits);
   if (!options.html.empty()) {
     const auto page = report::html_report(*session, judgements);
-    const auto written = page ? write_file(options.html, *page) : tl::unexpected(page.error());
+    const auto written = page ? base::write_file(options.html, *page) : tl::unexpected(page.error());
     if (!written) {
       return fail(written.error());
     }

@@ -70,7 +70,7 @@ std::string_view deformation_reason_label(wire::DeformationReason value) {
   case bregma_wire_DEFORMATION_REASON_BUILDING:
     return "the model is being built";
   case bregma_wire_DEFORMATION_REASON_REFUSED:
-    return "no model can be made of this brain";
+    return "there is no model of this case's brain";
   case bregma_wire_DEFORMATION_REASON_POINT_OUTSIDE:
     return "the point is outside the mesh";
   default:

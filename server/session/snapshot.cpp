@@ -1,5 +1,6 @@
 #include "server/session/snapshot.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <stdexcept>
 
@@ -177,7 +178,12 @@ base::Result<SessionData> from_json(const std::string &text, const std::string &
       return base::failure(name + ": is not as it was written, the file is damaged");
     }
     return read_session(session);
-  } catch (const std::exception &error) { // from the JSON library and the checks above
+  } catch (const json::parse_error &error) {
+    return base::failure(name + ": not a session that can be read: its JSON ends or breaks at byte " +
+                         std::to_string(std::min(error.byte, text.size())) + " of " + std::to_string(text.size()));
+  } catch (const json::exception &) { // a key is missing or has another type
+    return base::failure(name + ": not a session that can be read: a value is missing or of another kind");
+  } catch (const std::exception &error) { // from the checks above
     return base::failure(name + ": not a session that can be read: " + error.what());
   }
 }

@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include "base/write_file.hpp"
 #include "server/session/snapshot.hpp"
 
 namespace bregma::server {
@@ -43,7 +44,7 @@ private:
 };
 
 tl::unexpected<base::Error> system_failure(const fs::path &path, const char *deed) {
-  return base::failure(path.string() + ": cannot be " + deed + ": " + std::generic_category().message(errno));
+  return base::failure(path.string() + ": cannot be " + deed + ": " + base::write_problem(errno));
 }
 
 } // namespace

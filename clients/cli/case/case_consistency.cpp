@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <optional>
 
 #include <Eigen/Core>
 
@@ -55,7 +56,11 @@ std::string percent(double share) { return fixed(100.0 * share, 0) + " %"; }
 
 class Consistency {
 public:
-  explicit Consistency(const Case &c) : c_(c), scalp_(c.scalp.mesh), brain_(c.brain.mesh) {}
+  explicit Consistency(const Case &c) : c_(c), scalp_(c.scalp.mesh) {
+    if (!c.brain.mesh.triangles.empty()) {
+      brain_.emplace(c.brain.mesh);
+    }
+  }
 
   std::vector<std::string> find() {
     volumes();
@@ -80,8 +85,11 @@ private:
 
   void volumes() {
     const double head_ml = casefile::check_mesh(c_.scalp.mesh).volume_ml;
-    const double brain_ml = casefile::check_mesh(c_.brain.mesh).volume_ml;
     volume(c_.scalp, head_ml, kHead, "a human head");
+    if (!brain_) {
+      return;
+    }
+    const double brain_ml = casefile::check_mesh(c_.brain.mesh).volume_ml;
     volume(c_.brain, brain_ml, kBrain, "a human brain");
     const double share = brain_ml / head_ml;
     if (!(share >= kLeastBrainShare && share <= kMostBrainShare)) {
@@ -91,6 +99,9 @@ private:
   }
 
   void brain_in_head() {
+    if (!brain_) {
+      return;
+    }
     const double outside = 1.0 - share_inside(c_.brain.mesh, scalp_, 0.0);
     if (outside > kMostOutside) {
       say(percent(outside) + " of the brain's surface lie outside of the scalp: are both of one image?");
@@ -98,17 +109,19 @@ private:
   }
 
   void structures() {
+    const surface::SurfaceModel &around = brain_ ? *brain_ : scalp_;
     for (const Surface &structure : c_.structures) {
-      const double inside = share_inside(structure.mesh, brain_, kBrainTolerance_mm);
+      const double inside = share_inside(structure.mesh, around, brain_ ? kBrainTolerance_mm : 0.0);
       if (inside < kLeastInBrain) {
-        say("only " + percent(inside) + " of the surface of \"" + structure.name + "\" lie in the brain");
+        say("only " + percent(inside) + " of the surface of \"" + structure.name + "\" lie in the " +
+            (brain_ ? "brain" : "head"));
       }
     }
   }
 
-  // Names such as "Precentral_L", "left M1" against the side of the brain's middle.
+  // Names such as "Precentral_L", "left M1" against the side of the brain's middle, without one of the head's.
   void sides() {
-    const double middle = centre_of(c_.brain.mesh).x();
+    const double middle = centre_of(brain_ ? c_.brain.mesh : c_.scalp.mesh).x();
     std::vector<std::string> wrong;
     std::size_t sided = 0;
     for (const Surface &structure : c_.structures) {
@@ -138,8 +151,8 @@ private:
         say("target \"" + target.name + "\" lies outside of the scalp");
       }
     }
-    for (const NamedPoint &landmark : c_.brain_landmarks) {
-      if (const double off = brain_.closest(landmark.position_mm).signed_mm; off > kBrainTolerance_mm) {
+    for (const NamedPoint &landmark : c_.brain_landmarks) { // a case that has them has a brain
+      if (const double off = brain_->closest(landmark.position_mm).signed_mm; off > kBrainTolerance_mm) {
         say("brain landmark \"" + landmark.name + "\" lies " + fixed(off, 1) + " mm outside of the brain");
       }
     }
@@ -173,7 +186,8 @@ private:
   }
 
   const Case &c_;
-  surface::SurfaceModel scalp_, brain_;
+  surface::SurfaceModel scalp_;
+  std::optional<surface::SurfaceModel> brain_;
   std::vector<std::string> out_;
 };
 

@@ -99,7 +99,10 @@ json tissue_json(const Case &c) {
 
 CaseFacts facts_of(const Case &c) {
   CaseFacts facts;
-  facts.surfaces = {facts_of(c.scalp), facts_of(c.brain)};
+  facts.surfaces = {facts_of(c.scalp)};
+  if (!c.brain.mesh.triangles.empty()) {
+    facts.surfaces.push_back(facts_of(c.brain));
+  }
   std::vector<planning::NamedMesh> meshes;
   for (const casefile::Surface &structure : c.structures) {
     facts.surfaces.push_back(facts_of(structure));

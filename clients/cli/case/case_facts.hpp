@@ -36,7 +36,7 @@ struct TrajectoryFacts {
 };
 
 struct CaseFacts {
-  std::vector<SurfaceFacts> surfaces; // scalp, brain, structures
+  std::vector<SurfaceFacts> surfaces; // scalp, brain where there is one, structures
   std::vector<PointFacts> points;
   std::vector<TrajectoryFacts> trajectories;
 };

@@ -1,4 +1,5 @@
 #include "clients/cli/case/mesh_command.hpp"
+#include "clients/cli/case/case_output.hpp"
 
 #include <filesystem>
 #include <memory>
@@ -60,6 +61,9 @@ base::Result<MeshReport> make_mesh(const MeshOptions &options, const std::filesy
 }
 
 int run_mesh(const MeshOptions &options, const Context &context) {
+  if (auto kept = check_output_of_case("--out", options.out, options.folder); !kept) {
+    return fail(kept.error());
+  }
   const std::filesystem::path file =
       options.out.empty() ? std::filesystem::path(options.folder) / "tissue.vtu" : std::filesystem::path(options.out);
   const auto report = make_mesh(options, file);

@@ -1,5 +1,6 @@
 // `bregma case export`: a surface of a case as STL or PLY for other programs and printers.
 #include "clients/cli/case/surface_export.hpp"
+#include "clients/cli/case/case_output.hpp"
 
 #include <algorithm>
 #include <filesystem>
@@ -30,7 +31,8 @@ struct SurfaceExport {
 
 const surface::TriangleMesh *find_surface(const casefile::Case &c, const std::string &name) {
   if (name == "scalp" || name == "brain") {
-    return name == "scalp" ? &c.scalp.mesh : &c.brain.mesh;
+    const surface::TriangleMesh &mesh = name == "scalp" ? c.scalp.mesh : c.brain.mesh;
+    return mesh.triangles.empty() ? nullptr : &mesh;
   }
   const auto found = std::find_if(c.structures.begin(), c.structures.end(),
                                   [&name](const casefile::Surface &surface) { return surface.name == name; });
@@ -56,11 +58,14 @@ int export_surface(const SurfaceExport &options, const Context &context) {
   }
   const surface::TriangleMesh *found = find_surface(*loaded, options.surface);
   if (found == nullptr) {
-    std::string names = "\"scalp\", \"brain\"";
+    std::string names = !loaded->brain.mesh.triangles.empty() ? "\"scalp\", \"brain\"" : "\"scalp\"";
     for (const casefile::Surface &structure : loaded->structures) {
       names += ", \"" + structure.name + "\"";
     }
     return fail("the case has no surface \"" + options.surface + "\"; it has " + names);
+  }
+  if (auto kept = check_output_of_case("file", options.file, options.folder); !kept) {
+    return fail(kept.error());
   }
   if (options.face && options.surface != "scalp") {
     return fail("--face is a part of the scalp, not of \"" + options.surface + "\"");

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <fstream>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -17,6 +16,7 @@
 #include "algorithms/geometry/rigid3.hpp"
 #include "algorithms/registration/clouds/cloud_covariance.hpp"
 #include "algorithms/registration/clouds/cloud_pose.hpp"
+#include "base/write_file.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/cloud_file.hpp"
 #include "clients/cli/registration/register_commands.hpp"
@@ -114,13 +114,13 @@ int write_correspondences(const CloudArguments &arguments, const Points3 &source
   const double constant = registration::outlier_constant<3>(target, found.sigma_mm, arguments.outliers, source.cols());
   const auto pairs =
       registration::correspondences<3>(found.transform * source, target, found.sigma_mm, constant).of_source;
-  std::ofstream out(arguments.correspondences);
-  out << "source,target,probability\n";
+  std::string out = "source,target,probability\n";
   for (std::size_t i = 0; i < pairs.size(); ++i) {
-    out << i + 1 << ',' << pairs[i].index + 1 << ',' << fixed(pairs[i].probability, 6) << '\n';
+    out +=
+        std::to_string(i + 1) + "," + std::to_string(pairs[i].index + 1) + "," + fixed(pairs[i].probability, 6) + "\n";
   }
-  out.close();
-  return out ? static_cast<int>(kOk) : fail(arguments.correspondences + ": cannot be written");
+  const auto written = base::write_file(arguments.correspondences, out);
+  return written ? static_cast<int>(kOk) : fail(written.error());
 }
 
 // Covariance of the rigid pose, if the points determine it.

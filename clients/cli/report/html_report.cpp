@@ -64,13 +64,24 @@ std::string date_text(std::int64_t time_ns) {
              : "date not known";
 }
 
-std::string case_of(const SessionAnalysis &session) {
+std::string meta_of(const SessionAnalysis &session, std::string_view key) {
   for (const auto &entry : session.meta) {
-    if (entry.key == "case") {
+    if (entry.key == key) {
       return entry.value;
     }
   }
-  return "session";
+  return {};
+}
+
+std::string case_of(const SessionAnalysis &session) {
+  const std::string name = meta_of(session, "case");
+  return name.empty() ? "session" : name;
+}
+
+std::string version_of(const SessionAnalysis &session) {
+  const std::string version = meta_of(session, "version");
+  const std::string build = meta_of(session, "build");
+  return version.empty() ? "version not known" : "bregmad " + version + (build.empty() ? "" : " (" + build + ")");
 }
 
 std::string page_header(const SessionAnalysis &session, const std::vector<Judgement> &judgements) {
@@ -86,6 +97,7 @@ std::string page_header(const SessionAnalysis &session, const std::vector<Judgem
   std::string sub = date_text(session.start_ns) + " \u00b7 " + duration_text(session.seconds(session.end_ns)) +
                     " \u00b7 " + std::to_string(session.tracker_frames) + " tracker frames";
   sub += session.has_truth ? " \u00b7 simulated, so the truth is known" : " \u00b7 true errors are not known";
+  sub += " \u00b7 " + version_of(session);
   return "<header><h1>Navigation report: " + base::escape(case_of(session)) + "</h1>" + badge + "<p class='sub'>" +
          base::escape(sub) + "</p></header>";
 }
@@ -256,6 +268,39 @@ std::string meta_table(const SessionAnalysis &session) {
   return table.any() ? table.text() : std::string();
 }
 
+std::string pair(const std::string &left, const std::string &right) {
+  return left.empty() && right.empty() ? std::string() : "<div class='pair'>" + left + right + "</div>";
+}
+
+std::string path_table(const SessionAnalysis &session) {
+  if (session.path.empty()) {
+    return {};
+  }
+  HtmlTable table(
+      {"Trajectory", "#Largest lateral deviation mm", "#At s", "#Before the target mm", "#At the target, median mm"});
+  const double at_target_mm = session.at_target ? session.at_target->lateral_mm : geometry::kUnknown;
+  const PathSummary none;
+  const PathSummary &path = session.path_summary ? *session.path_summary : none;
+  table.row({session.path_summary ? path.trajectory : session.path.front().trajectory,
+             fixed(path.largest_lateral_mm, 2),
+             session.path_summary ? fixed(session.seconds(path.time_ns), 1) : std::string("-"),
+             fixed(path.remaining_depth_mm, 1), fixed(at_target_mm, 2)});
+  return table.text() + (session.path_summary
+                             ? "<p class='note'>Between entry and target, of the shown tip.</p>"
+                             : "<p class='note'>The session file holds no plan, or the tip was never between entry and "
+                               "target.</p>");
+}
+
+std::string pivots_table(const SessionAnalysis &session) {
+  HtmlTable table({"Tool", "#At s", "#Residual RMS mm", "Result", "Calibrated"});
+  for (const PivotRecord &pivot : session.pivots) {
+    table.row({pivot.tool, fixed(session.seconds(pivot.time_ns), 1), fixed(pivot.rms_mm, 2), pivot.text,
+               pivot.accepted ? "yes" : "no"},
+              pivot.accepted ? "yes" : "no");
+  }
+  return table.any() ? table.text() : std::string("<p>No tool was calibrated in this session.</p>");
+}
+
 std::string columns(const std::string &left, const std::string &right) {
   return left.empty() && right.empty() ? std::string() : "<div class='columns'>" + left + right + "</div>";
 }
@@ -266,6 +311,10 @@ base::Result<std::string> html_report(const SessionAnalysis &session, const std:
   const auto heads = head_figure(session);
   if (!heads) {
     return tl::unexpected(heads.error());
+  }
+  const auto path_on_head = path_on_head_figure(session);
+  if (!path_on_head) {
+    return tl::unexpected(path_on_head.error());
   }
   std::string out = "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
                     "<meta name='viewport' content='width=device-width,initial-scale=1'><title>Navigation report: " +
@@ -280,8 +329,11 @@ base::Result<std::string> html_report(const SessionAnalysis &session, const std:
   out += section("Error of the shown tip", error_figure(session));
   out += columns(section("Predicted against true error", calibration_figure(session)),
                  section("Latency", latency_figure(session)));
+  out += section("The path along the plan",
+                 path_table(session) + pair(path_figure(session), deviation_figure(session)) + *path_on_head);
   if (session.insertion) {
-    out += section("The brain under the probe", insertion_table(*session.insertion) + tissue_motion_figure(session));
+    out += section("The brain under the probe",
+                   insertion_table(*session.insertion) + tissue_motion_figure(session) + tissue_still_figure(session));
     out += columns(section("Force", tissue_force_figure(session)), section("Stress", tissue_stress_figure(session)));
   }
   const bool traced = session.registration && session.registration->surface_points > 0;
@@ -290,6 +342,7 @@ base::Result<std::string> html_report(const SessionAnalysis &session, const std:
           ? "<p class='note'>The session file holds no scalp, or no traced points: nothing is drawn.</p>"
           : std::string();
   out += section("Scalp residuals on the head", *heads + residual_figure(session) + missing);
+  out += section("Calibration of the tools", pivots_table(session));
   out += columns(section("Registration", registration_tables(session)),
                  section("Checks and clearances",
                          (session.checks.empty() ? std::string() : "<h3>Check touches</h3>" + checks_table(session)) +

@@ -22,6 +22,7 @@ section{background:var(--paper);border:1px solid var(--line);border-radius:10px;
 .card span{display:block;font-size:.85rem;font-weight:600}.card small{display:block;color:var(--soft);font-size:.82rem;line-height:1.35}
 .columns{display:grid;grid-template-columns:1fr 1fr;gap:18px}.columns>section{margin:0}.columns{margin-bottom:18px}
 .columns>section:only-child{grid-column:1/-1}
+.pair{display:grid;grid-template-columns:1fr 1fr;gap:18px;margin-top:12px}.pair>figure+figure{margin-top:0}.pair>figure:only-child{grid-column:1/-1}
 .scroll{overflow-x:auto}
 table{border-collapse:collapse;width:100%;font-size:.92rem;font-variant-numeric:tabular-nums}
 th{text-align:left;color:var(--soft);font-weight:600;font-size:.82rem;border-bottom:1px solid #cfd5dd;padding:5px 14px 5px 0;white-space:nowrap}
@@ -37,7 +38,7 @@ svg .halo{paint-order:stroke;stroke:#fff;stroke-width:3px}
 .heads img{display:block;width:100%;height:auto}.heads p{text-align:center;color:var(--soft);font-size:.85rem;margin:2px 0 6px}
 .bar{max-width:430px;margin:4px auto 0}
 footer{color:var(--soft);font-size:.85rem}
-@media(max-width:760px){main{padding:18px 12px 32px}section{padding:15px 14px}.columns{grid-template-columns:1fr}
+@media(max-width:760px){main{padding:18px 12px 32px}section{padding:15px 14px}.columns,.pair{grid-template-columns:1fr}
 .heads{grid-template-columns:1fr 1fr}.wide{display:none}.narrow{display:block}h1{font-size:1.45rem}
 .cards{grid-template-columns:1fr 1fr;gap:8px}.card{padding:10px 12px}.card b{font-size:1.25rem}}
 @media print{*{-webkit-print-color-adjust:exact;print-color-adjust:exact}body{background:#fff;font-size:9.5pt;line-height:1.35}main{max-width:none;padding:0}

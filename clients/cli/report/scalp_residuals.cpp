@@ -1,15 +1,12 @@
 #include "clients/cli/report/scalp_residuals.hpp"
 
 #include <algorithm>
-#include <cstdio>
-#include <cstdlib>
-#include <fstream>
+#include <optional>
 #include <stdexcept>
-
-#include <unistd.h>
 
 #include "algorithms/surface/surface_model.hpp"
 #include "casefile/mesh_file.hpp"
+#include "clients/cli/report/attached_file.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::cli::report {
@@ -17,43 +14,12 @@ namespace {
 
 using base::Result;
 
-// Mesh readers take files, so the attachment is written to a temporary file.
-class TemporaryFile {
-public:
-  explicit TemporaryFile(const std::string &body) {
-    std::string name = (std::filesystem::temp_directory_path() / "bregma-XXXXXX.ply").string();
-    const int descriptor = mkstemps(name.data(), 4);
-    if (descriptor >= 0) {
-      close(descriptor);
-      path_ = name;
-      std::ofstream out(path_, std::ios::binary);
-      written_ = static_cast<bool>(out.write(body.data(), static_cast<std::streamsize>(body.size())).flush());
-    }
-  }
-  ~TemporaryFile() {
-    std::error_code ignored;
-    std::filesystem::remove(path_, ignored);
-  }
-  TemporaryFile(const TemporaryFile &) = delete;
-  TemporaryFile &operator=(const TemporaryFile &) = delete;
-  [[nodiscard]] const std::filesystem::path &path() const { return path_; }
-  [[nodiscard]] bool written() const { return written_; }
-
-private:
-  std::filesystem::path path_;
-  bool written_ = false;
-};
-
 Result<surface::TriangleMesh> attached_mesh(const casefile::SessionReader &reader, const std::string &name) {
-  const auto body = reader.attachment(name);
-  if (!body) {
-    return tl::unexpected(body.error());
+  const auto file = AttachedFile::write(reader, name, ".ply");
+  if (!file) {
+    return tl::unexpected(file.error());
   }
-  const TemporaryFile file(*body);
-  if (!file.written()) {
-    return base::failure("cannot write a temporary file in " + std::filesystem::temp_directory_path().string());
-  }
-  return casefile::read_mesh(file.path()).map_error([&](const base::Error &error) {
+  return casefile::read_mesh(file->path()).map_error([&](const base::Error &error) {
     return base::Error{"attachment " + name + ": " + error.message};
   });
 }

@@ -11,6 +11,7 @@
 #include <Eigen/Geometry>
 
 #include "algorithms/geometry/unknown.hpp"
+#include "clients/cli/report/path_analysis.hpp"
 #include "clients/cli/report/scalp_residuals.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 #include "clients/cli/report/tissue_analysis.hpp"
@@ -54,6 +55,8 @@ Result<void> read_commands(const SessionReader &reader, SessionAnalysis &out, Co
     if (asked.kind == bregma_wire_COMMAND_CHECK_TOUCH && command.body._d == bregma_wire_FORM_TOUCH) {
       asked.tool = wire::text(command.body._u.touch.tool);
       asked.point = wire::text(command.body._u.touch.point);
+    } else if (asked.kind == bregma_wire_COMMAND_FINISH_PIVOT && command.body._d == bregma_wire_FORM_TOOL) {
+      asked.tool = wire::text(command.body._u.tool.tool);
     }
     talk.asked[{wire::text(command.client), command.id}] = std::move(asked);
   });
@@ -63,7 +66,12 @@ Result<void> read_commands(const SessionReader &reader, SessionAnalysis &out, Co
   return visit_each<wire::CommandReply>(reader, [&](const wire::CommandReply &reply, std::int64_t time_ns) {
     talk.states.emplace_back(time_ns, reply.session);
     const auto found = talk.asked.find({wire::text(reply.client), reply.id});
-    if (found == talk.asked.end() || reply.result != bregma_wire_COMMAND_DONE) {
+    const bool done = reply.result == bregma_wire_COMMAND_DONE;
+    if (found != talk.asked.end() && found->second.kind == bregma_wire_COMMAND_FINISH_PIVOT) {
+      out.pivots.push_back(
+          {time_ns, found->second.tool, done, done ? reply.value_mm : geometry::kUnknown, bounded(reply.text)});
+    }
+    if (found == talk.asked.end() || !done) {
       return;
     }
     const Asked &asked = found->second;
@@ -376,6 +384,7 @@ Result<SessionAnalysis> analyse(const SessionReader &reader) {
   out.meta = std::move(*meta);
 
   out.structures = count_structures(reader);
+  read_plans(reader, out);
 
   Conversation talk;
   std::optional<wire::RegistrationState> accepted;
@@ -390,6 +399,7 @@ Result<SessionAnalysis> analyse(const SessionReader &reader) {
   if (!read) {
     return tl::unexpected(read.error());
   }
+  summarise_path(out);
   make_state_spans(out, talk);
   if (accepted) {
     const auto start =

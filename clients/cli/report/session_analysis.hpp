@@ -15,6 +15,7 @@
 #include "algorithms/geometry/unknown.hpp"
 #include "algorithms/surface/triangle_mesh.hpp"
 #include "base/result.hpp"
+#include "casefile/case.hpp"
 #include "casefile/session_file/session_file.hpp"
 
 namespace bregma::cli::report {
@@ -49,6 +50,7 @@ struct AtTarget {
   double shown_distance_mm = geometry::kUnknown; // median, shown tip to target
   Distribution true_error_mm;                    // empty without truth
   double predicted_rms_mm = geometry::kUnknown;  // median
+  double lateral_mm = geometry::kUnknown;        // median lateral deviation
   double inside_share = geometry::kUnknown; // fraction of the samples with truth inside the predicted 95 % ellipsoid
   std::optional<bool> inside;               // more than half of them are inside
   double registration_error_mm = geometry::kUnknown; // true error of the accepted registration at the true tip
@@ -88,6 +90,32 @@ struct CheckRecord {
   double limit_mm = geometry::kUnknown; // 95 % bound if nothing has moved
 };
 
+// The shown tip while it follows a plan, once per tracker frame.
+struct PathSample {
+  std::int64_t time_ns = 0;
+  std::string trajectory;
+  Eigen::Vector3d tip_mm = Eigen::Vector3d::Constant(geometry::kUnknown); // in Image
+  double remaining_depth_mm = geometry::kUnknown;
+  double lateral_mm = geometry::kUnknown;
+};
+
+// The largest lateral deviation between entry and target.
+struct PathSummary {
+  std::string trajectory;
+  std::int64_t time_ns = 0;
+  double largest_lateral_mm = geometry::kUnknown;
+  double remaining_depth_mm = geometry::kUnknown;
+};
+
+// The end of a pivot calibration.
+struct PivotRecord {
+  std::int64_t time_ns = 0;
+  std::string tool;
+  bool accepted = false;
+  double rms_mm = geometry::kUnknown; // residual of the poses
+  std::string text;                   // the daemon's answer
+};
+
 // Closest approach of the navigated tip to one critical structure.
 struct Approach {
   std::string structure;
@@ -109,6 +137,7 @@ struct TissueSample {
   double von_mises_Pa = geometry::kUnknown;   // at the target
   double motion_mm = geometry::kUnknown;      // predicted motion of the target
   double error_bound_mm = geometry::kUnknown; // bound of its error
+  bool still = false;                         // the probe stands still: its depth says nothing about the course
 };
 
 struct FollowedLandmark {
@@ -191,8 +220,12 @@ struct SessionAnalysis {
 
   std::optional<RegistrationSummary> registration;
   std::optional<AtTarget> at_target;
-  std::optional<std::size_t> structures; // critical structures of the case; empty: the file does not contain it
-  std::vector<Approach> approaches;      // one per structure, nearest first
+  std::optional<std::size_t> structures;   // critical structures of the case; empty: the file does not contain it
+  std::vector<PivotRecord> pivots;         // in the order of their ends
+  std::vector<casefile::Trajectory> plans; // of the case; empty: the file does not contain them
+  std::vector<PathSample> path;
+  std::optional<PathSummary> path_summary; // empty also if the plan is not known
+  std::vector<Approach> approaches;        // one per structure, nearest first
   std::optional<InsertionAnalysis> insertion;
   std::vector<CheckRecord> checks;
   std::vector<AlarmChange> alarms;

@@ -31,6 +31,7 @@ std::string at_target_text(const AtTarget &target) {
   std::string out = "At the target  " + printable(target.tool) + " along " + printable(target.trajectory) + ", " +
                     std::to_string(target.samples) + " samples\n";
   out += "  shown distance to the target " + known(target.shown_distance_mm, 2, "mm") + " (median)\n";
+  out += "  lateral deviation            " + known(target.lateral_mm, 2, "mm") + " (median)\n";
   out += "  true error of the shown tip  " + known(target.true_error_mm.percentile(0.5), 2, "mm") + " (median), " +
          known(target.true_error_mm.max(), 2, "mm") + " (worst)\n";
   out += "  predicted (TRE, RMS)         " + known(target.predicted_rms_mm, 2, "mm") + "\n";
@@ -57,6 +58,15 @@ std::string devices_text(const SessionAnalysis &session) {
                std::to_string(device.connections)});
   }
   return table.empty() ? "Devices  none recorded\n" : table.text() + reasons;
+}
+
+std::string pivots_text(const SessionAnalysis &session) {
+  std::string out;
+  for (const PivotRecord &pivot : session.pivots) {
+    out +=
+        "Pivot of " + printable(pivot.tool) + "  " + (pivot.accepted ? "" : "refused: ") + printable(pivot.text) + "\n";
+  }
+  return out;
 }
 
 std::string registration_text(const SessionAnalysis &session) {
@@ -142,11 +152,19 @@ json at_target_json(const AtTarget &target) {
           {"trajectory", target.trajectory},
           {"samples", target.samples},
           {"shown_distance_mm", json_number(target.shown_distance_mm)},
+          {"lateral_deviation_mm", json_number(target.lateral_mm)},
           {"true_error_mm", spread_json(target.true_error_mm)},
           {"predicted_tre_rms_mm", json_number(target.predicted_rms_mm)},
           {"inside_95", target.inside ? json(*target.inside) : json()},
           {"inside_95_share", json_number(target.inside_share)},
           {"registration_error_mm", json_number(target.registration_error_mm)}};
+}
+
+json path_json(const PathSummary &path, const SessionAnalysis &session) {
+  return {{"trajectory", path.trajectory},
+          {"max_lateral_deviation_mm", json_number(path.largest_lateral_mm)},
+          {"time_s", session.seconds(path.time_ns)},
+          {"remaining_depth_mm", json_number(path.remaining_depth_mm)}};
 }
 
 json judgement_json(const Judgement &one) {
@@ -185,11 +203,16 @@ std::string summary_text(const SessionAnalysis &session, const std::vector<Judge
   out += "Navigation  " + known(session.navigation_rate_hz, 1, "states/s while navigating") + "\n";
   out += "Latency  exposure to published   " + spread_text(session.exposure_to_published_ms, 3, "ms") + "\n";
   out += "         frame sent to published " + spread_text(session.sent_to_published_ms, 3, "ms") + "\n\n";
-  out += devices_text(session) + "\n" + registration_text(session);
+  out += devices_text(session) + "\n" + pivots_text(session) + registration_text(session);
   out += session.at_target ? at_target_text(*session.at_target) : "At the target  the tip was never held there\n";
   if (session.approaches.empty()) {
     out += session.structures == 0 ? "Critical structures  this case has none\n"
                                    : "Critical structures  none approached\n";
+  }
+  if (session.path_summary) {
+    out += "Path along " + printable(session.path_summary->trajectory) + "  largest lateral deviation " +
+           known(session.path_summary->largest_lateral_mm, 2, "mm") + ", " +
+           known(session.path_summary->remaining_depth_mm, 1, "mm") + " before the target\n";
   }
   for (const auto &approach : session.approaches) {
     out += "Closest to " + printable(approach.structure) + "  " + known(approach.shown_mm, 1, "mm") + " shown, " +
@@ -230,6 +253,7 @@ json summary_json(const SessionAnalysis &session, const std::vector<Judgement> &
            {"tracker_frames", session.tracker_frames},
            {"record_dropped", session.record_dropped},
            {"has_truth", session.has_truth},
+           {"path", session.path_summary ? path_json(*session.path_summary, session) : json()},
            {"navigation_rate_hz", json_number(session.navigation_rate_hz)},
            {"latency_exposure_to_published_ms", spread_json(session.exposure_to_published_ms)},
            {"latency_sent_to_published_ms", spread_json(session.sent_to_published_ms)},
@@ -241,11 +265,19 @@ json summary_json(const SessionAnalysis &session, const std::vector<Judgement> &
            {"unknown_device_samples", session.unknown_device_samples},
            {"critical_alarms", session.critical_alarms},
            {"unacknowledged_critical_alarms", session.unacknowledged_critical}};
-  for (const auto *list : {"meta", "devices", "loops", "approaches", "checks", "alarms", "states", "limits"}) {
+  for (const auto *list :
+       {"pivots", "meta", "devices", "loops", "approaches", "checks", "alarms", "states", "limits"}) {
     out[list] = json::array();
   }
   for (const auto &entry : session.meta) {
     out["meta"].push_back({{"key", entry.key}, {"value", entry.value}});
+  }
+  for (const PivotRecord &pivot : session.pivots) {
+    out["pivots"].push_back({{"tool", pivot.tool},
+                             {"time_s", session.seconds(pivot.time_ns)},
+                             {"accepted", pivot.accepted},
+                             {"rms_mm", json_number(pivot.rms_mm)},
+                             {"text", pivot.text}});
   }
   for (const auto &device : session.devices) {
     out["devices"].push_back({{"device", device.device},

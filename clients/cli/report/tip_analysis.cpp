@@ -167,6 +167,7 @@ public:
     }
     if (at_target_.samples > 0) {
       at_target_.shown_distance_mm = distribution_of(std::move(shown_distance_)).percentile(0.5);
+      at_target_.lateral_mm = distribution_of(std::move(lateral_)).percentile(0.5);
       at_target_.predicted_rms_mm = distribution_of(std::move(predicted_)).percentile(0.5);
       at_target_.true_error_mm = distribution_of(std::move(true_error_));
       if (ellipsoid_known_ > 0) {
@@ -208,6 +209,9 @@ private:
       sample.ellipsoid = in_semi_axes(state.tre_95, error);
     }
     if (follows_plan(state)) {
+      out_.path.push_back({state.published_time_ns, wire::text(state.trajectory),
+                           Vector3d(state.T_image_tip.translation_mm), state.remaining_depth_mm,
+                           state.lateral_deviation_mm});
       take_approach(state, sample.true_error_mm);
       sample.at_target = std::abs(state.remaining_depth_mm) <= kAtTargetDepth_mm &&
                          state.distance_to_target_mm <= kAtTargetDistance_mm;
@@ -244,6 +248,7 @@ private:
     at_target_.tool = wire::text(state.tool);
     at_target_.trajectory = wire::text(state.trajectory);
     shown_distance_.push_back(state.distance_to_target_mm);
+    lateral_.push_back(state.lateral_deviation_mm);
     predicted_.push_back(sample.predicted_rms_mm);
     true_error_.push_back(sample.true_error_mm);
     if (std::isfinite(sample.ellipsoid)) {
@@ -268,6 +273,7 @@ private:
   std::map<std::string, Approach> approaches_;
   AtTarget at_target_;
   std::vector<double> shown_distance_;
+  std::vector<double> lateral_;
   std::vector<double> predicted_;
   std::vector<double> true_error_;
   std::size_t ellipsoid_known_ = 0;

@@ -5,7 +5,7 @@
 
 namespace bregma::cli::report {
 
-// Fills tips, tools, latencies, navigation rate, at_target, approaches and has_truth.
+// Fills tips, tools, latencies, navigation rate, at_target, path, approaches and has_truth.
 [[nodiscard]] base::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAnalysis &out);
 
 [[nodiscard]] Distribution distribution_of(std::vector<double> values);

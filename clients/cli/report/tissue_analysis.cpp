@@ -25,6 +25,32 @@ TissueSample sample_of(const wire::DeformationState &state) {
   return out;
 }
 
+// The probe stands still where its depth changes by less than this for at least that time.
+constexpr double kStill_mm = 0.5;
+constexpr std::int64_t kStill_ns = 1'000'000'000;
+
+void mark_still(std::vector<TissueSample> &samples) {
+  for (std::size_t from = 0; from < samples.size();) {
+    double least = samples[from].depth_mm;
+    double most = least;
+    std::size_t end = from + 1;
+    for (; end < samples.size(); ++end) {
+      least = std::min(least, samples[end].depth_mm);
+      most = std::max(most, samples[end].depth_mm);
+      if (!(most - least < kStill_mm)) {
+        break;
+      }
+    }
+    if (samples[end - 1].time_ns - samples[from].time_ns < kStill_ns) {
+      ++from;
+      continue;
+    }
+    for (; from < end; ++from) {
+      samples[from].still = true;
+    }
+  }
+}
+
 void follow(const wire::DeformationState &state, FollowedLandmark &landmark) {
   const TissueSample sample = sample_of(state);
   landmark.landmark = wire::text(state.point);
@@ -80,6 +106,9 @@ base::Result<void> analyse_tissue(const casefile::SessionReader &reader, Session
     if (!out.insertion || insertion.largest_motion_mm > out.insertion->largest_motion_mm) {
       out.insertion = std::move(insertion);
     }
+  }
+  if (out.insertion) {
+    mark_still(out.insertion->samples);
   }
   for (auto &[name, landmark] : landmarks) {
     if (out.insertion) {

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -12,7 +13,7 @@ using Value = double (*)(const TissueSample &);
 
 double all_force_N(const TissueSample &sample) { return sample.tip_force_N + sample.shaft_force_N; }
 
-// Curve over depth, interrupted where the model's answer is invalid or the phase changes.
+// Curve over depth, interrupted where the model's answer is invalid, the phase changes or the probe stands still.
 base::Series course(const InsertionAnalysis &insertion, const char *name, const char *paint, Value value,
                     bool backwards) {
   base::Series out;
@@ -20,7 +21,7 @@ base::Series course(const InsertionAnalysis &insertion, const char *name, const 
   out.colour = paint;
   out.dashed = backwards;
   for (const TissueSample &sample : insertion.samples) {
-    const bool shown = (sample.phase == "withdrawal") == backwards && sample.status != "invalid";
+    const bool shown = (sample.phase == "withdrawal") == backwards && sample.status != "invalid" && !sample.still;
     out.points.push_back({sample.depth_mm, shown ? value(sample) : geometry::kUnknown});
   }
   return out;
@@ -47,7 +48,49 @@ base::Plot in_and_out(const InsertionAnalysis &insertion, const char *title, con
   return plot;
 }
 
+// Curve over time where the probe stands still.
+base::Series standing(const SessionAnalysis &session, const char *name, const char *paint, Value value) {
+  base::Series out;
+  out.name = name;
+  out.colour = paint;
+  for (const TissueSample &sample : session.insertion->samples) {
+    const bool shown = sample.still && sample.status != "invalid";
+    out.points.push_back({session.seconds(sample.time_ns), shown ? value(sample) : geometry::kUnknown});
+  }
+  return out;
+}
+
 } // namespace
+
+std::string tissue_still_figure(const SessionAnalysis &session) {
+  const bool stood =
+      session.insertion && std::any_of(session.insertion->samples.begin(), session.insertion->samples.end(),
+                                       [](const TissueSample &sample) { return sample.still; });
+  if (!stood) {
+    return {};
+  }
+  base::Plot motion;
+  motion.title = "Motion of the target over time, where the probe stands still";
+  motion.x.label = "time, s";
+  motion.y.label = "predicted motion of the target, mm";
+  motion.y.from = 0.0;
+  motion.series.push_back(
+      standing(session, "", base::colour::kBlue, [](const TissueSample &sample) { return sample.motion_mm; }));
+  base::Plot force;
+  force.title = "Force over time, where the probe stands still";
+  force.x.label = "time, s";
+  force.y.label = "force along the shaft, N";
+  base::Series measured = standing(session, "measured", base::colour::kGrey,
+                                   [](const TissueSample &sample) { return sample.measured_force_N; });
+  measured.mark = base::Mark::kPoints;
+  measured.size = 1.2;
+  force.series.push_back(std::move(measured));
+  force.series.push_back(standing(session, "model: tip and shaft", base::colour::kBlue, all_force_N));
+  return "<div class='pair'>" +
+         half_width(motion, "The target relaxes while the probe stands still (its depth changes by less than half a "
+                            "millimetre for a second or more).") +
+         half_width(force, "Force of the probe on the tissue at the same time.") + "</div>";
+}
 
 std::string tissue_force_figure(const SessionAnalysis &session) {
   if (!session.insertion) {
@@ -65,7 +108,8 @@ std::string tissue_force_figure(const SessionAnalysis &session) {
       insertion, "model: tip", base::colour::kOrange, [](const TissueSample &s) { return s.tip_force_N; }, false));
   plot.series.push_back(course(insertion, "model: drawn back", base::colour::kBlue, all_force_N, true));
   return half_width(plot, "Force of the probe on the tissue, by the model and by the sensor in its grip. "
-                          "Before the rupture the depth is that of the indentation.");
+                          "Before the rupture the depth is that of the indentation. Where the probe stands still, the "
+                          "course over time is shown instead.");
 }
 
 std::string tissue_stress_figure(const SessionAnalysis &session) {

@@ -1,14 +1,16 @@
 #include "clients/cli/tissue/insert_command.hpp"
+#include "clients/cli/case/case_output.hpp"
 
-#include <fstream>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <CLI/Validators.hpp>
 
+#include "base/write_file.hpp"
 #include "case_model/brain.hpp"
 #include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
@@ -102,12 +104,6 @@ Result<InsertionRun> run_insertion(const InsertOptions &options) {
   return stopped ? failure("stopped") : Result<InsertionRun>(std::move(out));
 }
 
-Result<void> write_text(const std::string &file, const std::string &text) {
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  return out.flush() ? Result<void>() : failure(file + ": cannot be written");
-}
-
 nlohmann::json updates_json(const InsertionRun &insertion) {
   nlohmann::json updates = nlohmann::json::array();
   for (const InsertionUpdate &update : insertion.updates) {
@@ -153,12 +149,17 @@ void show(const InsertionRun &insertion, const InsertOptions &options, const Con
 }
 
 int run_insert(const InsertOptions &options, const Context &context) {
+  for (const auto &[option, file] : {std::pair{"--csv", options.csv}, {"--vtu", options.vtu}}) {
+    if (auto kept = check_output_of_case(option, file, options.folder); !kept) {
+      return fail(kept.error());
+    }
+  }
   const auto insertion = run_insertion(options);
   if (!insertion) {
     return fail(insertion.error());
   }
   if (!options.csv.empty()) {
-    if (auto written = write_text(options.csv, insertion_csv(insertion->updates)); !written) {
+    if (auto written = base::write_file(options.csv, insertion_csv(insertion->updates)); !written) {
       return fail(written.error());
     }
   }

@@ -1,4 +1,5 @@
 #include "clients/cli/tissue/shift_command.hpp"
+#include "clients/cli/case/case_output.hpp"
 
 #include <algorithm>
 #include <map>
@@ -192,6 +193,9 @@ std::string shift_text(const ShiftOfCase &moved, const ShiftOptions &options) {
 }
 
 int run_shift(const ShiftOptions &options, const Context &context) {
+  if (auto kept = check_output_of_case("--vtu", options.vtu, options.folder); !kept) {
+    return fail(kept.error());
+  }
   const auto moved = run_model(options);
   if (!moved) {
     return fail(moved.error());

@@ -25,6 +25,10 @@ std::optional<TissueModelReady> TissueBuilder::build() {
     why_ = "deformation.elements is 0";
     return ready;
   }
+  if (data.brain.mesh.triangles.empty()) {
+    why_ = "no tissue model: the case has no brain";
+    return ready;
+  }
   const auto brain = case_model::brain_of(data, settings_.brain);
   if (!brain) {
     why_ = brain.error().message;

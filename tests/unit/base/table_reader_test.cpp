@@ -43,6 +43,27 @@ TEST(TableReader, ReadsAllKindsOfValues) {
   EXPECT_TRUE(root.finish());
 }
 
+TEST(TableReader, WhatWasAskedForIsTheLayoutOfTheFile) {
+  const TomlDocument document = parse("[[steps]]\n[[steps]]\n[limits]\n");
+  TableReader root = document.root();
+  root.string("name", "a");
+  for (TableReader &step : root.tables("steps")) {
+    step.require_vector3s("markers");
+    step.vector3("axis", -Eigen::Vector3d::UnitX());
+  }
+  auto limits = root.table("limits");
+  limits->number("fre", 1.5, "mm", 0.0, 10.0);
+  EXPECT_EQ(limits->optional_number("tre", "mm", 0.5, 2.0), std::nullopt);
+  limits->choice("kind", "a", {"a", "b"});
+  const std::vector<KnownKey> expected{{"name", false, "text", "\"a\""},
+                                       {"steps[].markers", true, "list of [x, y, z]", ""},
+                                       {"steps[].axis", false, "[x, y, z]", "[-1.0, 0.0, 0.0]"},
+                                       {"limits.fre", false, "0 to 10 mm", "1.5"},
+                                       {"limits.tre", false, "0.5 to 2 mm", ""},
+                                       {"limits.kind", false, "one of \"a\", \"b\"", "\"a\""}};
+  EXPECT_EQ(document.known_keys(), expected);
+}
+
 TEST(TableReader, ErrorsOfNestedTablesNameTheWholePath) {
   EXPECT_EQ(table_error("[[steps]]\ndo = \"a\"\n\n[[steps]]\nseconds = -1\n",
                         [](TableReader &root) {

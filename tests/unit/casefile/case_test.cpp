@@ -109,6 +109,27 @@ TEST_F(CaseOnDisk, ErrorsInCaseTomlAreReportedWithLineKeyAndValue) {
   EXPECT_EQ(syntax.rfind(at("[limits]"), 0), 0U) << syntax;
 }
 
+TEST_F(CaseOnDisk, ABrainMayBeMissingAndWhatNeedsItIsThenRefused) {
+  const auto without = [this](bool landmarks, bool craniotomy) {
+    return error_after([&](Case &c) {
+      c.brain = {};
+      if (!landmarks) {
+        c.brain_landmarks.clear();
+      }
+      if (craniotomy) {
+        c.craniotomy = CraniotomyPlan{.trajectory = "Biopsy", .radius_mm = std::nullopt};
+      }
+    });
+  };
+  EXPECT_EQ(without(false, false), "no error");
+  EXPECT_EQ(bregma::tests::read_file(folder_.path() / "case.toml").find("brain"), std::string::npos);
+  EXPECT_NE(without(true, false).find("the tissue model follows them, and the case has no brain (surfaces.brain)"),
+            std::string::npos);
+  EXPECT_NE(without(false, true).find("craniotomy: is for the tissue model, and the case has no brain"),
+            std::string::npos)
+      << without(false, true);
+}
+
 TEST_F(CaseOnDisk, WrongFilesAreReportedWithTheLineThatRefersToThem) {
   EXPECT_EQ(error_with("surfaces/brain.ply", "surfaces/none.ply"),
             at("brain = ") + "surfaces.brain = \"surfaces/none.ply\": " +

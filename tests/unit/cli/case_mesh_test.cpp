@@ -52,6 +52,22 @@ TEST_F(CaseMesh, JsonFiguresMatchABall) {
   EXPECT_LT(json["stable_step_s"].get<double>(), 5e-3);
 }
 
+TEST_F(CaseMesh, NoOutputReplacesAFileOfTheCase) {
+  const std::string toml = bregma::tests::read_file(folder_.path() / "ball/case.toml");
+  for (const char *arguments :
+       {"case mesh ball --out ball/case.toml", "case picture ball ball/image.nii.gz",
+        "case export ball ball/surfaces/scalp.ply --force", "tissue shift ball --vtu ball/targets.mrk.json",
+        "tissue insert ball --csv ball/surfaces/../case.toml"}) {
+    const auto run = run_bregma(folder_, arguments);
+    EXPECT_EQ(run.exit_code, 2) << arguments;
+    EXPECT_NE(run.err.find("is a file of the case: it is not written over"), std::string::npos) << run.err;
+  }
+  EXPECT_EQ(bregma::tests::read_file(folder_.path() / "ball/case.toml"), toml);
+  EXPECT_EQ(bregma::tests::read_file(folder_.path() / "ball/image.nii.gz"), "not read here");
+  EXPECT_EQ(run_bregma(folder_, "case picture ball ball/ball.png --size 64").exit_code, 0);
+  EXPECT_EQ(run_bregma(folder_, "case picture ball ball/ball.png --size 64").exit_code, 0) << "may be made again";
+}
+
 TEST_F(CaseMesh, TheStepUsesTheCasesMaterial) {
   bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "ball");
   const auto step_s = [this] {

@@ -2,11 +2,14 @@
 #include <cmath>
 #include <fstream>
 
+#include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
 #include "clients/cli/report/judgement.hpp"
+#include "clients/cli/report/path_analysis.hpp"
 #include "clients/cli/report/session_analysis.hpp"
 #include "clients/cli/report/summary.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
+#include "idl/commands.hpp"
 #include "tests/unit/cli/report_session_maker.hpp"
 
 #include <nlohmann/json.hpp>
@@ -85,6 +88,87 @@ TEST_F(Report, LatencyRateAndErrorsMatchTheRecordedSamples) {
   EXPECT_EQ(session->approaches[0].structure, "Precentral_L");
   EXPECT_NEAR(session->approaches[0].shown_mm, 12.0 - 0.04 * 199, 1e-9);
   EXPECT_NEAR(session->approaches[0].true_at_least_mm, 12.0 - 0.04 * 199 - 1.5, 1e-9);
+}
+
+TEST_F(Report, ThePathIsComparedWithThePlanOfTheCase) {
+  const auto run = [](auto &writer) { test::write_run(writer, {}); };
+  const auto without = analysed(run);
+  ASSERT_TRUE(without.has_value());
+  ASSERT_TRUE(without->at_target.has_value());
+  EXPECT_NEAR(without->at_target->lateral_mm, 0.4, 1e-12);
+  EXPECT_EQ(without->path.size(), 200U);
+  EXPECT_TRUE(without->plans.empty());
+  EXPECT_FALSE(without->path_summary.has_value()) << "where the entry is, is not known";
+
+  const auto with_plan = [&](double length_mm, const char *name) {
+    file_ = folder_ / name;
+    const casefile::Trajectory plan[] = {{"Biopsy", {20.0, 5.0, -3.0 + length_mm}, {20.0, 5.0, -3.0}}};
+    EXPECT_TRUE(casefile::write_trajectories(folder_ / "paths.mrk.json", plan));
+    std::ifstream file(folder_ / "paths.mrk.json", std::ios::binary);
+    const std::string body{std::istreambuf_iterator<char>(file), {}};
+    return analysed([&](auto &writer) {
+      const std::string toml = "id = \"a\"\ntrajectories = \"paths.mrk.json\"\n";
+      ASSERT_TRUE(writer.attach("case.toml", std::as_bytes(std::span(toml))));
+      ASSERT_TRUE(writer.attach("paths.mrk.json", std::as_bytes(std::span(body))));
+      test::write_run(writer, {});
+    });
+  };
+  const auto long_plan = with_plan(60.0, "long.db");
+  ASSERT_TRUE(long_plan.has_value()) << long_plan.error().message;
+  ASSERT_EQ(long_plan->plans.size(), 1U);
+  ASSERT_TRUE(long_plan->path_summary.has_value());
+  EXPECT_NEAR(long_plan->path_summary->largest_lateral_mm, 1.6, 1e-12);
+  EXPECT_NEAR(long_plan->path_summary->remaining_depth_mm, 40.0, 1e-12);
+  const auto short_plan = with_plan(30.0, "short.db");
+  ASSERT_TRUE(short_plan->path_summary.has_value());
+  EXPECT_NEAR(short_plan->path_summary->largest_lateral_mm, 0.4, 1e-12) << "40 mm before the target is outside";
+  const auto json = cli::report::summary_json(*long_plan, {});
+  EXPECT_NEAR(json["path"]["max_lateral_deviation_mm"].get<double>(), 1.6, 1e-12);
+}
+
+TEST(AcrossPlan, HasTwoDirectionsThatAreNamedByTheirAnatomy) {
+  const casefile::Trajectory plan{"P", {40.0, 30.0, 80.0}, {10.0, 25.0, 5.0}};
+  const auto sides = cli::report::across(plan);
+  const Eigen::Vector3d along = (plan.target_mm - plan.entry_mm).normalized();
+  for (const auto &side : sides.directions) {
+    EXPECT_NEAR(side.dot(along), 0.0, 1e-12);
+    EXPECT_NEAR(side.norm(), 1.0, 1e-12);
+  }
+  EXPECT_NEAR(sides.directions[0].dot(sides.directions[1]), 0.0, 1e-12);
+  EXPECT_EQ(sides.names[0], "anterior");
+  EXPECT_EQ(sides.names[1], "right");
+  EXPECT_GT(sides.directions[1].x(), 0.9);
+}
+
+TEST_F(Report, PivotCalibrationsAreReportedWithTheirResults) {
+  const auto session = analysed([](auto &writer) {
+    test::write_run(writer, {});
+    std::uint64_t id = 100;
+    for (const bool good : {false, true}) {
+      wire::Command command{};
+      (void)wire::set_name(command.client, "tester");
+      command.id = ++id;
+      ASSERT_EQ(wire::fill_command(command, bregma_wire_COMMAND_FINISH_PIVOT, {"Stylus"}), "");
+      test::put(writer, kStart_ns, command);
+      wire::CommandReply reply{};
+      (void)wire::set_name(reply.client, "tester");
+      reply.id = id;
+      reply.result = good ? bregma_wire_COMMAND_DONE : bregma_wire_COMMAND_REFUSED;
+      reply.value_mm = 0.21;
+      wire::set_text(reply.text, good ? "Stylus: tip known to 0.05 mm" : "turned too little");
+      test::put(writer, kStart_ns + 10 * kMs, reply);
+    }
+  });
+  ASSERT_TRUE(session.has_value()) << session.error().message;
+  ASSERT_EQ(session->pivots.size(), 2U);
+  EXPECT_EQ(session->pivots[0].tool, "Stylus");
+  EXPECT_FALSE(session->pivots[0].accepted);
+  EXPECT_TRUE(std::isnan(session->pivots[0].rms_mm));
+  EXPECT_TRUE(session->pivots[1].accepted);
+  EXPECT_NEAR(session->pivots[1].rms_mm, 0.21, 1e-12);
+  const std::string text = cli::report::summary_text(*session, {});
+  EXPECT_NE(text.find("Pivot of Stylus  refused: turned too little\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("Pivot of Stylus  Stylus: tip known to 0.05 mm\n"), std::string::npos) << text;
 }
 
 TEST_F(Report, TheErrorIsComparedAlongTheAxesOfTheEllipsoid) {
@@ -364,6 +448,34 @@ TEST_F(Report, TheInsertionIsReportedForTheTargetThatMovesMost) {
   ASSERT_TRUE(without.has_value());
   EXPECT_FALSE(without->insertion);
   EXPECT_TRUE(cli::report::summary_json(*without, {})["insertion"].is_null());
+}
+
+TEST_F(Report, WhereTheProbeStandsStillIsMarked) {
+  const auto session = analysed([](auto &writer) {
+    test::write_run(writer, {});
+    for (int k = 0; k < 400; ++k) { // 2.4 s in, 1.6 s still, 2.4 s out
+      wire::DeformationState state{};
+      (void)wire::set_name(state.point, "Deep");
+      state.kind = bregma_wire_FOLLOWED_TARGET;
+      state.time_ns = kStart_ns + std::int64_t{16} * k * kMs;
+      state.phase = bregma_wire_PROBE_PENETRATION;
+      state.status = bregma_wire_DEFORMATION_VALID;
+      state.reason = bregma_wire_DEFORMATION_REASON_NONE;
+      state.depth_mm = k < 150 ? 0.2 * k : k < 250 ? 30.0 + 0.1 * std::sin(k) : 30.0 - 0.2 * (k - 250);
+      test::put(writer, state.time_ns, state);
+    }
+  });
+  ASSERT_TRUE(session.has_value() && session->insertion.has_value());
+  const auto &samples = session->insertion->samples;
+  ASSERT_EQ(samples.size(), 400U);
+  for (int k = 0; k < 400; ++k) {
+    const bool still = samples[static_cast<std::size_t>(k)].still;
+    if (k < 145 || k > 255) {
+      EXPECT_FALSE(still) << k;
+    } else if (k >= 150 && k < 250) {
+      EXPECT_TRUE(still) << k;
+    }
+  }
 }
 
 TEST_F(Report, AnEmptySessionIsAnErrorSentence) {

@@ -151,7 +151,7 @@ TEST_F(ReportCommand, PageThatCannotBeWrittenIsNamed) {
   record("run.db");
   const auto refused = run(path("run.db") + " --html /proc/report.html");
   EXPECT_EQ(refused.code, cli::kBadInput);
-  EXPECT_EQ(refused.error, "bregma: /proc/report.html: cannot be written\n");
+  EXPECT_EQ(refused.error, "bregma: /proc/report.html: cannot be written: No such file or directory\n");
 }
 
 } // namespace

@@ -142,6 +142,61 @@ TEST(Page, TheInsertionIsDrawnAgainstDepthWithoutItsInvalidAnswers) {
   EXPECT_EQ(page->find(">nan"), std::string::npos);
 }
 
+TEST(Page, WhereTheProbeStandsStillTheCourseIsDrawnAgainstTime) {
+  SessionAnalysis session = some_session();
+  InsertionAnalysis insertion;
+  for (int k = 0; k < 50; ++k) {
+    insertion.samples.push_back({session.start_ns + k * 100'000'000LL, "penetration", "valid", 0.2 * std::min(k, 30),
+                                 0.01, 0.001, 0.011, 2.0, 0.01, 0.02, k >= 30});
+  }
+  session.insertion = insertion;
+  const std::string depth = tissue_motion_figure(session);
+  const std::string time = tissue_still_figure(session);
+  EXPECT_NE(time.find("Motion of the target over time, where the probe stands still"), std::string::npos);
+  EXPECT_NE(time.find("time, s"), std::string::npos);
+  EXPECT_NE(depth.find("depth in the tissue, mm"), std::string::npos);
+  for (TissueSample &sample : session.insertion->samples) {
+    sample.still = false;
+  }
+  EXPECT_EQ(tissue_still_figure(session), "");
+}
+
+TEST(Page, ThePathIsDrawnAlongThePlanAndOnTheHead) {
+  SessionAnalysis session = some_session();
+  EXPECT_EQ(path_figure(session) + deviation_figure(session) + path_on_head_figure(session).value(), "");
+  for (int k = 0; k < 100; ++k) {
+    const double before_mm = 50.0 - 0.5 * k;
+    session.path.push_back(
+        {session.start_ns + k * 4'000'000LL, "<b>iopsy", {30.0 + 0.4, 30.0, 10.0 + before_mm}, before_mm, 0.4});
+  }
+  EXPECT_NE(path_figure(session).find("lateral deviation"), std::string::npos) << "its directions are not known";
+  EXPECT_EQ(path_on_head_figure(session).value(), "");
+  session.plans = {{"<b>iopsy", {30, 30, 60}, {30, 30, 10}}};
+  const std::string path = path_figure(session);
+  EXPECT_NE(path.find("towards right"), std::string::npos);
+  EXPECT_NE(path.find("towards anterior"), std::string::npos);
+  EXPECT_NE(path.find("entry"), std::string::npos);
+  const std::string head = path_on_head_figure(session).value();
+  EXPECT_EQ(count_of(head, "src='data:image/png;base64,iVBOR"), 2U);
+  const auto page = html_report(session, {});
+  ASSERT_TRUE(page.has_value());
+  EXPECT_NE(page->find("The path along the plan"), std::string::npos);
+  EXPECT_EQ(page->find("<b>iopsy"), std::string::npos);
+}
+
+TEST(Page, VersionAndPivotsAreStated) {
+  SessionAnalysis session = some_session();
+  EXPECT_NE(html_report(session, {})->find("version not known"), std::string::npos);
+  EXPECT_NE(html_report(session, {})->find("No tool was calibrated in this session"), std::string::npos);
+  session.meta.push_back({"version", "1.2.3"});
+  session.meta.push_back({"build", "abc-dirty"});
+  session.pivots = {{session.start_ns, "Stylus", true, 0.21, "Stylus: tip known to 0.05 mm"}};
+  const auto page = html_report(session, {});
+  ASSERT_TRUE(page.has_value());
+  EXPECT_NE(page->find("bregmad 1.2.3 (abc-dirty)"), std::string::npos);
+  EXPECT_NE(page->find("Stylus: tip known to 0.05 mm"), std::string::npos);
+}
+
 TEST(Page, AHeadThatCannotBeDrawnIsSaidToBeMissing) {
   auto session = some_session();
   session.registration->surface_points = 300;

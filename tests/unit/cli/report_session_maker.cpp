@@ -71,6 +71,7 @@ void write_run(casefile::SessionWriter &writer, const RunPlan &plan) {
     state.tre_95 = {{1.0, 0.8, 0.6}, {1, 0, 0, 0, 1, 0, 0, 0, 1}};
     state.remaining_depth_mm = at_target ? 0.3 : 40.0;
     state.distance_to_target_mm = at_target ? 0.7 : 40.0;
+    state.lateral_deviation_mm = at_target ? 0.4 : 1.6;
     state.nearest_structure_mm = 12.0 - 0.04 * k; // nearest at the end
     put(writer, state.published_time_ns, state);
     if (plan.truth) {

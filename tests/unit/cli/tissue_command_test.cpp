@@ -137,7 +137,7 @@ TEST_F(TissueInsert, AnImpossibleInsertionIsOneSentence) {
   EXPECT_EQ(error_of("tissue insert ball --elements 5"),
             "bregma: --elements: Value 5 not in range 10000 to 100000 (see bregma tissue insert --help)\n");
   EXPECT_EQ(error_of(std::string(kInsert) + "--depth 0.5 --csv none/run.csv"),
-            "bregma: none/run.csv: cannot be written\n");
+            "bregma: none/run.csv: cannot be written: No such file or directory\n");
 
   bregma::casefile::Case c = bregma::tests::sample_case(folder_.path() / "ball");
   c.trajectories[0].entry_mm = {0.0, 0.0, 60.0};

@@ -143,6 +143,20 @@ TEST(CreateCase, WithoutATrajectoryThereIsNoCraniotomy) {
   EXPECT_FALSE(loaded->craniotomy);
 }
 
+TEST(CreateCase, ABrainIsNotNeeded) {
+  const SmallHead head;
+  CaseSources sources = head.sources();
+  sources.brain.clear();
+  const auto created = create_case(head.scratch / "case", sources, false);
+  ASSERT_TRUE(created) << created.error().message;
+  EXPECT_EQ(3U, created->surfaces.size()) << "the scalp and two structures";
+  const auto loaded = load_case(head.scratch / "case");
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  EXPECT_TRUE(loaded->brain.mesh.triangles.empty());
+  EXPECT_FALSE(loaded->craniotomy) << "is of the tissue model";
+  EXPECT_EQ(2U, loaded->structures.size());
+}
+
 TEST(CreateCase, SnapsPointsOntoTheScalp) {
   const SmallHead head;
   CaseSources sources = head.sources();
