@@ -25,6 +25,9 @@ std::string utc_text(std::int64_t now_ns, const char *format) {
 constexpr std::size_t kMaxAttachments = std::size_t{512} << 20;
 
 bool belongs_in_a_report(const fs::path &file) {
+  if (file.filename() == "patient.json") { // name, ID and birth date stay beside the case
+    return false;
+  }
   const std::string extension = file.extension().string();
   return extension == ".toml" || extension == ".json" || extension == ".ply";
 }
