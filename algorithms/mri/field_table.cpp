@@ -21,7 +21,7 @@ using Eigen::Vector3d;
 constexpr int kErrorCoarser = 3;
 constexpr float kUnknownError = 999.0F;
 constexpr int kInverseSteps = 40;
-constexpr double kInverseTolerance = 1e-4;
+constexpr double kInverseStep_mm = 1e-4;
 
 image::Grid<3> box_grid(const Vector3d &low, const Vector3d &high, double spacing_mm) {
   image::Grid<3> out;
@@ -182,7 +182,7 @@ std::optional<Vector3d> FieldTable::to_true(const Vector &imaged_mm) const noexc
   for (int step = 0; step < kInverseSteps; ++step) {
     const Vector move = imaged_mm - to_imaged(p);
     p += move;
-    if (move.norm() < kInverseTolerance) {
+    if (move.norm() < kInverseStep_mm) {
       return p;
     }
   }

@@ -24,15 +24,6 @@ constexpr double kTinyScale = 1e-6; // smallest sigma over the largest value
 Index first(int degree) { return static_cast<Index>(degree) * degree; }
 Index count(int degree) { return 2 * static_cast<Index>(degree) + 1; }
 
-Eigen::MatrixXd design_matrix(const Points3 &points_mm, int degree, double radius_mm) {
-  Eigen::MatrixXd out(harmonic_count(degree), points_mm.cols()); // one column per point
-  for (Index i = 0; i < points_mm.cols(); ++i) {
-    solid_harmonics(degree, points_mm.col(i) / radius_mm,
-                    std::span<double>(out.col(i).data(), static_cast<std::size_t>(out.rows())));
-  }
-  return out;
-}
-
 struct Posterior {
   Eigen::VectorXd mean;
   Eigen::MatrixXd covariance;
@@ -147,7 +138,7 @@ tl::expected<HarmonicSeries, std::string> HarmonicSeries::fit(const Points3 &poi
   if (!(out.radius_mm_ > 0.0)) {
     return tl::unexpected(std::string("all points lie in the origin"));
   }
-  const Eigen::MatrixXd A = design_matrix(points_mm, out.degree_, out.radius_mm_);
+  const Eigen::MatrixXd A = harmonic_matrix(points_mm, out.degree_, out.radius_mm_);
   const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> linear(A.topRows(4).transpose());
   if (std::abs(linear.matrixQR()(3, 3)) < 1e-3 * std::abs(linear.matrixQR()(0, 0))) {
     return tl::unexpected(std::string("the points lie in a plane"));

@@ -22,7 +22,7 @@ using geometry::Matrix3d;
 using geometry::Points3;
 using Pose = geometry::Rigid3<geometry::frame::Target, geometry::frame::Source>;
 
-constexpr Index kMinPoints = 12;
+constexpr Index kMinMatched = 12;
 constexpr double kIsolated = 1.6;   // of the spacing, to the nearest neighbour
 constexpr double kFirstGate = 0.35; // of the spacing: pairs of a map of the whole
 constexpr int kFinalRounds = 4;
@@ -88,7 +88,7 @@ public:
     out.predicted = SoftSmoothMap(placed, imaged_, spacing_mm_).run(options_.max_degree);
     for (int round = 0; round < kFinalRounds; ++round) {
       out.pairs = mutual_pairs(out.predicted, kFirstGate * spacing_mm_);
-      if (out.pairs.size() < kMinPoints) {
+      if (out.pairs.size() < kMinMatched) {
         return out;
       }
       out.predicted = smooth(placed, out.pairs, options_.max_degree);
@@ -318,7 +318,7 @@ private:
 };
 
 bool usable(const Points3 &a, const Points3 &b) {
-  return a.cols() >= kMinPoints && b.cols() >= kMinPoints && a.allFinite() && b.allFinite();
+  return a.cols() >= kMinMatched && b.cols() >= kMinMatched && a.allFinite() && b.allFinite();
 }
 
 } // namespace

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <span>
 #include <utility>
 #include <vector>
 
@@ -33,15 +32,6 @@ constexpr int kNarrowIterations = 6;
 constexpr double kOutlierSigmas = 2.5; // an outlier is as likely as a point at this distance
 constexpr double kPriorShare = 0.5;    // of the spacing: sigma of a coefficient
 
-Eigen::MatrixXd design_matrix(const Points3 &p, int degree, double radius_mm) {
-  Eigen::MatrixXd out(harmonic_count(degree), p.cols());
-  for (Index i = 0; i < p.cols(); ++i) {
-    solid_harmonics(degree, p.col(i) / radius_mm,
-                    std::span<double>(out.col(i).data(), static_cast<std::size_t>(out.rows())));
-  }
-  return out;
-}
-
 } // namespace
 
 SmoothMap::SmoothMap(const Points3 &from_mm, const Points3 &to_mm, int degree)
@@ -49,7 +39,7 @@ SmoothMap::SmoothMap(const Points3 &from_mm, const Points3 &to_mm, int degree)
   while (degree_ > 0 && kPairsPerHarmonic * harmonic_count(degree_) > from_mm.cols()) {
     --degree_;
   }
-  const Eigen::MatrixXd A = design_matrix(from_mm, degree_, radius_mm_);
+  const Eigen::MatrixXd A = harmonic_matrix(from_mm, degree_, radius_mm_);
   const Eigen::MatrixXd displacements = (to_mm - from_mm).transpose();
   Eigen::VectorXd weights = Eigen::VectorXd::Ones(from_mm.cols());
   for (int round = 0; round < kRounds; ++round) {
@@ -65,7 +55,7 @@ SmoothMap::SmoothMap(const Points3 &from_mm, const Points3 &to_mm, int degree)
 }
 
 Points3 SmoothMap::operator()(const Points3 &from_mm) const {
-  return from_mm + coefficients_.transpose() * design_matrix(from_mm, degree_, radius_mm_);
+  return from_mm + coefficients_.transpose() * harmonic_matrix(from_mm, degree_, radius_mm_);
 }
 
 SoftSmoothMap::SoftSmoothMap(const Points3 &from_mm, const Points3 &to_mm, double spacing_mm)
@@ -95,7 +85,7 @@ void SoftSmoothMap::iterate(int degree, double from_share, double to_share, int 
   while (degree > 1 && kPairsPerHarmonic * harmonic_count(degree) > from_.cols()) {
     --degree;
   }
-  const Eigen::MatrixXd A = design_matrix(from_, degree, radius_mm_);
+  const Eigen::MatrixXd A = harmonic_matrix(from_, degree, radius_mm_);
   for (int i = 0; i < iterations; ++i) {
     const double progress = iterations > 1 ? static_cast<double>(i) / (iterations - 1) : 1.0;
     const double sigma = spacing_mm_ * from_share * std::pow(to_share / from_share, progress);

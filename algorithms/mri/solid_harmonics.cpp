@@ -65,4 +65,13 @@ void solid_harmonics(int degree, const Eigen::Vector3d &point, std::span<double>
   }
 }
 
+Eigen::MatrixXd harmonic_matrix(const geometry::Points3 &points_mm, int degree, double radius_mm) {
+  Eigen::MatrixXd out(harmonic_count(degree), points_mm.cols());
+  for (Eigen::Index i = 0; i < points_mm.cols(); ++i) {
+    solid_harmonics(degree, points_mm.col(i) / radius_mm,
+                    std::span<double>(out.col(i).data(), static_cast<std::size_t>(out.rows())));
+  }
+  return out;
+}
+
 } // namespace bregma::mri

@@ -3,6 +3,7 @@
 #include <cstring>
 #include <stdexcept>
 #include <stop_token>
+#include <system_error>
 #include <utility>
 
 #include "idl/names.hpp"
@@ -20,11 +21,14 @@ constexpr const char *kPollChannel = "poll";
 
 } // namespace
 
-// Copies the log of a session file to the file on a thread of its own, for as long as it exists.
+// Copies the log of a session file to the file on a thread of its own, for as long as it exists, and measures the space
+// on its disk.
 class LogCopier {
 public:
-  LogCopier(casefile::SessionLog log, std::chrono::milliseconds interval)
-      : log_(std::move(log)), thread_([this, interval](const std::stop_token &stop) { run(stop, interval); }) {}
+  LogCopier(std::filesystem::path file, casefile::SessionLog log, std::chrono::milliseconds interval,
+            runtime::LatestValue<RecordingSpace> &space)
+      : file_(std::move(file)), log_(std::move(log)), space_(space),
+        thread_([this, interval](const std::stop_token &stop) { run(stop, interval); }) {}
 
 private:
   void run(const std::stop_token &stop, std::chrono::milliseconds interval) {
@@ -33,12 +37,26 @@ private:
     std::condition_variable_any wake;
     std::unique_lock lock(mutex);
     static_cast<void>(log_.sync()); // a disk that fails is noticed by the recorder's commits
+    measure();
     while (!wake.wait_for(lock, stop, interval, [&stop] { return stop.stop_requested(); })) {
       static_cast<void>(log_.copy());
+      measure();
     }
+    space_.store({});
   }
 
+  void measure() {
+    const std::chrono::duration<double> time = std::chrono::steady_clock::now().time_since_epoch();
+    growth_.observe(recording_bytes(file_), time.count());
+    std::error_code error;
+    const auto space = std::filesystem::space(file_, error);
+    space_.store(error ? RecordingSpace{} : RecordingSpace{space.available, growth_.bytes_per_s()});
+  }
+
+  std::filesystem::path file_;
   casefile::SessionLog log_;
+  RecordingGrowth growth_;
+  runtime::LatestValue<RecordingSpace> &space_;
   std::jthread thread_; // last: it uses the log
 };
 
@@ -126,6 +144,7 @@ RecorderStatus Recorder::status() const noexcept {
     out.dropped += channel->dropped();
   }
   out.open = recording_.load(std::memory_order_relaxed);
+  out.space = space_.load().value_or(RecordingSpace{});
   if (const auto failure = failure_.load()) {
     out.failing = failure->failing;
     std::memcpy(out.text, failure->text, sizeof out.text);
@@ -198,7 +217,7 @@ Result<void> Recorder::make(const std::filesystem::path &file, const std::vector
   if (written) {
     writer_.emplace(std::move(*writer));
     if (auto log = casefile::SessionLog::open(file)) { // else the writer's commits copy the log
-      copier_ = std::make_unique<LogCopier>(std::move(*log), options_.copy);
+      copier_ = std::make_unique<LogCopier>(file, std::move(*log), options_.copy, space_);
     }
   }
   return written;

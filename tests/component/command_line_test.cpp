@@ -1,4 +1,5 @@
 // The program bregma with the real daemon and the simulated room's devices.
+#include <cstdlib>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -67,6 +68,46 @@ TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
 
   EXPECT_EQ(bregma("case close").exit_code, 0);
   EXPECT_TRUE(comes_to(bregma_wire_SESSION_IDLE));
+}
+
+TEST_F(CommandLine, ASupportBundleHasNoNameOfTheCase) {
+  const auto secret = folder.path() / "Doe_Jane_P47110815";
+  const auto copy = [&](casefile::Case c) {
+    c.folder = secret;
+    c.id = "Doe_Jane_P47110815";
+    c.fiducials[0].name = "Janes mole";
+    c.targets[0].name = "Tumour of Jane";
+    c.image = secret / "image.nii.gz";
+    folder.write("Doe_Jane_P47110815/image.nii.gz", "");
+    return casefile::save_case(c);
+  };
+  ASSERT_TRUE(copy(operation.case_folder().loaded()));
+  ASSERT_EQ(bregma("case load Doe_Jane_P47110815").exit_code, 0) << operation.logs();
+  EXPECT_EQ(bregma("register capture Nose --tool Stylus").exit_code, kRefused);
+  folder.write("bregmad.toml",
+               "# of Jane's room\n[state]\ndirectory = \"/home/jane/P47110815\"\n[log]\nlevel = \"info\"\n");
+  folder.write("bregmad.log", operation.daemon().log());
+  EXPECT_NE(operation.daemon().log().find("Doe_Jane_P47110815"), std::string::npos) << "or the test shows nothing";
+
+  const auto made = bregma("doctor --quick --bundle b.tar.gz --config bregmad.toml --log bregmad.log");
+  EXPECT_LE(made.exit_code, kRefused) << made.err; // the machine may be unfit
+  const std::string unpack = "cd '" + folder.path().string() + "' && mkdir out && tar -xzf b.tar.gz -C out";
+  ASSERT_EQ(std::system(unpack.c_str()), 0) << made.err; // NOLINT(bugprone-command-processor,cert-env33-c)
+  std::string all;
+  for (const char *part :
+       {"README.txt", "versions.txt", "machine.txt", "doctor.json", "health.json", "configuration.toml", "log.txt"}) {
+    const std::string content = tests::read_file(folder.path() / "out" / part);
+    EXPECT_FALSE(content.empty()) << part;
+    all += content;
+  }
+  for (const char *name : {"Doe", "Jane", "jane", "P47110815", "mole", "Tumour", "Deep", "/tmp", "image.nii"}) {
+    EXPECT_EQ(all.find(name), std::string::npos) << name << "\n" << all;
+  }
+  for (const char *fact : {"\"session\": \"case loaded\"", "level = \"info\"", "command LOAD_CASE: done",
+                           "command CAPTURE_FIDUCIAL: refused", "serves DDS domain"}) {
+    EXPECT_NE(all.find(fact), std::string::npos) << fact << "\n" << all;
+  }
+  EXPECT_EQ(bregma("doctor --quick --bundle b.tar.gz").err, "bregma: b.tar.gz: exists already\n");
 }
 
 TEST_F(CommandLine, UnsupportedCommandsAreRefusedWithAText) {

@@ -25,12 +25,15 @@ casefile::Surface shrunk_head(const std::string &name, double scale, const Eigen
   return out;
 }
 
-casefile::Case checked_case(const std::filesystem::path &folder) {
+casefile::Case checked_case(const std::filesystem::path &folder, const std::function<void(casefile::Case &)> &change) {
   casefile::Case a_case = sim::test::make_case();
   a_case.folder = folder;
   a_case.brain = shrunk_head("brain", 0.85, kHeadCentre);
   a_case.structures = {shrunk_head("Precentral_L", 0.15, kHeadCentre + Eigen::Vector3d(-45, 0, 20))};
   a_case.image = folder / "image.nii.gz";
+  if (change) {
+    change(a_case);
+  }
   std::ofstream(a_case.image) << "only its name matters to the daemon\n";
   if (const auto saved = casefile::save_case(a_case); !saved) {
     throw std::runtime_error(saved.error().message);
@@ -90,7 +93,8 @@ trajectory = "Biopsy"
 duration_s = 60.0
 )";
 
-CaseFolder::CaseFolder() : case_(checked_case(folder_.path())) {}
+CaseFolder::CaseFolder(const std::function<void(casefile::Case &)> &change)
+    : case_(checked_case(folder_.path(), change)) {}
 
 sim::Scenario scenario_of(const std::string &toml) { return sim::test::scenario_of(toml); }
 

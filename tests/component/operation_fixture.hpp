@@ -24,7 +24,8 @@ inline constexpr std::uint64_t kSeed = 11; // seed of every operation unless a t
 // An ellipsoidal head with a brain and one critical structure, saved and loaded again.
 class CaseFolder {
 public:
-  CaseFolder();
+  // change: of the case before it is saved.
+  explicit CaseFolder(const std::function<void(casefile::Case &)> &change = {});
   [[nodiscard]] const casefile::Case &loaded() const { return case_; }
 
 private:

@@ -13,8 +13,8 @@ namespace {
 constexpr double kSample_mm = 0.5;      // images are enlarged to about this
 constexpr double kThresholdShare = 0.2; // of the range, by which a bar differs from the mean around it
 constexpr double kBlur_mm = 0.5;
-constexpr double kMinArea = 1.5; // of a bar one cell long: smaller spots are noise, or bars seen end on
-constexpr double kArms = 0.3;    // of a cell: radius at which the bars that leave a crossing are counted
+constexpr double kMinArea = 1.5;   // of a bar one cell long: smaller spots are noise, or bars seen end on
+constexpr double kArmRadius = 0.3; // of a cell: radius at which the bars that leave a crossing are counted
 
 int odd(double value) { return std::max(3, 2 * static_cast<int>(std::lround(0.5 * (value - 1.0))) + 1); }
 
@@ -137,7 +137,7 @@ std::vector<Eigen::Vector2d> slice_crossings(const std::vector<float> &values, i
   std::vector<Eigen::Vector2d> out;
   for (int i = 1; i < count; ++i) { // 0 is the background
     const double x = centroids.at<double>(i, 0), y = centroids.at<double>(i, 1);
-    if (arms(bars, x, y, kArms * options.cell_mm / kSample_mm) >= 3) { // a spur of the skeleton has fewer
+    if (arms(bars, x, y, kArmRadius * options.cell_mm / kSample_mm) >= 3) { // a spur of the skeleton has fewer
       out.emplace_back((x + 0.5) / scale_x - 0.5, (y + 0.5) / scale_y - 0.5);
     }
   }

@@ -26,6 +26,9 @@ struct Sentence {
 // A measured rate above the stated one by this factor contradicts it.
 constexpr double kRateTolerance = 1.25;
 
+// An operation may last longer than this, and its recording must not end before it.
+constexpr double kRecordingHours = 1.0;
+
 std::uint64_t rejected(const wire::DeviceHealth &device) noexcept {
   std::uint64_t sum = 0;
   for (const std::uint64_t count : device.rejected) {
@@ -298,6 +301,15 @@ void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t n
   alarms_.update(
       {alarm::kDisk, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)}, "",
       view.recorder.failing, disk.text, now_ns);
+  const recording::RecordingSpace &space = view.recorder.space;
+  char left[160];
+  (void)std::snprintf(left, sizeof left,
+                      "the disk of the recording lasts for %.0f minutes more (%.1f GB): remove old recordings, or "
+                      "continue on another disk",
+                      60.0 * space.hours(), 1e-9 * static_cast<double>(space.free_bytes));
+  alarms_.update({alarm::kRecordingSpace, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0,
+                  ns_of_ms(parameters_.clear_after_ms)},
+                 "", space.bytes_per_s > 0.0 && space.hours() < kRecordingHours, left, now_ns);
   alarms_.update(
       {alarm::kRecordLoss, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)},
       "", view.recorder.dropped != std::exchange(records_lost_seen_, view.recorder.dropped),

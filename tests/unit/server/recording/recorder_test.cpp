@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "casefile/session_file/growth.hpp"
 #include "server/recording/recorder.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/server/recording/recording_support.hpp"
@@ -82,6 +83,46 @@ TEST(Recorder, RecordsThatDoNotFitAreDroppedAndCounted) {
   EXPECT_EQ(recorded_frames(folder / "a.session").size(), status.recorded);
   const auto reader = casefile::SessionReader::open(folder / "a.session");
   EXPECT_EQ(reader->meta("dropped").value(), std::to_string(status.dropped)); // the file states its missing records
+}
+
+TEST(Recorder, StatesTheSpaceOfItsDiskWhileItRecords) {
+  const test::TemporaryFolder folder;
+  Recorder recorder({.copy = 5ms});
+  EXPECT_EQ(recorder.status().space.bytes_per_s, 0.0);
+  ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
+  ASSERT_TRUE(test::eventually([&] { return recorder.status().space.bytes_per_s > 0.0; }));
+  const RecordingSpace space = recorder.status().space;
+  const auto disk = std::filesystem::space(folder / ".").capacity;
+  EXPECT_GT(space.free_bytes, 0U);
+  EXPECT_LE(space.free_bytes, disk);
+  EXPECT_EQ(space.bytes_per_s, casefile::kTypicalBytesPerSecond) << "during the first minute";
+  EXPECT_DOUBLE_EQ(space.hours(), static_cast<double>(space.free_bytes) / 2.4e6 / 3600.0);
+  ASSERT_TRUE(recorder.close());
+  EXPECT_EQ(recorder.status().space.bytes_per_s, 0.0);
+}
+
+TEST(RecordingGrowth, IsTheFastestMinute) {
+  RecordingGrowth growth;
+  growth.observe(1'000'000, 100.0);
+  EXPECT_EQ(growth.bytes_per_s(), casefile::kTypicalBytesPerSecond);
+  growth.observe(50'000'000, 159.0);
+  EXPECT_EQ(growth.bytes_per_s(), casefile::kTypicalBytesPerSecond) << "less than a minute";
+  growth.observe(61'000'000, 160.0);
+  EXPECT_DOUBLE_EQ(growth.bytes_per_s(), 1e6);
+  growth.observe(62'000'000, 220.0);
+  EXPECT_DOUBLE_EQ(growth.bytes_per_s(), 1e6) << "a quiet minute";
+  growth.observe(302'000'000, 280.0);
+  EXPECT_DOUBLE_EQ(growth.bytes_per_s(), 4e6);
+  growth.observe(200'000'000, 340.0);
+  EXPECT_DOUBLE_EQ(growth.bytes_per_s(), 4e6) << "the log was emptied";
+}
+
+TEST(RecordingGrowth, CountsTheLogWithTheFile) {
+  const test::TemporaryFolder folder;
+  folder.write("a.db", "12345");
+  folder.write("a.db-wal", "123");
+  EXPECT_EQ(recording_bytes(folder / "a.db"), 8U);
+  EXPECT_EQ(recording_bytes(folder / "none.db"), 0U);
 }
 
 TEST(Recorder, OpensOneFileAfterAnother) {

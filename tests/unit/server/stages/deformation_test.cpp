@@ -81,6 +81,19 @@ TEST_F(Deformation, WithoutAModelItReportsTheReasonAndNoPrediction) {
   EXPECT_EQ(pipeline_.predicted().status[0], bregma_wire_DEFORMATION_NO_MODEL);
 }
 
+TEST_F(Deformation, ACaseWithoutABrainHasNoModelAndSaysSo) {
+  casefile::Case data = *case_->data;
+  data.brain = {};
+  data.brain_landmarks.clear();
+  case_ = std::make_unique<LoadedCase>(std::make_shared<const casefile::Case>(std::move(data)), 12.0, 100);
+  pipeline_.handle(CaseChanged{1, case_.get()});
+  build(2000);
+  EXPECT_EQ(builder_->why(), "no tissue model: the case has no brain");
+  const auto &state = step(probe_at(0.0));
+  EXPECT_EQ(state.status, bregma_wire_DEFORMATION_NO_MODEL);
+  EXPECT_EQ(state.reason, bregma_wire_DEFORMATION_REASON_REFUSED);
+}
+
 TEST_F(Deformation, ABrainThatCannotBeMeshedIsRefusedWithItsFile) {
   casefile::Case data = *case_->data;
   data.brain.mesh.triangles.resize(20); // not closed

@@ -96,6 +96,20 @@ TEST_F(MonitoringTest, EveryAlarmIsStillRaisedInTheTwoHundredthCaseOfADaemonsLif
   }
 }
 
+TEST_F(MonitoringTest, LessThanAnHourOfRecordingIsAnAlarm) {
+  run(500.0);
+  EXPECT_TRUE(raised.empty()) << "nothing is recorded";
+  recorder.space = {.free_bytes = 3'700'000'000, .bytes_per_s = 1e6};
+  run(500.0);
+  EXPECT_TRUE(raised.empty()) << "62 minutes";
+  recorder.space.bytes_per_s = 2e6;
+  run(500.0);
+  EXPECT_TRUE(raised.contains("recording_space "));
+  recorder.space.free_bytes *= 10;
+  run(2'000.0);
+  EXPECT_TRUE(cleared.contains("recording_space "));
+}
+
 TEST_F(MonitoringTest, TwoWritersOfOneDeviceAreACriticalAlarmThatStatesWhichIsUsed) {
   trackers.device_count = 1;
   wire::DeviceHealth &tracker = trackers.devices[0];
