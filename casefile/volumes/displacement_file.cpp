@@ -69,7 +69,7 @@ base::Result<void> write_nrrd(const fs::path &path, const image::Grid<3> &grid, 
   return out ? base::Result<void>() : base::failure(problem(path, "cannot be written"));
 }
 
-struct Nrrd {
+struct DisplacementNrrd {
   image::Grid<3> grid; // RAS
   std::vector<float> values;
   std::map<std::string, std::string> keys;
@@ -79,7 +79,7 @@ class NrrdReader {
 public:
   NrrdReader(fs::path path, int components) : path_(std::move(path)), components_(components) {}
 
-  base::Result<Nrrd> read() {
+  base::Result<DisplacementNrrd> read() {
     const auto header = read_text_header(path_, [](std::string_view line) { return line.empty(); });
     if (!header) {
       return tl::unexpected(header.error());
@@ -177,7 +177,7 @@ private:
   fs::path path_;
   int components_;
   std::map<std::string, std::string> fields_;
-  Nrrd out_;
+  DisplacementNrrd out_;
 };
 
 bool is_date(const std::string &text) {

@@ -31,7 +31,7 @@ Eigen::Vector3d vector_at(const std::string &bytes, std::size_t offset) {
   return out;
 }
 
-std::optional<VoxelType> voxel_type(std::int32_t type) {
+std::optional<VoxelType> mgh_voxel_type(std::int32_t type) {
   switch (type) {
   case 0:
     return VoxelType::kUint8;
@@ -69,7 +69,7 @@ base::Result<ImageHeader> read_mgh_header(const std::filesystem::path &path) {
     return tl::unexpected(size.error());
   }
   const auto stored = big_endian_at<std::int32_t>(bytes, kType);
-  const auto type = voxel_type(stored);
+  const auto type = mgh_voxel_type(stored);
   if (!type) {
     return refuse("type = " + std::to_string(stored) +
                   ": is not read; read are 0 (uchar), 1 (int), 3 (float), 4 (short), 10 (ushort)");

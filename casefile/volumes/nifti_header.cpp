@@ -181,7 +181,7 @@ base::Result<void> place_nifti(const fs::path &path, const NiftiFields &header, 
   return {};
 }
 
-std::optional<VoxelType> voxel_type(int type) {
+std::optional<VoxelType> nifti_voxel_type(int type) {
   switch (type) {
   case 2:
     return VoxelType::kUint8;
@@ -226,7 +226,7 @@ int bits_of(VoxelType type) {
 }
 
 base::Result<void> read_voxel_type(const fs::path &path, const NiftiFields &header, StoredVoxels &out) {
-  const auto type = voxel_type(header.type);
+  const auto type = nifti_voxel_type(header.type);
   if (!type) {
     return nifti_failure(path, "datatype = " + std::to_string(header.type) +
                                    ": is not read (complex, colour or unknown); a scalar image is needed");

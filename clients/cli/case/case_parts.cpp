@@ -23,8 +23,8 @@ constexpr CasePart kTrajectories{"trajectories", "--trajectories",
                                  "planned lines to the targets, for depth and lateral deviation", false};
 constexpr CasePart kStructures{"structures", "--labels", "critical structures, whose distance from the tip is shown",
                                false};
-constexpr CasePart kBrain{"brain", "--brain", "the tissue model, which predicts brain shift; navigation needs none",
-                          false};
+constexpr CasePart kBrainPart{"brain", "--brain", "the tissue model, which predicts brain shift; navigation needs none",
+                              false};
 
 } // namespace
 
@@ -50,7 +50,7 @@ std::vector<CasePart> missing_parts(const casefile::Case &c) {
   for (const auto &[there, part] :
        {std::pair{pointer, kPointer}, std::pair{!c.landmarks.empty(), kLandmarks},
         std::pair{!c.targets.empty(), kTargets}, std::pair{!c.trajectories.empty(), kTrajectories},
-        std::pair{!c.structures.empty(), kStructures}, std::pair{!c.brain.mesh.triangles.empty(), kBrain}}) {
+        std::pair{!c.structures.empty(), kStructures}, std::pair{!c.brain.mesh.triangles.empty(), kBrainPart}}) {
     if (!there) {
       out.push_back(part);
     }
