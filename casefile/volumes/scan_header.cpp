@@ -17,12 +17,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Field {
+struct ScanField {
   gdcm::Tag tag;
   std::string ScanHeader::*value;
 };
-const std::vector<Field> &fields() {
-  static const std::vector<Field> table = {
+const std::vector<ScanField> &fields() {
+  static const std::vector<ScanField> table = {
       {{0x0008, 0x0060}, &ScanHeader::modality},       {{0x0008, 0x0008}, &ScanHeader::image_type},
       {{0x0008, 0x0070}, &ScanHeader::manufacturer},   {{0x0008, 0x1090}, &ScanHeader::model},
       {{0x0018, 0x1000}, &ScanHeader::serial_number},  {{0x0008, 0x103e}, &ScanHeader::series_description},
@@ -47,7 +47,7 @@ base::Result<ScanHeader> read_file(const fs::path &file) {
     return tl::unexpected(whole.error());
   }
   std::set<gdcm::Tag> tags{kBandwidth};
-  for (const Field &field : fields()) {
+  for (const ScanField &field : fields()) {
     tags.insert(field.tag);
   }
   gdcm::Reader reader;
@@ -58,7 +58,7 @@ base::Result<ScanHeader> read_file(const fs::path &file) {
   gdcm::StringFilter filter;
   filter.SetFile(reader.GetFile());
   ScanHeader out;
-  for (const Field &field : fields()) {
+  for (const ScanField &field : fields()) {
     out.*(field.value) = trimmed(filter.ToString(field.tag));
   }
   const std::string bandwidth = trimmed(filter.ToString(kBandwidth));

@@ -30,12 +30,12 @@ struct CorrectArguments {
 };
 
 // The image as slices: its shortest axis counts them. Values in the order of `order`.
-struct Slices {
+struct SlicesOfVolume {
   std::array<int, 3> order{0, 1, 2}; // axes of the volume that are columns, rows and slices
   std::vector<std::vector<float>> values;
 };
-Slices slices_of(const casefile::Volume &volume) {
-  Slices out;
+SlicesOfVolume slices_of_volume(const casefile::Volume &volume) {
+  SlicesOfVolume out;
   const auto through = static_cast<int>(std::min_element(volume.size.begin(), volume.size.end()) - volume.size.begin());
   out.order = {(through + 1) % 3, (through + 2) % 3, through};
   const auto size = [&](int d) {
@@ -56,7 +56,7 @@ Slices slices_of(const casefile::Volume &volume) {
   return out;
 }
 
-void put_back(const Slices &slices, casefile::Volume &volume) {
+void put_back(const SlicesOfVolume &slices, casefile::Volume &volume) {
   std::array<int, 3> at{};
   const auto index = [&](int d) -> int & {
     return at[static_cast<std::size_t>(slices.order[static_cast<std::size_t>(d)])];
@@ -82,9 +82,9 @@ struct Summary {
 // T_field_image: from the image's RAS frame into that of the field.
 Summary correct(casefile::Volume &volume, const mri::FieldTable &table, const Eigen::Matrix4d &T_field_image,
                 bool jacobian) {
-  const Slices slices = slices_of(volume);
+  const SlicesOfVolume slices = slices_of_volume(volume);
   std::vector<std::span<const float>> views(slices.values.begin(), slices.values.end());
-  Slices corrected = slices;
+  SlicesOfVolume corrected = slices;
   const int count = static_cast<int>(views.size());
   mri::PlaneGeometry plane;
   plane.columns = volume.size[static_cast<std::size_t>(slices.order[0])];
