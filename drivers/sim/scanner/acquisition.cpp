@@ -5,6 +5,7 @@
 
 #include <Eigen/LU>
 
+#include "drivers/sim/scanner/flat_index.hpp"
 #include "drivers/sim/scanner/point_spread.hpp"
 
 namespace bregma::sim::scanner {
@@ -129,9 +130,7 @@ void Acquisition::invert() const {
   for (int d = 0; d < 3; ++d) {
     nodes_[static_cast<std::size_t>(d)] = static_cast<int>(std::ceil((high - low)[d] / kNode_mm)) + 5;
   }
-  const auto offset = [&](int i, int j, int k) {
-    return static_cast<std::size_t>((k * nodes_[1] + j) * nodes_[0] + i);
-  };
+  const auto offset = [&](int i, int j, int k) { return detail::flat(i, j, k, nodes_[0], nodes_[1]); };
   inverse_.assign(offset(0, 0, nodes_[2]), Eigen::Array4f::Zero());
   for (int k = 0; k < nodes_[2]; ++k) {
     for (int j = 0; j < nodes_[1]; ++j) {
@@ -171,14 +170,14 @@ Eigen::Array4f Acquisition::inverse_at(const Vector3d &believed) const {
     f[d] = static_cast<float>(x - cell[D]);
   }
   const int across = nodes_[0];
-  const Eigen::Array4f *p = &inverse_[static_cast<std::size_t>((cell[2] * nodes_[1] + cell[1]) * across + cell[0])];
+  const Eigen::Array4f *p = &inverse_[detail::flat(cell[0], cell[1], cell[2], across, nodes_[1])];
   const auto line = [&](const Eigen::Array4f *q) -> Eigen::Array4f { return q[0] + f[0] * (q[1] - q[0]); };
   const auto face = [&](const Eigen::Array4f *q) -> Eigen::Array4f {
     const Eigen::Array4f a = line(q);
     return a + f[1] * (line(q + across) - a);
   };
   const Eigen::Array4f a = face(p);
-  return a + f[2] * (face(p + across * nodes_[1]) - a);
+  return a + f[2] * (face(p + detail::flat(0, 0, 1, across, nodes_[1])) - a);
 }
 
 Stack Acquisition::clean(const Body &body, const BodyPose &T_device_body, std::span<const Vector3d> region_mm) const {
@@ -190,7 +189,7 @@ Stack Acquisition::clean(const Body &body, const BodyPose &T_device_body, std::s
   out.voxels.assign(out.pixels(), 0.0F);
   const auto T_body_device = T_device_body.inverse();
   const Eigen::Matrix3d R = T_body_device.rotation_matrix();
-  const Vector3d t = T_body_device.translation();
+  const Vector3d &t = T_body_device.translation();
   const int n = protocol_.matrix;
   const int wide = detail::kDense * n + 2 * detail::kMargin; // even
   const int layers = subslices(protocol_.thickness_mm);

@@ -94,7 +94,7 @@ CoilShape shape_of(const CoilDesign &coil) {
   return out;
 }
 
-RegistrationFrame::RegistrationFrame(std::vector<CoilDesign> coils) : Body(kTankHalf_mm) {
+RegistrationFrame::RegistrationFrame(const std::vector<CoilDesign> &coils) : Body(kTankHalf_mm) {
   for (const CoilDesign &coil : coils) {
     if (coil.group == "tree") {
       tree_mm_.push_back(coil.position_mm);

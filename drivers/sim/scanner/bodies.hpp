@@ -82,7 +82,7 @@ struct CoilDesign {
 
 class RegistrationFrame final : public Body {
 public:
-  explicit RegistrationFrame(std::vector<CoilDesign> coils);
+  explicit RegistrationFrame(const std::vector<CoilDesign> &coils);
   [[nodiscard]] double plastic(const Vector3d &p_mm, double ramp_mm) const override;
 
 private:

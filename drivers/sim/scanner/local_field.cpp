@@ -6,6 +6,7 @@
 #include <Eigen/LU>
 
 #include "drivers/sim/scanner/acquisition.hpp"
+#include "drivers/sim/scanner/flat_index.hpp"
 #include "drivers/sim/scanner/point_spread.hpp"
 
 namespace bregma::sim::scanner {
@@ -43,7 +44,7 @@ public:
         slice.assign(static_cast<std::size_t>(wide_) * static_cast<std::size_t>(high_), Complex{});
       }
       const Complex part = signal * static_cast<float>(volume_mm3 / sample_mm3_ * detail::slice_profile(index.z() - s));
-      Complex *at = &slice[static_cast<std::size_t>(j * wide_ + i)];
+      Complex *at = &slice[detail::flat(i, j, 0, wide_, 1)];
       at[0] += (1.0F - fx) * (1.0F - fy) * part;
       at[1] += fx * (1.0F - fy) * part;
       at[wide_] += (1.0F - fx) * fy * part;
@@ -89,7 +90,7 @@ image::Image<Complex, 3> Acquisition::added(const Body &body, const BodyPose &T_
   const int side = 2 * half + 1;
   std::vector<float> hertz(static_cast<std::size_t>(side) * static_cast<std::size_t>(side) *
                            static_cast<std::size_t>(side));
-  const auto place = [side](int i, int j, int k) { return static_cast<std::size_t>((k * side + j) * side + i); };
+  const auto place = [side](int i, int j, int k) { return detail::flat(i, j, k, side, side); };
   for (std::size_t c = 0; c < local.centres_mm.size(); ++c) {
     const Vector3d centre = h * (local.centres_mm[c] / h).array().round(); // all spins on one lattice
     const auto spin = [&](int i, int j, int k) -> Vector3d {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "drivers/sim/scanner/flat_index.hpp"
+
 namespace bregma::sim::scanner {
 
 namespace {
@@ -47,7 +49,7 @@ CoilField::CoilField(const CoilShape &shape, double reach_mm)
         sum.along_T += one.along_T;
         sum.radial_T += one.radial_T;
       }
-      table_[static_cast<std::size_t>(iz * nodes_ + ir)] = Eigen::Vector2d(sum.along_T, sum.radial_T).cast<float>();
+      table_[detail::flat(ir, iz, 0, nodes_, 1)] = Eigen::Vector2d(sum.along_T, sum.radial_T).cast<float>();
     }
   }
 }
@@ -65,7 +67,7 @@ Eigen::Vector3d CoilField::operator()(const Eigen::Vector3d &from_centre_mm, con
   const int j = static_cast<int>(v);
   const auto fu = static_cast<float>(u - i);
   const auto fv = static_cast<float>(v - j);
-  const Eigen::Vector2f *row = &table_[static_cast<std::size_t>(j * nodes_ + i)];
+  const Eigen::Vector2f *row = &table_[detail::flat(i, j, 0, nodes_, 1)];
   const Eigen::Vector2f field =
       (1.0F - fv) * ((1.0F - fu) * row[0] + fu * row[1]) + fv * ((1.0F - fu) * row[nodes_] + fu * row[nodes_ + 1]);
   Eigen::Vector3d out = static_cast<double>(field[0]) * axis;

@@ -18,10 +18,10 @@ inline constexpr int kMargin = kTaps + kDense; // dense samples beyond the image
   const auto sinc = [](double x) { return std::abs(x) < 1e-9 ? 1.0 : std::sin(M_PI * x) / (M_PI * x); };
   std::array<float, 2 * kTaps + 1> out{};
   double sum = 0.0;
-  for (int i = -kTaps; i <= kTaps; ++i) {
-    const double x = static_cast<double>(i) / kDense;
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const double x = (static_cast<double>(i) - kTaps) / kDense;
     const double value = 0.54 * sinc(x) + 0.23 * (sinc(x - 1.0) + sinc(x + 1.0));
-    out[static_cast<std::size_t>(i + kTaps)] = static_cast<float>(value);
+    out[i] = static_cast<float>(value);
     sum += value;
   }
   for (float &value : out) {

@@ -5,6 +5,7 @@
 #include <Eigen/LU>
 
 #include "drivers/sim/scanner/acquisition.hpp"
+#include "drivers/sim/scanner/flat_index.hpp"
 
 namespace bregma::sim::scanner {
 
@@ -110,7 +111,7 @@ Stack vendor_corrected(const Stack &acquired, const ScannerField &field) {
     std::vector<Vector3d> next = believed_slice(k + 1);
     for (int j = 0; j < rows; ++j) {
       for (int i = 0; i < columns; ++i, ++at) {
-        const auto n = static_cast<std::size_t>(j * (columns + 1) + i);
+        const auto n = detail::flat(i, j, 0, columns + 1, 1);
         Eigen::Matrix3d cell;
         cell << here[n + 1] - here[n], here[n + static_cast<std::size_t>(columns) + 1] - here[n], next[n] - here[n];
         out.voxels[at] =

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 
 #include "drivers/sim/random.hpp"
+#include "drivers/sim/scanner/flat_index.hpp"
 
 namespace bregma::sim::scanner {
 
@@ -208,14 +209,14 @@ Eigen::Array4f ScannerField::at(const Vector3d &r_mm) const {
     cell[static_cast<std::size_t>(d)] = static_cast<int>(x);
     f[d] = static_cast<float>(x - static_cast<int>(x));
   }
-  const Eigen::Array4f *p = &table_[static_cast<std::size_t>((cell[2] * kNodes + cell[1]) * kNodes + cell[0])];
+  const Eigen::Array4f *p = &table_[detail::flat(cell[0], cell[1], cell[2], kNodes, kNodes)];
   const auto line = [&](const Eigen::Array4f *q) -> Eigen::Array4f { return q[0] + f[0] * (q[1] - q[0]); };
   const auto face = [&](const Eigen::Array4f *q) -> Eigen::Array4f {
     const Eigen::Array4f a = line(q);
     return a + f[1] * (line(q + kNodes) - a);
   };
   const Eigen::Array4f a = face(p);
-  return a + f[2] * (face(p + kNodes * kNodes) - a);
+  return a + f[2] * (face(p + detail::flat(0, 0, 1, kNodes, kNodes)) - a);
 }
 
 ScannerField ScannerField::with_b0(const std::function<double(const Vector3d &)> &extra_Hz) const {
