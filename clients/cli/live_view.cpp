@@ -135,7 +135,7 @@ std::string stale_text(const DaemonView &daemon, std::int64_t since_published_ns
     return "daemon silent";
   }
   return since_published_ns < live::kStateSilent_ns ? std::string()
-                                              : "no data for " + duration_text(seconds(since_published_ns));
+                                                    : "no data for " + duration_text(seconds(since_published_ns));
 }
 
 ToolView view_tool(const live::Received<wire::NavigationState> &state, const DaemonView &daemon, const live::Now &now) {

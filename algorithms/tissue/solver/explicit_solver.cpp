@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algorithms/parallel/team.hpp"
 #include "algorithms/tissue/material/constitutive.hpp"
 #include "algorithms/tissue/material/units.hpp"
 #include "algorithms/tissue/solver/node_vector.hpp"
-#include "algorithms/parallel/team.hpp"
 
 namespace bregma::tissue {
 namespace {

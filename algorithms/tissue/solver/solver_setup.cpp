@@ -6,9 +6,9 @@
 
 #include <Eigen/LU>
 
+#include "algorithms/parallel/team.hpp"
 #include "algorithms/tissue/material/units.hpp"
 #include "algorithms/tissue/solver/explicit_solver.hpp"
-#include "algorithms/parallel/team.hpp"
 
 namespace bregma::tissue {
 namespace {

@@ -4,9 +4,9 @@
 
 #include <Eigen/Eigenvalues>
 
+#include "algorithms/parallel/team.hpp"
 #include "algorithms/tissue/solver/explicit_solver.hpp"
 #include "algorithms/tissue/solver/node_vector.hpp"
-#include "algorithms/parallel/team.hpp"
 
 namespace bregma::tissue {
 namespace {
