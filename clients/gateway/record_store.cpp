@@ -69,19 +69,19 @@ Record make_field_record(const FieldHeader &header, std::span<const float> displ
 }
 
 void blank_pose(Tool &tool) {
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
   if (tool.status == bregma_wire_POSE_LIVE || tool.status == bregma_wire_POSE_UNVERIFIED) {
     tool.status = bregma_wire_POSE_STALE;
   }
-  tool.valid_until_ms = kNan;
+  tool.valid_until_ms = kUnknown;
   std::fill_n(reinterpret_cast<double *>(reinterpret_cast<std::byte *>(&tool) + offsetof(Tool, rotation)),
-              (offsetof(Tool, trajectory) - offsetof(Tool, rotation)) / sizeof(double), kNan);
+              (offsetof(Tool, trajectory) - offsetof(Tool, rotation)) / sizeof(double), kUnknown);
   std::memset(tool.trajectory, 0, sizeof tool.trajectory);
-  tool.distance_to_target_mm = tool.lateral_deviation_mm = tool.angle_rad = tool.remaining_depth_mm = kNan;
-  std::fill_n(tool.predicted_target_mm, 3, kNan);
-  tool.distance_to_predicted_target_mm = kNan;
+  tool.distance_to_target_mm = tool.lateral_deviation_mm = tool.angle_rad = tool.remaining_depth_mm = kUnknown;
+  std::fill_n(tool.predicted_target_mm, 3, kUnknown);
+  tool.distance_to_predicted_target_mm = kUnknown;
   std::memset(tool.nearest_structure, 0, sizeof tool.nearest_structure);
-  tool.nearest_structure_mm = kNan;
+  tool.nearest_structure_mm = kUnknown;
 }
 
 void RecordStore::renew(Slots::iterator slot) {

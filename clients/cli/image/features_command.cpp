@@ -54,7 +54,8 @@ int show_feature(const FeatureArguments &arguments, const Context &context) {
   }
   parallel::Team team(registration_threads());
   const intensity::Volume shown{
-      *image, intensity::feature_of(*image, feature_named(arguments.feature), reading_named(arguments.reading), team)};
+      static_cast<const image::Grid<3> &>(*image),
+      intensity::feature_of(*image, feature_named(arguments.feature), reading_named(arguments.reading), team)};
   const intensity::GreyRange range = intensity::grey_range(shown.voxels);
   double zero = 0.0;
   for (const float v : shown.voxels) {
