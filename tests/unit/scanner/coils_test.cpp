@@ -145,7 +145,7 @@ TEST(Artefacts, SlicesMayComeOneByOneInAnyOrder) {
   const auto batch = find_artefacts(background, foreground);
   auto finder = ArtefactFinder::start(background);
   ASSERT_TRUE(batch && finder);
-  const std::size_t pixels = 128 * 128;
+  const std::size_t pixels = std::size_t{128} * 128;
   const auto slice = [&](int k) { return std::span(foreground.voxels).subspan(foreground.offset(0, 0, k), pixels); };
   for (int k = 99; k > 0; --k) {
     ASSERT_TRUE(finder->add(k, slice(k)));

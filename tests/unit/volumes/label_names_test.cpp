@@ -30,14 +30,15 @@ TEST(LabelNames, AreReadAndChecked) {
 
 TEST(LabelNames, TablesOfOtherProgramsAreRead) {
   const TemporaryFolder scratch;
-  for (const std::string table : {"# FreeSurfer\n23 Right Accumbens Area\n1024 ctx-lh-precentral 60 20 220 0\n",
-                                  "23\tRight Accumbens Area\n1024\tctx-lh-precentral\t60\n",
-                                  "ROIid;ROIabbr;ROIname\n23;rAcc;Right Accumbens Area\n1024;p;ctx-lh-precentral\n",
-                                  "23,\"Right Accumbens Area\"\r\n1024,ctx-lh-precentral\r\n",
-                                  "23 255 0 0 1 1 1 \"Right Accumbens Area\"\n1024 0 0 9 1 1 1 \"ctx-lh-precentral\"\n",
-                                  "<atlas><data><label><index>23</index><short_name>rAcc</short_name><name>Right "
-                                  "Accumbens Area</name></label>\n<label><index>1024</index>"
-                                  "<name>ctx-lh-precentral</name></label></data></atlas>"}) {
+  const char *const xml = "<atlas><data><label><index>23</index><short_name>rAcc</short_name><name>Right "
+                          "Accumbens Area</name></label>\n<label><index>1024</index>"
+                          "<name>ctx-lh-precentral</name></label></data></atlas>"; // SPM
+  for (const std::string table :
+       {"# FreeSurfer\n23 Right Accumbens Area\n1024 ctx-lh-precentral 60 20 220 0\n",
+        "23\tRight Accumbens Area\n1024\tctx-lh-precentral\t60\n",
+        "ROIid;ROIabbr;ROIname\n23;rAcc;Right Accumbens Area\n1024;p;ctx-lh-precentral\n",
+        "23,\"Right Accumbens Area\"\r\n1024,ctx-lh-precentral\r\n",
+        "23 255 0 0 1 1 1 \"Right Accumbens Area\"\n1024 0 0 9 1 1 1 \"ctx-lh-precentral\"\n", xml}) {
     write_bytes(scratch / "n.txt", table);
     const auto names = read_label_names(scratch / "n.txt");
     ASSERT_TRUE(names) << names.error().message;
