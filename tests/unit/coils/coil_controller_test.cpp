@@ -197,7 +197,7 @@ TEST(CoilLine, DamagedLinesAreRefusedByProblem) {
   EXPECT_EQ(parse_state("$STA,7,1F,75000,1,74000,76000,0*00").error(), "wrong checksum");
   EXPECT_EQ(parse_state("hello").error(), "not a message of a coil controller");
   EXPECT_EQ(parse_state(std::string(200, 'x')).error(), "line too long");
-  const auto with_sum = [](std::string body) {
+  const auto with_sum = [](const std::string &body) {
     unsigned sum = 0;
     for (const char c : body) {
       sum ^= static_cast<unsigned char>(c);
