@@ -1,6 +1,5 @@
 // The robot's registration over many runs: predicted against true errors, pillars, image quality, faults, and time.
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <ctime>
@@ -11,6 +10,7 @@
 #include "algorithms/uncertainty/tre.hpp"
 #include "bench/accuracy/mri_parts.hpp"
 #include "bench/accuracy/mri_session.hpp"
+#include "bench/accuracy/registration_study.hpp"
 
 namespace bregma::bench {
 
@@ -77,12 +77,6 @@ TargetError target_error(const MriSession &session, const mri::RobotRegistration
 
 int seeds_of(const MriBenchOptions &options, int full, int quick) {
   return options.seeds > 0 ? options.seeds : options.quick ? quick : full;
-}
-
-double milliseconds(const std::function<void()> &work) {
-  const auto start = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
 struct Study {
@@ -251,9 +245,8 @@ std::vector<Fault> faults() {
        }},
       {"frame moved between the scans", nothing,
        [](MriSession &session, Run &run) {
-         BodyPose moved = session.scanner().truth().T_device_base;
-         const BodyPose before = moved;
-         session.scanner().move_frame({moved.rotation(), moved.translation() + Vector3d(4, 2, 0)});
+         const BodyPose before = session.scanner().truth().T_device_base;
+         session.scanner().move_frame({before.rotation(), before.translation() + Vector3d(4, 2, 0)});
          run.bottom = session.scan(coil_protocol(60), pillar_plan(false), {"mid-bottom"});
          session.scanner().move_frame(before);
        }},
