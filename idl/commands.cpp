@@ -1,8 +1,10 @@
 #include "idl/commands.hpp"
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <iterator>
 
 #include "idl/names.hpp"
 
@@ -148,6 +150,18 @@ std::string malformed(const Command &command) {
     }
   }
   return {};
+}
+
+CommandReply reply_to(const Command &command, CommandResult result, std::string_view text, SessionState session) {
+  CommandReply out{};
+  std::copy(std::begin(command.client), std::end(command.client), std::begin(out.client));
+  out.id = command.id;
+  out.kind = command.kind;
+  out.result = result;
+  out.session = session;
+  out.value_mm = kUnknown;
+  set_text(out.text, text);
+  return out;
 }
 
 } // namespace bregma::wire

@@ -95,4 +95,8 @@ inline constexpr std::array kCommands{
 // finite. The receiver checks whether the names exist.
 [[nodiscard]] std::string malformed(const Command &command);
 
+// The answer to a command that was received whole, without a value. session: as far as the answering process knows one.
+[[nodiscard]] CommandReply reply_to(const Command &command, CommandResult result, std::string_view text,
+                                    SessionState session = bregma_wire_SESSION_UNKNOWN);
+
 } // namespace bregma::wire

@@ -233,14 +233,7 @@ std::string CoilController::names_of(std::uint64_t coils) const {
 
 void CoilController::reply(const wire::Command &command, wire::CommandResult result, const std::string &text,
                            driver::Io &io) const {
-  wire::CommandReply out{};
-  std::copy(std::begin(command.client), std::end(command.client), std::begin(out.client));
-  out.id = command.id;
-  out.result = result;
-  out.value_mm = std::nan("");
-  out.kind = command.kind;
-  wire::set_text(out.text, text);
-  (void)io.publish(out);
+  (void)io.publish(wire::reply_to(command, result, text));
 }
 
 } // namespace bregma::coils

@@ -113,17 +113,7 @@ std::uint16_t port_of(const Process &gateway) {
 
 TEST(GatewayProcess, NothingOldIsDrawableWhileTheDaemonTheDriverOrTheGatewayStandStill) {
   Operation operation;
-  register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
-  operation.start_daemon();
-  operation.start_room(R"(
-[[steps]]
-do = "follow_trajectory"
-tool = "Probe"
-trajectory = "Biopsy"
-duration_s = 300.0
-)");
-  ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_UNVERIFIED); }, 90.0))
-      << operation.logs();
+  ASSERT_TRUE(operation.start_unverified()) << operation.logs();
   const TemporaryFolder folder;
   Process gateway({BREGMA_GATEWAY, "--domain", std::to_string(operation.domain()), "--port", "0", "--cache",
                    (folder / "cache").string()},

@@ -40,17 +40,7 @@ std::vector<Shown> shown_by(const Process &display) {
 
 TEST(LiveDisplay, NothingOldIsShownAfterTheClientTheDaemonOrTheDriverStoodStill) {
   Operation operation;
-  register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
-  operation.start_daemon();
-  operation.start_room(R"(
-[[steps]]
-do = "follow_trajectory"
-tool = "Probe"
-trajectory = "Biopsy"
-duration_s = 300.0
-)");
-  ASSERT_TRUE(operation.observe_until([&] { return operation.probe_is(bregma_wire_POSE_UNVERIFIED); }, 90.0))
-      << operation.logs();
+  ASSERT_TRUE(operation.start_unverified()) << operation.logs();
   TemporaryFolder folder;
   Process display({BREGMA_PROGRAM, "watch", "--json", "--rate", "50", "--tool", "Probe", "--domain",
                    std::to_string(operation.domain())},

@@ -131,6 +131,19 @@ void Operation::start_room(const std::string &scenario_toml, const std::vector<s
   room_ = std::make_unique<Process>(command, (logs_.path() / "room.log").string());
 }
 
+bool Operation::start_unverified() {
+  register_in_virtual_time(case_, state_.path().string());
+  start_daemon();
+  start_room(R"(
+[[steps]]
+do = "follow_trajectory"
+tool = "Probe"
+trajectory = "Biopsy"
+duration_s = 300.0
+)");
+  return observe_until([this] { return probe_is(bregma_wire_POSE_UNVERIFIED); }, 90.0);
+}
+
 bool Operation::observe_until(const std::function<bool()> &done, double seconds) {
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
   for (;;) {

@@ -57,6 +57,9 @@ public:
   // steps: scenario text; the room's log is kept.
   void start_room(const std::string &scenario_toml, const std::vector<std::string> &options = {});
 
+  // From a registration made in virtual time: daemon and room, in which the probe follows the trajectory for minutes.
+  // False if no unverified pose comes.
+  [[nodiscard]] bool start_unverified();
   // Reads received samples until done() is true; false after the timeout, which only limits a hang.
   [[nodiscard]] bool observe_until(const std::function<bool()> &done, double seconds = 60.0);
   // Reads samples for this time.

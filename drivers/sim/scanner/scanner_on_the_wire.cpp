@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <filesystem>
 #include <fstream>
 
@@ -283,14 +282,7 @@ base::Result<void> ScannerOnTheWire::write_file(const Series &series) const {
 
 void ScannerOnTheWire::reply(const wire::Command &command, wire::CommandResult result, const std::string &text,
                              driver::Io &io) const {
-  wire::CommandReply out{};
-  std::copy(std::begin(command.client), std::end(command.client), std::begin(out.client));
-  out.id = command.id;
-  out.result = result;
-  out.value_mm = std::nan("");
-  out.kind = command.kind;
-  wire::set_text(out.text, text);
-  (void)io.publish(out);
+  (void)io.publish(wire::reply_to(command, result, text));
 }
 
 } // namespace bregma::sim::scanner

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "algorithms/geometry/angles.hpp"
+#include "idl/commands.hpp"
 #include "idl/names.hpp"
 #include "server/runtime/state_directory.hpp"
 
@@ -123,15 +124,9 @@ bool SessionStage::take(const wire::Command &command, std::uint64_t writer) {
   }
   excess_client_ = wire::text(command.client);
   if (verdict == CommandGate::Verdict::kRefused && wire::is_terminated(command.client)) {
-    wire::CommandReply reply{};
-    (void)wire::set_name(reply.client, excess_client_);
-    reply.id = command.id;
-    reply.kind = command.kind;
-    reply.result = bregma_wire_COMMAND_REFUSED;
-    reply.session = session_.state();
-    reply.value_mm = wire::kUnknown;
-    wire::set_text(reply.text, "too many commands: a client may send 50 per second");
-    replies_(reply, now_ns_);
+    replies_(wire::reply_to(command, bregma_wire_COMMAND_REFUSED, "too many commands: a client may send 50 per second",
+                            session_.state()),
+             now_ns_);
   }
   return false;
 }

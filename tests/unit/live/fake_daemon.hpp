@@ -13,6 +13,7 @@
 
 #include "clients/live/daemon_link.hpp"
 #include "idl/boot_clock.hpp"
+#include "idl/commands.hpp"
 
 namespace bregma::test {
 
@@ -111,15 +112,7 @@ private:
 };
 
 inline wire::CommandReply reply_to(const wire::Command &command, wire::CommandResult result, const char *text) {
-  wire::CommandReply out{};
-  std::copy(std::begin(command.client), std::end(command.client), out.client);
-  out.id = command.id;
-  out.kind = command.kind;
-  out.result = result;
-  out.session = bregma_wire_SESSION_NAVIGATING;
-  out.value_mm = wire::kUnknown;
-  wire::set_text(out.text, text);
-  return out;
+  return wire::reply_to(command, result, text, bregma_wire_SESSION_NAVIGATING);
 }
 
 } // namespace bregma::test
