@@ -10,6 +10,7 @@
 #include <gdcmStringFilter.h>
 #include <gdcmTag.h>
 
+#include "base/text.hpp"
 #include "casefile/volumes/dicom_file.hpp"
 
 namespace bregma::casefile {
@@ -33,13 +34,10 @@ const std::vector<ScanField> &fields() {
 const gdcm::Tag kBandwidth(0x0018, 0x0095);
 
 // Without the padding of DICOM, and without control characters, which could reach a terminal.
-std::string trimmed(std::string text) {
+// Values are padded to an even length, with blanks or NUL.
+std::string value_of_tag(std::string text) {
   std::erase_if(text, [](char c) { return static_cast<unsigned char>(c) < 0x20; });
-  const auto begin = text.find_first_not_of(' ');
-  if (begin == std::string::npos) {
-    return {};
-  }
-  return text.substr(begin, text.find_last_not_of(' ') - begin + 1);
+  return std::string(base::trimmed(text));
 }
 
 base::Result<ScanHeader> read_file(const fs::path &file) {
@@ -59,9 +57,9 @@ base::Result<ScanHeader> read_file(const fs::path &file) {
   filter.SetFile(reader.GetFile());
   ScanHeader out;
   for (const ScanField &field : fields()) {
-    out.*(field.value) = trimmed(filter.ToString(field.tag));
+    out.*(field.value) = value_of_tag(filter.ToString(field.tag));
   }
-  const std::string bandwidth = trimmed(filter.ToString(kBandwidth));
+  const std::string bandwidth = value_of_tag(filter.ToString(kBandwidth));
   std::from_chars(bandwidth.data(), bandwidth.data() + bandwidth.size(), out.bandwidth_Hz);
   return out;
 }

@@ -1,10 +1,10 @@
 #include "drivers/coils/coil_controller.hpp"
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
 
+#include "base/text.hpp"
 #include "casefile/coil_frames.hpp"
 #include "idl/commands.hpp"
 
@@ -32,10 +32,7 @@ tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame, c
   if (pattern == "background") {
     return out;
   }
-  std::size_t at = 0;
-  while (at <= pattern.size()) {
-    const std::size_t end = std::min(pattern.find('+', at), pattern.size());
-    const std::string word = pattern.substr(at, end - at);
+  for (const std::string_view word : base::cells(pattern, '+')) {
     std::uint64_t coils = 0;
     for (std::size_t i = 0; i < frame.coils.size(); ++i) {
       if (frame.coils[i].group == word || frame.coils[i].name == word) {
@@ -43,10 +40,9 @@ tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame, c
       }
     }
     if (coils == 0) {
-      return tl::make_unexpected("\"" + word + "\" is no coil and no group of the frame " + frame.name);
+      return tl::make_unexpected("\"" + std::string(word) + "\" is no coil and no group of the frame " + frame.name);
     }
     out |= coils;
-    at = end + 1;
   }
   return out;
 }

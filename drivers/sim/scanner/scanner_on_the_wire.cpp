@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 
+#include "base/text.hpp"
 #include "drivers/sim/scanner/dicom_slice.hpp"
 #include "idl/commands.hpp"
 
@@ -128,10 +130,10 @@ void ScannerOnTheWire::set_coils(const wire::Command &command, driver::Io &io) {
   const auto &body = command.body._u.coils;
   const std::string pattern = wire::text(body.pattern);
   std::vector<std::string> groups;
-  for (std::size_t at = 0; at <= pattern.size() && pattern != "background";) {
-    const std::size_t end = std::min(pattern.find('+', at), pattern.size());
-    groups.push_back(pattern.substr(at, end - at));
-    at = end + 1;
+  if (pattern != "background") {
+    for (const std::string_view group : base::cells(pattern, '+')) {
+      groups.emplace_back(group);
+    }
   }
   for (const std::string &group : groups) {
     const std::vector<CoilDesign> &design = scanner_->design();
