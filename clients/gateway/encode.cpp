@@ -158,8 +158,9 @@ bool Encoder::encode_link(const Context &context) {
   link.silent_ms = silent_ns ? to_ms(*silent_ns) : kNan;
   link.last_state_ms = kNan;
   for (const auto &[name, tool] : snapshot.tools) {
-    const std::int64_t published_ns = tool.arrival.boot_ns - tool.arrival.transit_ns.value_or(0);
-    link.last_state_ms = std::fmax(link.last_state_ms, to_ms(published_ns));
+    if (tool.arrival.transit_ns) { // else the state may be old
+      link.last_state_ms = std::fmax(link.last_state_ms, to_ms(tool.arrival.boot_ns - *tool.arrival.transit_ns));
+    }
   }
   link.changes = snapshot.changes;
   Session session{};

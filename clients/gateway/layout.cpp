@@ -41,7 +41,8 @@ constexpr FieldLayout kPongFields[] = {
 };
 constexpr FieldLayout kLinkFields[] = {
     BREGMA_FIELD(Link, silent_ms, "time since bregmad last spoke; NaN: never"),
-    BREGMA_FIELD(Link, last_state_ms, "publication of its latest NavigationState of any tool; NaN: none"),
+    BREGMA_FIELD(Link, last_state_ms,
+                 "publication of its latest NavigationState of any tool; NaN: none, or its age is not known"),
     BREGMA_FIELD(Link, presence, "0 no daemon has been heard, 1 silent: nothing of it is current, 2 alive"),
     BREGMA_FIELD(Link, changes, "times that another daemon was followed, because the one before was lost"),
     BREGMA_FIELD(Link, wire_generation, "of the daemon"),

@@ -108,6 +108,22 @@ TEST(EncoderTest, JitterOfTheDaemonsClockIsNoNews) {
   EXPECT_FALSE(encoder.encode(snapshot, {kArrival_ns + kMs_ns, 0}));
 }
 
+TEST(EncoderTest, AStateWhoseTransitIsNotKnownIsNoRecentOne) {
+  RecordStore store;
+  Encoder encoder(store);
+  auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  snapshot.tools.begin()->second.arrival.transit_ns.reset();
+  EXPECT_TRUE(encoder.encode(snapshot, {kArrival_ns, 0}));
+  for (const auto &record : frame_json(store.next({})->bytes)["records"]) {
+    if (record["kind"] == "link") {
+      EXPECT_TRUE(record["last_state_ms"].is_null());
+    }
+    if (record["kind"] == "tool") {
+      EXPECT_TRUE(record["published_ms"].is_null());
+    }
+  }
+}
+
 TEST(EncoderTest, WhatIsGoneEnds) {
   RecordStore store;
   Encoder encoder(store);

@@ -108,6 +108,11 @@ export function regionOf(covariance_mm2: Mat3): Ellipsoid {
   };
 }
 
+// Root mean square of the error whose region this is.
+export function rms_mm(e: Ellipsoid): number {
+  return Math.hypot(...e.semi_axes_mm) / kRadius95;
+}
+
 // The region a time after the publication: P + dt (C + C^T) + dt^2 V + dt^4/4 a^2 I (idl/state.idl). Unchanged if the
 // state carries no growth.
 export function grown(e: Ellipsoid, growth: Growth, since_published_s: number): Ellipsoid {

@@ -1,4 +1,5 @@
 // The large figures: what a surgeon reads from two metres.
+import { rms_mm } from "../geometry/ellipsoid.ts";
 import { norm, type Vec3 } from "../geometry/vector.ts";
 import { PoseStatus } from "../state/constants.ts";
 import type { RecordOf } from "../state/layout.ts";
@@ -92,7 +93,8 @@ export class Figures implements Part {
       this.depth.set(figure(s.remaining_depth_mm, 1), s.trajectory, s.remaining_depth_mm < -0.5);
       this.lateral.set(figure(s.lateral_deviation_mm, 1), "", s.lateral_deviation_mm > 2);
       this.angle.set(figure(s.angle_rad * kDegrees, 1));
-      this.region.set(figure(tool.region_95.semi_axes_mm[0], 1), `RMS ${figure(s.tre_rms_mm, 2)}`);
+      // Both of now: tre_rms_mm holds for the publication.
+      this.region.set(figure(tool.region_95.semi_axes_mm[0], 1), `RMS ${figure(rms_mm(tool.region_95), 2)}`);
     }
     setText(this.coordinates, coordinatesText(tool?.tip ?? null, view.cursor));
   }

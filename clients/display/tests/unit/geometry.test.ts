@@ -236,6 +236,7 @@ test("the region grows as state.idl states, and not without a stated growth", ()
   expected.forEach((variance, i) => {
     close(grown.semi_axes_mm[i], ellipsoid.kRadius95 * Math.sqrt(variance), 1e-9);
   });
+  close(ellipsoid.rms_mm(grown), Math.sqrt(expected[0] + expected[1] + expected[2]), 1e-9);
   assert.equal(ellipsoid.grown(region, { ...growth, acceleration_sigma_mm_s2: Number.NaN }, dt), region);
   assert.equal(ellipsoid.grown(region, growth, -1), region);
 });
