@@ -53,8 +53,8 @@ struct RecorderStatus {
       0; // since the start: records that did not fit a ring, or that the disk did not accept before close
   bool open = false;
   bool failing = false;
-  char text[256] = {};  // reason of the failure, for messages
-  RecordingSpace space; // of the open file's disk, measured with every copy of its log
+  char text[256] = {};       // reason of the failure, for messages
+  RecordingSpace space = {}; // of the open file's disk, measured with every copy of its log
 };
 
 namespace detail {
