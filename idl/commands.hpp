@@ -62,7 +62,8 @@ inline constexpr std::array kCommands{
     BREGMA_COMMAND(MOVE_TO_TRAJECTORY, "move the guide", MOTION),
     BREGMA_COMMAND(HOLD_ROBOT, "hold the robot", DEVICE),
     BREGMA_COMMAND(STOP_ROBOT, "stop the robot", DEVICE),
-    BREGMA_COMMAND(RESET_ROBOT, "reset the robot's stop", DEVICE)};
+    BREGMA_COMMAND(RESET_ROBOT, "reset the robot's stop", DEVICE),
+    BREGMA_COMMAND(RESET_SCANNER_REGISTRATION, "reset the scanner's registration", DEVICE)};
 #undef BREGMA_COMMAND
 
 // The fields of a form, in the order of the values. Empty also for a form that is unknown to this program.

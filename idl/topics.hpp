@@ -42,6 +42,17 @@ BREGMA_WIRE_TYPE(RejectReason);
 BREGMA_WIRE_TYPE(DeviceKind);
 BREGMA_WIRE_TYPE(DeviceStatus);
 BREGMA_WIRE_TYPE(TransitSource);
+BREGMA_WIRE_TYPE(ImageDirection);
+BREGMA_WIRE_TYPE(CoilState);
+BREGMA_WIRE_TYPE(PatientPosition);
+BREGMA_WIRE_TYPE(DistortionCorrection);
+BREGMA_WIRE_TYPE(ScannerStep);
+BREGMA_WIRE_TYPE(ScannerActivity);
+BREGMA_WIRE_TYPE(ScannerVerdict);
+BREGMA_WIRE_TYPE(ScannerValidity);
+BREGMA_WIRE_TYPE(FieldStatus);
+BREGMA_WIRE_TYPE(CoilOutcome);
+BREGMA_WIRE_TYPE(CoilReport);
 BREGMA_WIRE_TYPE(AlarmState);
 BREGMA_WIRE_TYPE(AlarmSeverity);
 BREGMA_WIRE_TYPE(DriverState);
@@ -67,7 +78,8 @@ namespace qos {
 inline constexpr Qos kTracker{false, false, 8, 200 * kMillisecond_ns, 1'000 * kMillisecond_ns};
 inline constexpr Qos kSensor{false, false, 8, 500 * kMillisecond_ns, 1'000 * kMillisecond_ns};
 inline constexpr Qos kTruth{false, false, 64, 0, 0};
-inline constexpr Qos kBulkIn{true, false, 4, 0, 0};
+// A worker that is busy for half a second loses no slice of a series.
+inline constexpr Qos kBulkIn{true, false, 64, 0, 0};
 // State: the last value of each instance, also for readers that join late. With depth 1 a stalled client cannot fill
 // the writer's cache: the next value replaces the last one.
 inline constexpr Qos kState{true, true, 1, 0, 1'000 * kMillisecond_ns};
@@ -96,6 +108,8 @@ inline constexpr Qos kCaseChunks{true, false, 64, 0, 0};
   X(SystemHealth, kState)                                                                                              \
   X(DeformationField, kState)                                                                                          \
   X(CorrectedSlice, kState)                                                                                            \
+  X(ScannerRegistration, kState)                                                                                       \
+  X(RobotTool, kState)                                                                                                 \
   X(CapturedPoint, kCaptures)                                                                                          \
   X(FiducialReport, kState)                                                                                            \
   X(Alarm, kState)                                                                                                     \

@@ -131,7 +131,7 @@ template <class Sample> void run(Bytes bytes) {
 void run_command(Bytes bytes) {
   const auto plan = bytes.take<std::uint8_t>();
   auto command = bytes.take<wire::Command>();
-  const wire::CommandEntry *entry = wire::find_command(plan % (bregma_wire_COMMAND_RESET_ROBOT + 2));
+  const wire::CommandEntry *entry = wire::find_command(plan % (bregma_wire_COMMAND_RESET_SCANNER_REGISTRATION + 2));
   if (entry != nullptr) {
     command.kind = entry->kind;
     command.body._d = entry->form;

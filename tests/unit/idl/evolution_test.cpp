@@ -338,7 +338,8 @@ TEST(Commands, EveryRowOfTheTableCanBeFilledCheckedAndNamed) {
     EXPECT_EQ(wire::malformed(command),
               std::string(entry.name) + " has a body of form 99, not " + std::to_string(entry.form));
   }
-  EXPECT_EQ(wire::kCommands.size(), std::size_t{bregma_wire_COMMAND_RESET_ROBOT}) << "the kinds of control.idl";
+  EXPECT_EQ(wire::kCommands.size(), std::size_t{bregma_wire_COMMAND_RESET_SCANNER_REGISTRATION})
+      << "the kinds of control.idl";
 }
 
 TEST(Commands, InvalidValuesAreNamed) {
