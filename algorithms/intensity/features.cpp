@@ -104,6 +104,101 @@ void smooth_along(Volume &image, std::size_t d, double sigma_voxels, parallel::T
   image.voxels = std::move(out);
 }
 
+// Which voxels along an axis make one of the shrunk axis, with their weights: a Gaussian, interpolated linearly.
+struct ShrinkTaps {
+  int first = 0;
+  std::vector<float> weights;
+  std::array<int, 2> centre{}; // the voxels on both sides; without a value in one of them there is none
+};
+std::vector<ShrinkTaps> shrink_taps(int from, int to) {
+  const double factor = static_cast<double>(from) / to;
+  const double sigma = 0.4 * factor;
+  const int radius = static_cast<int>(std::ceil(3.0 * sigma));
+  std::vector<ShrinkTaps> out;
+  for (int i = 0; i < to; ++i) {
+    const double position = (i + 0.5) * factor - 0.5;
+    const int base = std::clamp(static_cast<int>(position), 0, from - 2);
+    const double fraction = std::clamp(position - base, 0.0, 1.0);
+    const auto gauss = [&](int n) { return std::abs(n) <= radius ? std::exp(-0.5 * n * n / (sigma * sigma)) : 0.0; };
+    ShrinkTaps taps;
+    taps.first = std::max(base - radius, 0);
+    double total = 0.0;
+    for (int n = taps.first; n <= std::min(base + 1 + radius, from - 1); ++n) {
+      const double w = (1.0 - fraction) * gauss(n - base) + fraction * gauss(n - base - 1);
+      taps.weights.push_back(static_cast<float>(w));
+      total += w;
+    }
+    for (float &w : taps.weights) {
+      w = static_cast<float>(static_cast<double>(w) / total);
+    }
+    taps.centre = {fraction < 1.0 ? base : base + 1, fraction > 0.0 ? base + 1 : base};
+    out.push_back(std::move(taps));
+  }
+  return out;
+}
+
+// Weighted sum of `count` neighbouring lines' voxels. `apart`: distance of two taps in memory, `beside`: of two voxels
+// of the result. NaN is left out; `total` receives the weight that remains.
+struct TapLines {
+  const float *from;
+  std::ptrdiff_t apart, beside;
+  int count;
+};
+void add_taps(const TapLines &lines, const ShrinkTaps &taps, float *sum, float *total) {
+  std::fill_n(sum, lines.count, 0.0F);
+  std::fill_n(total, lines.count, 0.0F);
+  for (std::size_t n = 0; n < taps.weights.size(); ++n) {
+    const float w = taps.weights[n];
+    const float *line = lines.from + (taps.first + static_cast<std::ptrdiff_t>(n)) * lines.apart;
+    for (int i = 0; i < lines.count; ++i) {
+      const float v = line[i * lines.beside];
+      const bool known = v == v;
+      sum[i] += known ? w * v : 0.0F;
+      total[i] += known ? w : 0.0F;
+    }
+  }
+  for (int i = 0; i < lines.count; ++i) {
+    const float *at = lines.from + i * lines.beside;
+    const bool known = at[taps.centre[0] * lines.apart] == at[taps.centre[0] * lines.apart] &&
+                       at[taps.centre[1] * lines.apart] == at[taps.centre[1] * lines.apart];
+    sum[i] = known ? sum[i] / total[i] : kNoValue;
+  }
+}
+
+void shrink_along(Volume &image, std::size_t d, int size, parallel::Team &team) {
+  const std::vector<ShrinkTaps> taps = shrink_taps(image.size[d], size);
+  const std::array<int, 3> stride = strides_of(image);
+  Volume out;
+  out.size = image.size;
+  out.size[d] = size;
+  out.voxels.resize(out.pixels());
+  const std::array<int, 3> out_stride = strides_of(out);
+  const int rows = out.size[1] * out.size[2];
+  std::vector<float> totals(static_cast<std::size_t>(team.size()) * static_cast<std::size_t>(out.size[0]));
+  team.run([&](int thread) {
+    const auto of_thread = static_cast<std::size_t>(thread);
+    float *total = totals.data() + of_thread * static_cast<std::size_t>(out.size[0]);
+    const int last = static_cast<int>(static_cast<std::int64_t>(rows) * (thread + 1) / team.size());
+    for (int row = static_cast<int>(static_cast<std::int64_t>(rows) * thread / team.size()); row < last; ++row) {
+      const int j = row % out.size[1];
+      const int k = row / out.size[1];
+      float *to = out.voxels.data() + static_cast<std::ptrdiff_t>(row) * out_stride[1];
+      if (d == 0) {
+        const float *from = image.voxels.data() + static_cast<std::ptrdiff_t>(row) * stride[1];
+        for (int i = 0; i < size; ++i) {
+          add_taps({from, 1, 0, 1}, taps[static_cast<std::size_t>(i)], to + i, total);
+        }
+      } else {
+        const float *from = image.voxels.data() + (d == 1 ? static_cast<std::ptrdiff_t>(k) * stride[2]
+                                                          : static_cast<std::ptrdiff_t>(j) * stride[1]);
+        add_taps({from, stride[d], 1, out.size[0]}, taps[static_cast<std::size_t>(d == 1 ? j : k)], to, total);
+      }
+    }
+  });
+  image.size = out.size;
+  image.voxels = std::move(out.voxels);
+}
+
 // Lower envelope of parabolas along one line of squared distances.
 struct ParabolaEnvelope {
   std::vector<double> value, border, out;
@@ -149,6 +244,38 @@ struct ParabolaEnvelope {
   }
 };
 
+// The finite value with `cut` values beyond it at one end of the range: a histogram finds the bin, and only its values
+// are ordered.
+float edge_of(const std::vector<float> &values, const GreyRange &range, std::size_t cut, bool at_top) {
+  constexpr std::size_t kClasses = 1024;
+  const float scale = (static_cast<float>(kClasses) - 1.0F) / (range.high - range.low);
+  const auto class_of = [&](float v) {
+    const auto at = static_cast<std::size_t>((at_top ? range.high - v : v - range.low) * scale);
+    return std::min(at, kClasses - 1);
+  };
+  std::array<std::size_t, kClasses> count{};
+  for (const float v : values) {
+    if (std::isfinite(v)) {
+      ++count[class_of(v)];
+    }
+  }
+  std::size_t at = 0;
+  while (cut >= count[at]) {
+    cut -= count[at++];
+  }
+  std::vector<float> within;
+  within.reserve(count[at]);
+  std::copy_if(values.begin(), values.end(), std::back_inserter(within),
+               [&](float v) { return std::isfinite(v) && class_of(v) == at; });
+  const auto edge = within.begin() + static_cast<std::ptrdiff_t>(cut);
+  if (at_top) {
+    std::nth_element(within.begin(), edge, within.end(), std::greater<>());
+  } else {
+    std::nth_element(within.begin(), edge, within.end());
+  }
+  return *edge;
+}
+
 } // namespace
 
 Volume as_volume(const image::Image<float, 2> &plane) {
@@ -161,19 +288,24 @@ Volume as_volume(const image::Image<float, 2> &plane) {
 }
 
 GreyRange grey_range(const std::vector<float> &values, double tail) {
-  std::vector<float> finite;
-  finite.reserve(values.size());
-  std::copy_if(values.begin(), values.end(), std::back_inserter(finite), [](float v) { return std::isfinite(v); });
-  if (finite.empty()) {
+  constexpr float kInfinity = std::numeric_limits<float>::infinity();
+  float low = kInfinity;
+  float high = -kInfinity;
+  std::size_t count = 0;
+  for (const float v : values) {
+    const bool finite = std::abs(v) < kInfinity;
+    low = finite && v < low ? v : low;
+    high = finite && v > high ? v : high;
+    count += finite ? 1 : 0;
+  }
+  if (count == 0) {
     return {};
   }
-  const auto cut = static_cast<std::ptrdiff_t>(tail * static_cast<double>(finite.size() - 1));
-  const auto low = finite.begin() + cut;
-  const auto high = finite.end() - 1 - cut;
-  std::nth_element(finite.begin(), low, finite.end());
-  const float lowest = *low;
-  std::nth_element(finite.begin(), high, finite.end());
-  return {lowest, *high};
+  const auto cut = static_cast<std::size_t>(tail * static_cast<double>(count - 1));
+  if (cut == 0 || !(high > low)) {
+    return {low, high};
+  }
+  return {edge_of(values, {low, high}, cut, false), edge_of(values, {low, high}, cut, true)};
 }
 
 Gradient gradient(const Volume &image, parallel::Team &team) {
@@ -314,48 +446,20 @@ Volume smoothed(const Volume &image, double sigma_mm, parallel::Team &team) {
 }
 
 Volume shrunk(const Volume &image, double spacing_mm, parallel::Team &team) {
-  Volume soft = image;
-  Volume out;
-  out.size = image.size;
+  Volume out = image;
   Eigen::Vector3d factor = Eigen::Vector3d::Ones();
-  for (std::size_t d = 0; d < 3; ++d) {
+  for (const std::size_t d : {2U, 1U, 0U}) { // lines across memory first: they are the quicker ones
     const auto axis = static_cast<Eigen::Index>(d);
     const double ratio = spacing_mm / image.spacing_mm()[axis];
     if (image.size[d] > 1 && ratio > 1.2) {
-      out.size[d] = std::max(static_cast<int>(std::round(image.size[d] / ratio)), 2);
-      factor[axis] = static_cast<double>(image.size[d]) / out.size[d];
-      smooth_along(soft, d, 0.4 * factor[axis], team);
+      const int size = std::max(static_cast<int>(std::round(image.size[d] / ratio)), 2);
+      factor[axis] = static_cast<double>(image.size[d]) / size;
+      shrink_along(out, d, size, team);
     }
   }
   // Both grids cover the same box.
   out.T_image_index.topLeftCorner<3, 3>() = image.axes() * factor.asDiagonal();
   out.T_image_index.topRightCorner<3, 1>() = image.point_mm(0.5 * (factor - Eigen::Vector3d::Ones()));
-  out.voxels.resize(out.pixels());
-  for_voxels(out, team, [&](int i, int j, int k, std::size_t at) {
-    const std::array<int, 3> index{i, j, k};
-    std::array<int, 3> base{};
-    std::array<float, 3> fraction{};
-    for (std::size_t d = 0; d < 3; ++d) {
-      const auto axis = static_cast<Eigen::Index>(d);
-      const double position = (index[d] + 0.5) * factor[axis] - 0.5;
-      base[d] = std::clamp(static_cast<int>(position), 0, std::max(image.size[d] - 2, 0));
-      fraction[d] = static_cast<float>(std::clamp(position - base[d], 0.0, image.size[d] > 1 ? 1.0 : 0.0));
-    }
-    float sum = 0.0F;
-    for (unsigned corner = 0; corner < 8; ++corner) {
-      float weight = 1.0F;
-      std::array<int, 3> from = base;
-      for (std::size_t d = 0; d < 3; ++d) {
-        const bool upper = ((corner >> d) & 1U) != 0;
-        weight *= upper ? fraction[d] : 1.0F - fraction[d];
-        from[d] += upper ? 1 : 0;
-      }
-      if (weight > 0.0F) {
-        sum += weight * soft.at(from[0], from[1], from[2]);
-      }
-    }
-    out.voxels[at] = sum;
-  });
   return out;
 }
 

@@ -11,9 +11,9 @@ namespace bregma::intensity {
 
 namespace {
 
-constexpr std::size_t kSamplesPerPart = 4096;
-constexpr std::size_t kMaxParts = 16;
-constexpr float kFarAway = 1e9F; // index of padding: outside of every image
+constexpr std::size_t kSamplesPerPart = 2048;
+constexpr std::size_t kMaxParts = 8; // each has a histogram of its own, to be cleared and added
+constexpr float kFarAway = 1e9F;     // index of padding: outside of every image
 
 // From 0 to 1, the same with every standard library.
 double uniform(std::mt19937_64 &rng) { return static_cast<double>(rng() >> 11U) * 0x1.0p-53; }
@@ -23,33 +23,38 @@ double uniform(std::mt19937_64 &rng) { return static_cast<double>(rng() >> 11U) 
 PairSampler::PairSampler(const Volume &reference, const image::Grid<3> &floating, std::size_t max_samples,
                          std::uint64_t seed)
     : reference_(reference), floating_(floating), kernels_(sample_kernels()) {
-  const auto valid = static_cast<std::size_t>(
-      std::count_if(reference.voxels.begin(), reference.voxels.end(), [](float v) { return std::isfinite(v); }));
-  const bool choose = max_samples > 0 && valid > max_samples;
-  std::mt19937_64 rng(seed);
-  const auto moved = [&](int at, int size) {
-    const double shift = choose && size > 1 ? uniform(rng) - 0.5 : 0.0;
-    return static_cast<float>(std::clamp(at + shift, 0.0, static_cast<double>(size - 1)));
-  };
-  std::size_t left = valid;
-  std::size_t wanted = choose ? max_samples : valid;
-  for (int k = 0; k < reference.size[2]; ++k) {
-    for (int j = 0; j < reference.size[1]; ++j) {
-      for (int i = 0; i < reference.size[0]; ++i) {
-        if (!std::isfinite(reference.at(i, j, k))) {
-          continue;
-        }
-        // Sequential selection without replacement: in memory's order.
-        const bool taken = !choose || uniform(rng) * static_cast<double>(left) < static_cast<double>(wanted);
-        --left;
-        if (taken) {
-          --wanted;
-          x_.push_back(moved(i, reference.size[0]));
-          y_.push_back(moved(j, reference.size[1]));
-          z_.push_back(moved(k, reference.size[2]));
-        }
+  std::vector<std::size_t> known; // offsets of the voxels with a value; empty: all have one
+  const bool all =
+      std::none_of(reference.voxels.begin(), reference.voxels.end(), [](float v) { return !std::isfinite(v); });
+  if (!all) {
+    for (std::size_t i = 0; i < reference.voxels.size(); ++i) {
+      if (std::isfinite(reference.voxels[i])) {
+        known.push_back(i);
       }
     }
+  }
+  const std::size_t valid = all ? reference.voxels.size() : known.size();
+  const bool choose = max_samples > 0 && valid > max_samples;
+  const std::size_t wanted = choose ? max_samples : valid;
+  std::mt19937_64 rng(seed);
+  const auto moved = [&](std::size_t at, int size) {
+    const double shift = choose && size > 1 ? uniform(rng) - 0.5 : 0.0;
+    return static_cast<float>(std::clamp(static_cast<double>(at) + shift, 0.0, static_cast<double>(size - 1)));
+  };
+  for (auto *list : {&x_, &y_, &z_}) {
+    list->reserve(wanted + kSamplePadding);
+  }
+  const auto nx = static_cast<std::size_t>(reference.size[0]);
+  const auto ny = static_cast<std::size_t>(reference.size[1]);
+  const double stratum = static_cast<double>(valid) / static_cast<double>(std::max(wanted, std::size_t{1}));
+  for (std::size_t s = 0; s < wanted; ++s) {
+    // One of each stretch of voxels in memory's order: even in space.
+    const double place = choose ? (static_cast<double>(s) + uniform(rng)) * stratum : static_cast<double>(s);
+    const std::size_t rank = std::min(static_cast<std::size_t>(place), valid - 1);
+    const std::size_t at = all ? rank : known[rank];
+    x_.push_back(moved(at % nx, reference.size[0]));
+    y_.push_back(moved(at / nx % ny, reference.size[1]));
+    z_.push_back(moved(at / (nx * ny), reference.size[2]));
   }
   finish();
   if (choose && valid < reference.voxels.size()) { // a moved sample may need a voxel without a value

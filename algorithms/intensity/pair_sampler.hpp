@@ -20,8 +20,8 @@ using Affine34 = Eigen::Matrix<double, 3, 4>;
 
 class PairSampler {
 public:
-  // All voxels of the reference with a value; where there are more than max_samples (0: no limit), a random choice of
-  // them, each moved within its voxel so that the grids of the two images do not coincide.
+  // All voxels of the reference with a value; where there are more than max_samples (0: no limit), one at random of each
+  // of as many stretches of them, moved within its voxel so that the grids of the two images do not coincide.
   PairSampler(const Volume &reference, const image::Grid<3> &floating, std::size_t max_samples, std::uint64_t seed);
   // All voxels, also those without a value, in the order of the grid: for measures that look at neighbours.
   PairSampler(const Volume &reference, const image::Grid<3> &floating);

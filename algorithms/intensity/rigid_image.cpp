@@ -105,10 +105,10 @@ std::string obstacle(const Volume &image, std::string_view name) {
 class RigidSearch {
 public:
   RigidSearch(const Volume &reference, const Volume &floating, const RigidImageOptions &options, parallel::Team &team)
-      : options_(options), team_(team), centre_mm_(centre_of_mass(reference)),
-        floating_centre_mm_(centre_of_mass(floating)), coarse_(level(reference, floating, kCoarse_mm, kCoarseSamples)),
-        middle_(level(reference, floating, kMiddle_mm, kMiddleSamples)),
-        fine_(level(reference, floating, options.finest_mm, options.max_samples)) {}
+      : options_(options), team_(team), fine_(level(reference, floating, options.finest_mm, options.max_samples)),
+        middle_(level(fine_.reference, fine_.floating, kMiddle_mm, kMiddleSamples)),
+        coarse_(level(middle_.reference, middle_.floating, kCoarse_mm, kCoarseSamples)),
+        centre_mm_(centre_of_mass(coarse_.reference)), floating_centre_mm_(centre_of_mass(coarse_.floating)) {}
 
   RigidImageResult run();
 
@@ -150,8 +150,8 @@ private:
 
   const RigidImageOptions &options_;
   parallel::Team &team_;
+  Level fine_, middle_, coarse_; // each made of the one before
   Vector3d centre_mm_, floating_centre_mm_;
-  Level coarse_, middle_, fine_;
   int evaluations_ = 0;
 };
 

@@ -143,6 +143,21 @@ TEST(Features, ShrinkingKeepsPlacesAndMissingVoxels) {
   }
 }
 
+TEST(Features, RangeWithoutItsTailsIsThatOfTheOrderedValues) {
+  std::vector<float> values = noise({40, 30, 1}, 7.0F).voxels;
+  values[17] = 1e6F; // metal
+  values[400] = std::numeric_limits<float>::quiet_NaN();
+  std::vector<float> ordered = values;
+  ordered.erase(ordered.begin() + 400);
+  std::sort(ordered.begin(), ordered.end());
+  for (const std::size_t cut : {std::size_t{1}, std::size_t{60}, std::size_t{599}}) {
+    const double tail = (static_cast<double>(cut) + 0.5) / static_cast<double>(ordered.size() - 1);
+    const GreyRange range = grey_range(values, tail);
+    EXPECT_EQ(range.low, ordered[cut]);
+    EXPECT_EQ(range.high, ordered[ordered.size() - 1 - cut]);
+  }
+}
+
 TEST(Features, ThresholdSeparatesTwoClasses) {
   std::vector<float> values;
   std::mt19937 rng(kFeatureSeed);
