@@ -398,6 +398,11 @@ bool Encoder::encode_health(const Context &context) {
       one.latency_p99_ms = device.latency_p99_ms;
       one.clock_offset_ms = device.clock_offset_ms;
       one.clock_drift_ppm = device.clock_drift_ppm;
+      const bool volume = device.volume_far_mm > 0.0;
+      one.volume_near_mm = volume ? device.volume_near_mm : kNan;
+      one.volume_far_mm = volume ? device.volume_far_mm : kNan;
+      one.volume_half_width_rad = volume ? device.volume_half_width_rad : kNan;
+      one.volume_half_height_rad = volume ? device.volume_half_height_rad : kNan;
       const auto driver = context.snapshot.drivers.find(wire::text(device.device));
       one.driver_state = driver == context.snapshot.drivers.end() ? bregma_wire_DRIVER_UNKNOWN : driver->second.state;
       records.push_back(make_record(RecordKind::kDevice, one));

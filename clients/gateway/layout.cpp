@@ -226,6 +226,12 @@ constexpr FieldLayout kDeviceFields[] = {
     BREGMA_FIELD(Device, clock_drift_ppm, "of the device's clock"),
     BREGMA_FIELD(Device, driver_state, "DriverState of its driver; 0: not stated"),
     BREGMA_FIELD(Device, reserved, "0"),
+    BREGMA_FIELD(Device, volume_near_mm,
+                 "working volume of a tracker, a frustum about its z axis: smallest depth; NaN: not stated, like the "
+                 "three below"),
+    BREGMA_FIELD(Device, volume_far_mm, "largest depth"),
+    BREGMA_FIELD(Device, volume_half_width_rad, "half of its angle along x"),
+    BREGMA_FIELD(Device, volume_half_height_rad, "half of its angle along y"),
 };
 constexpr FieldLayout kLoopFields[] = {
     BREGMA_KEY(Loop, loop, "name"),

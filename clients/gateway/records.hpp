@@ -256,6 +256,10 @@ struct Device {
   double clock_drift_ppm;
   std::int32_t driver_state;
   std::uint32_t reserved;
+  double volume_near_mm;
+  double volume_far_mm;
+  double volume_half_width_rad;
+  double volume_half_height_rad;
 };
 
 struct Loop {

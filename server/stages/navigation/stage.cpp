@@ -21,6 +21,13 @@ inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
   return out;
 }
 
+void state_volume(wire::DeviceHealth &tracker, const TrackerVolume &volume) {
+  tracker.volume_near_mm = volume.near_mm;
+  tracker.volume_far_mm = volume.far_mm;
+  tracker.volume_half_width_rad = volume.half_width_deg * geometry::kRadiansPerDegree;
+  tracker.volume_half_height_rad = volume.half_height_deg * geometry::kRadiansPerDegree;
+}
+
 } // namespace
 
 void declare(base::ParameterSet &set, NavigationParameters &p) {
@@ -58,7 +65,7 @@ NavigationStage::NavigationStage(const NavigationParameters &parameters, const S
                     .rate_hz = parameters.floor_rate_hz,
                     .triggered = true}),
       guard_(inputs::split_names(parameters.trackers), tracker_options(parameters)), pipeline_(parameters, events),
-      frames_(context.link), states_(context.link), boot_id_(context.host.boot_id()) {}
+      volume_(parameters.volume), frames_(context.link), states_(context.link), boot_id_(context.host.boot_id()) {}
 
 void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted) {
   inbox_ = &inbox;
@@ -151,6 +158,7 @@ void NavigationStage::share(const Moment &now) noexcept {
   inputs::StreamHealth health = guard_.health(now.utc_ns);
   for (std::uint32_t i = 0; i < health.device_count; ++i) {
     health.devices[i].malformed_bodies = malformed_bodies_[i];
+    state_volume(health.devices[i], volume_);
   }
   devices.store(health);
   TrackingView view;

@@ -47,6 +47,7 @@ private:
 
   inputs::InputGuard<wire::TrackerFrame> guard_;
   NavigationPipeline pipeline_;
+  TrackerVolume volume_; // of every tracker
   Subscriber<wire::TrackerFrame> frames_;
   Publisher<wire::NavigationState> states_;
   Inbox *inbox_ = nullptr;

@@ -124,6 +124,36 @@ TEST(EncoderTest, AStateWhoseTransitIsNotKnownIsNoRecentOne) {
   }
 }
 
+TEST(EncoderTest, TheWorkingVolumeIsThatOfTheTrackerOrIsNotStated) {
+  RecordStore store;
+  Encoder encoder(store);
+  auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  snapshot.health->device_count = 2;
+  wire::DeviceHealth &tracker = snapshot.health->devices[0];
+  (void)wire::set_name(tracker.device, "Camera");
+  tracker.volume_near_mm = 1000.0;
+  tracker.volume_far_mm = 3000.0;
+  tracker.volume_half_width_rad = 0.5;
+  tracker.volume_half_height_rad = 0.25;
+  (void)wire::set_name(snapshot.health->devices[1].device, "Force");
+  (void)encoder.encode(snapshot, {kArrival_ns, 0});
+  int seen = 0;
+  for (const auto &record : frame_json(store.next({})->bytes)["records"]) {
+    if (record["kind"] == "device" && record["device"] == "Camera") {
+      EXPECT_EQ(record["volume_near_mm"], 1000.0);
+      EXPECT_EQ(record["volume_far_mm"], 3000.0);
+      EXPECT_EQ(record["volume_half_width_rad"], 0.5);
+      EXPECT_EQ(record["volume_half_height_rad"], 0.25);
+      ++seen;
+    } else if (record["kind"] == "device") {
+      EXPECT_TRUE(record["volume_far_mm"].is_null());
+      EXPECT_TRUE(record["volume_near_mm"].is_null());
+      ++seen;
+    }
+  }
+  EXPECT_EQ(seen, 2);
+}
+
 TEST(EncoderTest, WhatIsGoneEnds) {
   RecordStore store;
   Encoder encoder(store);

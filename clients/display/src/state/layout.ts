@@ -238,6 +238,10 @@ const layouts = {
       clock_offset_ms: [136, "f64"],
       clock_drift_ppm: [144, "f64"],
       driver_state: [152, "i32"],
+      volume_near_mm: [160, "f64"],
+      volume_far_mm: [168, "f64"],
+      volume_half_width_rad: [176, "f64"],
+      volume_half_height_rad: [184, "f64"],
     },
   },
   loop: {

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { toPlane, viewer } from "../../src/geometry/planes.ts";
 import { distance, dot, type Vec3 } from "../../src/geometry/vector.ts";
-import { advice } from "../../src/page/camera_page.ts";
+import { advice, volumeText } from "../../src/page/camera_page.ts";
 import { orbit, viewMatrix } from "../../src/render/camera.ts";
 import type { RecordOf } from "../../src/state/layout.ts";
 import { figure } from "../../src/state/text.ts";
@@ -143,11 +143,22 @@ test("the camera page says which way to move", () => {
       rotation: [1, 0, 0, 0, -1, 0, 0, 0, -1],
       ...change,
     }) as RecordOf<"tracked_tool">;
-  assert.match(advice(tool(0, 0, 900), [0, 0, 1]), /away from the camera/);
-  assert.match(advice(tool(0, 0, 2390), [0, 0, 1]), /towards the camera/);
-  assert.match(advice(tool(1000, 0, 1700), [0, 0, 1]), /sideways/);
-  assert.match(advice(tool(0, 0, 1700), [0, 0, -1]), /Turn its markers to the camera \(180 °\)/);
-  assert.match(advice(tool(0, 0, 1700, { status: 2 }), [0, 0, 1]), /marker is covered/);
-  assert.match(advice(tool(0, 0, 1700), [0, 0, 1]), /1.70 m away/);
-  assert.match(advice(tool(Number.NaN, 0, 0, { status: 3 }), null), /Clear the view/);
+  const volume = {
+    volume_near_mm: 1000,
+    volume_far_mm: 3000,
+    volume_half_width_rad: 0.5,
+    volume_half_height_rad: 0.25,
+  };
+  const said = (t: RecordOf<"tracked_tool">, normal: Vec3 | null = [0, 0, 1]) => advice(t, normal, volume);
+  assert.match(said(tool(0, 0, 1040)), /away from the camera/);
+  assert.match(said(tool(0, 0, 2960)), /towards the camera/);
+  assert.match(said(tool(1000, 0, 2000)), /sideways/);
+  assert.match(said(tool(0, -480, 2000)), /up or down/);
+  assert.match(said(tool(0, 0, 1700), [0, 0, -1]), /Turn its markers to the camera \(180 °\)/);
+  assert.match(said(tool(0, 0, 1700, { status: 2 })), /marker is covered/);
+  assert.match(said(tool(0, 0, 1700)), /1.70 m away/);
+  assert.match(said(tool(Number.NaN, 0, 0, { status: 3 }), null), /Clear the view/);
+  assert.match(advice(tool(1000, 0, 900), [0, 0, 1], null), /1.35 m away|Turn/, "no volume is stated");
+  assert.equal(volumeText(volume), "Working volume: 1.00 to 3.00 m, 57° wide, 29° high.");
+  assert.match(volumeText(null), /not stated/);
 });
