@@ -11,7 +11,7 @@ set(BREGMA_SHARE_DIR ${CMAKE_INSTALL_DATADIR}/bregma)
 set(BREGMA_PACKAGE_TARGETS
   bregma_settings bregma_base bregma_wire bregma_wire_values bregma_idl bregma_driver bregma_algorithms
   bregma_geometry bregma_simd bregma_image bregma_parallel bregma_surface bregma_uncertainty bregma_registration bregma_intensity
-  bregma_calibration bregma_mri bregma_monitoring bregma_planning bregma_tissue_material bregma_tissue)
+  bregma_calibration bregma_mri bregma_monitoring bregma_planning bregma_robot bregma_tissue_material bregma_tissue)
 set(BREGMA_PACKAGE_HEADERS base idl algorithms drivers/frame)
 
 function(bregma_install)
@@ -42,6 +42,7 @@ function(bregma_install)
 
   install(FILES deploy/cyclonedds-local.xml deploy/cyclonedds-network.xml deploy/bregma-limits.conf
     deploy/bregma-sysctl.conf DESTINATION ${BREGMA_SHARE_DIR})
+  install(DIRECTORY robots DESTINATION ${BREGMA_SHARE_DIR})
   install(FILES deploy/bregma-sysusers.conf DESTINATION lib/sysusers.d RENAME bregma.conf)
   install(FILES LICENSE README.md DESTINATION ${CMAKE_INSTALL_DOCDIR})
   install(DIRECTORY docs examples DESTINATION ${CMAKE_INSTALL_DOCDIR})

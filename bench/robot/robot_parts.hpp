@@ -1,0 +1,20 @@
+// The parts of bench_robot, one source each.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "bench/record.hpp"
+
+namespace bregma::bench {
+
+struct RobotBenchOptions : Options {
+  std::string pictures; // folder for figures; none when empty
+};
+inline const std::vector<std::string> kRobotParts{"kinematics"};
+
+inline constexpr unsigned kRobotSeed = 20261129;
+
+void kinematics_figures(Report &report, const RobotBenchOptions &options);
+
+} // namespace bregma::bench
