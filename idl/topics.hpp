@@ -5,6 +5,7 @@
 
 #include "casefiles.h"
 #include "control.h"
+#include "robot.h"
 #include "state.h"
 #include "streams.h"
 
@@ -27,6 +28,8 @@ BREGMA_WIRE_TYPE(PoseCovariance);
 BREGMA_WIRE_TYPE(ToolStatus);
 BREGMA_WIRE_TYPE(RobotMode);
 BREGMA_WIRE_TYPE(RangeStatus);
+BREGMA_WIRE_TYPE(RobotMotionPhase);
+BREGMA_WIRE_TYPE(RobotStopCause);
 BREGMA_WIRE_TYPE(SessionState);
 BREGMA_WIRE_TYPE(PoseStatus);
 BREGMA_WIRE_TYPE(Plausibility);
@@ -77,6 +80,8 @@ namespace qos {
 // Streams: old samples are useless, so samples are not sent again. A silent device counts as lost.
 inline constexpr Qos kTracker{false, false, 8, 200 * kMillisecond_ns, 1'000 * kMillisecond_ns};
 inline constexpr Qos kSensor{false, false, 8, 500 * kMillisecond_ns, 1'000 * kMillisecond_ns};
+// A permission that arrives late permits nothing, and its silence is what counts: the reader measures it itself.
+inline constexpr Qos kDeadman{false, false, 4, 0, 0};
 inline constexpr Qos kTruth{false, false, 64, 0, 0};
 // A worker that is busy for half a second loses no slice of a series.
 inline constexpr Qos kBulkIn{true, false, 64, 0, 0};
@@ -86,6 +91,7 @@ inline constexpr Qos kState{true, true, 1, 0, 1'000 * kMillisecond_ns};
 // A display that joins late can draw the complete trace: fiducials, the longest trace (2,000 samples) and checks.
 inline constexpr Qos kCaptures{true, true, 4096, 0, 1'000 * kMillisecond_ns};
 inline constexpr Qos kControl{true, false, 0, 0, 0};
+inline constexpr Qos kPaths{true, false, 4, 0, 0};
 // The key is the client: one that does not read loses its own oldest replies, and delays nobody.
 inline constexpr Qos kReplies{true, false, 64, 0, 0};
 // Files of a case, for displays: a client asks again for what it has not received, so neither side keeps much.
@@ -99,6 +105,9 @@ inline constexpr Qos kCaseChunks{true, false, 64, 0, 0};
   X(RobotState, kSensor)                                                                                               \
   X(RangeSample, kSensor)                                                                                              \
   X(ForceSample, kSensor)                                                                                              \
+  X(RobotMotionState, kSensor)                                                                                         \
+  X(RobotPath, kPaths)                                                                                                 \
+  X(RobotDeadman, kDeadman)                                                                                            \
   X(ImageSlice, kBulkIn)                                                                                               \
   X(SurfacePoints, kBulkIn)                                                                                            \
   X(NavigationState, kState)                                                                                           \

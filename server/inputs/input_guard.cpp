@@ -74,6 +74,7 @@ template <class Sample> StreamHealth InputGuard<Sample>::health(std::int64_t now
 
 template class InputGuard<wire::TrackerFrame>;
 template class InputGuard<wire::RobotState>;
+template class InputGuard<wire::RobotMotionState>;
 template class InputGuard<wire::RangeSample>;
 template class InputGuard<wire::ForceSample>;
 

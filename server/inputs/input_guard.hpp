@@ -1,6 +1,6 @@
-// Input check of one stream. Every sample of TrackerFrame, RobotState, RangeSample or ForceSample passes here once. It
-// is either accepted, with its time of exposure on the host's clock, or rejected and counted per reason. Accepted
-// samples have finite values, valid rotations, terminated names, counts in range and increasing times.
+// Input check of one stream. Every sample of TrackerFrame, RobotState, RobotMotionState, RangeSample or ForceSample
+// passes here once. It is either accepted, with its time of exposure on the host's clock, or rejected and counted per
+// reason. Accepted samples have finite values, valid rotations, terminated names, counts in range and increasing times.
 //
 //   InputGuard<wire::TrackerFrame> guard(names, options);
 //   guard.set_host(host_clock);
@@ -30,6 +30,7 @@ namespace bregma::inputs {
 template <class Sample> struct KindOf;
 template <> struct KindOf<wire::TrackerFrame> { static constexpr auto kKind = bregma_wire_DEVICE_TRACKER; };
 template <> struct KindOf<wire::RobotState> { static constexpr auto kKind = bregma_wire_DEVICE_ROBOT; };
+template <> struct KindOf<wire::RobotMotionState> { static constexpr auto kKind = bregma_wire_DEVICE_ROBOT; };
 template <> struct KindOf<wire::RangeSample> { static constexpr auto kKind = bregma_wire_DEVICE_RANGE; };
 template <> struct KindOf<wire::ForceSample> { static constexpr auto kKind = bregma_wire_DEVICE_FORCE; };
 
@@ -86,6 +87,7 @@ private:
 
 extern template class InputGuard<wire::TrackerFrame>;
 extern template class InputGuard<wire::RobotState>;
+extern template class InputGuard<wire::RobotMotionState>;
 extern template class InputGuard<wire::RangeSample>;
 extern template class InputGuard<wire::ForceSample>;
 

@@ -18,6 +18,8 @@ bool is_constant(std::int32_t value) noexcept { return value >= 0; }
 
 bool is_name(const wire::Name &name) noexcept { return name[0] != '\0' && wire::is_terminated(name); }
 
+template <std::size_t N> bool is_ended(const char (&text)[N]) noexcept { return strnlen(text, N) < N; }
+
 bool are_finite(std::span<const double> values) noexcept {
   for (const double value : values) {
     if (!std::isfinite(value)) {
@@ -149,6 +151,24 @@ Rejection check_payload(const wire::RobotState &sample, const KnownTools & /*too
   }
   const Rejection pose = check_pose(sample.T_base_flange);
   return pose ? pose : check_covariance(sample.covariance);
+}
+
+Rejection check_payload(const wire::RobotMotionState &sample, const KnownTools & /*tools*/) noexcept {
+  if (sample.joint_count > bregma_wire_MAX_JOINTS || !is_constant(sample.operating_state) ||
+      !is_constant(sample.phase) || !is_constant(sample.cause) || !wire::is_terminated(sample.motion_client) ||
+      !is_ended(sample.text) || sample.waypoint_count > bregma_wire_MAX_WAYPOINTS ||
+      sample.waypoint > sample.waypoint_count) {
+    return bregma_wire_REJECT_MALFORMED;
+  }
+  if (!are_finite(std::span(sample.setpoint_jp_rad).first(sample.joint_count))) {
+    return bregma_wire_REJECT_NOT_FINITE;
+  }
+  // NaN: not stated.
+  if (sample.deadman_age_ms < 0.0 || sample.stop_distance_mm < 0.0 || std::isinf(sample.deadman_age_ms) ||
+      std::isinf(sample.stop_distance_mm)) {
+    return bregma_wire_REJECT_MALFORMED;
+  }
+  return std::nullopt;
 }
 
 Rejection check_payload(const wire::RangeSample &sample, const KnownTools & /*tools*/) noexcept {

@@ -40,6 +40,7 @@ using Rejection = std::optional<wire::RejectReason>; // nullopt: accepted
 // with its values: the others of the frame are used.
 [[nodiscard]] Rejection check_payload(const wire::TrackerFrame &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::RobotState &sample, const KnownTools &tools) noexcept;
+[[nodiscard]] Rejection check_payload(const wire::RobotMotionState &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::RangeSample &sample, const KnownTools &tools) noexcept;
 [[nodiscard]] Rejection check_payload(const wire::ForceSample &sample, const KnownTools &tools) noexcept;
 

@@ -1,4 +1,4 @@
-// Arbitrary bytes as samples of the four streams: nothing crashes, every sample is accepted or rejected, and accepted
+// Arbitrary bytes as samples of the five streams: nothing crashes, every sample is accepted or rejected, and accepted
 // samples satisfy the guarantees of the input check.
 #include <algorithm>
 #include <cmath>
@@ -81,6 +81,14 @@ void require_usable(const wire::RobotState &state) {
   require_rotation(state.T_base_flange);
   require_covariance(state.covariance);
 }
+void require_usable(const wire::RobotMotionState &state) {
+  require(state.operating_state >= 0 && state.phase >= 0 && state.cause >= 0);
+  require(wire::is_terminated(state.motion_client) && strnlen(state.text, sizeof state.text) < sizeof state.text);
+  require(state.joint_count <= bregma_wire_MAX_JOINTS && state.waypoint <= state.waypoint_count);
+  for (std::uint32_t i = 0; i < state.joint_count; ++i) {
+    require(std::isfinite(state.setpoint_jp_rad[i]));
+  }
+}
 void require_usable(const wire::RangeSample &sample) {
   require(sample.status > bregma_wire_RANGE_UNKNOWN);
   require(sample.status != bregma_wire_RANGE_VALID || (sample.range_mm >= 0.0 && sample.sigma_mm >= 0.0));
@@ -152,7 +160,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     return 0;
   }
   const Bytes rest(data + 1, size - 1);
-  switch (data[0] % 5) {
+  switch (data[0] % 6) {
   case 0:
     run<wire::TrackerFrame>(rest);
     break;
@@ -161,6 +169,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     break;
   case 2:
     run<wire::RangeSample>(rest);
+    break;
+  case 4:
+    run<wire::RobotMotionState>(rest);
     break;
   case 3:
     run_command(rest);

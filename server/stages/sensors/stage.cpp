@@ -1,6 +1,7 @@
 #include "server/stages/sensors/stage.hpp"
 
 #include <algorithm>
+#include <iterator>
 
 #include "server/inputs/device_names.hpp"
 #include "server/stages/host.hpp"
@@ -10,6 +11,20 @@ namespace bregma::server {
 namespace {
 
 constexpr double kShareRate_hz = 10.0; // rate of device health for monitoring and the health topic
+
+// An arm is one device with two streams. RobotState states whether it is live; what is refused is counted of both.
+void add_motions(inputs::StreamHealth &robots, const inputs::StreamHealth &motions) noexcept {
+  for (std::uint32_t i = 0; i < std::min(robots.device_count, motions.device_count); ++i) {
+    wire::DeviceHealth &robot = robots.devices[i];
+    const wire::DeviceHealth &motion = motions.devices[i];
+    for (std::size_t reason = 0; reason < std::size(robot.rejected); ++reason) {
+      robot.rejected[reason] += motion.rejected[reason];
+    }
+    robot.other_writer += motion.other_writer;
+  }
+  robots.unknown_device_samples += motions.unknown_device_samples;
+  robots.unknown_devices.add(motions.unknown_devices);
+}
 
 } // namespace
 
@@ -22,17 +37,22 @@ void declare(base::ParameterSet &set, SensorParameters &p) {
 SensorStage::SensorStage(const SensorParameters &parameters, const StageContext &context)
     : Stage(kName, {.thread = ThreadClass::kFifo, .rate_hz = kShareRate_hz, .triggered = true}),
       robot_guard_(inputs::split_names(parameters.robots), {}),
+      motion_guard_(inputs::split_names(parameters.robots), {}),
       range_guard_(inputs::split_names(parameters.ranges), {}),
-      force_guard_(inputs::split_names(parameters.forces), {}), robots_(context.link), ranges_(context.link),
-      forces_(context.link), boot_id_(context.host.boot_id()) {}
+      force_guard_(inputs::split_names(parameters.forces), {}), robots_(context.link), motions_(context.link),
+      ranges_(context.link), forces_(context.link), boot_id_(context.host.boot_id()) {}
 
 void SensorStage::step(const Moment &now) noexcept {
   const inputs::HostClock host = host_clock(now, boot_id_);
   robot_guard_.set_host(host);
+  motion_guard_.set_host(host);
   range_guard_.set_host(host);
   force_guard_.set_host(host);
   std::size_t taken = robots_.take_each(now.utc_ns, [&](const wire::RobotState &sample, std::uint64_t writer) noexcept {
     (void)robot_guard_.check(sample, writer, now.utc_ns); // the guard counts rejected samples
+  });
+  taken += motions_.take_each(now.utc_ns, [&](const wire::RobotMotionState &sample, std::uint64_t writer) noexcept {
+    (void)motion_guard_.check(sample, writer, now.utc_ns);
   });
   taken += ranges_.take_each(now.utc_ns, [&](const wire::RangeSample &sample, std::uint64_t writer) noexcept {
     (void)range_guard_.check(sample, writer, now.utc_ns);
@@ -47,11 +67,13 @@ void SensorStage::step(const Moment &now) noexcept {
   });
   if (taken == 0 || now.tick) {
     robot_guard_.set_writers_alive(robots_.writers_alive());
+    motion_guard_.set_writers_alive(motions_.writers_alive());
     range_guard_.set_writers_alive(ranges_.writers_alive());
     force_guard_.set_writers_alive(forces_.writers_alive());
   }
   if (now.tick) {
     inputs::StreamHealth health = robot_guard_.health(now.utc_ns);
+    add_motions(health, motion_guard_.health(now.utc_ns));
     inputs::add_to(health, range_guard_.health(now.utc_ns));
     inputs::add_to(health, force_guard_.health(now.utc_ns));
     devices.store(health);

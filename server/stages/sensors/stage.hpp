@@ -35,9 +35,11 @@ public:
 
 private:
   inputs::InputGuard<wire::RobotState> robot_guard_;
+  inputs::InputGuard<wire::RobotMotionState> motion_guard_;
   inputs::InputGuard<wire::RangeSample> range_guard_;
   inputs::InputGuard<wire::ForceSample> force_guard_;
   Subscriber<wire::RobotState> robots_;
+  Subscriber<wire::RobotMotionState> motions_;
   Subscriber<wire::RangeSample> ranges_;
   Subscriber<wire::ForceSample> forces_;
   wire::BootIdentity boot_id_;

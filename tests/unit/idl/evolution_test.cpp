@@ -171,10 +171,10 @@ TEST(Evolution, ACommandOfALaterRevisionArrivesWithItsKindSoThatItCanBeRefused) 
   ASSERT_TRUE(read);
   EXPECT_EQ(wire::view(read->client), "new-client");
   EXPECT_EQ(read->id, 5U);
-  EXPECT_EQ(wire::command_name(read->kind), "command 27");
+  EXPECT_EQ(wire::command_name(read->kind), "command 1027");
   EXPECT_EQ(read->body._d, 14);
   EXPECT_EQ(wire::view(read->receiver), "Arm") << "what follows a body of an unknown form is read";
-  EXPECT_EQ(wire::malformed(*read), "command 27 is not known");
+  EXPECT_EQ(wire::malformed(*read), "command 1027 is not known");
 }
 
 TEST(Evolution, ACommandOfAnEarlierRevisionIsExecuted) {

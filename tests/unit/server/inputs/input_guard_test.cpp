@@ -29,11 +29,13 @@ wire::TrackerFrame second_frame(std::uint64_t i) {
 template <class Sample> Sample good(std::uint64_t i);
 template <> wire::TrackerFrame good(std::uint64_t i) { return tracker_frame(i); }
 template <> wire::RobotState good(std::uint64_t i) { return robot_state(i); }
+template <> wire::RobotMotionState good(std::uint64_t i) { return robot_motion(i); }
 template <> wire::RangeSample good(std::uint64_t i) { return range_sample(i); }
 template <> wire::ForceSample good(std::uint64_t i) { return force_sample(i); }
 
 template <class Sample> class EveryStream : public testing::Test {};
-using Streams = testing::Types<wire::TrackerFrame, wire::RobotState, wire::RangeSample, wire::ForceSample>;
+using Streams =
+    testing::Types<wire::TrackerFrame, wire::RobotState, wire::RobotMotionState, wire::RangeSample, wire::ForceSample>;
 TYPED_TEST_SUITE(EveryStream, Streams);
 
 TYPED_TEST(EveryStream, HeaderRulesHold) {

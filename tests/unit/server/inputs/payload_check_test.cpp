@@ -178,6 +178,27 @@ TEST(PayloadCheck, RobotStates) {
   EXPECT_EQ(check_payload(unused, {}), std::nullopt);
 }
 
+TEST(PayloadCheck, MotionsOfAnArm) {
+  using Motion = wire::RobotMotionState;
+  expect_refusals<Motion>(
+      robot_motion(1), {},
+      {{"too many joints", [](Motion &m) { m.joint_count = 9; }, bregma_wire_REJECT_MALFORMED},
+       {"negative state", [](Motion &m) { m.operating_state = -2; }, bregma_wire_REJECT_MALFORMED},
+       {"negative phase", [](Motion &m) { m.phase = -1; }, bregma_wire_REJECT_MALFORMED},
+       {"negative cause", [](Motion &m) { m.cause = -1; }, bregma_wire_REJECT_MALFORMED},
+       {"client not ended", [](Motion &m) { std::memset(m.motion_client, 'x', 32); }, bregma_wire_REJECT_MALFORMED},
+       {"text not ended", [](Motion &m) { std::memset(m.text, 'x', sizeof m.text); }, bregma_wire_REJECT_MALFORMED},
+       {"too many waypoints", [](Motion &m) { m.waypoint_count = bregma_wire_MAX_WAYPOINTS + 1; },
+        bregma_wire_REJECT_MALFORMED},
+       {"beyond the last waypoint", [](Motion &m) { m.waypoint = 1; }, bregma_wire_REJECT_MALFORMED},
+       {"NaN setpoint", [](Motion &m) { m.setpoint_jp_rad[5] = wire::kUnknown; }, bregma_wire_REJECT_NOT_FINITE},
+       {"negative age", [](Motion &m) { m.deadman_age_ms = -1.0; }, bregma_wire_REJECT_MALFORMED},
+       {"infinite stop", [](Motion &m) { m.stop_distance_mm = kInf; }, bregma_wire_REJECT_MALFORMED}});
+  auto later = robot_motion(1);
+  later.phase = later.cause = 99; // values of a later revision
+  EXPECT_EQ(check_payload(later, {}), std::nullopt);
+}
+
 TEST(PayloadCheck, AMissingReadingIsNoNumber) {
   auto range = range_sample(1);
   range.range_mm = range.sigma_mm = wire::kUnknown;

@@ -52,6 +52,16 @@ inline wire::RobotState robot_state(std::uint64_t i) {
   return out;
 }
 
+inline wire::RobotMotionState robot_motion(std::uint64_t i) {
+  auto out = stamped<wire::RobotMotionState>("Robot", i);
+  out.operating_state = bregma_wire_ROBOT_ENABLED;
+  out.phase = bregma_wire_MOTION_NONE;
+  out.cause = bregma_wire_STOP_NONE;
+  out.joint_count = 6;
+  out.deadman_age_ms = out.stop_distance_mm = wire::kUnknown;
+  return out;
+}
+
 inline wire::RangeSample range_sample(std::uint64_t i) {
   auto out = stamped<wire::RangeSample>("Range", i);
   out.range_mm = 120.0;
