@@ -199,6 +199,7 @@ export class App {
     if (document.hidden) {
       this.awake = false;
       this.showCover(localTime()); // now: no frame is drawn while hidden, and the first one after must be covered
+      this.scene = null;
       this.display.blank();
       return;
     }

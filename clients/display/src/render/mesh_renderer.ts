@@ -93,11 +93,6 @@ export class MeshRenderer {
     this.drawModel(mesh, style, kIdentity4, kIdentity3);
   }
 
-  // A translucent surface over what is drawn already. One pass: sorting its near and far sides would cost a second one.
-  drawTranslucent(mesh: MeshBuffer, style: MeshStyle): void {
-    this.blended(() => this.draw(mesh, style));
-  }
-
   // The ellipsoid with these semi-axes as vectors.
   drawEllipsoid(centre: Vec3, semiAxes: readonly [Vec3, Vec3, Vec3], style: MeshStyle): void {
     const [a, b, c] = semiAxes;

@@ -4,7 +4,8 @@ import { lettersOf } from "../geometry/letters.ts";
 import { centredAt, kOrthogonalKinds, type Plane } from "../geometry/planes.ts";
 import { add, distance, negate, scale, unit, type Vec3 } from "../geometry/vector.ts";
 import { towardsViewer, viewMatrix } from "../render/camera.ts";
-import { type Colour, type MeshBuffer, MeshRenderer } from "../render/mesh_renderer.ts";
+import { LayerCache } from "../render/layer_cache.ts";
+import { type Colour, type MeshBuffer, MeshRenderer, type MeshStyle } from "../render/mesh_renderer.ts";
 import type { SliceLayers, SliceRenderer, Viewport } from "../render/slice_renderer.ts";
 import { type CaseData, type CaseMesh, colourOf } from "../state/case_data.ts";
 import { kColours } from "./colours.ts";
@@ -20,6 +21,7 @@ const rgb = (css: string): Colour => colourOf(css);
 
 export class SpaceView {
   private readonly meshes: MeshRenderer;
+  private readonly layers: LayerCache;
   private buffers = new Map<CaseMesh, MeshBuffer>();
   private air = Number.NEGATIVE_INFINITY;
   private deformed: { buffer: MeshBuffer; key: string } | null = null;
@@ -29,11 +31,13 @@ export class SpaceView {
     private readonly slices: SliceRenderer,
   ) {
     this.meshes = new MeshRenderer(gl);
+    this.layers = new LayerCache(gl);
   }
 
   setCase(data: CaseData | null): void {
     this.air = data?.air ?? Number.NEGATIVE_INFINITY;
     for (const buffer of this.buffers.values()) this.meshes.delete(buffer);
+    this.layers.clear();
     this.setDeformed(null);
     this.buffers = new Map((data?.meshes ?? []).map((m) => [m, this.meshes.upload(m.mesh)]));
   }
@@ -60,8 +64,8 @@ export class SpaceView {
       this.meshes.begin(matrix, towardsViewer(camera));
       this.drawPlan(scene);
       for (const tool of scene.tools) this.drawTool(tool);
-      this.drawMarks(view, scene);
-      this.drawSurfaces(view);
+      this.drawMarks(view, scene, camera.mm_per_pixel);
+      this.drawSurfaces(view, matrix, towardsViewer(camera), viewport);
     }
     gl.disable(gl.DEPTH_TEST);
   }
@@ -93,7 +97,7 @@ export class SpaceView {
     this.meshes.drawEllipsoid(tool.tip, [axis(0), axis(1), axis(2)], { ...style, opacity: 0.45 });
   }
 
-  private drawMarks(view: ViewState, scene: Scene): void {
+  private drawMarks(view: ViewState, scene: Scene, mm_per_pixel: number): void {
     for (const f of scene.fiducials) {
       this.meshes.drawBall(f.position, 2, {
         colour: rgb(f.suspect ? kColours.suspect : kColours.fiducial),
@@ -106,7 +110,7 @@ export class SpaceView {
       const reach = view.extent_mm / 2;
       const style = { colour: rgb(colour), opacity: 1 };
       const at = (mm: number) => add(view.cursor, scale(direction, mm));
-      this.meshes.drawRod(at(-reach), at(reach), 0.3, style);
+      this.meshes.drawRod(at(-reach), at(reach), Math.max(0.3, 0.7 * mm_per_pixel), style); // never between two pixels
     };
     const normal = (p: Plane): Vec3 =>
       unit([
@@ -119,24 +123,33 @@ export class SpaceView {
     rod(normal(s), kColours.sagittal);
   }
 
-  // Structures first, then what encloses them.
-  private drawSurfaces(view: ViewState): void {
+  // Structures first, then what encloses them. A layer per kind: a translucent surface shows its nearest side only.
+  private drawSurfaces(view: ViewState, matrix: Float32Array, viewer: Vec3, viewport: Viewport): void {
     const of = (kind: CaseMesh["kind"]) => [...this.buffers].filter(([mesh]) => mesh.kind === kind);
-    for (const [mesh, buffer] of of("structure")) this.drawSurface(buffer, mesh.colour, view.opacities.structure);
+    const layer = (name: CaseMesh["kind"], opacity: number, colourOfMesh: (mesh: CaseMesh) => Colour) => {
+      if (opacity <= 0.01) return;
+      const solid = opacity >= 0.99;
+      this.layers.draw(name, `${matrix} ${opacity}`, viewport, !solid, () => {
+        this.meshes.begin(matrix, viewer);
+        for (const [mesh, buffer] of of(name)) {
+          this.drawSurface(buffer, { colour: colourOfMesh(mesh), opacity: solid ? 1 : opacity });
+        }
+      });
+    };
+    layer("structure", view.opacities.structure, (mesh) => mesh.colour);
     if (this.deformed) {
+      this.meshes.begin(matrix, viewer);
       this.meshes.draw(this.deformed.buffer, { colour: [1, 1, 1], opacity: 1, ownColours: true });
     } else {
-      for (const [, buffer] of of("brain")) this.drawSurface(buffer, rgb(kColours.brain), view.opacities.brain);
+      layer("brain", view.opacities.brain, () => rgb(kColours.brain));
     }
-    for (const [, buffer] of of("scalp")) this.drawSurface(buffer, rgb(kColours.scalp), view.opacities.scalp);
+    layer("scalp", view.opacities.scalp, () => rgb(kColours.scalp));
   }
 
-  private drawSurface(buffer: MeshBuffer, colour: Colour, opacity: number): void {
-    if (opacity <= 0.01) return;
+  private drawSurface(buffer: MeshBuffer, style: MeshStyle): void {
     const { gl } = this;
-    gl.enable(gl.CULL_FACE); // the far side of a closed surface adds little and costs as much as the near one
-    if (opacity >= 0.99) this.meshes.draw(buffer, { colour, opacity: 1 });
-    else this.meshes.drawTranslucent(buffer, { colour, opacity });
+    gl.enable(gl.CULL_FACE); // the far side of a closed surface adds nothing and costs as much as the near one
+    this.meshes.draw(buffer, style);
     gl.disable(gl.CULL_FACE);
   }
 }

@@ -72,7 +72,7 @@ export class ViewState {
   cursor: Vec3 = [0, 0, 0];
   window: Window = { window: 100, level: 50 };
   ahead_mm = 10;
-  labels = true;
+  labels = false; // an atlas of the whole brain would hide the image: on by choice
   labelOpacity = 0.35;
   secondBlend = 0.5;
   trace = false;

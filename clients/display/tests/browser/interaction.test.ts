@@ -6,6 +6,7 @@ import { kColours } from "../../src/view/colours.ts";
 import { insertion } from "../support/fake_gateway.ts";
 import {
   countColour,
+  countRed,
   cursorOf,
   drawn,
   type OpenPage,
@@ -224,6 +225,41 @@ test("the three planes are in the 3-D panel, in step with the others", async () 
   await free([0, 0, 30]);
   assert.notEqual(await panelSum(open.page, kSpace), before);
   assert.ok((await countColour(open.page, "picture", kColours.axial, kSpace)) > 0, "the cross hair");
+});
+
+test("surfaces in 3-D hide what is behind them, and look the same after a turn and back", async () => {
+  const tool = open.gateway.tool;
+  open.gateway.tool = (now) => ({ ...tool(now), status: 5 }); // its region grows with the age of the pose
+  await free([0, 0, 0]);
+  // Pixels of the vessel, which is red and within the scalp, and a sum that changes with the picture.
+  const vessel = async (scalp: number, turn_rad: number) => {
+    await open.page.evaluate(
+      ([opacity, angle]) => {
+        const { view } = bregma;
+        view.opacities = { scalp: opacity, brain: 0, structure: 1, planes: false };
+        const [c, s] = [Math.cos(angle), Math.sin(angle)];
+        const turned = ([x, y, z]: readonly number[]): [number, number, number] => [c * x - s * y, s * x + c * y, z];
+        view.camera = { ...view.camera, right: turned([-0.8, 0.6, 0]), up: turned([-0.12, -0.16, 0.98]) };
+        bregma.changed();
+      },
+      [scalp, turn_rad] as const,
+    );
+    await drawn(open.page);
+    return [await countRed(open.page, kSpace), await panelSum(open.page, kSpace)];
+  };
+  const [seen, first] = await vessel(0, 0);
+  assert.ok(seen > 50, `${seen} pixels`);
+  const [behind] = await vessel(1, 0);
+  assert.equal(behind, 0);
+  const [, turned] = await vessel(0, 0.4);
+  assert.notEqual(turned, first);
+  assert.deepEqual(await vessel(0, 0), [seen, first]);
+  await open.page.evaluate(() => {
+    bregma.view.opacities = { scalp: 0.18, brain: 0.35, structure: 1, planes: true };
+    bregma.view.follow = true;
+  });
+  open.gateway.tool = tool;
+  await untilTool(open.page);
 });
 
 test("pan and zoom leave the cross hair where it is", async () => {

@@ -114,6 +114,24 @@ export function countColour(
   );
 }
 
+// Red pixels of a panel's picture, bright or in shade.
+export function countRed(page: Page, panel: number): Promise<number> {
+  return page.evaluate((index) => {
+    const rect = bregma.display.rectOf(index)!;
+    const copy = document.createElement("canvas");
+    copy.width = rect.width;
+    copy.height = rect.height;
+    const c = copy.getContext("2d")!;
+    c.drawImage(document.querySelector<HTMLCanvasElement>(".picture > canvas")!, -rect.x, -rect.y);
+    const { data } = c.getImageData(0, 0, rect.width, rect.height);
+    let count = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      if (data[i] > 80 && data[i] > 2.5 * data[i + 1] && data[i] > 2.5 * data[i + 2]) ++count;
+    }
+    return count;
+  }, panel);
+}
+
 // A number that changes with the picture of a panel.
 export function panelSum(page: Page, panel: number): Promise<number> {
   return page.evaluate((index) => {
