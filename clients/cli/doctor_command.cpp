@@ -17,6 +17,7 @@
 #include "clients/cli/doctor_network.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
 #include "clients/cli/support_bundle.hpp"
 #include "clients/live/daemon_link.hpp"
 #include "idl/version.hpp"
@@ -124,14 +125,13 @@ RealtimeCheck check_space(const std::filesystem::path &wanted) {
   const auto directory = existing_part(wanted);
   RealtimeCheck out;
   out.name = "space in " + directory.string();
-  const auto space = free_space(directory);
+  const auto space = recording_space(directory);
   if (!space) {
     out.fitness = Fitness::kBad;
     out.finding = space.error().message;
     return out;
   }
-  out.finding = fixed(static_cast<double>(space->bytes) / 1e9, 1, "GB") + " free: " + fixed(space->hours(), 1) +
-                " hours of recording at " + fixed(casefile::kTypicalBytesPerSecond / 1e6, 1, "MB/s");
+  out.finding = space_text(*space);
   // An operation lasts some hours, and its recording must not end before it.
   out.fitness = space->hours() >= 8.0 ? Fitness::kGood : space->hours() >= 1.0 ? Fitness::kLimited : Fitness::kBad;
   if (out.fitness != Fitness::kGood) {

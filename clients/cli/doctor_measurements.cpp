@@ -183,13 +183,13 @@ base::Result<Spread> measure_disk(const std::filesystem::path &directory, int bl
   return spread_of(std::move(times_ms));
 }
 
-base::Result<FreeSpace> free_space(const std::filesystem::path &directory) {
+base::Result<casefile::RecordingSpace> recording_space(const std::filesystem::path &directory) {
   std::error_code code;
   const auto space = std::filesystem::space(directory, code);
   if (code) {
     return base::failure(directory.string() + ": its free space is not known: " + code.message());
   }
-  return FreeSpace{space.available};
+  return casefile::RecordingSpace{space.available, casefile::kTypicalBytesPerSecond};
 }
 
 std::filesystem::path existing_part(std::filesystem::path directory) {

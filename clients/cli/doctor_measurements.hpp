@@ -45,11 +45,8 @@ private:
 // Writes and fsyncs blocks as large as the recorder's commits, in a temporary file. Milliseconds.
 [[nodiscard]] base::Result<Spread> measure_disk(const std::filesystem::path &directory, int blocks);
 
-struct FreeSpace {
-  std::uint64_t bytes = 0; // that a program without privileges may use
-  [[nodiscard]] double hours() const { return static_cast<double>(bytes) / casefile::kTypicalBytesPerSecond / 3600.0; }
-};
-[[nodiscard]] base::Result<FreeSpace> free_space(const std::filesystem::path &directory);
+// For a recording of the typical growth.
+[[nodiscard]] base::Result<casefile::RecordingSpace> recording_space(const std::filesystem::path &directory);
 
 // The directory itself or its nearest existing parent.
 [[nodiscard]] std::filesystem::path existing_part(std::filesystem::path directory);

@@ -42,6 +42,11 @@ std::string duration_text(double seconds) {
   return std::to_string(whole / 3600) + " h " + std::to_string(whole / 60 % 60) + " min";
 }
 
+std::string space_text(const casefile::RecordingSpace &space) {
+  return fixed(static_cast<double>(space.free_bytes) / 1e9, 1, "GB") + " free: " + fixed(space.hours(), 1) +
+         " hours of recording at " + fixed(space.bytes_per_s / 1e6, 1, "MB/s");
+}
+
 std::string printable(std::string_view text) {
   // A control character of ASCII, or one of C1 in UTF-8.
   std::string out;

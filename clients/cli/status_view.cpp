@@ -3,8 +3,10 @@
 #include <cmath>
 #include <iterator>
 #include <numeric>
+#include <optional>
 #include <span>
 
+#include "casefile/session_file/growth.hpp"
 #include "clients/cli/driver_view.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
@@ -56,6 +58,30 @@ std::string wire_text(const live::Snapshot &snapshot) {
   return out + (health.ill_typed_samples == 0
                     ? ""
                     : "Samples that are not of their topic's type: " + std::to_string(health.ill_typed_samples) + "\n");
+}
+
+// Nothing if the daemon does not record, or does not state its disk.
+std::optional<casefile::RecordingSpace> recording_space(const wire::SystemHealth &health) {
+  const casefile::RecordingSpace space{health.recording_free_bytes, health.recording_bytes_per_s};
+  return space.bytes_per_s > 0.0 ? std::optional(space) : std::nullopt;
+}
+
+std::string recorder_text(const wire::SystemHealth &health) {
+  std::string out = "Recorder  " + std::to_string(health.recorded) + " samples recorded, " +
+                    std::to_string(health.record_dropped) + " dropped" + (health.recorder_failing ? ", FAILING" : "");
+  const auto space = recording_space(health);
+  return out + (space ? "; " + space_text(*space) : "") + "\n";
+}
+
+json recorder_json(const wire::SystemHealth &health) {
+  json out = {{"recorded", health.recorded}, {"dropped", health.record_dropped}, {"failing", health.recorder_failing},
+              {"free_bytes", nullptr},       {"bytes_per_s", nullptr},           {"hours_left", nullptr}};
+  if (const auto space = recording_space(health)) {
+    out["free_bytes"] = space->free_bytes;
+    out["bytes_per_s"] = json_number(space->bytes_per_s);
+    out["hours_left"] = json_number(space->hours());
+  }
+  return out;
 }
 
 std::string registration_text(const live::Snapshot &snapshot) {
@@ -227,8 +253,7 @@ std::string status_text(const live::Snapshot &snapshot, std::uint32_t domain, co
     out += tools_table(snapshot, {}, now) + "\n";
   }
   out += devices_text(health, daemon) + "\n" + drivers_text(snapshot.drivers, now) + "\n" + loops_text(health) + "\n";
-  out += "Recorder  " + std::to_string(health.recorded) + " samples recorded, " +
-         std::to_string(health.record_dropped) + " dropped" + (health.recorder_failing ? ", FAILING" : "") + "\n";
+  out += recorder_text(health);
   out += "Memory  " + fixed(static_cast<double>(health.resident_bytes) / 1e6, 1, "MB") + " resident\n";
   for (const auto &[point, state] : snapshot.deformation) {
     out += "Deformation  " + prediction_line(view_prediction(state, daemon, now)) + "\n";
@@ -273,8 +298,7 @@ json status_json(const live::Snapshot &snapshot, std::uint32_t domain, const liv
                        {"last_step_ms", json_number(static_cast<double>(health.clock_step_ns) * 1e-6)}};
   out["unknown_device_samples"] = health.unknown_device_samples;
   out["resident_bytes"] = health.resident_bytes;
-  out["recorder"] = {
-      {"recorded", health.recorded}, {"dropped", health.record_dropped}, {"failing", health.recorder_failing}};
+  out["recorder"] = recorder_json(health);
   out["devices"] = json::array();
   for (const auto &device : devices(health)) {
     out["devices"].push_back(device_json(device, daemon));

@@ -61,13 +61,13 @@ void RoomOutput::clear() {
 }
 
 struct SimulatedRoom::State {
-  State(const casefile::Case &the_case, const Scenario &the_scenario, std::uint64_t seed)
-      : a_case(without_structures(the_case)), scenario(the_scenario), patient(a_case, scenario.patient, seed),
-        arm(patient, scenario.robot, seed), person(a_case, scenario, patient, arm, seed),
-        tracker(patient, scenario.tracker, seed), clock(scenario.tracker, seed),
-        force(the_case.brain.mesh, scenario.tissue, scenario.sensors, seed), range(patient, scenario.sensors, seed),
-        faults(scenario.faults), delays(seed, "delays"), losses(seed, "losses"), bumps(seed, "bumps"),
-        probe(first_probe(patient)), tracker_ticker(scenario.tracker.rate_hz),
+  State(const casefile::Case &the_case, const Scenario &the_scenario, std::uint64_t the_seed)
+      : seed(the_seed), a_case(without_structures(the_case)), scenario(the_scenario),
+        patient(a_case, scenario.patient, seed), arm(patient, scenario.robot, seed),
+        person(a_case, scenario, patient, arm, seed), tracker(patient, scenario.tracker, seed),
+        clock(scenario.tracker, seed), force(the_case.brain.mesh, scenario.tissue, scenario.sensors, seed),
+        range(patient, scenario.sensors, seed), faults(scenario.faults), delays(seed, "delays"), losses(seed, "losses"),
+        bumps(seed, "bumps"), probe(first_probe(patient)), tracker_ticker(scenario.tracker.rate_hz),
         operator_ticker(1e9 / Operator::kTick_ns), robot_ticker(scenario.robot.rate_hz),
         force_ticker(scenario.sensors.force_rate_hz), range_ticker(scenario.sensors.range_rate_hz) {}
 
@@ -80,6 +80,7 @@ struct SimulatedRoom::State {
   template <class Sample>
   void stamp(Sample &sample, const char *device, std::uint64_t frame, std::int64_t time_ns, const Ticker &ticker);
 
+  std::uint64_t seed;
   casefile::Case a_case;
   Scenario scenario;
   Patient patient;
@@ -146,6 +147,8 @@ wire::SimulatedTruth SimulatedRoom::State::truth(std::int64_t time_ns) const {
   (void)wire::set_name(out.step, person.label());
   out.frame = tracker_frame;
   out.time_ns = time_ns;
+  out.seeded = true;
+  out.seed = seed;
   out.T_image_reference = wire::to_wire(patient.T_image_reference);
   for (std::size_t i = 0; i < patient.tools.size() && i < bregma_wire_MAX_TOOLS; ++i) {
     const T_ImageTip T_image_tip = person.true_tip(i, time_ns);

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "idl/names.hpp"
+#include "server/recording/recording_space.hpp"
 #include "server/runtime/realtime.hpp"
 
 namespace bregma::recording {
@@ -26,7 +27,7 @@ constexpr const char *kPollChannel = "poll";
 class LogCopier {
 public:
   LogCopier(std::filesystem::path file, casefile::SessionLog log, std::chrono::milliseconds interval,
-            runtime::LatestValue<RecordingSpace> &space)
+            runtime::LatestValue<casefile::RecordingSpace> &space)
       : file_(std::move(file)), log_(std::move(log)), space_(space),
         thread_([this, interval](const std::stop_token &stop) { run(stop, interval); }) {}
 
@@ -50,13 +51,13 @@ private:
     growth_.observe(recording_bytes(file_), time.count());
     std::error_code error;
     const auto space = std::filesystem::space(file_, error);
-    space_.store(error ? RecordingSpace{} : RecordingSpace{space.available, growth_.bytes_per_s()});
+    space_.store(error ? casefile::RecordingSpace{} : casefile::RecordingSpace{space.available, growth_.bytes_per_s()});
   }
 
   std::filesystem::path file_;
   casefile::SessionLog log_;
   RecordingGrowth growth_;
-  runtime::LatestValue<RecordingSpace> &space_;
+  runtime::LatestValue<casefile::RecordingSpace> &space_;
   std::jthread thread_; // last: it uses the log
 };
 
@@ -144,7 +145,7 @@ RecorderStatus Recorder::status() const noexcept {
     out.dropped += channel->dropped();
   }
   out.open = recording_.load(std::memory_order_relaxed);
-  out.space = space_.load().value_or(RecordingSpace{});
+  out.space = space_.load().value_or(casefile::RecordingSpace{});
   if (const auto failure = failure_.load()) {
     out.failing = failure->failing;
     std::memcpy(out.text, failure->text, sizeof out.text);

@@ -32,9 +32,9 @@
 #include <vector>
 
 #include "base/result.hpp"
+#include "casefile/session_file/growth.hpp"
 #include "casefile/session_file/session_file.hpp"
 #include "idl/topics.hpp"
-#include "server/recording/recording_space.hpp"
 #include "server/runtime/byte_ring.hpp"
 #include "server/runtime/latest_value.hpp"
 
@@ -53,8 +53,8 @@ struct RecorderStatus {
       0; // since the start: records that did not fit a ring, or that the disk did not accept before close
   bool open = false;
   bool failing = false;
-  char text[256] = {};       // reason of the failure, for messages
-  RecordingSpace space = {}; // of the open file's disk, measured with every copy of its log
+  char text[256] = {};                 // reason of the failure, for messages
+  casefile::RecordingSpace space = {}; // of the open file's disk, measured with every copy of its log
 };
 
 namespace detail {
@@ -148,7 +148,7 @@ private:
   std::atomic<std::uint64_t> recorded_{0};
   std::atomic<std::uint64_t> undelivered_{0};
   runtime::LatestValue<detail::Failure> failure_;
-  runtime::LatestValue<RecordingSpace> space_; // written by the copier's thread
+  runtime::LatestValue<casefile::RecordingSpace> space_; // written by the copier's thread
 
   std::mutex mutex_; // guards the next three; no loop takes it
   std::condition_variable wake_;

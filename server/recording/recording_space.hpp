@@ -1,16 +1,10 @@
-// How long the disk of a recording lasts: its free space, and how fast the recording grows.
+// How fast the recording of a session grows.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 
 namespace bregma::recording {
-
-struct RecordingSpace {
-  std::uint64_t free_bytes = 0; // for a program without privileges
-  double bytes_per_s = 0.0;     // 0: nothing is recorded
-  [[nodiscard]] double hours() const { return static_cast<double>(free_bytes) / bytes_per_s / 3600.0; }
-};
 
 // The rate of a file that grows unevenly: its fastest minute, since an operation has quiet ones. During the first
 // minute casefile::kTypicalBytesPerSecond.

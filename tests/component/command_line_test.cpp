@@ -63,6 +63,8 @@ TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
   EXPECT_EQ(loaded.json()["session"], "case loaded");
   EXPECT_TRUE(comes_to(bregma_wire_SESSION_CASE_LOADED));
   EXPECT_EQ(bregma("status --json").json()["session"], "case loaded");
+  EXPECT_TRUE(operation.observe_until([this] { return operation.health.recording_bytes_per_s > 0.0; }));
+  EXPECT_GT(bregma("status --json").json()["recorder"]["hours_left"], 0.0) << "the disk of the recording";
   const auto targets = bregma("target list --json");
   EXPECT_EQ(targets.json()["targets"][0]["target"], "Deep") << targets.out;
 

@@ -96,7 +96,12 @@ std::string page_header(const SessionAnalysis &session, const std::vector<Judgem
                           " limits exceeded</span>";
   std::string sub = date_text(session.start_ns) + " \u00b7 " + duration_text(session.seconds(session.end_ns)) +
                     " \u00b7 " + std::to_string(session.tracker_frames) + " tracker frames";
-  sub += session.has_truth ? " \u00b7 simulated, so the truth is known" : " \u00b7 true errors are not known";
+  if (session.has_truth) {
+    sub += " \u00b7 simulated" + (session.seed ? " with seed " + std::to_string(*session.seed) : std::string()) +
+           ", so the truth is known";
+  } else {
+    sub += " \u00b7 true errors are not known";
+  }
   sub += " \u00b7 " + version_of(session);
   return "<header><h1>Navigation report: " + base::escape(case_of(session)) + "</h1>" + badge + "<p class='sub'>" +
          base::escape(sub) + "</p></header>";

@@ -43,12 +43,14 @@ footer{color:var(--soft);font-size:.85rem}
 .cards{grid-template-columns:1fr 1fr;gap:8px}.card{padding:10px 12px}.card b{font-size:1.25rem}}
 @media print{*{-webkit-print-color-adjust:exact;print-color-adjust:exact}body{background:#fff;font-size:9.5pt;line-height:1.35}main{max-width:none;padding:0}
 section,.card{border-color:#ccc;border-radius:4px}section{padding:8px 10px;margin:0 0 8px;break-inside:auto}.card{padding:6px 9px;break-inside:avoid}
-h1{font-size:15pt}h2{font-size:11.5pt;margin:0 0 5px}h2,h3{break-after:avoid}h3{margin:8px 0 4px}
+h1{font-size:15pt}h2{font-size:11.5pt;margin:0 0 5px}h2,h3{break-after:avoid}h3{margin:8px 0 4px;font-size:9.5pt}
 .cards{grid-template-columns:repeat(4,1fr);gap:6px;margin-bottom:8px}.card b{font-size:12.5pt}
-.columns{display:block;margin:0}.columns>section{margin:0 0 8px}.scroll{overflow:visible}
-table{font-size:8pt}th{white-space:normal;font-size:7.5pt}th,td{padding:2px 8px 2px 0;overflow-wrap:anywhere}thead{display:table-header-group}tr,figure,.heads{break-inside:avoid}
+.columns,.pair{grid-template-columns:1fr 1fr;gap:8px;margin:0 0 8px}.scroll{overflow:visible}
+table{font-size:8pt}th{white-space:normal;font-size:7.5pt}th,td{padding:2px 7px 2px 0;min-width:7em;overflow-wrap:anywhere}
+th.n,td.n{min-width:0;overflow-wrap:normal}td.n{white-space:nowrap}thead{display:table-header-group}tr,figure,.heads{break-inside:avoid}
+.columns th,.columns td{min-width:5.2em}.columns th.n,.columns td.n{min-width:0}
 .heads{grid-template-columns:repeat(4,1fr)}.heads p,figcaption,.note,.sub,footer,.card small,.card span{font-size:8pt}figcaption{margin-top:3px}
-figure+figure{margin-top:8px}svg{max-height:72mm}.wide{display:block}.narrow{display:none}@page{size:A4;margin:12mm}}
+figure+figure{margin-top:8px}svg{max-height:56mm}.wide{display:block}.narrow{display:none}@page{size:A4;margin:12mm}}
 )css";
 
 } // namespace bregma::cli::report

@@ -209,6 +209,7 @@ struct SessionAnalysis {
   std::uint64_t records = 0;
   std::uint64_t tracker_frames = 0;
   bool has_truth = false;
+  std::optional<std::uint64_t> seed; // of the simulated run
 
   std::vector<std::string> tools;
   std::vector<TipSample> tips;           // in the order of publication

@@ -253,6 +253,7 @@ json summary_json(const SessionAnalysis &session, const std::vector<Judgement> &
            {"tracker_frames", session.tracker_frames},
            {"record_dropped", session.record_dropped},
            {"has_truth", session.has_truth},
+           {"seed", session.seed ? json(*session.seed) : json(nullptr)},
            {"path", session.path_summary ? path_json(*session.path_summary, session) : json()},
            {"navigation_rate_hz", json_number(session.navigation_rate_hz)},
            {"latency_exposure_to_published_ms", spread_json(session.exposure_to_published_ms)},

@@ -49,6 +49,7 @@ public:
   base::Result<void> read(const casefile::SessionReader &reader, Tools &tools) {
     return reader
         .each<wire::SimulatedTruth>([&](const wire::SimulatedTruth &truth, std::int64_t) {
+          seed_ = truth.seeded ? std::optional<std::uint64_t>(truth.seed) : seed_;
           const auto T_image_reference = wire::from_wire<frame::Image, frame::Reference>(truth.T_image_reference);
           for (std::size_t i = 0; i < std::min<std::size_t>(truth.tool_count, std::size(truth.tools)); ++i) {
             const auto &tool = truth.tools[i];
@@ -61,6 +62,7 @@ public:
         .map([](std::size_t) {});
   }
   [[nodiscard]] bool empty() const { return tips_.empty(); }
+  [[nodiscard]] std::optional<std::uint64_t> seed() const { return seed_; } // of the simulated run, if it is stated
 
   // The frame with this number that is nearest in time.
   [[nodiscard]] const TrueTip *find(std::uint64_t frame_number, std::uint32_t tool, std::int64_t time_ns) const {
@@ -78,6 +80,7 @@ public:
 
 private:
   std::unordered_multimap<std::uint64_t, TrueTip> tips_;
+  std::optional<std::uint64_t> seed_;
 };
 
 // The registration that was valid at a time.
@@ -305,6 +308,7 @@ base::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAn
     return read;
   }
   out.has_truth = !truth.empty();
+  out.seed = truth.seed();
   TipPass pass(out, tools, truth, accepted);
   auto read =
       reader.each<wire::NavigationState>([&](const wire::NavigationState &state, std::int64_t) { pass.take(state); });

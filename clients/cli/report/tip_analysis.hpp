@@ -5,7 +5,7 @@
 
 namespace bregma::cli::report {
 
-// Fills tips, tools, latencies, navigation rate, at_target, path, approaches and has_truth.
+// Fills tips, tools, latencies, navigation rate, at_target, path, approaches, has_truth and seed.
 [[nodiscard]] base::Result<void> analyse_tips(const casefile::SessionReader &reader, SessionAnalysis &out);
 
 [[nodiscard]] Distribution distribution_of(std::vector<double> values);

@@ -51,6 +51,8 @@ void HealthStage::step(const Moment &now) noexcept {
   health.recorded = recorder.recorded;
   health.record_dropped = recorder.dropped + events_->dropped() + conditions_->dropped();
   health.recorder_failing = recorder.failing;
+  health.recording_free_bytes = recorder.space.free_bytes;
+  health.recording_bytes_per_s = recorder.space.bytes_per_s;
   health.resident_bytes = runtime::resident_bytes();
   std::copy(boot_id_.begin(), boot_id_.end(), health.boot_id);
   health.published_boot_ns = now.boot_ns;

@@ -301,7 +301,7 @@ void MonitoringPipeline::watch_system(const MonitoringView &view, std::int64_t n
   alarms_.update(
       {alarm::kDisk, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)}, "",
       view.recorder.failing, disk.text, now_ns);
-  const recording::RecordingSpace &space = view.recorder.space;
+  const casefile::RecordingSpace &space = view.recorder.space;
   char left[160];
   (void)std::snprintf(left, sizeof left,
                       "the disk of the recording lasts for %.0f minutes more (%.1f GB): remove old recordings, or "

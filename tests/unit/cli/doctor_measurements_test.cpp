@@ -71,12 +71,12 @@ TEST(Doctor, SpreadIsOfTheNearestRank) {
   EXPECT_EQ(cli::spread_of({}).count, 0U);
 }
 
-TEST(FreeSpaceTest, HoursFollowFromTheMeasuredRateOfARecording) {
-  EXPECT_NEAR(cli::FreeSpace{8'640'000'000}.hours(), 1.0, 1e-12);
-  const auto here = cli::free_space(".");
+TEST(RecordingSpace, HoursFollowFromTheRateOfARecording) {
+  EXPECT_NEAR((casefile::RecordingSpace{8'640'000'000, casefile::kTypicalBytesPerSecond}.hours()), 1.0, 1e-12);
+  const auto here = cli::recording_space(".");
   ASSERT_TRUE(here.has_value()) << here.error().message;
-  EXPECT_GT(here->bytes, 0U);
-  EXPECT_FALSE(cli::free_space("/nowhere").has_value());
+  EXPECT_GT(here->free_bytes, 0U);
+  EXPECT_FALSE(cli::recording_space("/nowhere").has_value());
 }
 
 } // namespace

@@ -285,6 +285,19 @@ TEST(LiveView, StatusCountsWhatWasRejectedByReason) {
   EXPECT_NEAR(device["age_ms"].get<double>(), 304.0, 1e-6) << "its age has grown since the daemon stated it";
 }
 
+TEST(LiveView, StatusStatesTheHoursOfRecordingThatAreLeft) {
+  auto snapshot = navigating();
+  EXPECT_FALSE(has(status_text(snapshot, 0, kNow), "hours of recording")) << "nothing is recorded";
+  EXPECT_TRUE(status_json(snapshot, 0, kNow)["recorder"]["hours_left"].is_null());
+  snapshot.health->recording_free_bytes = 43'200'000'000;
+  snapshot.health->recording_bytes_per_s = 1.2e6;
+  const std::string text = status_text(snapshot, 0, kNow);
+  EXPECT_TRUE(has(text, "43.2 GB free: 10.0 hours of recording at 1.2 MB/s")) << text;
+  const auto recorder = status_json(snapshot, 0, kNow)["recorder"];
+  EXPECT_NEAR(recorder["hours_left"].get<double>(), 10.0, 1e-12);
+  EXPECT_EQ(recorder["free_bytes"], 43'200'000'000);
+}
+
 TEST(LiveView, StatusShowsWhatTheDriversSay) {
   auto snapshot = navigating();
   live::Received<wire::DriverHealth> driver{};

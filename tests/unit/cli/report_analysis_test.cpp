@@ -71,6 +71,7 @@ TEST_F(Report, LatencyRateAndErrorsMatchTheRecordedSamples) {
   EXPECT_NEAR(session->navigation_rate_hz, 1000.0 / 4.01, 1e-6) << "each state comes 0.01 ms later than the last";
 
   ASSERT_TRUE(session->has_truth);
+  EXPECT_EQ(session->seed, 20260901U);
   ASSERT_TRUE(session->at_target.has_value());
   const auto &target = *session->at_target;
   EXPECT_EQ(target.tool, "Probe");
@@ -212,6 +213,7 @@ TEST_F(Report, WithoutTruthTrueErrorsAreNotKnownAndNeverZero) {
   const auto session = analysed([&](auto &writer) { test::write_run(writer, plan); });
   ASSERT_TRUE(session.has_value());
   EXPECT_FALSE(session->has_truth);
+  EXPECT_FALSE(session->seed.has_value());
   ASSERT_TRUE(session->at_target.has_value());
   EXPECT_EQ(session->at_target->true_error_mm.count(), 0U);
   EXPECT_TRUE(std::isnan(session->at_target->inside_share));

@@ -184,6 +184,13 @@ TEST(Page, ThePathIsDrawnAlongThePlanAndOnTheHead) {
   EXPECT_EQ(page->find("<b>iopsy"), std::string::npos);
 }
 
+TEST(Page, TheSeedOfASimulatedRunIsStatedWhereItIsKnown) {
+  SessionAnalysis session = some_session();
+  EXPECT_NE(html_report(session, {})->find("simulated, so the truth is known"), std::string::npos);
+  session.seed = 20260901;
+  EXPECT_NE(html_report(session, {})->find("simulated with seed 20260901, so the truth is known"), std::string::npos);
+}
+
 TEST(Page, VersionAndPivotsAreStated) {
   SessionAnalysis session = some_session();
   EXPECT_NE(html_report(session, {})->find("version not known"), std::string::npos);

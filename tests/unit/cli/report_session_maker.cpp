@@ -80,6 +80,8 @@ void write_run(casefile::SessionWriter &writer, const RunPlan &plan) {
       truth.frame = frame.frame;
       truth.time_ns = exposed_ns;
       truth.T_image_reference = {{1, 0, 0, 0}, {10.0, 0, 0}};
+      truth.seeded = true;
+      truth.seed = 20260901;
       truth.tool_count = 1;
       name(truth.tools[0].tool, "Probe");
       truth.tools[0].T_image_tip = {{1, 0, 0, 0}, {true_x, 5.0, -3.0}};

@@ -34,7 +34,9 @@ TEST(SimulatedRoom, SameSeedSameBytes) {
   EXPECT_TRUE(same_bytes(one.all.range_samples, two.all.range_samples));
   EXPECT_TRUE(same_bytes(one.all.commands, two.all.commands));
   EXPECT_FALSE(same_bytes(one.all.frames, other.all.frames));
-  EXPECT_FALSE(same_bytes(one.all.truths, other.all.truths));
+  EXPECT_TRUE(one.all.truths.front().seeded);
+  EXPECT_EQ(one.all.truths.front().seed, 4U);
+  EXPECT_EQ(other.all.truths.front().seed, 5U);
 }
 
 TEST(SimulatedRoom, TheResultIsIndependentOfTheTimeSteps) {

@@ -5,6 +5,7 @@
 
 #include "casefile/session_file/growth.hpp"
 #include "server/recording/recorder.hpp"
+#include "server/recording/recording_space.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/server/recording/recording_support.hpp"
 
@@ -91,7 +92,7 @@ TEST(Recorder, StatesTheSpaceOfItsDiskWhileItRecords) {
   EXPECT_EQ(recorder.status().space.bytes_per_s, 0.0);
   ASSERT_TRUE(recorder.open(folder / "a.session", {}, {}));
   ASSERT_TRUE(test::eventually([&] { return recorder.status().space.bytes_per_s > 0.0; }));
-  const RecordingSpace space = recorder.status().space;
+  const casefile::RecordingSpace space = recorder.status().space;
   const auto disk = std::filesystem::space(folder / ".").capacity;
   EXPECT_GT(space.free_bytes, 0U);
   EXPECT_LE(space.free_bytes, disk);
