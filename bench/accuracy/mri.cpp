@@ -14,6 +14,9 @@ int main(int argc, char **argv) {
   app.add_option("--seeds", options.seeds, "Runs of each part; 0: as many as the part has by itself")
       ->check(CLI::Range(0, 100000))
       ->capture_default_str();
+  app.add_option("--first", options.first, "Coverage: number of the first run, for samples in several parts")
+      ->check(CLI::Range(0, 1000000))
+      ->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   constexpr std::pair<const char *, void (*)(bench::Report &, const bench::MriBenchOptions &)> kParts[] = {
       {"distortion", bench::distortion_figures},

@@ -7,6 +7,7 @@ namespace bregma::bench {
 
 struct MriBenchOptions : Options {
   int seeds = 0; // 0: as many as the part has by itself
+  int first = 0; // run of the coverage
 };
 
 void distortion_figures(Report &report, const MriBenchOptions &options); // table 3 on a real phantom; times

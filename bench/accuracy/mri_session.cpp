@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algorithms/mri/grid/grid_points.hpp"
+#include "algorithms/mri/point_matching.hpp"
 #include "algorithms/registration/points/paired_points.hpp"
 
 namespace bregma::bench {
@@ -10,6 +12,8 @@ namespace bregma::bench {
 namespace {
 
 using namespace sim::scanner;
+
+constexpr double kCoarserCt = 3.0; // times the voxels of the paper's CT, for memory and time
 
 // A normal error with this mean length.
 double sigma_of_mean(double mean_mm) { return mean_mm / std::sqrt(8.0 / M_PI); }
@@ -37,7 +41,17 @@ std::optional<Rigid3<mri::frame::Base, mri::frame::Device>> least_squares(const 
 }
 
 MriSession::MriSession(const ScannerOptions &options, std::uint64_t seed)
-    : scanner_(std::make_unique<SimulatedScanner>(options, seed)), seed_(seed) {
+    : scanner_(std::make_unique<SimulatedScanner>(options, seed)), seed_(seed), design_(options.phantom) {
+  name_coils(options);
+}
+
+MriSession::MriSession(const ScannerOptions &options, std::uint64_t seed, const MriSession &mapped)
+    : scanner_(std::make_unique<SimulatedScanner>(options, seed, mapped.scanner_->shared_field())), seed_(seed),
+      design_(options.phantom), field_(mapped.field_) {
+  name_coils(options);
+}
+
+void MriSession::name_coils(const ScannerOptions &options) {
   frame_.name = "tuna";
   frame_.build_sigma_mm = options.errors.build_mm;
   for (const CoilDesign &c : scanner_->design()) {
@@ -55,7 +69,7 @@ std::vector<int> MriSession::coils_of(const std::vector<std::string> &groups) co
   return out;
 }
 
-bool MriSession::map_field() {
+std::optional<MriSession::Pairs> MriSession::disturbed_points() const {
   sim::Random random(seed_, "control points");
   const Acquisition acquisition(scanner_->field(), phantom_protocol(), scanner_->phantom_plan());
   const std::vector<Vector3d> &crossings = scanner_->truth().crossings_mm;
@@ -71,14 +85,43 @@ bool MriSession::map_field() {
     some_mr.push_back(mr[i * mr.size() / n]);
   }
   const auto T = registration::fit_rigid(some_ct, some_mr);
-  geometry::Points3 real(3, static_cast<Eigen::Index>(ct.size())), imaged = real;
-  for (std::size_t i = 0; i < ct.size(); ++i) {
-    real.col(static_cast<Eigen::Index>(i)) = *T * ct[i];
-    imaged.col(static_cast<Eigen::Index>(i)) = mr[i];
+  if (!T) {
+    return std::nullopt;
   }
-  auto field = mri::DistortionField::fit(real, imaged);
+  Pairs out{geometry::Points3(3, static_cast<Eigen::Index>(ct.size())), {}};
+  out.imaged = out.real;
+  for (std::size_t i = 0; i < ct.size(); ++i) {
+    out.real.col(static_cast<Eigen::Index>(i)) = *T * ct[i];
+    out.imaged.col(static_cast<Eigen::Index>(i)) = mr[i];
+  }
+  return out;
+}
+
+std::optional<MriSession::Pairs> MriSession::points_from_images() {
+  mri::GridOptions grid;
+  grid.cell_mm = design_.pitch_mm();
+  grid.bar_mm = design_.bar_mm;
+  const auto mr = mri::find_grid_points(scanner_->phantom(phantom_protocol(), scanner_->phantom_plan()), grid);
+  grid.bright = true;
+  const auto ct = mri::find_grid_points(scanner_->ct(kCoarserCt), grid);
+  if (!ct || !mr) {
+    return std::nullopt;
+  }
+  const mri::MatchResult match = mri::match_points(ct->points_mm, mr->points_mm);
+  if (match.outcome != mri::MatchOutcome::kMatched) {
+    return std::nullopt;
+  }
+  return Pairs{match.reference_points(ct->points_mm), match.imaged_points(mr->points_mm)};
+}
+
+bool MriSession::map_field(ControlPoints source) {
+  const auto pairs = source == ControlPoints::kImages ? points_from_images() : disturbed_points();
+  if (!pairs) {
+    return false;
+  }
+  auto field = mri::DistortionField::fit(pairs->real, pairs->imaged);
   if (field) {
-    field_ = std::move(*field);
+    field_ = std::make_shared<const mri::DistortionField>(std::move(*field));
   }
   return field.has_value();
 }

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "algorithms/geometry/points.hpp"
 #include "algorithms/mri/coils/robot_registration.hpp"
 #include "algorithms/mri/distortion_field.hpp"
 #include "drivers/sim/scanner/simulated_scanner.hpp"
@@ -25,14 +26,19 @@ struct StackPair {
   Vector3d normal = Vector3d::UnitZ(); // of the slices, in Device
 };
 
+// Where the control points of the field come from: found in images of the phantom in CT and MR, or the true crossings,
+// displaced at random by the mean errors that their detection may have (0.08 mm in CT, 0.15 mm in MR).
+enum class ControlPoints { kDisturbed, kImages };
+
 class MriSession {
 public:
   MriSession(const sim::scanner::ScannerOptions &options, std::uint64_t seed);
+  // Another session of the same scanner, with the field that `mapped` has mapped.
+  MriSession(const sim::scanner::ScannerOptions &options, std::uint64_t seed, const MriSession &mapped);
 
-  // Control points of the phantom, with the mean errors that their detection may have (0.08 mm in CT, 0.15 mm in MR),
-  // and the field through them. CT and MR points are brought together by least squares, as a rigid registration does.
-  // False where no field fits.
-  bool map_field();
+  // The field through the phantom's control points. CT and MR points are brought together by least squares, as a rigid
+  // registration does. False where no field fits.
+  bool map_field(ControlPoints source = ControlPoints::kDisturbed);
 
   // One pair of stacks. vendor: as the vendor's correction leaves it.
   [[nodiscard]] std::unique_ptr<StackPair> scan(const sim::scanner::Protocol &protocol,
@@ -50,16 +56,24 @@ public:
 
   [[nodiscard]] sim::scanner::SimulatedScanner &scanner() { return *scanner_; }
   [[nodiscard]] const mri::CoilFrame &frame() const { return frame_; }
-  [[nodiscard]] const mri::DistortionField *field() const { return field_ ? &*field_ : nullptr; }
+  [[nodiscard]] const mri::DistortionField *field() const { return field_.get(); }
   [[nodiscard]] std::vector<int> coils_of(const std::vector<std::string> &groups) const;
 
 private:
+  struct Pairs {
+    geometry::Points3 real, imaged; // real: in the frame of the imaged points
+  };
+  [[nodiscard]] std::optional<Pairs> disturbed_points() const;
+  [[nodiscard]] std::optional<Pairs> points_from_images();
   [[nodiscard]] std::optional<mri::CorrectedPoint> corrected(const Vector3d &shown_mm) const;
+
+  void name_coils(const sim::scanner::ScannerOptions &options);
 
   std::unique_ptr<sim::scanner::SimulatedScanner> scanner_;
   std::uint64_t seed_;
+  sim::scanner::PhantomDesign design_;
   mri::CoilFrame frame_;
-  std::optional<mri::DistortionField> field_;
+  std::shared_ptr<const mri::DistortionField> field_;
 };
 
 // Stacks of the paper: top or bottom coils in 60 coronal slices; the tree in 60, 100, 120 or 120 slices.

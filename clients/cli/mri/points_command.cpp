@@ -1,4 +1,4 @@
-// `bregma mri points`: control points of a grid phantom in an image.
+// `bregma mri points`: control points of a phantom, a grid or separate markers, in an image.
 #include <memory>
 #include <string>
 #include <vector>
@@ -6,8 +6,11 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <nlohmann/json.hpp>
+#include <tl/expected.hpp>
 
 #include "algorithms/mri/grid/grid_points.hpp"
+#include "algorithms/mri/grid/marker_points.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
@@ -15,12 +18,59 @@
 
 namespace bregma::cli {
 
+using nlohmann::json;
+
 namespace {
 
 struct PointsArguments {
   std::string image, output, series;
+  bool separate_markers = false;
   mri::GridOptions grid;
+  mri::MarkerOptions markers;
 };
+
+struct FoundPoints {
+  geometry::Points3 points_mm;
+  json figures; // counts, for JSON
+  std::string text;
+};
+
+std::string left_out_lines(const geometry::Points3 &points_mm, const char *why) {
+  std::string out;
+  for (Eigen::Index i = 0; i < points_mm.cols(); ++i) {
+    out += "Left out: " + vector_text(points_mm.col(i), 1) + " mm " + why + "\n";
+  }
+  return out;
+}
+
+tl::expected<FoundPoints, std::string> grid_crossings(const casefile::Volume &image, const mri::GridOptions &options) {
+  const auto found = mri::find_grid_points(image, options);
+  if (!found) {
+    return tl::unexpected(found.error());
+  }
+  return FoundPoints{found->points_mm,
+                     {{"planes", found->planes},
+                      {"completed", found->completed},
+                      {"merged", found->merged},
+                      {"left_out", found->left_out_mm.cols()}},
+                     std::to_string(found->points_mm.cols()) + " control points in " + std::to_string(found->planes) +
+                         " planes; " + std::to_string(found->completed) + " of them only by the lattice, " +
+                         std::to_string(found->merged) + " doubled ones merged\n" +
+                         left_out_lines(found->left_out_mm, "does not fit the lattice")};
+}
+
+tl::expected<FoundPoints, std::string> separate_markers(const casefile::Volume &image,
+                                                        const mri::MarkerOptions &options) {
+  const auto found = mri::find_marker_points(image, options);
+  if (!found) {
+    return tl::unexpected(found.error());
+  }
+  return FoundPoints{found->points_mm,
+                     {{"not_separate", found->not_separate_mm.cols()}, {"cut_off", found->cut_off_mm.cols()}},
+                     std::to_string(found->points_mm.cols()) + " separate markers\n" +
+                         left_out_lines(found->not_separate_mm, "is larger than a marker") +
+                         left_out_lines(found->cut_off_mm, "is cut by the border of the image")};
+}
 
 int run_points(const PointsArguments &arguments, const Context &context) {
   if (auto free = check_output("--output", arguments.output, {arguments.image}); !free) {
@@ -34,7 +84,8 @@ int run_points(const PointsArguments &arguments, const Context &context) {
   if (!image) {
     return fail(image.error());
   }
-  const auto found = mri::find_grid_points(*image, arguments.grid);
+  const auto found =
+      arguments.separate_markers ? separate_markers(*image, arguments.markers) : grid_crossings(*image, arguments.grid);
   if (!found) {
     fail(arguments.image + ": " + found.error());
     return kRefused;
@@ -43,32 +94,25 @@ int run_points(const PointsArguments &arguments, const Context &context) {
   for (Eigen::Index i = 0; i < found->points_mm.cols(); ++i) {
     points.push_back({std::to_string(i + 1), found->points_mm.col(i)});
   }
-  if (auto written = casefile::write_points(arguments.output, "grid", points); !written) {
+  if (auto written = casefile::write_points(arguments.output, arguments.separate_markers ? "markers" : "grid", points);
+      !written) {
     return fail(written.error());
   }
   if (context.json) {
-    print_json({{"output", arguments.output},
-                {"points", points.size()},
-                {"planes", found->planes},
-                {"completed", found->completed},
-                {"merged", found->merged},
-                {"left_out", found->left_out_mm.cols()}});
+    json out = found->figures;
+    out["output"] = arguments.output;
+    out["points"] = points.size();
+    print_json(out);
     return kOk;
   }
-  std::string text = std::to_string(points.size()) + " control points in " + std::to_string(found->planes) +
-                     " planes; " + std::to_string(found->completed) + " of them only by the lattice, " +
-                     std::to_string(found->merged) + " doubled ones merged\n";
-  for (Eigen::Index i = 0; i < found->left_out_mm.cols(); ++i) {
-    text += "Left out: " + vector_text(found->left_out_mm.col(i), 1) + " mm does not fit the lattice\n";
-  }
-  print(text + "Written: " + arguments.output + "\n");
+  print(found->text + "Written: " + arguments.output + "\n");
   return kOk;
 }
 
 } // namespace
 
 void add_mri_points(CLI::App &mri, Context &context) {
-  auto *command = mri.add_subcommand("points", "Finds the control points of a grid phantom in an image");
+  auto *command = mri.add_subcommand("points", "Finds the control points of a phantom in an image");
   auto arguments = std::make_shared<PointsArguments>();
   command->add_option("image", arguments->image, "Folder with a DICOM series, or NIfTI, NRRD, MetaImage")->required();
   command->add_option("-o,--output", arguments->output, "Control points (.mrk.json)")->required();
@@ -80,10 +124,17 @@ void add_mri_points(CLI::App &mri, Context &context) {
   command->add_option("--bar-mm", arguments->grid.bar_mm, "Width of a bar")
       ->check(CLI::Range(0.2, 50.0))
       ->capture_default_str();
+  auto *markers = command->add_flag("--markers", arguments->separate_markers,
+                                    "The phantom has separate bright markers instead of bars");
+  command->add_option("--marker-mm", arguments->markers.marker_mm, "Diameter of a marker, with --markers")
+      ->check(CLI::Range(1.0, 100.0))
+      ->capture_default_str()
+      ->needs(markers);
   add_json_flag(*command, context);
-  command->footer("The exit code is 1 where the image shows no such grid.\n\nExamples:\n"
+  command->footer("The exit code is 1 where the image shows no such phantom.\n\nExamples:\n"
                   "  bregma mri points ct/ -o ct.mrk.json --ct\n"
-                  "  bregma mri points mr.nrrd -o mr.mrk.json --cell-mm 17 --bar-mm 2");
+                  "  bregma mri points mr.nrrd -o mr.mrk.json --cell-mm 17 --bar-mm 2\n"
+                  "  bregma mri points mr/ -o mr.mrk.json --markers --marker-mm 10");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return run_points(*arguments, context); }; });
 }

@@ -32,12 +32,19 @@ bool same(const StackPlan &a, const StackPlan &b) {
          a.slices == b.slices && a.read_out() == b.read_out();
 }
 
+// Two kinds of coils; their tables of elliptic integrals are made once.
+const CoilField &field_of(const CoilDesign &coil) {
+  static const CoilField pillar(shape_of(frame_design().front())), tree(shape_of(frame_design().back()));
+  return coil.group == "tree" ? tree : pillar;
+}
+
 } // namespace
 
-SimulatedScanner::SimulatedScanner(const ScannerOptions &options, std::uint64_t seed)
+SimulatedScanner::SimulatedScanner(const ScannerOptions &options, std::uint64_t seed,
+                                   std::shared_ptr<const ScannerField> field)
     : options_(options), seed_(seed), noise_(seed, "noise"), drift_(seed, "drift"), ripple_(seed, "ripple"),
       design_(frame_design()), broken_(design_.size(), false), frame_(design_), phantom_(options.phantom),
-      pillar_coil_(shape_of(design_.front())), tree_coil_(shape_of(design_.back())) {
+      field_(std::move(field)) {
   Random build(seed, "build");
   Random place(seed, "place");
   for (const CoilDesign &coil : design_) {
@@ -51,7 +58,9 @@ SimulatedScanner::SimulatedScanner(const ScannerOptions &options, std::uint64_t 
     truth_.crossings_mm.push_back(truth_.T_device_phantom * p);
   }
   place_coils();
-  field_ = std::make_unique<ScannerField>(options.field, truth_.crossings_mm, seed);
+  if (field_ == nullptr) {
+    field_ = std::make_shared<const ScannerField>(options.field, truth_.crossings_mm, seed);
+  }
 }
 
 void SimulatedScanner::place_coils() {
@@ -69,7 +78,7 @@ void SimulatedScanner::move_frame(const BodyPose &T_device_base) {
 
 void SimulatedScanner::set_field(ScannerField field) {
   scan_.reset(); // it refers to the former field
-  field_ = std::make_unique<ScannerField>(std::move(field));
+  field_ = std::make_shared<const ScannerField>(std::move(field));
 }
 
 Stack SimulatedScanner::ct(double coarser) {
@@ -162,8 +171,8 @@ LocalField SimulatedScanner::currents(const std::vector<std::string> &groups, in
     if (broken_[i] || std::find(groups.begin(), groups.end(), design_[i].group) == groups.end()) {
       continue;
     }
-    list.push_back({truth_.coils_device_mm[i], truth_.T_device_base.rotation() * design_[i].axis, current,
-                    design_[i].group == "tree" ? &tree_coil_ : &pillar_coil_});
+    list.push_back(
+        {truth_.coils_device_mm[i], truth_.T_device_base.rotation() * design_[i].axis, current, &field_of(design_[i])});
     out.centres_mm.push_back(list.back().centre_mm);
   }
   out.frequency_Hz = [list](const Vector3d &r) { // only the part along the main field counts
@@ -182,7 +191,14 @@ LocalField SimulatedScanner::currents(const std::vector<std::string> &groups, in
 const SimulatedScanner::Scan &SimulatedScanner::scan_of(const Protocol &protocol, const StackPlan &plan) {
   if (scan_ == nullptr || !same(scan_->protocol, protocol) || !same(scan_->plan, plan)) {
     auto acquisition = std::make_unique<Acquisition>(*field_, protocol, plan);
-    Stack clean = acquisition->clean(frame_, truth_.T_device_base, truth_.coils_device_mm);
+    std::vector<Vector3d> fine;
+    for (std::size_t i = 0; i < design_.size(); ++i) {
+      const std::vector<std::string> &groups = options_.fine_groups;
+      if (groups.empty() || std::find(groups.begin(), groups.end(), design_[i].group) != groups.end()) {
+        fine.push_back(truth_.coils_device_mm[i]);
+      }
+    }
+    Stack clean = acquisition->clean(frame_, truth_.T_device_base, fine);
     scan_ = std::make_unique<Scan>(Scan{protocol, plan, std::move(acquisition), std::move(clean)});
   }
   return *scan_;

@@ -30,6 +30,8 @@ struct ScannerOptions {
   Appearance appearance;
   PhantomDesign phantom;
   double current_mA = 75.0;
+  // Groups of coils around which images are sampled finely (Acquisition::clean); empty: all.
+  std::vector<std::string> fine_groups;
 };
 
 struct Truth {
@@ -42,7 +44,9 @@ struct Truth {
 
 class SimulatedScanner {
 public:
-  SimulatedScanner(const ScannerOptions &options, std::uint64_t seed);
+  // field: of another session of the same scanner; null: one is made by the options and the seed.
+  SimulatedScanner(const ScannerOptions &options, std::uint64_t seed,
+                   std::shared_ptr<const ScannerField> field = nullptr);
 
   // The phantom in CT: voxels of 216 / 512 mm and 0.6 mm, 319 slices, times `coarser` (1 is the paper's 334 MB).
   [[nodiscard]] Stack ct(double coarser = 1.0);
@@ -57,6 +61,7 @@ public:
 
   [[nodiscard]] const Truth &truth() const { return truth_; }
   [[nodiscard]] const ScannerField &field() const { return *field_; }
+  [[nodiscard]] const std::shared_ptr<const ScannerField> &shared_field() const { return field_; }
   [[nodiscard]] const std::vector<CoilDesign> &design() const { return design_; }
   // What happens to the run: a coil that stays dark, a frame that moved, a field that changed.
   void break_coil(std::size_t index) { broken_.at(index) = true; }
@@ -83,9 +88,8 @@ private:
   std::vector<bool> broken_;
   RegistrationFrame frame_;
   Phantom phantom_;
-  CoilField pillar_coil_, tree_coil_;
   Truth truth_;
-  std::unique_ptr<ScannerField> field_;
+  std::shared_ptr<const ScannerField> field_;
   std::unique_ptr<Scan> scan_;
 };
 

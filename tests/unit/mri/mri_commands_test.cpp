@@ -1,8 +1,12 @@
 // `bregma mri field` and `bregma mri correct` on files: the real phantom's markers, and a simulated scanner's image.
+#include <algorithm>
+#include <filesystem>
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include "casefile/volumes/displacement_file.hpp"
 #include "casefile/volumes/volume.hpp"
@@ -23,6 +27,79 @@ void write_points(const TemporaryFolder &folder, const char *name, const Points3
   out << "r,a,s\n";
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     out << points(0, i) << ',' << points(1, i) << ',' << points(2, i) << '\n';
+  }
+}
+
+// Positions of a list as they stand in the file: LPS.
+std::vector<Vector3d> markups(const std::filesystem::path &file) {
+  std::ifstream in(file);
+  const auto list = nlohmann::json::parse(in).at("markups").at(0);
+  EXPECT_EQ(list.at("coordinateSystem"), "LPS");
+  std::vector<Vector3d> out;
+  for (const auto &p : list.at("controlPoints")) {
+    const auto &at = p.at("position");
+    out.emplace_back(at[0].get<double>(), at[1].get<double>(), at[2].get<double>());
+  }
+  return out;
+}
+
+TEST(MriPoints, FindsTheMarkersInSlicesOfTheRealPhantom) {
+  BREGMA_SHARED_DATA(data, "distortion");
+  const TemporaryFolder folder;
+  const auto run =
+      run_bregma(folder, "mri points " + (data / "MR_dicom").string() + " -o found.mrk.json --markers --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const std::vector<Vector3d> found = markups(folder / "found.mrk.json");
+  // The marker file's z runs over 88 slices 352 / 87 mm apart from -182 mm (dicom_data.json); the headers state 4 mm
+  // from -178 mm. Here each of its positions is where its slice is.
+  int expected = 0, near = 0;
+  double worst_in_plane = 0.0, worst = 0.0;
+  for (Vector3d p : markups(data / "MR.mrk.json")) {
+    p.z() = -178.0 + 4.0 * (p.z() + 182.0) / (352.0 / 87.0);
+    if (p.z() < -20.0 || p.z() > 16.0) { // not in these slices
+      continue;
+    }
+    ++expected;
+    const Vector3d closest = *std::min_element(found.begin(), found.end(), [&](const Vector3d &a, const Vector3d &b) {
+      return (a - p).squaredNorm() < (b - p).squaredNorm();
+    });
+    near += (closest - p).norm() < 0.5 ? 1 : 0;
+    worst = std::max(worst, (closest - p).norm());
+    worst_in_plane = std::max(worst_in_plane, (closest - p).head<2>().norm());
+  }
+  EXPECT_EQ(expected, 58);
+  EXPECT_EQ(found.size(), 58U); // all of them, and nothing else
+  EXPECT_GE(near, 57);
+  EXPECT_LT(worst_in_plane, 0.3);
+  EXPECT_LT(worst, 0.6);
+}
+
+TEST(MriPoints, RealSlicesWithoutControlPointsAreRefusedByReason) {
+  BREGMA_SHARED_DATA(data, "distortion");
+  const TemporaryFolder folder;
+  const auto reason = [&](const std::string &images, const std::string &more) {
+    const auto run = run_bregma(folder, "mri points " + images + " -o none.mrk.json " + more);
+    EXPECT_NE(run.exit_code, 0) << run.out;
+    EXPECT_FALSE(std::filesystem::exists(folder / "none.mrk.json"));
+    return run.err;
+  };
+  const auto copy = [&](const char *name, int first, int last) {
+    std::filesystem::create_directory(folder / name);
+    for (int n = first; n <= last; ++n) {
+      const std::string file = "MR0000" + std::to_string(n) + ".dcm";
+      std::filesystem::copy_file(data / "MR_dicom" / file, folder / name / file);
+    }
+  };
+  // The grid chain: markers are no grid, and the couch in two slices of CT is no volume.
+  EXPECT_NE(reason((data / "MR_dicom").string(), "").find("crossings of bars are seen"), std::string::npos);
+  EXPECT_NE(reason((data / "CT_dicom").string(), "--ct").find("2 slices, a volume needs three"), std::string::npos);
+  EXPECT_NE(reason((data / "CT_dicom").string(), "--markers").find("2 slices"), std::string::npos);
+  // Slices beside the markers, to both chains.
+  copy("below", 40, 43);
+  copy("above", 47, 50);
+  for (const char *name : {"below", "above"}) {
+    EXPECT_NE(reason(name, "").find("less than two cells"), std::string::npos);
+    EXPECT_NE(reason(name, "--markers").find("0 separate markers of 10 mm are seen"), std::string::npos);
   }
 }
 
