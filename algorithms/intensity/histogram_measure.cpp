@@ -148,6 +148,35 @@ Affine34 HistogramMeasure::gradient_of(Prepared &channel, const PairSampler::Par
   return out;
 }
 
+double HistogramMeasure::value_and_forces(const Eigen::Matrix4d &T_floating_reference,
+                                          const std::array<float *, 3> &forces) noexcept {
+  const double out = evaluate(T_floating_reference, true);
+  bool first = true;
+  for (Prepared &channel : channels_) {
+    channel.parts[0].differentiate(normalised_);
+    const std::array<const std::vector<float> *, 3> derivative{&channel.dx, &channel.dy, &channel.dz};
+    const auto weight = static_cast<float>(channel.weight);
+    team_.run([&](int thread) {
+      for (auto p = static_cast<std::size_t>(thread); p < sampler_.parts().size();
+           p += static_cast<std::size_t>(team_.size())) {
+        const PairSampler::Part &part = sampler_.parts()[p];
+        const auto column = std::span<float>(channel.column).subspan(part.first, part.samples);
+        channel.parts[0].parzen_slopes(std::span<const std::uint16_t>(channel.row).subspan(part.first, part.samples),
+                                       column, column);
+        for (std::size_t d = 0; d < 3; ++d) {
+          const float *slope = derivative[d]->data() + part.first;
+          float *force = forces[d] + part.first;
+          for (std::size_t i = 0; i < part.samples; ++i) {
+            force[i] = (first ? 0.0F : force[i]) + weight * column[i] * slope[i];
+          }
+        }
+      }
+    });
+    first = false;
+  }
+  return out;
+}
+
 double HistogramMeasure::value_and_gradient(const Eigen::Matrix4d &T_floating_reference,
                                             AffineGradient &gradient) noexcept {
   const double out = evaluate(T_floating_reference, true);

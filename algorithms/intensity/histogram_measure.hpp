@@ -1,6 +1,8 @@
 // Mutual information and normalised mutual information of one or several features. Internal to the room.
 #pragma once
 
+#include <array>
+#include <memory>
 #include <vector>
 
 #include "algorithms/intensity/pair_sampler.hpp"
@@ -24,6 +26,11 @@ public:
   [[nodiscard]] bool has_gradient() const noexcept override;
   double value_and_gradient(const Eigen::Matrix4d &T_floating_reference, AffineGradient &gradient) noexcept override;
   [[nodiscard]] std::size_t samples() const noexcept override { return sampler_.size(); }
+
+  // For deformations: whose samples may be moved, and the derivative with respect to the index of each sample in the
+  // floating image, per axis into lists of sampler().padded().
+  [[nodiscard]] PairSampler &sampler() { return sampler_; }
+  double value_and_forces(const Eigen::Matrix4d &T_floating_reference, const std::array<float *, 3> &forces) noexcept;
 
   // Of the last evaluation.
   [[nodiscard]] const Entropies &entropies(std::size_t channel) const {
@@ -52,5 +59,12 @@ private:
   std::vector<Prepared> channels_;
   std::vector<Affine34> part_gradients_;
 };
+
+// Of the measures that are sums of (normalised) mutual information: MI, NMI, GMI, AMI and MF-MI. Throws as
+// make_measure(), and for other measures.
+[[nodiscard]] std::unique_ptr<HistogramMeasure> make_histogram_measure(Measure measure, const Volume &reference,
+                                                                       const Volume &floating,
+                                                                       const MeasureOptions &options,
+                                                                       parallel::Team &team);
 
 } // namespace bregma::intensity

@@ -18,10 +18,14 @@ constexpr float kFarAway = 1e9F;     // index of padding: outside of every image
 // From 0 to 1, the same with every standard library.
 double uniform(std::mt19937_64 &rng) { return static_cast<double>(rng() >> 11U) * 0x1.0p-53; }
 
+double known_mm3(const Volume &image) {
+  const auto known = std::count_if(image.voxels.begin(), image.voxels.end(), [](float v) { return std::isfinite(v); });
+  return static_cast<double>(known) * std::abs(image.axes().determinant());
+}
+
 } // namespace
 
-PairSampler::PairSampler(const Volume &reference, const image::Grid<3> &floating, std::size_t max_samples,
-                         std::uint64_t seed)
+PairSampler::PairSampler(const Volume &reference, const Volume &floating, std::size_t max_samples, std::uint64_t seed)
     : reference_(reference), floating_(floating), kernels_(sample_kernels()) {
   std::vector<std::size_t> known; // offsets of the voxels with a value; empty: all have one
   const bool all =
@@ -73,11 +77,11 @@ PairSampler::PairSampler(const Volume &reference, const image::Grid<3> &floating
     finish();
   }
   const double of_samples = static_cast<double>(valid) * std::abs(reference.axes().determinant());
-  const double of_floating = static_cast<double>(floating.pixels()) * std::abs(floating.axes().determinant());
+  const double of_floating = known_mm3(floating);
   reachable_ = of_samples > 0.0 ? std::min(1.0, of_floating / of_samples) : 1.0;
 }
 
-PairSampler::PairSampler(const Volume &reference, const image::Grid<3> &floating)
+PairSampler::PairSampler(const Volume &reference, const Volume &floating)
     : reference_(reference), floating_(floating), kernels_(sample_kernels()) {
   for (int k = 0; k < reference.size[2]; ++k) {
     for (int j = 0; j < reference.size[1]; ++j) {
@@ -89,7 +93,7 @@ PairSampler::PairSampler(const Volume &reference, const image::Grid<3> &floating
     }
   }
   finish();
-  const double of_floating = static_cast<double>(floating.pixels()) * std::abs(floating.axes().determinant());
+  const double of_floating = known_mm3(floating);
   reachable_ = std::min(1.0, of_floating / (static_cast<double>(count_) * std::abs(reference.axes().determinant())));
 }
 
@@ -134,9 +138,19 @@ void PairSampler::set_pose(const Eigen::Matrix4d &T_floating_reference) noexcept
   linear_ = T_floating_reference.topLeftCorner<3, 3>().cast<float>();
 }
 
+std::array<std::vector<float>, 3> &PairSampler::moved() {
+  if (moved_[0].empty()) {
+    moved_ = {x_, y_, z_};
+  }
+  return moved_;
+}
+
 void PairSampler::sample(const Part &part, const std::vector<float> &values, bool nearest, float outside,
                          const SampledValues &out) const noexcept {
-  const SampleBlock block{x_.data() + part.first, y_.data() + part.first, z_.data() + part.first, part.count};
+  const bool deformed = !moved_[0].empty();
+  const SampleBlock block{(deformed ? moved_[0] : x_).data() + part.first,
+                          (deformed ? moved_[1] : y_).data() + part.first,
+                          (deformed ? moved_[2] : z_).data() + part.first, part.count};
   SampledValues from = out;
   for (float **list : {&from.value, &from.dx, &from.dy, &from.dz}) {
     *list = *list != nullptr ? *list + part.first : nullptr;

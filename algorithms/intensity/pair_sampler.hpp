@@ -20,11 +20,11 @@ using Affine34 = Eigen::Matrix<double, 3, 4>;
 
 class PairSampler {
 public:
-  // All voxels of the reference with a value; where there are more than max_samples (0: no limit), one at random of each
-  // of as many stretches of them, moved within its voxel so that the grids of the two images do not coincide.
-  PairSampler(const Volume &reference, const image::Grid<3> &floating, std::size_t max_samples, std::uint64_t seed);
+  // All voxels of the reference with a value; where there are more than max_samples (0: no limit), one at random of
+  // each of as many stretches of them, moved within its voxel so that the grids of the two images do not coincide.
+  PairSampler(const Volume &reference, const Volume &floating, std::size_t max_samples, std::uint64_t seed);
   // All voxels, also those without a value, in the order of the grid: for measures that look at neighbours.
-  PairSampler(const Volume &reference, const image::Grid<3> &floating);
+  PairSampler(const Volume &reference, const Volume &floating);
 
   [[nodiscard]] std::size_t size() const { return count_; }
   [[nodiscard]] std::size_t padded() const { return x_.size(); }
@@ -45,6 +45,9 @@ public:
   }
 
   void set_pose(const Eigen::Matrix4d &T_floating_reference) noexcept;
+  // Under a deformation: the samples are mapped from these indices of the reference's grid instead of their own. Made
+  // by the first call, with each sample at its own place.
+  [[nodiscard]] std::array<std::vector<float>, 3> &moved();
   // An image on the floating image's grid at the samples of a part. The lists have padded() entries.
   void sample(const Part &part, const std::vector<float> &values, bool nearest, float outside,
               const SampledValues &out) const noexcept;
@@ -59,7 +62,7 @@ public:
   [[nodiscard]] Affine34 to_mm(const Affine34 &by_index) const noexcept;
   // Linear part of the current pose.
   [[nodiscard]] const Eigen::Matrix3f &linear_part() const { return linear_; }
-  // Volume of the floating image as a fraction of that of the samples; at most 1.
+  // Volume of the floating image, where it has values, as a fraction of that of the samples; at most 1.
   [[nodiscard]] double reachable() const { return reachable_; }
 
 private:
@@ -68,6 +71,7 @@ private:
   image::Grid<3> reference_, floating_;
   Eigen::Matrix4d index_from_floating_;
   std::vector<float> x_, y_, z_;
+  std::array<std::vector<float>, 3> moved_; // empty: not deformed
   std::size_t count_ = 0;
   std::vector<Part> parts_;
   std::array<float, 12> T_{};

@@ -249,8 +249,10 @@ void RigidSearch::check_capture(const Pose &best, RigidImageResult &out) {
 }
 
 double RigidSearch::smaller_mm3() const {
-  const auto volume = [](const image::Grid<3> &grid) {
-    return static_cast<double>(grid.pixels()) * std::abs(grid.axes().determinant());
+  const auto volume = [](const Volume &image) { // where it has values
+    const auto known =
+        std::count_if(image.voxels.begin(), image.voxels.end(), [](float v) { return std::isfinite(v); });
+    return static_cast<double>(known) * std::abs(image.axes().determinant());
   };
   return std::min(volume(fine_.floating), volume(fine_.reference));
 }
@@ -284,8 +286,10 @@ void RigidSearch::estimate_covariance(const Pose &best, RigidImageResult &out) {
   const auto voxel = [](const image::Grid<3> &grid) { return std::abs(grid.axes().determinant()); };
   const double overlap_mm3 = out.overlap * smaller_mm3();
   const double voxels = overlap_mm3 / std::max(voxel(fine_.reference), voxel(fine_.floating));
+  const auto known = std::count_if(fine_.reference.voxels.begin(), fine_.reference.voxels.end(),
+                                   [](float v) { return std::isfinite(v); });
   const double samples = static_cast<double>(fine_.measure->samples()) * overlap_mm3 /
-                         (static_cast<double>(fine_.reference.pixels()) * voxel(fine_.reference));
+                         (static_cast<double>(known) * voxel(fine_.reference));
   const double independent = std::min(voxels / kVoxelsPerIndependent, samples / kSamplesPerIndependent);
   const Eigen::SelfAdjointEigenSolver<Matrix6d> solver(curvature * independent);
   Matrix6d C = Matrix6d::Zero();

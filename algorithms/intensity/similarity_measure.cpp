@@ -63,9 +63,9 @@ double entropy_of(const std::vector<float> &values, int bins) {
   return histogram.summarise().floating;
 }
 
-MeasurePointer of_features(const std::vector<Feature> &features, std::vector<double> weights, bool normalised,
-                           const Volume &reference, const Volume &floating, const MeasureOptions &options,
-                           parallel::Team &team) {
+std::unique_ptr<HistogramMeasure> of_features(const std::vector<Feature> &features, std::vector<double> weights,
+                                              bool normalised, const Volume &reference, const Volume &floating,
+                                              const MeasureOptions &options, parallel::Team &team) {
   std::vector<Channel> channels;
   std::vector<double> entropies;
   for (const Feature feature : features) {
@@ -112,8 +112,9 @@ std::vector<double> rank_weights(const std::vector<double> &entropies) {
   return out;
 }
 
-MeasurePointer make_measure(Measure measure, const Volume &reference, const Volume &floating,
-                            const MeasureOptions &options, parallel::Team &team) {
+std::unique_ptr<HistogramMeasure> make_histogram_measure(Measure measure, const Volume &reference,
+                                                         const Volume &floating, const MeasureOptions &options,
+                                                         parallel::Team &team) {
   check(measure, options);
   const auto single = [&](Feature feature, bool normalised) {
     return of_features({feature}, {1.0}, normalised, reference, floating, options, team);
@@ -129,6 +130,21 @@ MeasurePointer make_measure(Measure measure, const Volume &reference, const Volu
     return single(Feature::kSignificance, true);
   case Measure::kMfMi:
     return of_features(options.features, options.weights, true, reference, floating, options, team);
+  default:
+    throw std::invalid_argument("measure: " + std::string(name_of(measure)) + " is no sum of mutual information");
+  }
+}
+
+MeasurePointer make_measure(Measure measure, const Volume &reference, const Volume &floating,
+                            const MeasureOptions &options, parallel::Team &team) {
+  check(measure, options);
+  switch (measure) {
+  case Measure::kMi:
+  case Measure::kNmi:
+  case Measure::kGmi:
+  case Measure::kAmi:
+  case Measure::kMfMi:
+    return make_histogram_measure(measure, reference, floating, options, team);
   case Measure::kCorrelation:
     return make_correlation(reference, floating, options, team);
   case Measure::kQMi:

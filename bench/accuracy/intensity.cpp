@@ -22,7 +22,8 @@ int main(int argc, char **argv) {
       {"noise", bench::plane_noise_figures}, {"features", bench::plane_feature_figures},
       {"readings", bench::reading_figures},  {"variants", bench::variant_figures},
       {"rigid", bench::rigid_figures},       {"one-mm", bench::one_mm_figures},
-      {"speed", bench::speed_figures},       {"coverage", bench::coverage_figures}};
+      {"speed", bench::speed_figures},       {"nonrigid", bench::nonrigid_figures},
+      {"coverage", bench::coverage_figures}};
   bench::Report report(options.json);
   try {
     for (const std::string &name : bench::kIntensityParts) {

@@ -10,8 +10,8 @@
 
 namespace bregma::bench {
 
-inline const std::vector<std::string> kIntensityParts = {"noise", "features", "readings", "variants",
-                                                         "rigid", "one-mm",   "speed",    "coverage"};
+inline const std::vector<std::string> kIntensityParts = {"noise",  "features", "readings", "variants", "rigid",
+                                                         "one-mm", "speed",    "nonrigid", "coverage"};
 
 struct IntensityOptions : Options {
   std::string mni = "../shared/data/images/mni";                  // CT, T1, T2 and PD templates, 2 mm
@@ -44,7 +44,8 @@ void variant_figures(Report &report, const IntensityOptions &options);       // 
 void rigid_figures(Report &report,
                    const IntensityOptions &options); // success from 30 mm and 30 degrees, and from anywhere
 void one_mm_figures(Report &report, const IntensityOptions &options);
-void speed_figures(Report &report, const IntensityOptions &options); // beside elastix
+void speed_figures(Report &report, const IntensityOptions &options);    // beside elastix
+void nonrigid_figures(Report &report, const IntensityOptions &options); // beside elastix
 void coverage_figures(Report &report, const IntensityOptions &options);
 
 // A pair made from one head: grey-value map, bias field, noise, pose and field of view.
