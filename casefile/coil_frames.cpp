@@ -8,6 +8,7 @@
 #include <Eigen/Geometry>
 
 #include "base/table_reader.hpp"
+#include "base/text.hpp"
 
 namespace bregma::casefile {
 
@@ -104,6 +105,26 @@ std::string coil_frame_text(const mri::CoilFrame &frame) {
     out += "\n[[coils]]\nname = \"" + coil.name + "\"\ngroup = \"" + coil.group + "\"\nposition_mm = [" +
            number(coil.position_mm.x()) + ", " + number(coil.position_mm.y()) + ", " + number(coil.position_mm.z()) +
            "]\n";
+  }
+  return out;
+}
+
+tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame, const std::string &pattern) {
+  std::uint64_t out = 0;
+  if (pattern == "background") {
+    return out;
+  }
+  for (const std::string_view word : base::cells(pattern, '+')) {
+    std::uint64_t coils = 0;
+    for (std::size_t i = 0; i < frame.coils.size(); ++i) {
+      if (frame.coils[i].group == word || frame.coils[i].name == word) {
+        coils |= std::uint64_t{1} << i;
+      }
+    }
+    if (coils == 0) {
+      return tl::make_unexpected("\"" + std::string(word) + "\" is no coil and no group of the frame " + frame.name);
+    }
+    out |= coils;
   }
   return out;
 }

@@ -12,9 +12,12 @@
 // Errors name file, line, key and value.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <vector>
+
+#include <tl/expected.hpp>
 
 #include "algorithms/mri/coil_frame.hpp"
 #include "base/result.hpp"
@@ -27,5 +30,9 @@ namespace bregma::casefile {
 
 // Reads back to the same frame.
 [[nodiscard]] std::string coil_frame_text(const mri::CoilFrame &frame);
+
+// Coils of a pattern, bit i for coil i: "background" (none), or groups and coils joined by "+". Otherwise a sentence with
+// the unknown word. For frames of at most 64 coils.
+[[nodiscard]] tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame, const std::string &pattern);
 
 } // namespace bregma::casefile

@@ -99,6 +99,7 @@ private:
   asio::thread_pool workers_{1}; // one per kind of work
   asio::thread_pool loaders_{4}; // several, because a hung one must not delay the next
   asio::thread_pool savers_{1};
+  asio::thread_pool scanner_workers_{1};
   std::uint64_t run_id_;
   dds::Participant participant_;
   OtherDaemons other_daemons_;
@@ -163,7 +164,7 @@ void Daemon::Impl::run() {
 
   watchdog.stopping();
   loops_.stop();
-  for (asio::thread_pool *pool : {&workers_, &loaders_, &savers_}) {
+  for (asio::thread_pool *pool : {&workers_, &loaders_, &savers_, &scanner_workers_}) {
     pool->join();
   }
   // The final message on the health topic, with the final counts of the loops.
@@ -187,7 +188,11 @@ void Daemon::Impl::refuse_second_daemon() {
 }
 
 void Daemon::Impl::run_elsewhere(Work work, const std::function<void()> &job) {
-  asio::post(work == Work::kLoad ? loaders_ : work == Work::kSave ? savers_ : workers_, job);
+  asio::post(work == Work::kLoad      ? loaders_
+             : work == Work::kSave    ? savers_
+             : work == Work::kScanner ? scanner_workers_
+                                      : workers_,
+             job);
 }
 
 void Daemon::Impl::watch_process(asio::steady_timer &timer) {

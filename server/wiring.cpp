@@ -13,6 +13,8 @@
 #include "server/stages/navigation/stage.hpp"
 #include "server/stages/pose_search/stage.hpp"
 #include "server/stages/registration/stage.hpp"
+#include "server/stages/robot_tool/stage.hpp"
+#include "server/stages/scanner/stage.hpp"
 #include "server/stages/sensors/stage.hpp"
 #include "server/stages/session/stage.hpp"
 #include "server/stages/table.hpp"
@@ -22,7 +24,8 @@ namespace bregma::server {
 
 using Stages = StageTable< //
     Reads<NavigationStage, &SessionStage::to_navigation, &SessionStage::cases, &DeformationStage::predicted>,
-    Reads<SensorStage>,
+    Reads<SensorStage>, Reads<RobotToolStage, &SensorStage::robots, &ScannerStage::pose>,
+    Reads<ScannerStage, &SessionStage::to_scanner, &RobotToolStage::tools>,
     Reads<RegistrationStage, &SessionStage::to_registration, &SessionStage::cases, &PoseSearchStage::answer>,
     Reads<PoseSearchStage, &SessionStage::cases, &RegistrationStage::search>,
     Reads<TissueModelStage, &SessionStage::cases>,
@@ -30,10 +33,11 @@ using Stages = StageTable< //
           &NavigationStage::devices, &SensorStage::devices, &RegistrationStage::estimate>,
     Reads<DeformationStage, &SessionStage::cases, &TissueModelStage::model, &NavigationStage::probe,
           &SensorStage::force>,
-    Reads<SessionStage, &NavigationStage::events, &MonitoringStage::conditions, &RegistrationStage::estimate>,
+    Reads<SessionStage, &NavigationStage::events, &MonitoringStage::conditions, &RegistrationStage::estimate,
+          &ScannerStage::answers, &ScannerStage::conditions>,
     Reads<EchoStage, &NavigationStage::probe>,
-    Reads<HealthStage, &NavigationStage::devices, &SensorStage::devices, &SessionStage::view, &NavigationStage::events,
-          &MonitoringStage::conditions, &MonitoringStage::clock>>;
+    Reads<HealthStage, &NavigationStage::devices, &SensorStage::devices, &ScannerStage::devices, &SessionStage::view,
+          &NavigationStage::events, &MonitoringStage::conditions, &MonitoringStage::clock>>;
 
 struct Wiring::Table : Stages {
   using Stages::Stages;
@@ -47,7 +51,10 @@ base::Result<void> check_stages(StageParameters &parameters) {
   if (inputs::split_names(trackers).empty()) {
     return base::failure("devices.trackers = \"\": at least one tracker is needed");
   }
+  const auto &scanner = parameters.of<ScannerParameters>();
   return inputs::check_device_names({{"devices.trackers", trackers},
+                                     {"devices.scanner", scanner.device},
+                                     {"devices.coils", scanner.coils},
                                      {"devices.robots", sensors.robots},
                                      {"devices.forces", sensors.forces},
                                      {"devices.ranges", sensors.ranges}});

@@ -210,4 +210,12 @@ Points3 residuals(const DistortionField &field, const Points3 &true_mm, const Po
   return out;
 }
 
+tl::expected<ErrorSummary, std::string> hold_out(const geometry::Points3 &true_mm, const geometry::Points3 &imaged_mm) {
+  const auto field = DistortionField::fit(every_other(true_mm, 0), every_other(imaged_mm, 0));
+  if (!field) {
+    return tl::make_unexpected("every other control point does not determine the field: " + field.error());
+  }
+  return summarise(residuals(*field, every_other(true_mm, 1), every_other(imaged_mm, 1)));
+}
+
 } // namespace bregma::mri

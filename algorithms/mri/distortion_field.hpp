@@ -99,4 +99,8 @@ struct ErrorSummary {
 [[nodiscard]] geometry::Points3 residuals(const DistortionField &field, const geometry::Points3 &true_mm,
                                           const geometry::Points3 &imaged_mm);
 
+// Section VI-A: every other pair determines the field, the others verify it. Otherwise the sentence of fit().
+[[nodiscard]] tl::expected<ErrorSummary, std::string> hold_out(const geometry::Points3 &true_mm,
+                                                               const geometry::Points3 &imaged_mm);
+
 } // namespace bregma::mri

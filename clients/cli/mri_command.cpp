@@ -13,6 +13,7 @@ void add_mri_command(CLI::App &app, Context &context) {
   add_mri_field(*mri, context);
   add_mri_correct(*mri, context);
   add_mri_register(*mri, context);
+  add_mri_step(*mri, context);
 }
 
 } // namespace bregma::cli

@@ -27,26 +27,6 @@ std::string milliamperes(double value_mA) {
 
 } // namespace
 
-tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame, const std::string &pattern) {
-  std::uint64_t out = 0;
-  if (pattern == "background") {
-    return out;
-  }
-  for (const std::string_view word : base::cells(pattern, '+')) {
-    std::uint64_t coils = 0;
-    for (std::size_t i = 0; i < frame.coils.size(); ++i) {
-      if (frame.coils[i].group == word || frame.coils[i].name == word) {
-        coils |= std::uint64_t{1} << i;
-      }
-    }
-    if (coils == 0) {
-      return tl::make_unexpected("\"" + std::string(word) + "\" is no coil and no group of the frame " + frame.name);
-    }
-    out |= coils;
-  }
-  return out;
-}
-
 void CoilController::declare(base::ParameterSet &parameters) {
   parameters.string("address", &address_, "Of the controller: serial:///DEVICE?baud=N or tcp://HOST:PORT")
       .string("frame", &frame_file_, "File of the registration frame (TOML): names and groups of the coils")
@@ -162,7 +142,7 @@ void CoilController::take_commands(driver::Io &io) {
 
 void CoilController::start(const wire::Command &command, driver::Io &io) {
   const auto &body = command.body._u.coils;
-  const auto coils = coils_of(frame_, wire::text(body.pattern));
+  const auto coils = casefile::coils_of(frame_, wire::text(body.pattern));
   const auto refuse = [&](const std::string &text) { reply(command, bregma_wire_COMMAND_REFUSED, text, io); };
   if (!coils) {
     return refuse(coils.error());

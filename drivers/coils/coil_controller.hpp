@@ -23,10 +23,6 @@
 
 namespace bregma::coils {
 
-// Coils of a pattern; nothing and a sentence for an unknown word.
-[[nodiscard]] tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame,
-                                                                const std::string &pattern);
-
 class CoilController final : public driver::Device {
 public:
   using Writes = driver::Topics<wire::CommandReply>;

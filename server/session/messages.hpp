@@ -177,6 +177,18 @@ struct PivotPose {
   wire::Pose T_reference_tool; // only with reference_visible
 };
 
+// ---- from the scanner's stage ----
+
+// The answer to a command that the session passed on to it.
+struct ScannerAnswer {
+  wire::Name client; // this and the next three as in the command
+  std::uint64_t id;
+  std::int64_t sent_time_ns;
+  wire::CommandKind kind;
+  wire::CommandResult result;
+  char text[256];
+};
+
 // ---- from monitoring, inputs and recorder ----
 
 enum class SessionEffect : std::uint8_t {
@@ -207,7 +219,7 @@ using NavigationEvent = std::variant<CaptureResult, SurfaceSample, PivotPose>;
 
 static_assert(std::is_trivially_copyable_v<NavigationMessage> && std::is_trivially_copyable_v<RegistrationMessage> &&
               std::is_trivially_copyable_v<MonitoringMessage> && std::is_trivially_copyable_v<NavigationEvent> &&
-              std::is_trivially_copyable_v<AlarmCondition>);
+              std::is_trivially_copyable_v<AlarmCondition> && std::is_trivially_copyable_v<ScannerAnswer>);
 
 // Names of alarms, common to the senders, the session and the command line.
 namespace alarm {
@@ -232,7 +244,10 @@ inline constexpr const char *kOtherDaemon = "other_daemon"; // a second daemon o
 inline constexpr const char *kStateUser =
     "state_directory";                                      // a second daemon on the state directory, which was refused
 inline constexpr const char *kOtherWriter = "other_writer"; // of a device
-inline constexpr const char *kCommandFlood = "command_flood"; // its subject is the client
+inline constexpr const char *kCommandFlood = "command_flood";   // its subject is the client
+inline constexpr const char *kSlicesRefused = "slices_refused"; // of the scanner
+inline constexpr const char *kScannerMoved = "scanner_moved";   // its registration is void
+inline constexpr const char *kCoilsOn = "coils_on";             // coils that could not be switched off
 } // namespace alarm
 
 } // namespace bregma::server

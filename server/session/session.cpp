@@ -169,6 +169,7 @@ void Session::Impl::poll() {
     accept_.reset();
     answer(ticket, refused("the registration loop has not answered: no estimate of the latest samples"));
   }
+  poll_scanner();
   poll_storage();
 }
 
@@ -200,6 +201,11 @@ void Session::on(const NavigationEvent &event, std::int64_t now_ns) {
 void Session::on(const wire::RegistrationState &estimate, std::int64_t now_ns) {
   impl_->begin(now_ns);
   impl_->on_estimate(estimate);
+}
+
+void Session::on(const ScannerAnswer &answer, std::int64_t now_ns) {
+  impl_->begin(now_ns);
+  impl_->on_scanner(answer);
 }
 
 void Session::on(const AlarmCondition &condition, std::int64_t now_ns) {

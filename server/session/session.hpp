@@ -39,6 +39,8 @@ public:
   virtual void send(const NavigationMessage &message) = 0;
   virtual void send(const RegistrationMessage &message) = 0;
   virtual void send(const MonitoringMessage &message) = 0;
+  // A command of the scanner's procedure; its stage answers by a ScannerAnswer.
+  virtual void send(const wire::Command &command) = 0;
 
   virtual void publish(const wire::CommandReply &reply) = 0;
   virtual void publish(const wire::Alarm &alarm) = 0;
@@ -80,6 +82,7 @@ public:
   void on(const NavigationEvent &event, std::int64_t now_ns);
   void on(const wire::RegistrationState &estimate, std::int64_t now_ns);
   void on(const AlarmCondition &condition, std::int64_t now_ns);
+  void on(const ScannerAnswer &answer, std::int64_t now_ns);
   // Sends answers that wait for a loop, a worker or a timeout. Call it at 10 Hz or more.
   void poll(std::int64_t now_ns);
 

@@ -1,5 +1,7 @@
 // Execution of the commands, except those of the registration.
 #include <algorithm>
+#include <cmath>
+#include <cstring>
 
 #include "server/session/session_core.hpp"
 #include "server/session/session_text.hpp"
@@ -38,8 +40,46 @@ Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &
     return acknowledge(wire::text(of.alarm.kind), wire::text(of.alarm.subject));
   case bregma_wire_COMMAND_CLOSE_CASE:
     return close_case();
+  case bregma_wire_COMMAND_START_SCANNER_REGISTRATION:
+  case bregma_wire_COMMAND_CONFIRM_SCANNER_STEP:
+  case bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION:
+  case bregma_wire_COMMAND_RESET_SCANNER_REGISTRATION:
+    return pass_to_scanner(ticket, body);
   }
   return refused("not a command"); // the input check has rejected it already
+}
+
+Outcome Session::Impl::pass_to_scanner(const Ticket &ticket, const wire::CommandBody &body) {
+  wire::Command command{};
+  (void)wire::set_name(command.client, ticket.client); // it was received as a valid name
+  command.id = ticket.id;
+  command.sent_time_ns = ticket.sent_time_ns;
+  command.kind = ticket.kind;
+  command.body = body;
+  scanner_.push_back({ticket, now_ns + std::llround(config_.answer_timeout_ms * kNanosecondsPerMs)});
+  ports_.send(command);
+  return std::nullopt;
+}
+
+void Session::Impl::on_scanner(const ScannerAnswer &result) {
+  const auto found = std::find_if(scanner_.begin(), scanner_.end(), [&](const PendingScanner &pending) {
+    return pending.ticket.client == wire::view(result.client) && pending.ticket.id == result.id &&
+           pending.ticket.sent_time_ns == result.sent_time_ns && pending.ticket.kind == result.kind;
+  });
+  if (found == scanner_.end()) {
+    return; // answered by its time-out
+  }
+  const Ticket ticket = found->ticket;
+  scanner_.erase(found);
+  answer(ticket, {result.result, std::string(result.text, strnlen(result.text, sizeof result.text))});
+}
+
+void Session::Impl::poll_scanner() {
+  while (!scanner_.empty() && now_ns >= scanner_.front().deadline_ns) {
+    const Ticket ticket = scanner_.front().ticket;
+    scanner_.pop_front();
+    answer(ticket, refused("the scanner's stage has not answered"));
+  }
 }
 
 tl::expected<const casefile::ToolModel *, Answer> Session::Impl::find_tool(const std::string &name) const {

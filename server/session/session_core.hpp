@@ -59,6 +59,8 @@ public:
   void on_surface(SurfaceSample sample);
   void on_pivot_pose(const PivotPose &pose);
   void on_estimate(const wire::RegistrationState &estimate);
+  // session_commands.cpp
+  void on_scanner(const ScannerAnswer &answer);
 
   std::int64_t now_ns = 0; // time of the current call
   [[nodiscard]] const StateMachine &machine() const { return machine_; }
@@ -72,6 +74,10 @@ private:
     std::int64_t deadline_ns = 0;
   };
   struct PendingAccept {
+    Ticket ticket;
+    std::int64_t deadline_ns = 0;
+  };
+  struct PendingScanner { // a command that the scanner's stage carries out
     Ticket ticket;
     std::int64_t deadline_ns = 0;
   };
@@ -124,6 +130,8 @@ private:
 
   // session_commands.cpp
   [[nodiscard]] Outcome carry_out(const Ticket &ticket, const wire::CommandBody &body);
+  [[nodiscard]] Outcome pass_to_scanner(const Ticket &ticket, const wire::CommandBody &body);
+  void poll_scanner();
   [[nodiscard]] Outcome load_case(const Ticket &ticket, const std::string &folder);
   [[nodiscard]] Answer take_case(const LoadedFolder &folder);
   [[nodiscard]] Answer start_pivot(const std::string &tool);
@@ -181,6 +189,7 @@ private:
   std::uint64_t next_request_ = 1;
   std::optional<PendingCapture> capture_;
   std::optional<PendingAccept> accept_;
+  std::deque<PendingScanner> scanner_;
   std::optional<PivotRun> pivot_;
   std::optional<Ticket> pivot_ticket_; // the FINISH_PIVOT that waits for the estimate
   std::optional<PlanSelected> plan_;   // plan of the navigated tool

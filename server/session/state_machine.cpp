@@ -47,7 +47,12 @@ constexpr Row kTable[] = {
      "stop the present navigation first"},
     {bregma_wire_COMMAND_STOP_NAVIGATION, kNavigating, kNavigating, kVerified, false, ""},
     {bregma_wire_COMMAND_ACKNOWLEDGE_ALARM, kIdle, kNavigating, kSame, false, ""},
-    {bregma_wire_COMMAND_CLOSE_CASE, kCaseLoaded, kVerified, kIdle, false, "stop the navigation first"}};
+    {bregma_wire_COMMAND_CLOSE_CASE, kCaseLoaded, kVerified, kIdle, false, "stop the navigation first"},
+    // The scanner's stage decides about these; they need no case.
+    {bregma_wire_COMMAND_START_SCANNER_REGISTRATION, kIdle, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_CONFIRM_SCANNER_STEP, kIdle, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, kIdle, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_RESET_SCANNER_REGISTRATION, kIdle, kNavigating, kSame, false, ""}};
 
 // nullptr: no command of the session.
 const Row *find_row(CommandKind kind) {

@@ -13,6 +13,7 @@ namespace bregma::server {
 enum class Work : std::uint8_t {
   kCompute, // pivot calibrations
   kLoad,    // reading a case folder, which may hang for ever: a hung job must not delay the next one for long
+  kScanner, // distortion fields: up to a minute
   kSave     // snapshots and session files; one after the other, in this order
 };
 

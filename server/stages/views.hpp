@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "idl/topics.hpp"
+#include "server/runtime/mailbox.hpp"
 #include "server/stages/plausibility/body_judge.hpp"
 
 namespace bregma::tissue {
@@ -30,6 +31,42 @@ struct ForceView {
   std::int64_t acquired_ns = 0;
   double force_N[3] = {};
 };
+
+inline constexpr std::uint32_t kMaxRobots = 4; // arms of one daemon
+
+// The latest state of each arm, in the order of devices.robots.
+struct RobotView {
+  wire::Name device{};
+  wire::Name tool{}; // as stated by the arm
+  std::uint64_t frame = 0;
+  std::int64_t acquired_ns = 0; // 0: never seen
+  std::int64_t period_ns = 0;
+  bool lost = false;
+  wire::RobotMode mode = bregma_wire_ROBOT_UNKNOWN;
+  wire::Pose T_base_flange{};
+  wire::PoseCovariance covariance{}; // all 0: not stated
+};
+struct RobotsView {
+  std::uint32_t count = 0;
+  RobotView robots[kMaxRobots];
+};
+
+// Poses of the arms' tools, in the same order.
+struct RobotToolsView {
+  std::uint32_t count = 0;
+  wire::RobotTool tools[kMaxRobots] = {};
+};
+
+// The accepted registration of the robot's base to the scanner, as long as it is valid.
+struct ScannerPoseView {
+  bool valid = false;
+  wire::Name scanner{};
+  wire::Pose T_base_scanner{};
+  double covariance[36] = {};
+};
+
+// Commands of the scanner's procedure, from the session to the scanner's stage. Each gets one ScannerAnswer.
+using ScannerInbox = runtime::Mailbox<wire::Command, 16>;
 
 // The latest navigation states, for monitoring.
 struct TrackingView {

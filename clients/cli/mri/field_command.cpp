@@ -42,17 +42,6 @@ std::string date(int days_from_now) {
   return {text, std::strftime(text, sizeof text, "%Y-%m-%d", &utc)};
 }
 
-Points3 every_other(const Points3 &p, Eigen::Index begin) { return p(Eigen::all, Eigen::seq(begin, p.cols() - 1, 2)); }
-
-// Section VI-A: every other pair determines the field, the others verify it.
-base::Result<mri::ErrorSummary> hold_out(const Points3 &truth, const Points3 &imaged) {
-  const auto field = mri::DistortionField::fit(every_other(truth, 0), every_other(imaged, 0));
-  if (!field) {
-    return base::failure("every other control point does not determine the field: " + field.error());
-  }
-  return mri::summarise(mri::residuals(*field, every_other(truth, 1), every_other(imaged, 1)));
-}
-
 base::Result<void> save(const FieldArguments &arguments, const mri::FieldTable &table) {
   casefile::DisplacementField file;
   file.displacement_mm = table.displacements();
@@ -95,7 +84,7 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   if (!field) {
     return fail(field.error());
   }
-  const auto after = hold_out(truth, imaged);
+  const auto after = mri::hold_out(truth, imaged);
   if (!after) {
     return fail(after.error());
   }

@@ -9,5 +9,6 @@ void add_mri_points(CLI::App &mri, Context &context);   // points
 void add_mri_field(CLI::App &mri, Context &context);    // field
 void add_mri_correct(CLI::App &mri, Context &context);  // correct
 void add_mri_register(CLI::App &mri, Context &context); // register
+void add_mri_step(CLI::App &mri, Context &context);     // step
 
 } // namespace bregma::cli

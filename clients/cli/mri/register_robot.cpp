@@ -9,11 +9,12 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "algorithms/mri/coils/field_correction.hpp"
 #include "algorithms/mri/field_table.hpp"
-#include "algorithms/uncertainty/distributions.hpp"
 #include "casefile/volumes/displacement_file.hpp"
 #include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
+#include "clients/cli/mri/register_watch.hpp"
 #include "clients/cli/mri/scan_list.hpp"
 #include "clients/cli/output.hpp"
 
@@ -25,6 +26,7 @@ using nlohmann::json;
 
 struct RegisterArguments {
   std::string scans, field;
+  bool watch = false, until_end = false, until_wait = false;
   FieldConsent consent;
   std::string method = "multi-slice";
   double limit_mm = mri::RobotRegistrationOptions().limit_mm;
@@ -108,31 +110,6 @@ std::string to_text(const mri::RobotRegistration &r, const ScanList &list) {
   return out;
 }
 
-// Points of Device corrected by a field, whose frame is RAS of the position in which it was measured. Nothing where the
-// field is unknown. The stated error is spread evenly over the coordinates.
-base::Result<mri::PointCorrection> correction_by(const casefile::DisplacementField &field) {
-  const auto position = mri::parse_patient_position(field.patient_position);
-  if (!position) {
-    return base::failure(position.error());
-  }
-  const auto T_field_device = mri::T_image_patient() * mri::T_device_patient(*position).inverse();
-  const auto table =
-      std::make_shared<const mri::FieldTable>(field.displacement_mm, field.signed_error_95_mm, field.max_error_95_mm);
-  const double per_sigma = std::sqrt(uncertainty::chi_square_upper_quantile(0.05, 3.0));
-  return [=](const Eigen::Vector3d &device_mm) -> std::optional<mri::CorrectedPoint> {
-    const auto real = table->to_true(T_field_device * device_mm);
-    if (!real) {
-      return std::nullopt;
-    }
-    const mri::FieldTable::Sample known = table->sample(*real);
-    if (known.coverage == mri::Coverage::kUnknown) {
-      return std::nullopt;
-    }
-    return mri::CorrectedPoint{T_field_device.inverse() * *real,
-                               Eigen::Vector3d::Constant(known.error_95_mm / per_sigma)};
-  };
-}
-
 // Reads the field and asks whether it may be applied to every image. An empty path: no correction.
 base::Result<mri::PointCorrection> read_correction(const RegisterArguments &arguments, const ScanList &list) {
   if (arguments.field.empty()) {
@@ -152,10 +129,25 @@ base::Result<mri::PointCorrection> read_correction(const RegisterArguments &argu
                            mri::name(list.position));
     }
   }
-  return correction_by(*field);
+  const auto position = mri::parse_patient_position(field->patient_position);
+  if (!position) {
+    return base::failure(position.error());
+  }
+  return mri::correction_by(std::make_shared<const mri::FieldTable>(field->displacement_mm, field->signed_error_95_mm,
+                                                                    field->max_error_95_mm),
+                            *position);
 }
 
 int run_register(const RegisterArguments &arguments, const Context &context) {
+  if (arguments.watch) {
+    return watch_registration(arguments.until_end    ? WatchUntil::kAccepted
+                              : arguments.until_wait ? WatchUntil::kOperator
+                                                     : WatchUntil::kDaemonEnds,
+                              context);
+  }
+  if (arguments.scans.empty()) {
+    return fail("a list of scans, or --watch, is needed");
+  }
   std::vector<std::string> notes;
   const auto list = read_scan_list(arguments.scans, &notes);
   print_notes(notes);
@@ -190,8 +182,16 @@ int run_register(const RegisterArguments &arguments, const Context &context) {
 void add_mri_register(CLI::App &mri, Context &context) {
   auto *command = mri.add_subcommand("register", "Registers the robot's base to the scanner by active coils");
   auto arguments = std::make_shared<RegisterArguments>();
-  command->add_option("scans", arguments->scans, "List of scans (TOML): frame, orientation, background and foreground")
-      ->required();
+  command->add_option("scans", arguments->scans, "List of scans (TOML): frame, orientation, background and foreground");
+  auto *watch =
+      command->add_flag("--watch", arguments->watch,
+                        "Follow the registration that a running daemon guides: step, slices, what to do next");
+  command->add_flag("--until-end", arguments->until_end, "End when it is accepted (exit code 0) or has failed (1)")
+      ->needs(watch);
+  command
+      ->add_flag("--until-wait", arguments->until_wait,
+                 "End when the daemon waits for the operator, or a step has failed")
+      ->needs(watch);
   command->add_option("--field", arguments->field,
                       "Distortion field of the scanner, as `bregma mri field` writes it (NRRD)");
   command->add_flag("--not-corrected", arguments->consent.not_corrected,
@@ -210,10 +210,12 @@ void add_mri_register(CLI::App &mri, Context &context) {
       ->check(CLI::Range(0.01, 20.0))
       ->capture_default_str();
   add_json_flag(*command, context);
+  add_daemon_options(*command, context);
   command->footer("The exit code is 1 unless the registration is found.\n\nExamples:\n"
                   "  bregma mri register scans.toml\n"
                   "  bregma mri register scans.toml --field field.nrrd --not-corrected\n"
-                  "  bregma mri register scans.toml --method single-slice --json");
+                  "  bregma mri register scans.toml --method single-slice --json\n"
+                  "  bregma mri register --watch");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return run_register(*arguments, context); }; });
 }

@@ -55,6 +55,7 @@ Vector3d in_patient(const Vector3d &device) { return {device.x(), -device.y(), -
 void ScannerOnTheWire::declare(base::ParameterSet &parameters) {
   parameters.integer("seed", &seed_, "", 0, 1'000'000'000, "Decides the field and every hidden error")
       .number("slice_ms", &slice_ms_, "ms", 0.0, 60'000.0, "Time from one slice to the next")
+      .number("table_mm", &table_mm_, "mm", -3000.0, 3000.0, "Position of the table that slices state")
       .string("folder", &folder_, "Folder for DICOM files; empty: none")
       .string("coils", &coils_device_, "Device whose commands switch the coils")
       .flag("plays_coils", &plays_coils_, "Also answer the commands to the coil controller")
@@ -240,6 +241,8 @@ void ScannerOnTheWire::send_slice(Series &series, driver::Io &io) {
   slice.coils_on = series.coils;
   slice.coil_current_mA = std::abs(series.current_mA);
   slice.patient_position = bregma_wire_POSITION_HFS;
+  slice.table_stated = true;
+  slice.table_mm = table_mm_;
   slice.correction = vendor_ ? bregma_wire_CORRECTION_VENDOR_3D : bregma_wire_CORRECTION_NONE;
   (void)io.publish(slice); // publish() counts dropped samples
 }

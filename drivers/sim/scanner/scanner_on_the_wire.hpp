@@ -64,6 +64,7 @@ private:
 
   std::int64_t seed_ = 1;
   double slice_ms_ = 5.0; // between slices
+  double table_mm_ = 0.0; // position of the table, as stated with each slice
   std::string folder_, coils_device_ = "Coils";
   bool plays_coils_ = false, vendor_ = false;
   ScannerOptions options_;

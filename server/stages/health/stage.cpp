@@ -19,10 +19,12 @@ HealthStage::HealthStage(const HealthParameters &parameters, const StageContext 
 
 void HealthStage::connect(const runtime::LatestValue<inputs::StreamHealth> &trackers,
                           const runtime::LatestValue<inputs::StreamHealth> &sensors,
+                          const runtime::LatestValue<inputs::StreamHealth> &scanner,
                           const runtime::LatestValue<SessionView> &session, const NavigationEvents &events,
                           const AlarmEvents &conditions, const runtime::LatestValue<ClockView> &clock) {
   trackers_.connect(trackers);
   sensors_.connect(sensors);
+  scanner_.connect(scanner);
   session_.connect(session);
   clock_.connect(clock);
   events_ = &events;
@@ -32,6 +34,7 @@ void HealthStage::connect(const runtime::LatestValue<inputs::StreamHealth> &trac
 void HealthStage::step(const Moment &now) noexcept {
   (void)trackers_.refresh();
   (void)sensors_.refresh();
+  (void)scanner_.refresh();
   (void)session_.refresh();
   (void)clock_.refresh();
   started_ns_ = started_ns_ == 0 ? now.utc_ns : started_ns_;
@@ -44,6 +47,9 @@ void HealthStage::step(const Moment &now) noexcept {
   wire::set_text(health.case_folder, session_.value().case_folder);
   inputs::add_to(health, trackers_.value());
   inputs::add_to(health, sensors_.value());
+  if (scanner_.value().device_count > 0 && scanner_.value().devices[0].taken > 0) { // most rooms have no scanner
+    inputs::add_to(health, scanner_.value());
+  }
   health.wire_generation = wire::kWireVersion.generation;
   health.wire_revision = wire::kWireVersion.revision;
   host_.complete(health);

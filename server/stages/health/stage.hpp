@@ -29,6 +29,7 @@ public:
   HealthStage(const HealthParameters &parameters, const StageContext &context);
   void connect(const runtime::LatestValue<inputs::StreamHealth> &trackers,
                const runtime::LatestValue<inputs::StreamHealth> &sensors,
+               const runtime::LatestValue<inputs::StreamHealth> &scanner,
                const runtime::LatestValue<SessionView> &session, const NavigationEvents &events,
                const AlarmEvents &conditions, const runtime::LatestValue<ClockView> &clock);
 
@@ -39,6 +40,7 @@ private:
   Publisher<wire::SystemHealth> health_;
   runtime::LatestInput<inputs::StreamHealth> trackers_;
   runtime::LatestInput<inputs::StreamHealth> sensors_;
+  runtime::LatestInput<inputs::StreamHealth> scanner_;
   runtime::LatestInput<SessionView> session_;
   runtime::LatestInput<ClockView> clock_;
   wire::BootIdentity boot_id_;

@@ -6,6 +6,7 @@
 #include "server/inputs/device_names.hpp"
 #include "server/stages/host.hpp"
 #include "server/stages/host_clock.hpp"
+#include "server/stages/wire_values.hpp"
 
 namespace bregma::server {
 namespace {
@@ -40,7 +41,42 @@ SensorStage::SensorStage(const SensorParameters &parameters, const StageContext 
       motion_guard_(inputs::split_names(parameters.robots), {}),
       range_guard_(inputs::split_names(parameters.ranges), {}),
       force_guard_(inputs::split_names(parameters.forces), {}), robots_(context.link), motions_(context.link),
-      ranges_(context.link), forces_(context.link), boot_id_(context.host.boot_id()) {}
+      ranges_(context.link), forces_(context.link), boot_id_(context.host.boot_id()) {
+  for (const inputs::DeviceMonitor &robot : robot_guard_.devices()) {
+    if (robots_view_.count < kMaxRobots) {
+      copy_name(robots_view_.robots[robots_view_.count++].device, robot.name());
+    }
+  }
+}
+
+void SensorStage::take_robot(const wire::RobotState &sample, const inputs::Verdict &verdict) noexcept {
+  if (static_cast<std::uint32_t>(verdict.device) >= robots_view_.count) {
+    return;
+  }
+  RobotView &view = robots_view_.robots[verdict.device];
+  copy_name(view.tool, sample.tool);
+  view.frame = sample.frame;
+  view.acquired_ns = verdict.acquired_time_ns;
+  view.period_ns = verdict.period_ns;
+  view.lost = false;
+  view.mode = sample.mode;
+  view.T_base_flange = sample.T_base_flange;
+  std::copy(std::begin(sample.covariance), std::end(sample.covariance), view.covariance);
+  robots.store(robots_view_);
+}
+
+void SensorStage::watch_robots(const Moment &now) noexcept {
+  bool changed = robots.count() == 0;
+  for (std::uint32_t i = 0; i < robots_view_.count; ++i) {
+    RobotView &view = robots_view_.robots[i];
+    const bool lost = view.acquired_ns != 0 && robot_guard_.devices()[i].status(now.utc_ns) == bregma_wire_DEVICE_LOST;
+    changed = changed || lost != view.lost;
+    view.lost = lost;
+  }
+  if (changed) {
+    robots.store(robots_view_);
+  }
+}
 
 void SensorStage::step(const Moment &now) noexcept {
   const inputs::HostClock host = host_clock(now, boot_id_);
@@ -49,7 +85,10 @@ void SensorStage::step(const Moment &now) noexcept {
   range_guard_.set_host(host);
   force_guard_.set_host(host);
   std::size_t taken = robots_.take_each(now.utc_ns, [&](const wire::RobotState &sample, std::uint64_t writer) noexcept {
-    (void)robot_guard_.check(sample, writer, now.utc_ns); // the guard counts rejected samples
+    const inputs::Verdict verdict = robot_guard_.check(sample, writer, now.utc_ns);
+    if (verdict.accepted) {
+      take_robot(sample, verdict);
+    }
   });
   taken += motions_.take_each(now.utc_ns, [&](const wire::RobotMotionState &sample, std::uint64_t writer) noexcept {
     (void)motion_guard_.check(sample, writer, now.utc_ns);
@@ -71,6 +110,7 @@ void SensorStage::step(const Moment &now) noexcept {
     range_guard_.set_writers_alive(ranges_.writers_alive());
     force_guard_.set_writers_alive(forces_.writers_alive());
   }
+  watch_robots(now);
   if (now.tick) {
     inputs::StreamHealth health = robot_guard_.health(now.utc_ns);
     add_motions(health, motion_guard_.health(now.utc_ns));

@@ -31,9 +31,14 @@ public:
   void step(const Moment &now) noexcept override;
 
   runtime::LatestValue<ForceView> force;              // per sample
+  runtime::LatestValue<RobotsView> robots;            // per sample, and when one is lost
   runtime::LatestValue<inputs::StreamHealth> devices; // robots, ranges, forces; per tick
 
 private:
+  void take_robot(const wire::RobotState &sample, const inputs::Verdict &verdict) noexcept;
+  void watch_robots(const Moment &now) noexcept;
+
+  RobotsView robots_view_;
   inputs::InputGuard<wire::RobotState> robot_guard_;
   inputs::InputGuard<wire::RobotMotionState> motion_guard_;
   inputs::InputGuard<wire::RangeSample> range_guard_;

@@ -87,8 +87,11 @@ SessionStage::SessionStage(const SessionParameters &parameters, const StageConte
                [this](Work work, const std::function<void()> &job) { host_.run_elsewhere(work, job); }) {}
 
 void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
-                           const runtime::LatestValue<wire::RegistrationState> &estimate) {
+                           const runtime::LatestValue<wire::RegistrationState> &estimate,
+                           ScannerStage::Answers &scanner_answers, AlarmEvents &scanner_conditions) {
   events_ = &events;
+  scanner_answers_ = &scanner_answers;
+  scanner_conditions_ = &scanner_conditions;
   conditions_ = &conditions;
   estimate_.connect(estimate);
 }
@@ -111,6 +114,7 @@ void SessionStage::step(const Moment &now) noexcept {
   to_navigation.flush();
   to_registration.flush();
   to_monitoring.flush();
+  to_scanner.flush();
   cases.free_unused();
   share_view();
 }
@@ -155,7 +159,11 @@ void SessionStage::take_in() {
     session_.on(event, now_ns_);
   }
   AlarmCondition condition;
-  for (AlarmEvents *conditions : {conditions_, host_.conditions()}) {
+  ScannerAnswer answer;
+  while (scanner_answers_->try_pop(answer)) {
+    session_.on(answer, now_ns_);
+  }
+  for (AlarmEvents *conditions : {conditions_, scanner_conditions_, host_.conditions()}) {
     while (conditions != nullptr && conditions->try_pop(condition)) {
       session_.on(condition, now_ns_);
     }

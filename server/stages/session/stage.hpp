@@ -18,6 +18,7 @@
 #include "server/stages/navigation/stage.hpp"
 #include "server/stages/ports.hpp"
 #include "server/stages/registration/stage.hpp"
+#include "server/stages/scanner/stage.hpp"
 #include "server/stages/stage.hpp"
 #include "server/stages/views.hpp"
 
@@ -43,7 +44,8 @@ public:
 
   SessionStage(const SessionParameters &parameters, const StageContext &context);
   void connect(NavigationEvents &events, AlarmEvents &conditions,
-               const runtime::LatestValue<wire::RegistrationState> &estimate);
+               const runtime::LatestValue<wire::RegistrationState> &estimate, ScannerStage::Answers &scanner_answers,
+               AlarmEvents &scanner_conditions);
 
   // Restores the last session, so that what the other stages take from their first step on belongs to it.
   void begin(const Moment &now) override;
@@ -55,6 +57,7 @@ public:
   NavigationStage::Inbox to_navigation;
   RegistrationStage::Inbox to_registration;
   MonitoringStage::Inbox to_monitoring;
+  ScannerInbox to_scanner;
   runtime::LatestValue<SessionView> view;
 
 private:
@@ -63,6 +66,7 @@ private:
   void send(const NavigationMessage &message) override { to_navigation.send(message); }
   void send(const RegistrationMessage &message) override { to_registration.send(message); }
   void send(const MonitoringMessage &message) override { to_monitoring.send(message); }
+  void send(const wire::Command &command) override { to_scanner.send(command); }
   void publish(const wire::CommandReply &reply) override;
   void publish(const wire::Alarm &alarm) override;
   void publish(const wire::CapturedPoint &point) override { captures_(point, now_ns_); }
@@ -85,6 +89,8 @@ private:
   Publisher<wire::CapturedPoint> captures_;
   NavigationEvents *events_ = nullptr;
   AlarmEvents *conditions_ = nullptr;
+  ScannerStage::Answers *scanner_answers_ = nullptr;
+  AlarmEvents *scanner_conditions_ = nullptr;
   runtime::LatestInput<wire::RegistrationState> estimate_;
   std::int64_t now_ns_ = 0;                           // UTC, of the step under way
   std::deque<std::shared_ptr<Recording>> recordings_; // begun, with an outcome that the session does not know yet

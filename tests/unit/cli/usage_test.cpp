@@ -23,6 +23,7 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
                                 "mri field --help",
                                 "mri correct --help",
                                 "mri register --help",
+                                "mri step --help",
                                 "image --help",
                                 "image register --help",
                                 "image profile --help",

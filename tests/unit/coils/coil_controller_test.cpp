@@ -226,12 +226,12 @@ TEST(SimulatedController, SwitchesOffByItself) {
 
 TEST(Patterns, AreGroupsAndCoilsJoined) {
   const mri::CoilFrame f = frame();
-  EXPECT_EQ(*coils_of(f, "background"), 0U);
-  EXPECT_EQ(*coils_of(f, "top"), 0x3U);
-  EXPECT_EQ(*coils_of(f, "top+b2"), 0xBU);
-  EXPECT_EQ(coils_of(f, "top+middle").error(), "\"middle\" is no coil and no group of the frame small");
-  EXPECT_FALSE(coils_of(f, ""));
-  EXPECT_FALSE(coils_of(f, "top+"));
+  EXPECT_EQ(*casefile::coils_of(f, "background"), 0U);
+  EXPECT_EQ(*casefile::coils_of(f, "top"), 0x3U);
+  EXPECT_EQ(*casefile::coils_of(f, "top+b2"), 0xBU);
+  EXPECT_EQ(casefile::coils_of(f, "top+middle").error(), "\"middle\" is no coil and no group of the frame small");
+  EXPECT_FALSE(casefile::coils_of(f, ""));
+  EXPECT_FALSE(casefile::coils_of(f, "top+"));
 }
 
 TEST_F(Controller, SetsCoilsAndConfirmsTheMeasuredCurrent) {

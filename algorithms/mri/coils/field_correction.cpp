@@ -1,0 +1,28 @@
+#include "algorithms/mri/coils/field_correction.hpp"
+
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include "algorithms/uncertainty/distributions.hpp"
+
+namespace bregma::mri {
+
+PointCorrection correction_by(std::shared_ptr<const FieldTable> field, PatientPosition position) {
+  const auto T_field_device = T_image_patient() * T_device_patient(position).inverse();
+  const double per_sigma = std::sqrt(uncertainty::chi_square_upper_quantile(0.05, 3.0));
+  return [field = std::move(field), T_field_device,
+          per_sigma](const Vector3d &device_mm) -> std::optional<CorrectedPoint> {
+    const auto real = field->to_true(T_field_device * device_mm);
+    if (!real) {
+      return std::nullopt;
+    }
+    const FieldTable::Sample known = field->sample(*real);
+    if (known.coverage == Coverage::kUnknown) {
+      return std::nullopt;
+    }
+    return CorrectedPoint{T_field_device.inverse() * *real, Vector3d::Constant(known.error_95_mm / per_sigma)};
+  };
+}
+
+} // namespace bregma::mri

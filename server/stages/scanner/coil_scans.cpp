@@ -1,0 +1,169 @@
+#include "server/stages/scanner/coil_scans.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "algorithms/uncertainty/distributions.hpp"
+#include "algorithms/uncertainty/tre.hpp"
+#include "casefile/coil_frames.hpp"
+#include "server/session/session_text.hpp"
+#include "server/stages/scanner/slice_guard.hpp"
+
+namespace bregma::server {
+
+namespace {
+
+constexpr double kSamePlane_mm = 0.05;
+constexpr double kTable_mm = 0.5;   // a larger change of the table's position is a movement
+constexpr double kMinPValue = 1e-4; // of the coils that verify
+constexpr std::size_t kMinVerifying = 3;
+
+} // namespace
+
+base::Result<std::vector<int>> coils_of_pattern(const mri::CoilFrame &frame, const std::string &pattern) {
+  const auto mask = casefile::coils_of(frame, pattern);
+  if (!mask) {
+    return base::failure(mask.error());
+  }
+  std::vector<int> out;
+  for (std::size_t i = 0; i < frame.coils.size(); ++i) {
+    if ((*mask >> i & 1U) != 0) {
+      out.push_back(static_cast<int>(i));
+    }
+  }
+  return out;
+}
+
+bool table_moved(const std::optional<double> &from_mm, const std::optional<double> &to_mm) {
+  return from_mm && to_mm && std::abs(*from_mm - *to_mm) > kTable_mm;
+}
+
+std::optional<double> stated_table(const wire::ImageSlice &slice) {
+  return slice.table_stated ? std::optional<double>(slice.table_mm) : std::nullopt;
+}
+
+std::optional<mri::PatientPosition> stated_position(const wire::ImageSlice &slice) {
+  if (slice.patient_position < bregma_wire_POSITION_HFS || slice.patient_position > bregma_wire_POSITION_FFDL) {
+    return std::nullopt;
+  }
+  return static_cast<mri::PatientPosition>(slice.patient_position - bregma_wire_POSITION_HFS);
+}
+
+base::Result<void> CoilPair::set_background(const SliceStack &slices, const wire::ImageSlice &header) {
+  auto stack = slices.stack();
+  if (!stack) {
+    return base::failure(name_ + ", background: " + stack.error());
+  }
+  if (header.coil_state > bregma_wire_COILS_OFF) {
+    return base::failure(name_ + ", background: the scanner states that coils carried current");
+  }
+  foreground_.reset();
+  finder_.reset();
+  artefacts_.clear();
+  background_ = std::make_unique<mri::Stack>(std::move(*stack));
+  auto finder = mri::ArtefactFinder::start(*background_);
+  if (!finder) {
+    return base::failure(name_ + ": " + finder.error());
+  }
+  finder_.emplace(std::move(*finder));
+  table_mm_ = stated_table(header);
+  position_ = stated_position(header).value_or(mri::PatientPosition::kHfs);
+  return {};
+}
+
+base::Result<void> CoilPair::add(const SliceStack &slices, std::uint32_t index, const wire::ImageSlice &header) {
+  if (!finder_ || foreground_) {
+    return base::failure(name_ + ": its background is missing");
+  }
+  const mri::Stack &back = *background_;
+  const Eigen::Vector3d expected = back.point_mm(Eigen::Vector3d(0.0, 0.0, index));
+  const Eigen::Matrix3d axes = slices.axes();
+  if (slices.expected() != static_cast<std::uint32_t>(back.size[2]) ||
+      slices.slice(index).size() != static_cast<std::size_t>(back.size[0]) * static_cast<std::size_t>(back.size[1]) ||
+      std::abs(header.spacing_mm[0] - back.axes().col(0).norm()) > 1e-3 ||
+      (axes.col(0) - back.axes().col(0).normalized()).norm() > kSameDirection ||
+      (axes.col(1) - back.axes().col(1).normalized()).norm() > kSameDirection) {
+    return base::failure(name_ + ": the foreground has another orientation or size than the background");
+  }
+  if ((slices.origin_mm(index) - expected).norm() > kSamePlane_mm) {
+    return base::failure(name_ + ": slice " + std::to_string(index + 1) + " of the foreground lies " +
+                         mm((slices.origin_mm(index) - expected).norm()) + " from that of the background");
+  }
+  if (table_moved(table_mm_, stated_table(header))) {
+    return base::failure(name_ + ": the table moved between background and foreground");
+  }
+  if (header.coil_state == bregma_wire_COILS_OFF) {
+    return base::failure(name_ + ": the scanner states that no coil carried current in the foreground");
+  }
+  if (header.coils_on != 0) {
+    std::uint64_t wanted = 0;
+    for (const int coil : on_) {
+      wanted |= std::uint64_t{1} << static_cast<unsigned>(coil);
+    }
+    if (header.coils_on != wanted) {
+      return base::failure(name_ + ": the scanner states other coils than were switched on");
+    }
+  }
+  (void)finder_->add(static_cast<int>(index), slices.slice(index)); // its size was compared above
+  return {};
+}
+
+base::Result<void> CoilPair::finish(const SliceStack &foreground) {
+  auto stack = foreground.stack();
+  if (!stack) {
+    return base::failure(name_ + ", foreground: " + stack.error());
+  }
+  auto found = finder_->finish();
+  if (!found) {
+    return base::failure(name_ + ": " + found.error());
+  }
+  artefacts_ = std::move(found->artefacts);
+  foreground_ = std::make_unique<mri::Stack>(std::move(*stack));
+  return {};
+}
+
+mri::CoilScan CoilPair::scan() const {
+  mri::CoilScan out;
+  out.name = name_;
+  out.background = background_.get();
+  out.foreground = foreground_.get();
+  out.on = on_;
+  return out;
+}
+
+Verification verify(const mri::CoilFrame &frame, const CoilPair &pair,
+                    const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
+                    const mri::RobotRegistrationOptions &options) {
+  Verification out;
+  mri::RobotRegistration registration;
+  registration.T_base_device = T_base_device;
+  const mri::CoilScan scan = pair.scan();
+  auto located = mri::locate_targets(frame, scan, registration, options);
+  if (!located) {
+    out.failure = located.error();
+    return out;
+  }
+  out.coils = std::move(*located);
+  out.rms_mm = mri::coil_error_rms_mm(frame, out.coils, T_base_device.pose);
+  if (out.coils.size() < std::min(kMinVerifying, scan.on.size())) {
+    out.failure = std::to_string(out.coils.size()) + " of " + std::to_string(scan.on.size()) +
+                  " coils are where the registration expects them";
+    return out;
+  }
+  double statistic = 0.0;
+  for (const mri::LocatedCoil &coil : out.coils) {
+    const Eigen::Vector3d &drawn = frame.coils[static_cast<std::size_t>(coil.coil)].position_mm;
+    const Eigen::Matrix3d covariance = geometry::point_covariance(T_base_device, coil.position_mm, coil.covariance) +
+                                       frame.build_sigma_mm * frame.build_sigma_mm * Eigen::Matrix3d::Identity();
+    statistic += uncertainty::mahalanobis_squared(covariance, T_base_device.pose * coil.position_mm - drawn);
+  }
+  if (out.rms_mm > options.limit_mm) {
+    out.failure = "the coils that verify are " + mm(out.rms_mm) + " from where the registration expects them";
+  } else if (uncertainty::chi_square_survival(statistic, 3.0 * static_cast<double>(out.coils.size())) < kMinPValue) {
+    out.failure = "the coils that verify are " + mm(out.rms_mm) + " off, more than the stated errors allow";
+  }
+  return out;
+}
+
+} // namespace bregma::server

@@ -1,0 +1,67 @@
+// The coil scans of a registration, and the registration by them. A foreground is worked out slice by slice as it comes
+// (mri::ArtefactFinder), so that little is left after its last slice.
+//
+// Units: mm. One thread.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "algorithms/mri/coils/robot_registration.hpp"
+#include "base/result.hpp"
+#include "server/stages/scanner/slice_stack.hpp"
+
+namespace bregma::server {
+
+// Indices of the coils of a pattern (casefile/coil_frames.hpp).
+[[nodiscard]] base::Result<std::vector<int>> coils_of_pattern(const mri::CoilFrame &frame, const std::string &pattern);
+
+// Background and foreground of one position of the stack.
+class CoilPair {
+public:
+  CoilPair(std::string name, std::vector<int> on) : name_(std::move(name)), on_(std::move(on)) {}
+
+  // Refused: a background without signal, saturated, or not at equal steps.
+  [[nodiscard]] base::Result<void> set_background(const SliceStack &slices, const wire::ImageSlice &header);
+  // Slice `index` (from 0) of the foreground as it comes. Refused: another plane, size or table position than that of
+  // the background, coils in another state than they should be.
+  [[nodiscard]] base::Result<void> add(const SliceStack &slices, std::uint32_t index, const wire::ImageSlice &header);
+  // After the last slice.
+  [[nodiscard]] base::Result<void> finish(const SliceStack &foreground);
+
+  [[nodiscard]] bool finished() const { return foreground_ != nullptr; }
+  [[nodiscard]] mri::CoilScan scan() const;
+  [[nodiscard]] const std::vector<mri::CoilArtefact> &artefacts() const { return artefacts_; }
+  [[nodiscard]] std::optional<double> table_mm() const { return table_mm_; }
+  [[nodiscard]] mri::PatientPosition position() const { return position_; }
+
+private:
+  std::string name_;
+  std::vector<int> on_;
+  std::unique_ptr<mri::Stack> background_, foreground_;
+  std::optional<mri::ArtefactFinder> finder_;
+  std::vector<mri::CoilArtefact> artefacts_;
+  std::optional<double> table_mm_; // as stated
+  mri::PatientPosition position_ = mri::PatientPosition::kHfs;
+};
+
+// The table positions of two scans or slices differ by more than a registration allows. False where one is not stated.
+[[nodiscard]] bool table_moved(const std::optional<double> &from_mm, const std::optional<double> &to_mm);
+[[nodiscard]] std::optional<double> stated_table(const wire::ImageSlice &slice);
+// Nothing for a position that is not stated or not known here.
+[[nodiscard]] std::optional<mri::PatientPosition> stated_position(const wire::ImageSlice &slice);
+
+// Coils that verify a registration, compared with where it expects them.
+struct Verification {
+  std::vector<mri::LocatedCoil> coils;
+  double rms_mm = 0.0;
+  std::string failure; // empty: it agrees
+};
+[[nodiscard]] Verification verify(const mri::CoilFrame &frame, const CoilPair &pair,
+                                  const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
+                                  const mri::RobotRegistrationOptions &options);
+
+} // namespace bregma::server

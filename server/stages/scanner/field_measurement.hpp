@@ -1,0 +1,53 @@
+// The distortion field from two scans of the phantom: control points, correspondence with CT, fit, hold-out, file.
+//
+// The second scan, usually shorter, shows whether the phantom moved during the first. Pure apart from the file; takes
+// seconds to a minute, so it runs on a thread of its own.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "algorithms/geometry/points.hpp"
+#include "algorithms/image/grid.hpp"
+#include "algorithms/mri/field_table.hpp"
+#include "algorithms/mri/frames.hpp"
+#include "base/result.hpp"
+
+namespace bregma::server {
+
+// A field in use, and where it comes from. Frame of the table: Image of the patient position.
+struct ScannerField {
+  std::shared_ptr<const mri::FieldTable> table;
+  mri::PatientPosition position = mri::PatientPosition::kHfs;
+  std::string scanner;  // empty: not stated
+  std::string identity; // for messages and the wire
+  std::int64_t made_ns = 0;
+  std::int64_t expires_ns = 0; // 0: never
+  // 0 and NaN for a field that was read from a file.
+  std::uint32_t points = 0;
+  double initial_mm = 0.0, residual_mm = 0.0, residual_max_mm = 0.0, moved_mm = 0.0;
+};
+
+struct FieldMeasurement {
+  image::Image<float, 3> phantom; // frame Device, as the next
+  std::optional<image::Image<float, 3>> again;
+  geometry::Points3 reference_mm; // control points in CT
+  double cell_mm = 15.0, bar_mm = 2.0;
+  double max_moved_mm = 0.3;
+  mri::PatientPosition position = mri::PatientPosition::kHfs;
+  std::string scanner, protocol;
+  std::filesystem::path file; // empty: the field is not saved
+  int days = 90;              // until it expires; 0: never
+  std::int64_t utc_ns = 0;
+};
+
+// Refused with a sentence: no grid, no certain correspondence, a phantom that moved, a file that cannot be written.
+[[nodiscard]] base::Result<ScannerField> measure_field(const FieldMeasurement &input);
+
+// A field that was saved. Its table is that of the file.
+[[nodiscard]] base::Result<ScannerField> load_field(const std::filesystem::path &file);
+
+} // namespace bregma::server

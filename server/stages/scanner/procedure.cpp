@@ -1,0 +1,456 @@
+#include "server/stages/scanner/procedure.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <utility>
+
+namespace bregma::server {
+
+namespace {
+
+constexpr std::int64_t kStragglers_ns = 3'000'000'000; // for slices that come after the reply to their order
+constexpr const char *kOff = "background";
+
+constexpr std::array kStepNames = {"unknown", "idle",   "scout",  "phantom", "swap", "frame scout",
+                                   "top",     "bottom", "verify", "accept",  "done"};
+
+std::string name_of(wire::ScannerStep step) { return kStepNames.at(static_cast<std::size_t>(step)); }
+
+std::string number(double value) {
+  char out[32];
+  std::snprintf(out, sizeof out, "%.6g", value);
+  return out;
+}
+
+} // namespace
+
+Procedure::Procedure(ProcedureOptions options, Elsewhere elsewhere)
+    : options_(std::move(options)), elsewhere_(std::move(elsewhere)) {}
+
+std::optional<std::string> Procedure::refuse_device(const std::string &device) const {
+  if (device != options_.scanner) {
+    return "\"" + device + "\" is not the configured scanner " + options_.scanner;
+  }
+  return std::nullopt;
+}
+
+ProcedureAnswer Procedure::start(const std::string &device, std::int64_t now_ns) {
+  if (const auto wrong = refuse_device(device)) {
+    return {false, *wrong};
+  }
+  if (!options_.frame) {
+    return {false, "no registration frame is configured (scanner.frame)"};
+  }
+  if (busy()) {
+    return {false, "step " + name_of(step_) + " is under way: wait, or reset"};
+  }
+  estimate_.reset();
+  if (field_is_valid(now_ns)) {
+    wait_for_operator(bregma_wire_SCANNER_STEP_SWAP, "the distortion field " + field_->identity + " is valid",
+                      "place the registration frame, then confirm swap; or place the phantom and confirm phantom");
+    return {true, text_ + ": " + next_};
+  }
+  if (options_.phantom_mm.cols() == 0) {
+    wait_for_operator(bregma_wire_SCANNER_STEP_SWAP, "there is no distortion field, and no phantom is configured",
+                      "place the registration frame, then confirm swap: it is registered without correction");
+    return {true, text_ + ": " + next_};
+  }
+  begin(bregma_wire_SCANNER_STEP_SCOUT, now_ns);
+  return {true, "the phantom is scanned"};
+}
+
+ProcedureAnswer Procedure::confirm(const std::string &device, const std::string &step, std::int64_t now_ns) {
+  if (const auto wrong = refuse_device(device)) {
+    return {false, *wrong};
+  }
+  if (step_ == bregma_wire_SCANNER_STEP_IDLE) {
+    return {false, "start the registration of the scanner first"};
+  }
+  if (busy()) {
+    return {false, "step " + name_of(step_) + " is under way: wait, or reset"};
+  }
+  if (step == "phantom") {
+    if (options_.phantom_mm.cols() == 0) {
+      return {false, "no control points of the phantom are configured (scanner.phantom)"};
+    }
+    begin(bregma_wire_SCANNER_STEP_SCOUT, now_ns);
+    return {true, "the phantom is scanned"};
+  }
+  if (step == "swap" || step == "top") {
+    if (step_ < bregma_wire_SCANNER_STEP_SWAP) {
+      return {false, "the phantom is not measured: confirm phantom first"};
+    }
+    begin(step == "swap" ? bregma_wire_SCANNER_STEP_FRAME_SCOUT : bregma_wire_SCANNER_STEP_TOP, now_ns);
+    return {true, "the registration frame is scanned"};
+  }
+  if (step == "bottom") {
+    if (!top_ || !top_->finished()) {
+      return {false, "the top is not scanned: confirm top first"};
+    }
+    begin(bregma_wire_SCANNER_STEP_BOTTOM, now_ns);
+    return {true, "the bottom of the registration frame is scanned"};
+  }
+  if (step == "verify") {
+    const bool found = estimate_ && estimate_->verdict == mri::RegistrationVerdict::kFound;
+    if (options_.verify.empty() || (!found && !accepted_)) {
+      return {false, options_.verify.empty() ? "no coils verify (scanner.verify)" : "nothing is registered yet"};
+    }
+    begin(bregma_wire_SCANNER_STEP_VERIFY, now_ns);
+    return {true, "the coils that verify are scanned"};
+  }
+  return {false, "\"" + step + "\" is no step to confirm: phantom, swap, top, bottom or verify"};
+}
+
+ProcedureAnswer Procedure::accept(const std::string &device, std::int64_t now_ns) {
+  if (const auto wrong = refuse_device(device)) {
+    return {false, *wrong};
+  }
+  if (step_ != bregma_wire_SCANNER_STEP_ACCEPT || busy()) {
+    return {false, "there is nothing to accept: step " + name_of(step_) + ", " + next_};
+  }
+  accepted_ = Accepted{estimate_revision_, estimate_->T_base_device, estimate_->tre_95_mm, now_ns,
+                       top_->table_mm(),   estimate_corrected_};
+  validity_ = bregma_wire_SCANNER_VALID;
+  validity_text_.clear();
+  wait_for_operator(bregma_wire_SCANNER_STEP_DONE, "the robot is registered to the scanner",
+                    "confirm verify to check it again, or top to register anew");
+  return {true, text_};
+}
+
+ProcedureAnswer Procedure::reset(const std::string &device, std::int64_t /*now_ns*/) {
+  if (const auto wrong = refuse_device(device)) {
+    return {false, *wrong};
+  }
+  switch_off();
+  phase_ = Phase::kIdle;
+  measuring_.reset();
+  series_.reset();
+  top_.reset();
+  bottom_.reset();
+  tree_.reset();
+  estimate_.reset();
+  verifying_.clear();
+  accepted_.reset();
+  step_ = bregma_wire_SCANNER_STEP_IDLE;
+  activity_ = bregma_wire_SCANNER_ACTIVITY_NONE;
+  text_ = "reset";
+  next_ = "start the registration of the scanner";
+  changed();
+  return {true, "the coils are switched off; the registration is void"};
+}
+
+void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
+  step_ = step;
+  scan_ = 0;
+  const std::string protocol = step == bregma_wire_SCANNER_STEP_TOP      ? "top"
+                               : step == bregma_wire_SCANNER_STEP_BOTTOM ? "bottom"
+                                                                         : options_.verify_protocol;
+  const std::string &pattern = step == bregma_wire_SCANNER_STEP_TOP      ? options_.top
+                               : step == bregma_wire_SCANNER_STEP_BOTTOM ? options_.bottom
+                                                                         : options_.verify;
+  switch (step) {
+  case bregma_wire_SCANNER_STEP_SCOUT:
+  case bregma_wire_SCANNER_STEP_FRAME_SCOUT:
+    plan_ = {{Role::kScout, "scout", 0, {}}};
+    break;
+  case bregma_wire_SCANNER_STEP_PHANTOM:
+    plan_ = {{Role::kPhantom, "phantom", 0, {}}, {Role::kPhantomAgain, "phantom", options_.phantom_again_slices, {}}};
+    break;
+  default:
+    plan_ = {
+        {Role::kBackground, protocol, 0, kOff}, {Role::kForeground, protocol, 0, pattern}, {Role::kOff, {}, 0, kOff}};
+    break;
+  }
+  if (step == bregma_wire_SCANNER_STEP_TOP) {
+    bottom_.reset();
+    tree_.reset();
+  }
+  if (step == bregma_wire_SCANNER_STEP_TOP || step == bregma_wire_SCANNER_STEP_BOTTOM) {
+    estimate_.reset();
+    verifying_.clear();
+    verified_ = false;
+  }
+  if (step >= bregma_wire_SCANNER_STEP_TOP && step <= bregma_wire_SCANNER_STEP_VERIFY) {
+    auto on = coils_of_pattern(*options_.frame, pattern);
+    if (!on) {
+      return fail(on.error().message);
+    }
+    std::optional<CoilPair> &pair = step == bregma_wire_SCANNER_STEP_TOP      ? top_
+                                    : step == bregma_wire_SCANNER_STEP_BOTTOM ? bottom_
+                                                                              : tree_;
+    pair.emplace(name_of(step), std::move(*on));
+  }
+  start_scan(now_ns);
+}
+
+CoilPair &Procedure::pair_of_step() {
+  return step_ == bregma_wire_SCANNER_STEP_TOP ? *top_ : step_ == bregma_wire_SCANNER_STEP_BOTTOM ? *bottom_ : *tree_;
+}
+
+void Procedure::order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values,
+                      std::int64_t now_ns) {
+  awaited_id_ = next_id_++;
+  deadline_ns_ = now_ns + options_.reply_timeout_ns;
+  orders_.push_back({awaited_id_, device, kind, std::move(values)});
+}
+
+void Procedure::switch_off() {
+  off_id_ = next_id_++;
+  off_deadline_ns_ = -1; // set at the next poll
+  orders_.push_back({off_id_, options_.coils, bregma_wire_COMMAND_SET_COILS, {options_.coils, kOff, "0", "0"}});
+}
+
+void Procedure::start_scan(std::int64_t now_ns) {
+  const PlannedScan &scan = plan_[scan_];
+  next_ = "wait";
+  if (scan.pattern.empty()) {
+    return acquire(now_ns);
+  }
+  const bool off = scan.pattern == kOff;
+  order(options_.coils, bregma_wire_COMMAND_SET_COILS,
+        {options_.coils, scan.pattern, off ? "0" : number(options_.current_mA), off ? "0" : number(options_.hold_s)},
+        now_ns);
+  phase_ = Phase::kSwitching;
+  activity_ = bregma_wire_SCANNER_SWITCHES_COILS;
+  text_ = "coils: " + scan.pattern;
+  changed();
+}
+
+void Procedure::acquire(std::int64_t now_ns) {
+  const PlannedScan &scan = plan_[scan_];
+  order(options_.scanner, bregma_wire_COMMAND_ACQUIRE_SERIES,
+        {options_.scanner, scan.protocol, std::to_string(scan.slices)}, now_ns);
+  deadline_ns_ = now_ns + options_.series_timeout_ns;
+  series_.reset();
+  phase_ = Phase::kWaiting;
+  activity_ = bregma_wire_SCANNER_ACQUIRES;
+  text_ = "series " + scan.protocol +
+          (scan.role == Role::kBackground   ? ", coils off"
+           : scan.role == Role::kForeground ? ", coils on"
+                                            : "");
+  changed();
+}
+
+std::optional<std::string> Procedure::wrong_input(const wire::ImageSlice &slice) const {
+  if (plan_[scan_].role == Role::kScout) {
+    return std::nullopt;
+  }
+  if (slice.correction != bregma_wire_CORRECTION_NONE) {
+    return slice.correction == bregma_wire_CORRECTION_UNKNOWN
+               ? "the scanner does not state whether its images are corrected"
+               : "the images are corrected by the vendor already: switch its distortion correction off";
+  }
+  if (!stated_position(slice)) {
+    return "the scanner does not state the patient position";
+  }
+  return std::nullopt;
+}
+
+bool Procedure::on_slice(const wire::ImageSlice &slice, std::int64_t now_ns) {
+  watch_table(slice);
+  if (phase_ == Phase::kWaiting && slice.series != last_series_) {
+    if (wire::view(slice.protocol) != plan_[scan_].protocol) {
+      const std::string note = "series " + std::to_string(slice.series) + " is \"" + wire::text(slice.protocol) +
+                               "\", not \"" + plan_[scan_].protocol + "\": it is not used";
+      if (text_ != note) {
+        text_ = note;
+        changed();
+      }
+      return false;
+    }
+    if (const auto wrong = wrong_input(slice)) {
+      last_series_ = slice.series;
+      fail(*wrong);
+      return true;
+    }
+    series_.emplace(slice);
+    header_ = slice;
+    header_.pixels = {};
+    phase_ = Phase::kReceiving;
+    last_series_ = slice.series;
+    text_ = "receives series " + std::to_string(slice.series) + ", " + plan_[scan_].protocol;
+  } else if (phase_ == Phase::kReceiving && slice.series == series_->series()) {
+    (void)series_->add(slice); // the guard has refused one that is there already
+  } else {
+    last_series_ = phase_ == Phase::kWaiting || phase_ == Phase::kReceiving ? last_series_ : slice.series;
+    return false;
+  }
+  deadline_ns_ = now_ns + options_.series_timeout_ns;
+  if (plan_[scan_].role == Role::kForeground) {
+    if (const auto added = pair_of_step().add(*series_, slice.index - 1, slice); !added) {
+      fail(added.error().message);
+      return true;
+    }
+  }
+  changed();
+  if (series_->complete()) {
+    end_scan(now_ns);
+  }
+  return true;
+}
+
+void Procedure::on_refused(const wire::ImageSlice &slice, const std::string &text, std::int64_t /*now_ns*/) {
+  // A series of which a slice was refused is never used: what is left of it may be another scene.
+  if (phase_ == Phase::kReceiving && slice.series == series_->series()) {
+    fail("a slice of series " + std::to_string(slice.series) + " was refused: " + text);
+  }
+}
+
+void Procedure::on_reply(const wire::CommandReply &reply, std::int64_t now_ns) {
+  const std::string text(reply.text, strnlen(reply.text, sizeof reply.text));
+  const bool done = reply.result == bregma_wire_COMMAND_DONE;
+  if (reply.id == off_id_) {
+    off_deadline_ns_ = 0;
+    coils_fault_ = done ? "" : "the coils were not switched off: " + text;
+    changed();
+    return;
+  }
+  if (reply.id != awaited_id_ || !busy() || phase_ == Phase::kComputing) {
+    return;
+  }
+  if (!done) {
+    return fail((phase_ == Phase::kSwitching ? options_.coils : options_.scanner) + ": " + text);
+  }
+  if (phase_ != Phase::kSwitching) {
+    deadline_ns_ = std::min(deadline_ns_, now_ns + kStragglers_ns);
+  } else if (plan_[scan_].protocol.empty()) {
+    next_scan(now_ns);
+  } else {
+    acquire(now_ns);
+  }
+}
+
+void Procedure::poll(std::int64_t now_ns) {
+  if (off_deadline_ns_ == -1) {
+    off_deadline_ns_ = now_ns + options_.reply_timeout_ns;
+  } else if (off_deadline_ns_ != 0 && now_ns >= off_deadline_ns_) {
+    off_deadline_ns_ = 0;
+    coils_fault_ = "the coil controller has not answered: the coils may carry current";
+    changed();
+  }
+  if (phase_ == Phase::kComputing) {
+    take_field();
+  } else if (busy() && now_ns >= deadline_ns_) {
+    const std::string who = phase_ == Phase::kSwitching ? options_.coils : options_.scanner;
+    fail(phase_ == Phase::kReceiving ? std::to_string(series_->received()) + " of " +
+                                           std::to_string(series_->expected()) + " slices came, then no more"
+                                     : who + " has not answered");
+  }
+  if (accepted_ && validity_ == bregma_wire_SCANNER_VALID && accepted_->corrected && !field_is_valid(now_ns)) {
+    void_registration(bregma_wire_SCANNER_FIELD_EXPIRED, "the distortion field has expired: measure it again");
+  }
+}
+
+void Procedure::end_scan(std::int64_t now_ns) {
+  const Role role = plan_[scan_].role;
+  const auto check = [&](const base::Result<void> &result) {
+    if (!result) {
+      fail(result.error().message);
+    }
+    return result.has_value();
+  };
+  if (role == Role::kScout) {
+    bool signal = false;
+    for (std::uint32_t k = 0; k < series_->expected(); ++k) {
+      const std::vector<float> &slice = series_->slice(k);
+      signal = signal || std::any_of(slice.begin(), slice.end(), [](float v) { return v > 0.0F; });
+    }
+    if (!signal) {
+      return fail("the scout shows no signal");
+    }
+  } else if (role == Role::kPhantom || role == Role::kPhantomAgain) {
+    auto stack = series_->stack();
+    if (!stack) {
+      return fail("the phantom: " + stack.error());
+    }
+    (role == Role::kPhantom ? phantom_ : phantom_again_) = std::move(*stack);
+    phantom_header_ = header_;
+  } else if (role == Role::kBackground) {
+    if (!check(pair_of_step().set_background(*series_, header_))) {
+      return;
+    }
+  } else {
+    if (!check(pair_of_step().finish(*series_))) {
+      return;
+    }
+    if (step_ == bregma_wire_SCANNER_STEP_BOTTOM) {
+      estimate(now_ns);
+    }
+  }
+  series_.reset();
+  next_scan(now_ns);
+}
+
+void Procedure::next_scan(std::int64_t now_ns) {
+  if (++scan_ < plan_.size()) {
+    start_scan(now_ns);
+  } else {
+    phase_ = Phase::kIdle;
+    end_step(now_ns);
+  }
+}
+
+void Procedure::end_step(std::int64_t now_ns) {
+  switch (step_) {
+  case bregma_wire_SCANNER_STEP_SCOUT:
+    return begin(bregma_wire_SCANNER_STEP_PHANTOM, now_ns);
+  case bregma_wire_SCANNER_STEP_PHANTOM:
+    return measure(now_ns);
+  case bregma_wire_SCANNER_STEP_FRAME_SCOUT:
+    return begin(bregma_wire_SCANNER_STEP_TOP, now_ns);
+  case bregma_wire_SCANNER_STEP_TOP:
+    return begin(bregma_wire_SCANNER_STEP_BOTTOM, now_ns);
+  case bregma_wire_SCANNER_STEP_BOTTOM:
+    if (estimate_->verdict != mri::RegistrationVerdict::kFound) {
+      return fail(std::string(mri::name(estimate_->verdict)) + ": " + estimate_->reason, "mend it, then confirm top");
+    }
+    if (!options_.verify.empty()) {
+      return begin(bregma_wire_SCANNER_STEP_VERIFY, now_ns);
+    }
+    return wait_for_operator(bregma_wire_SCANNER_STEP_ACCEPT, "the robot is found", "accept the registration");
+  case bregma_wire_SCANNER_STEP_VERIFY:
+    return check(now_ns);
+  default:
+    return;
+  }
+}
+
+void Procedure::wait_for_operator(wire::ScannerStep step, const std::string &text, const std::string &next) {
+  step_ = step;
+  phase_ = Phase::kIdle;
+  activity_ = bregma_wire_SCANNER_WAITS;
+  text_ = text;
+  next_ = next;
+  changed();
+}
+
+std::string Procedure::retry_text() const {
+  switch (step_) {
+  case bregma_wire_SCANNER_STEP_SCOUT:
+  case bregma_wire_SCANNER_STEP_PHANTOM:
+    return "mend it, then confirm phantom";
+  case bregma_wire_SCANNER_STEP_FRAME_SCOUT:
+    return "mend it, then confirm swap";
+  case bregma_wire_SCANNER_STEP_BOTTOM:
+    return "mend it, then confirm bottom; or top, if the frame moved";
+  case bregma_wire_SCANNER_STEP_VERIFY:
+    return "mend it, then confirm verify; or top, if the frame moved";
+  default:
+    return "mend it, then confirm top";
+  }
+}
+
+void Procedure::fail(const std::string &text, const std::string &next) {
+  if (step_ >= bregma_wire_SCANNER_STEP_TOP && step_ <= bregma_wire_SCANNER_STEP_VERIFY) {
+    switch_off();
+  }
+  phase_ = Phase::kIdle;
+  series_.reset();
+  activity_ = bregma_wire_SCANNER_FAILED;
+  text_ = text;
+  next_ = next.empty() ? retry_text() : next;
+  changed();
+}
+
+} // namespace bregma::server

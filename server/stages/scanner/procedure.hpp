@@ -1,0 +1,184 @@
+// The guided procedure that registers the robot's base to a scanner [Tuna 2022, figures 1c and 5]:
+//
+//   scout, phantom | swap | scout, top, bottom, verify | accept
+//
+// At each bar the operator does something and confirms. Between them the procedure orders the scans by itself, with the
+// coils off for a background and on for a foreground, and off again. A field that is valid makes the phantom
+// unnecessary. Whatever goes wrong ends the step with a sentence and what to do; the coils are then switched off.
+//
+// It owns no topic and no thread: the stage passes slices, replies and time, and sends the orders. One thread.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "algorithms/geometry/points.hpp"
+#include "algorithms/mri/coils/robot_registration.hpp"
+#include "idl/names.hpp"
+#include "server/session/work.hpp"
+#include "server/stages/scanner/coil_scans.hpp"
+#include "server/stages/scanner/field_measurement.hpp"
+#include "server/stages/scanner/slice_stack.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+struct ProcedureOptions {
+  std::string scanner = "Scanner", coils = "Coils"; // devices
+  std::optional<mri::CoilFrame> frame;              // none: there is no registration, only correction
+  geometry::Points3 phantom_mm;                     // control points in CT; none: the field cannot be measured
+  double cell_mm = 15.0, bar_mm = 2.0;
+  double max_phantom_moved_mm = 0.3;
+  std::uint32_t phantom_again_slices = 48; // of the second scan of the phantom
+  std::string field_file;
+  int field_days = 90;
+  std::string top = "mid-top", bottom = "mid-bottom", verify = "tree"; // patterns; verify may be empty
+  std::string verify_protocol = "tree-coronal";
+  double current_mA = 75.0, hold_s = 900.0;
+  double limit_mm = 3.0;
+  Eigen::Vector3d target_mm = Eigen::Vector3d::Zero(); // in Base
+  double uncorrected_sigma_mm = 1.0;
+  std::int64_t reply_timeout_ns = 10'000'000'000;
+  std::int64_t series_timeout_ns = 900'000'000'000; // until the next slice
+};
+
+// An order to a device, for the stage to send; the id comes back in the reply.
+struct DeviceOrder {
+  std::uint64_t id = 0;
+  std::string device;
+  wire::CommandKind kind = bregma_wire_COMMAND_UNKNOWN;
+  std::vector<std::string> values; // in the order of the command's fields
+};
+
+struct ProcedureAnswer {
+  bool done = false;
+  std::string text;
+};
+
+class Procedure {
+public:
+  // elsewhere: runs long work on another thread.
+  using Elsewhere = std::function<void(const std::function<void()> &job)>;
+  Procedure(ProcedureOptions options, Elsewhere elsewhere);
+
+  // ---- commands ----
+  [[nodiscard]] ProcedureAnswer start(const std::string &device, std::int64_t now_ns);
+  [[nodiscard]] ProcedureAnswer confirm(const std::string &device, const std::string &step, std::int64_t now_ns);
+  [[nodiscard]] ProcedureAnswer accept(const std::string &device, std::int64_t now_ns);
+  [[nodiscard]] ProcedureAnswer reset(const std::string &device, std::int64_t now_ns);
+
+  // ---- what happens ----
+  // Every accepted slice of the scanner. True if it belongs to the procedure.
+  bool on_slice(const wire::ImageSlice &slice, std::int64_t now_ns);
+  // A slice that was refused at the input; text: why.
+  void on_refused(const wire::ImageSlice &slice, const std::string &text, std::int64_t now_ns);
+  void on_reply(const wire::CommandReply &reply, std::int64_t now_ns);
+  void poll(std::int64_t now_ns); // time-outs, results of other threads, expiry
+
+  void use_field(ScannerField field) { field_ = std::move(field); }
+
+  // ---- results ----
+  [[nodiscard]] std::vector<DeviceOrder> take_orders() { return std::exchange(orders_, {}); }
+  // Everything but time, device and counts of the stage. Texts, numbers and poses as they are now.
+  void fill(wire::ScannerRegistration &out, std::int64_t now_ns) const;
+  [[nodiscard]] std::uint64_t revision() const { return revision_; } // incremented at every change
+  [[nodiscard]] ScannerPoseView pose() const;
+  // Not valid where there is none, or it has expired.
+  [[nodiscard]] const std::optional<ScannerField> &field() const { return field_; }
+  [[nodiscard]] bool field_is_valid(std::int64_t now_ns) const;
+  // The coils could not be switched off: an alarm. Empty: all is well.
+  [[nodiscard]] const std::string &coils_fault() const { return coils_fault_; }
+  [[nodiscard]] wire::ScannerValidity validity() const {
+    return accepted_ ? validity_ : bregma_wire_SCANNER_VALIDITY_NONE;
+  }
+  [[nodiscard]] const std::string &validity_text() const { return validity_text_; }
+
+private:
+  enum class Role : std::uint8_t { kScout, kPhantom, kPhantomAgain, kBackground, kForeground, kOff };
+  struct PlannedScan {
+    Role role = Role::kScout;
+    std::string protocol; // empty: only the coils
+    std::uint32_t slices = 0;
+    std::string pattern; // empty: the coils stay as they are
+  };
+  enum class Phase : std::uint8_t { kIdle, kSwitching, kWaiting, kReceiving, kComputing };
+  struct Accepted {
+    std::uint32_t revision = 0;
+    geometry::UncertainPose<mri::frame::Base, mri::frame::Device> T_base_device;
+    double tre_95_mm = 0.0;
+    std::int64_t time_ns = 0;
+    std::optional<double> table_mm;
+    bool corrected = false;
+  };
+
+  // procedure.cpp: steps
+  void begin(wire::ScannerStep step, std::int64_t now_ns);
+  void start_scan(std::int64_t now_ns);
+  void acquire(std::int64_t now_ns);
+  void end_scan(std::int64_t now_ns);
+  void next_scan(std::int64_t now_ns);
+  void end_step(std::int64_t now_ns);
+  void wait_for_operator(wire::ScannerStep step, const std::string &text, const std::string &next);
+  void fail(const std::string &text, const std::string &next = {});
+  void order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values, std::int64_t now_ns);
+  void switch_off();
+  void changed() { ++revision_; }
+  [[nodiscard]] bool busy() const { return phase_ != Phase::kIdle; }
+  [[nodiscard]] std::optional<std::string> refuse_device(const std::string &device) const;
+  [[nodiscard]] std::optional<std::string> wrong_input(const wire::ImageSlice &slice) const;
+  [[nodiscard]] CoilPair &pair_of_step();
+  [[nodiscard]] std::string retry_text() const;
+
+  // procedure_results.cpp: field, registration, verification
+  void measure(std::int64_t now_ns);
+  void take_field();
+  void estimate(std::int64_t now_ns);
+  void check(std::int64_t now_ns);
+  [[nodiscard]] mri::RobotRegistrationOptions registration_options(std::int64_t now_ns) const;
+  void watch_table(const wire::ImageSlice &slice);
+  void void_registration(wire::ScannerValidity validity, const std::string &text);
+  void fill_coils(wire::ScannerRegistration &out) const;
+
+  ProcedureOptions options_;
+  Elsewhere elsewhere_;
+  wire::ScannerStep step_ = bregma_wire_SCANNER_STEP_IDLE;
+  wire::ScannerActivity activity_ = bregma_wire_SCANNER_ACTIVITY_NONE;
+  std::string text_ = "not started", next_ = "start the registration of the scanner";
+  std::vector<DeviceOrder> orders_;
+  std::uint64_t next_id_ = 1, awaited_id_ = 0, off_id_ = 0;
+  std::int64_t off_deadline_ns_ = 0; // 0: the coils are off, or a step switches them
+  std::string coils_fault_;
+
+  std::vector<PlannedScan> plan_;
+  std::size_t scan_ = 0;
+  Phase phase_ = Phase::kIdle;
+  std::int64_t deadline_ns_ = 0;
+  std::uint32_t last_series_ = 0; // of the scanner
+  std::optional<SliceStack> series_;
+  wire::ImageSlice header_{}; // of the series under way, without pixels
+  std::int64_t last_slice_ns_ = 0;
+
+  std::optional<image::Image<float, 3>> phantom_, phantom_again_;
+  wire::ImageSlice phantom_header_{};
+  std::shared_ptr<JobResult<base::Result<ScannerField>>> measuring_;
+  std::optional<ScannerField> field_;
+
+  std::optional<CoilPair> top_, bottom_, tree_;
+  std::optional<mri::RobotRegistration> estimate_;
+  std::uint32_t estimate_revision_ = 0;
+  bool estimate_corrected_ = false, verified_ = false;
+  double verified_mm_ = 0.0, duration_ms_ = 0.0;
+  std::vector<mri::LocatedCoil> verifying_;
+
+  std::optional<Accepted> accepted_;
+  wire::ScannerValidity validity_ = bregma_wire_SCANNER_VALIDITY_NONE;
+  std::string validity_text_;
+  std::uint64_t revision_ = 1;
+};
+
+} // namespace bregma::server

@@ -1,0 +1,330 @@
+// The procedure that registers the robot to a scanner, and the correction of slices, in virtual time: the real stage
+// with a fake scanner, coil controller and registration frame.
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "server/stages/wire_values.hpp"
+#include "tests/unit/server/stages/fake_scanner.hpp"
+
+namespace bregma::server::testing {
+namespace {
+
+int count_of(const wire::ScannerRegistration &state, wire::CoilOutcome outcome) {
+  int out = 0;
+  for (std::uint32_t i = 0; i < state.coil_count; ++i) {
+    out += state.coils[i].outcome == outcome ? 1 : 0;
+  }
+  return out;
+}
+
+bool says(const char *text, const std::string &words) { return std::string(text).find(words) != std::string::npos; }
+
+void expect_failed(ScannerBench &bench, wire::ScannerStep step, const std::string &words) {
+  EXPECT_EQ(bench.state.step, step);
+  EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED) << bench.state.text;
+  EXPECT_TRUE(says(bench.state.text, words)) << bench.state.text;
+  EXPECT_FALSE(std::string(bench.state.next).empty());
+  EXPECT_FALSE(bench.scanner.coils_on()) << "the coils are switched off";
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_REFUSED);
+  EXPECT_FALSE(bench.stage->pose.load()->valid);
+}
+
+TEST(ScannerProcedure, GuidesFromTheScoutToAnAcceptedRegistration) {
+  ScannerBench bench;
+  EXPECT_TRUE(says(bench.confirm("swap").text, "start the registration of the scanner first"));
+  bench.procedure();
+  ASSERT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+  EXPECT_EQ(bench.state.verdict, bregma_wire_SCANNER_VERDICT_FOUND);
+  const std::vector<std::string> patterns = {"background", "top",        "background", "background", "bottom",
+                                             "background", "background", "tree",       "background"};
+  EXPECT_EQ(bench.scanner.patterns, patterns);
+  const std::vector<std::string> protocols = {"scout", "top", "top", "bottom", "bottom", "tree", "tree"};
+  EXPECT_EQ(bench.scanner.protocols, protocols);
+  EXPECT_EQ(count_of(bench.state, bregma_wire_COIL_USED), 8);
+  EXPECT_EQ(count_of(bench.state, bregma_wire_COIL_VERIFIES), 3);
+  EXPECT_LT(bench.target_error_mm(bench.state.T_base_scanner), 0.3);
+  EXPECT_LT(bench.state.fre_mm, 0.5);
+  EXPECT_LT(bench.state.verified_mm, 0.6);
+  EXPECT_GT(bench.state.tre_95_mm, bench.target_error_mm(bench.state.T_base_scanner));
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALIDITY_NONE);
+  EXPECT_FALSE(bench.stage->pose.load()->valid);
+
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  bench.step();
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_DONE);
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALID);
+  EXPECT_LT(bench.target_error_mm(bench.stage->pose.load()->T_base_scanner), 0.3);
+  EXPECT_TRUE(bench.alarms.empty());
+
+  // Registering again, after the frame moved by a millimetre, shows the change; the accepted one stays until then.
+  const wire::Pose accepted = bench.state.accepted_T_base_scanner;
+  bench.scanner.frame_moved_mm = {0.0, 1.0, 0.0};
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  ASSERT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+  EXPECT_NEAR(bench.state.change_mm, 1.0, 0.25);
+  EXPECT_EQ(bench.state.accepted_T_base_scanner.translation_mm[1], accepted.translation_mm[1]);
+}
+
+TEST(ScannerProcedure, AFrameThatMovedIsFoundByTheCoilsThatVerify) {
+  ScannerBench bench;
+  bench.procedure();
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  bench.scanner.frame_moved_mm = {0.0, 0.0, 4.0};
+  EXPECT_EQ(bench.confirm("verify").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_FRAME_MOVED) << bench.state.text;
+  EXPECT_TRUE(std::isnan(bench.state.accepted_T_base_scanner.translation_mm[0]));
+  EXPECT_FALSE(bench.stage->pose.load()->valid);
+  EXPECT_TRUE(bench.alarms.contains("scanner_moved"));
+}
+
+TEST(ScannerProcedure, ATableThatMovedVoidsTheRegistrationForGood) {
+  ScannerBench bench;
+  bench.procedure();
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  bench.scanner.table_mm = 12.0;
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  bench.step();
+  bench.step();
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_TABLE_MOVED);
+  EXPECT_TRUE(says(bench.state.validity_text, "the table moved by 12.00 mm")) << bench.state.validity_text;
+  EXPECT_FALSE(bench.stage->pose.load()->valid);
+  EXPECT_TRUE(bench.alarms.contains("scanner_moved"));
+  bench.scanner.table_mm = 0.0;
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  bench.step();
+  bench.step();
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_TABLE_MOVED);
+}
+
+TEST(ScannerProcedure, CoilsThatAreLostAreReportedAndTooManyRefuse) {
+  ScannerBench bench;
+  bench.scanner.dark = {1};
+  bench.procedure();
+  EXPECT_EQ(bench.state.verdict, bregma_wire_SCANNER_VERDICT_FOUND) << bench.state.text;
+  EXPECT_EQ(bench.state.coils[1].outcome, bregma_wire_COIL_NOT_SEEN);
+  EXPECT_TRUE(says(bench.state.reason, "t2 is missing")) << bench.state.reason;
+  EXPECT_LT(bench.target_error_mm(bench.state.T_base_scanner), 0.4);
+
+  ScannerBench worse;
+  worse.scanner.dark = {0, 1, 4, 5, 6};
+  worse.procedure();
+  EXPECT_NE(worse.state.verdict, bregma_wire_SCANNER_VERDICT_FOUND);
+  expect_failed(worse, bregma_wire_SCANNER_STEP_BOTTOM, "refused");
+}
+
+TEST(ScannerProcedure, SwappedCablesNeverRegister) {
+  ScannerBench bench;
+  bench.scanner.cables = {{"top", "bottom"}, {"bottom", "top"}};
+  bench.procedure();
+  EXPECT_NE(bench.state.verdict, bregma_wire_SCANNER_VERDICT_FOUND);
+  EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
+  EXPECT_FALSE(bench.stage->pose.load()->valid);
+}
+
+TEST(ScannerProcedure, ASaturatedScanIsRefused) {
+  ScannerBench bench;
+  bench.scanner.saturation = 1000.0;
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "saturated");
+}
+
+TEST(ScannerProcedure, AnotherSeriesThanTheOrderedOneIsNotUsed) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    if (wire::view(slice.protocol) == "top") {
+      (void)wire::set_name(slice.protocol, "other");
+    }
+  };
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
+  bool said = false;
+  for (int i = 0; i < 200 && bench.state.activity != bregma_wire_SCANNER_FAILED; ++i) {
+    bench.step();
+    said = said || says(bench.state.text, "is \"other\", not \"top\": it is not used");
+  }
+  EXPECT_TRUE(said);
+  bench.step();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "has not answered");
+}
+
+TEST(ScannerProcedure, MixedOrientationsEndTheStep) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    if (wire::view(slice.protocol) == "bottom" && slice.index == 30) {
+      const double h = std::sqrt(0.5);
+      slice.T_scanner_slice = {{h, h, 0, 0}, {-95, 0, -95}};
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_BOTTOM, "mixed orientations");
+  EXPECT_EQ(bench.state.slices_refused, 1U);
+  EXPECT_TRUE(bench.alarms.contains("slices_refused"));
+}
+
+TEST(ScannerProcedure, AForegroundInAnotherPlaneThanItsBackgroundIsRefused) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    if (slice.coil_state == bregma_wire_COILS_POSITIVE) {
+      slice.T_scanner_slice.translation_mm[2] += 4.5;
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "4.50 mm from that of the background");
+}
+
+TEST(ScannerProcedure, ImagesThatTheVendorHasCorrectedAreRefused) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) { slice.correction = bregma_wire_CORRECTION_VENDOR_3D; };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "corrected by the vendor already");
+}
+
+TEST(ScannerProcedure, ATableThatMovesBetweenBackgroundAndForegroundIsNoticed) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    slice.table_mm = slice.coil_state == bregma_wire_COILS_POSITIVE ? 3.0 : 0.0;
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "the table moved");
+}
+
+TEST(ScannerProcedure, AControllerThatRefusesOrIsSilentEndsTheStep) {
+  ScannerBench bench;
+  bench.scanner.refuse_coils = "top";
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "Coils: t2 has no current");
+
+  // One that does not answer "off" either: an alarm, as coils may carry current.
+  ScannerBench silent;
+  EXPECT_EQ(silent.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(silent.settle());
+  silent.scanner.answers = false;
+  EXPECT_EQ(silent.confirm("top").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(silent.settle());
+  EXPECT_TRUE(says(silent.state.text, "Coils has not answered")) << silent.state.text;
+  for (int i = 0; i < 220; ++i) {
+    silent.step();
+  }
+  EXPECT_TRUE(silent.alarms.contains("coils_on"));
+}
+
+TEST(ScannerProcedure, SlicesThatStopComingEndTheStep) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    if (wire::view(slice.protocol) == "top" && slice.index > 40) {
+      (void)wire::set_name(slice.device, "Elsewhere");
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "40 of 60 slices came, then no more");
+}
+
+TEST(ScannerProcedure, AResetSwitchesTheCoilsOffAndForgetsTheRegistration) {
+  ScannerBench bench;
+  bench.procedure();
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  while (!bench.scanner.coils_on()) {
+    bench.step();
+  }
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_RESET_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  bench.step();
+  EXPECT_FALSE(bench.scanner.coils_on());
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_IDLE);
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALIDITY_NONE);
+}
+
+// With the phantom: the field is measured, coils and later slices are corrected by it, and it expires.
+TEST(ScannerProcedure, TheMeasuredFieldCorrectsCoilsAndLaterSlices) {
+  ScannerBench bench(true);
+  bench.scanner.distorts = true;
+  bench.procedure();
+  ASSERT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+  EXPECT_EQ(bench.state.field_status, bregma_wire_FIELD_VALID);
+  EXPECT_GE(bench.state.field_points, 115U);
+  EXPECT_GT(bench.state.field_initial_mm, 0.4);
+  EXPECT_LT(bench.state.field_residual_mm, 0.3);
+  EXPECT_LT(bench.state.phantom_moved_mm, 0.15);
+  EXPECT_LT(bench.target_error_mm(bench.state.T_base_scanner), 0.5);
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  bench.step();
+  EXPECT_TRUE(bench.state.accepted_corrected);
+
+  // A tool whose tip is 2 mm in front of the plane of the live slice.
+  RobotToolsView tools;
+  tools.count = 1;
+  wire::RobotTool &tool = tools.tools[0];
+  (void)wire::set_name(tool.tool, "Guide");
+  tool.status = tool.scanner_status = bregma_wire_POSE_LIVE;
+  tool.published_time_ns = bench.now.utc_ns;
+  tool.valid_for_ns = 10 * kTick_ns;
+  tool.T_scanner_tip = {{1, 0, 0, 0}, {15.0 - 95.25, 30.0 - 95.25, 2.0}};
+  tool.scanner_error_95_mm = 0.7;
+  bench.tools.store(tools);
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  bench.step();
+  bench.step();
+  ASSERT_EQ(bench.corrected.size(), 1U) << bench.state.refused_text;
+  const wire::CorrectedSlice &slice = bench.corrected.back();
+  EXPECT_EQ(slice.slice.correction, bregma_wire_CORRECTION_BREGMA_2D) << "it came alone";
+  EXPECT_GT(slice.max_shift_mm, 0.5);
+  EXPECT_EQ(slice.tip_status, bregma_wire_POSE_LIVE);
+  EXPECT_NEAR(slice.tip_pixel[0], 10.0, 1e-6);
+  EXPECT_NEAR(slice.tip_pixel[1], 20.0, 1e-6);
+  EXPECT_NEAR(slice.tip_distance_mm, 2.0, 1e-6);
+  EXPECT_NEAR(slice.tip_direction[2], 1.0, 1e-9);
+  EXPECT_EQ(bench.corrected_pixels.size(), 128U * 128U);
+  EXPECT_EQ(bench.state.slices_corrected, 1U);
+
+  bench.scanner.change = [](wire::ImageSlice &one) { one.correction = bregma_wire_CORRECTION_VENDOR_2D; };
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  for (int i = 0; i < 25; ++i) {
+    bench.step();
+  }
+  EXPECT_EQ(bench.corrected.size(), 1U) << "never corrected twice";
+  EXPECT_TRUE(says(bench.state.refused_text, "corrected already")) << bench.state.refused_text;
+
+  // After its last day the field is not used, and the registration made with it is void.
+  bench.scanner.change = [](wire::ImageSlice &) {};
+  bench.let_pass(91LL * 24 * 3600 * 1'000'000'000);
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  bench.step();
+  bench.step();
+  EXPECT_EQ(bench.corrected.size(), 1U);
+  EXPECT_EQ(bench.state.field_status, bregma_wire_FIELD_EXPIRED);
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_FIELD_EXPIRED);
+}
+
+TEST(ScannerProcedure, APhantomThatMovedDuringItsScansRefusesTheField) {
+  ScannerBench bench(true);
+  int phantoms = 0;
+  bench.scanner.change = [&](wire::ImageSlice &slice) {
+    if (wire::view(slice.protocol) == "phantom" && slice.index == 1 && ++phantoms == 1) {
+      bench.scanner.phantom_moved_mm = {0.0, 1.0, 0.0}; // before its second scan
+    }
+  };
+  bench.procedure();
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_PHANTOM);
+  EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
+  EXPECT_TRUE(says(bench.state.text, "the phantom moved by")) << bench.state.text;
+  EXPECT_EQ(bench.state.field_status, bregma_wire_FIELD_NONE);
+}
+
+} // namespace
+} // namespace bregma::server::testing
