@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
+#include <set>
 
 #include <nlohmann/json.hpp>
 
@@ -11,6 +13,7 @@
 #include "base/text.hpp"
 #include "base/write_file.hpp"
 #include "casefile/length_unit.hpp"
+#include "casefile/point_table.hpp"
 #include "casefile/space.hpp"
 
 namespace bregma::casefile {
@@ -70,6 +73,37 @@ const char *noun_of(Markup::Kind kind) {
 
 constexpr const char *kPlaceIt = ": place it, or delete it";
 
+// What a file does not state: kept as a note, or the file is refused where no notes are kept.
+base::Result<void> assume(const std::string &sentence, const std::string &assumed, Notes *notes) {
+  if (notes == nullptr) {
+    return base::failure(sentence + ": state it");
+  }
+  notes->push_back(sentence + ": " + assumed + " is assumed");
+  return {};
+}
+
+// The document, and the first key that an object has twice, of which a parser would take the last.
+struct Parsed {
+  Json document;
+  std::string repeated;
+};
+Parsed parsed_once(const std::string &text) {
+  Parsed out;
+  std::vector<std::set<std::string>> keys; // of the objects around a place
+  out.document = Json::parse(text, [&](int, Json::parse_event_t event, Json &value) {
+    if (event == Json::parse_event_t::object_start) {
+      keys.emplace_back();
+    } else if (event == Json::parse_event_t::object_end) {
+      keys.pop_back();
+    } else if (event == Json::parse_event_t::key && !keys.back().insert(value.get<std::string>()).second &&
+               out.repeated.empty()) {
+      out.repeated = value.get<std::string>();
+    }
+    return true;
+  });
+  return out;
+}
+
 // Reader of one file. Every message starts with the file's name.
 class JsonMarkups {
 public:
@@ -127,6 +161,11 @@ private:
     const auto space = space_of(space_text);
     if (!space) {
       return base::failure(file_ + ": " + which + ": coordinateSystem = \"" + space_text + "\": must be LPS or RAS");
+    }
+    if (!item.contains("coordinateSystem")) {
+      if (auto taken = assume(file_ + ": " + which + ": its coordinateSystem is not stated", "LPS", notes_); !taken) {
+        return tl::unexpected(taken.error());
+      }
     }
     const std::string unit_name = item.contains("coordinateUnits") ? unit_text(item["coordinateUnits"]) : "mm";
     const auto unit = unit_named(unit_name);
@@ -202,6 +241,11 @@ public:
     if (auto header = reader.read_comments(); !header) {
       return tl::unexpected(header.error());
     }
+    if (!reader.space_) {
+      if (auto taken = assume(file.string() + ": its CoordinateSystem is not stated", "RAS", notes); !taken) {
+        return tl::unexpected(taken.error());
+      }
+    }
     Markup markup;
     markup.name = file.stem().string();
     std::size_t number = 0;
@@ -209,6 +253,9 @@ public:
       const std::string name = reader.cell(row, "label");
       const std::string place =
           table->place(row) + "control point " + std::to_string(++number) + (name.empty() ? "" : " (" + name + ")");
+      if (auto whole = reader.check_whole(row, place); !whole) {
+        return tl::unexpected(whole.error());
+      }
       const std::string status = reader.status(row);
       if (!status.empty() && status != kDefined) {
         if (auto left = leave_out(place + ": positionStatus = " + status + ": it was never placed", kPlaceIt, notes);
@@ -249,6 +296,16 @@ private:
     return {};
   }
 
+  // A row that was cut, which may have lost its name. Empty cells at the end of a row are not kept.
+  [[nodiscard]] base::Result<void> check_whole(const base::CsvRow &row, const std::string &place) const {
+    const auto label =
+        static_cast<std::size_t>(std::find(columns_.begin(), columns_.end(), "label") - columns_.begin());
+    return row.cells.size() >= std::min(label, columns_.size())
+               ? base::Result<void>()
+               : base::failure(place + ": the row has " + std::to_string(row.cells.size()) + " cells, " +
+                               std::to_string(columns_.size()) + " columns are stated: it is not whole");
+  }
+
   [[nodiscard]] std::string cell(const base::CsvRow &row, std::string_view column) const {
     const auto at = static_cast<std::size_t>(std::find(columns_.begin(), columns_.end(), column) - columns_.begin());
     return at < std::min(columns_.size(), row.cells.size()) ? row.cells[at] : "";
@@ -272,7 +329,7 @@ private:
   }
 
   const base::CsvTable &table_;
-  Space space_ = Space::kRas; // the default of Slicer 4 without that line
+  std::optional<Space> space_; // RAS is the default of Slicer 4
   std::vector<std::string> columns_{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
 };
 
@@ -338,6 +395,9 @@ base::Result<std::vector<Markup>> read_markups(const fs::path &file, Notes *note
   if (base::lower(file.extension().string()) == ".fcsv") {
     return Fcsv::read(file, notes);
   }
+  if (is_point_table(file)) {
+    return base::failure(file.string() + ": is a table; Slicer's lists are read here, .mrk.json or .fcsv");
+  }
   auto content = base::read_file(file, kMaxMarkupBytes).and_then([&](std::string bytes) {
     return base::utf8_of(file, std::move(bytes));
   });
@@ -345,7 +405,11 @@ base::Result<std::vector<Markup>> read_markups(const fs::path &file, Notes *note
     return tl::unexpected(content.error());
   }
   try {
-    return JsonMarkups(file, notes).read(Json::parse(*content));
+    const Parsed parsed = parsed_once(*content);
+    if (!parsed.repeated.empty()) {
+      return base::failure(file.string() + ": the key \"" + parsed.repeated + "\" is stated twice in one place");
+    }
+    return JsonMarkups(file, notes).read(parsed.document);
   } catch (const Json::parse_error &problem) {
     // The number of characters read, with that at which the error was noticed.
     const std::size_t at = std::min(std::max<std::size_t>(problem.byte, 1) - 1, content->size());

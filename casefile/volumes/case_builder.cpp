@@ -83,11 +83,11 @@ public:
     for (const auto stage : {&CaseMaker::read_plans, &CaseMaker::make_scalp, &CaseMaker::make_brain,
                              &CaseMaker::make_structures, &CaseMaker::snap}) {
       if (auto done = (this->*stage)(); !done) {
-        return tl::unexpected(done.error());
+        return with_notes(done.error());
       }
     }
     if (auto sound = check_case(created_.value); !sound) {
-      return tl::unexpected(sound.error());
+      return with_notes(sound.error());
     }
     if (auto saved = save_case(created_.value); !saved) {
       return tl::unexpected(saved.error());
@@ -99,6 +99,15 @@ public:
   }
 
 private:
+  // What was assumed may be the cause.
+  [[nodiscard]] tl::unexpected<base::Error> with_notes(const base::Error &error) const {
+    std::string message = error.message;
+    for (const std::string &note : created_.notes) {
+      message += "; note that " + note;
+    }
+    return base::failure(std::move(message));
+  }
+
   // Checks the plan before the long computation.
   base::Result<void> read_plans() {
     Case &c = created_.value;

@@ -3,13 +3,18 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <limits>
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <utility>
 
 #include <tl/expected.hpp>
+
+#include "base/text.hpp"
 
 namespace bregma::casefile {
 namespace {
@@ -24,8 +29,12 @@ struct Tag {
   std::uint16_t group = 0, element = 0;
   friend bool operator==(const Tag &, const Tag &) = default;
 };
+constexpr Tag kSharedGroups{0x5200, 0x9229}, kFrameGroups{0x5200, 0x9230}, kPlanePosition{0x0020, 0x9113},
+    kPlaneOrientation{0x0020, 0x9116}, kPixelMeasures{0x0028, 0x9110}, kValueTransformation{0x0028, 0x9145};
+constexpr std::size_t kMaxText = 1024; // bytes of an element's text that are read
+constexpr std::uint64_t kMaxFrames = 100'000;
 constexpr Tag kItem{0xFFFE, 0xE000}, kItemEnd{0xFFFE, 0xE00D}, kSequenceEnd{0xFFFE, 0xE0DD}, kPixels{0x7FE0, 0x0010},
-    kTransferSyntax{0x0002, 0x0010};
+    kTransferSyntax{0x0002, 0x0010}, kFrameCount{0x0028, 0x0008};
 
 struct Encoding {
   bool explicit_vr = true;
@@ -41,6 +50,23 @@ struct ElementHeader {
 std::string name_of(const Tag &tag) {
   char out[16];
   (void)std::snprintf(out, sizeof out, "(%04x,%04x)", tag.group, tag.element);
+  return out;
+}
+
+// The numbers of a decimal string, "a\b\c"; NaN if they are not `Count` finite ones.
+template <int Count> Eigen::Matrix<double, Count, 1> numbers_of(std::string_view text) {
+  Eigen::Matrix<double, Count, 1> out;
+  for (int i = 0; i < Count; ++i) {
+    const std::size_t end = std::min(text.find('\\'), text.size());
+    std::string_view cell = base::trimmed(text.substr(0, end));
+    cell.remove_prefix(cell.starts_with('+') ? 1 : 0);
+    const auto value = base::parsed_number<double>(cell);
+    if (!value || !std::isfinite(*value) || (i + 1 == Count) != (end == text.size())) {
+      return Eigen::Matrix<double, Count, 1>::Constant(std::numeric_limits<double>::quiet_NaN());
+    }
+    out[i] = *value;
+    text.remove_prefix(std::min(end + 1, text.size()));
+  }
   return out;
 }
 
@@ -73,6 +99,7 @@ public:
         return tl::unexpected(element.error());
       }
     }
+    complete_frames();
     return out_;
   }
 
@@ -118,56 +145,107 @@ private:
     if (header->tag == kItemEnd || header->tag == kSequenceEnd) {
       return true;
     }
+    const auto no_end = [] { return false; };
     if (header->length == kUndefined) {
       // Pixels in fragments, a sequence, or an unknown element, which is a sequence of implicit elements.
       const bool unknown = header->vr == std::array{'U', 'N'};
       if (header->tag == kPixels && top) {
         out_.has_pixels = out_.compressed = true;
       }
-      return take_sequence(unknown ? Encoding{false, encoding.big_endian} : encoding, header->tag, depth + 1).map([] {
-        return false;
-      });
+      return take_sequence(unknown ? Encoding{false, encoding.big_endian} : encoding, header->tag, depth + 1,
+                           std::nullopt)
+          .map(no_end);
     }
     if (auto fits = check_fits(*header); !fits) {
       return tl::unexpected(fits.error());
     }
+    if (is_looked_into(header->tag, top)) {
+      return take_sequence(encoding, header->tag, depth + 1, at_ + header->length).map(no_end);
+    }
     if (top) {
       keep(*header, encoding);
+    } else if (groups_ != Tag{}) {
+      keep_of_frame(*header);
     }
     at_ += header->length;
     return false;
   }
 
-  // Items up to the end of the sequence. An item of stated length is skipped as a whole.
-  Step<void> take_sequence(const Encoding &encoding, const Tag &of, int depth) {
+  // The functional groups of frames, whose sequences and items may state their lengths.
+  [[nodiscard]] bool is_looked_into(const Tag &tag, bool top) const {
+    return top ? tag == kSharedGroups || tag == kFrameGroups
+               : groups_ != Tag{} && (tag == kPlanePosition || tag == kPlaneOrientation || tag == kPixelMeasures ||
+                                      tag == kValueTransformation);
+  }
+
+  // Items up to the end of the sequence. An item of stated length is skipped as a whole, but for functional groups.
+  Step<void> take_sequence(const Encoding &encoding, const Tag &of, int depth, std::optional<std::uint64_t> end) {
     if (depth > kMaxDepth) {
       return tl::unexpected(std::string("its sequences are nested too deeply"));
     }
+    const bool is_groups = depth == 1 && (of == kSharedGroups || of == kFrameGroups);
+    const Tag outer = std::exchange(macro_, of);
+    groups_ = is_groups ? of : groups_;
     for (;;) {
+      if (end && at_ >= *end) {
+        if (at_ > *end) {
+          return tl::unexpected("an item of the sequence " + name_of(of) + " is longer than the sequence");
+        }
+        break;
+      }
       const auto item = take_header({.explicit_vr = false, .big_endian = encoding.big_endian});
       if (!item) {
         return tl::unexpected("the sequence " + name_of(of) + " does not end");
       }
       if (item->tag == kSequenceEnd) {
-        return {};
+        break;
       }
       if (item->tag != kItem) {
         return tl::unexpected("the sequence " + name_of(of) + " holds " + name_of(item->tag) + " instead of an item");
       }
-      if (item->length != kUndefined) {
-        if (auto fits = check_fits(*item); !fits) {
-          return fits;
-        }
-        at_ += item->length;
-        continue;
+      if (of == kPixels) {
+        ++out_.fragments;
       }
+      if (is_groups && of == kFrameGroups) {
+        if (out_.frames.size() >= kMaxFrames) {
+          return tl::unexpected("it holds more than " + std::to_string(kMaxFrames) + " frames");
+        }
+        out_.frames.emplace_back();
+      }
+      if (auto taken = take_item(encoding, *item, depth); !taken) {
+        return taken;
+      }
+    }
+    macro_ = outer;
+    groups_ = is_groups ? Tag{} : groups_;
+    return {};
+  }
+
+  Step<void> take_item(const Encoding &encoding, const ElementHeader &item, int depth) {
+    if (item.length == kUndefined) {
       for (Step<bool> ended = false; !*ended;) {
         ended = take_element(encoding, depth, false);
         if (!ended) {
           return tl::unexpected(ended.error());
         }
       }
+      return {};
     }
+    if (auto fits = check_fits(item); !fits) {
+      return fits;
+    }
+    const std::uint64_t end = at_ + item.length;
+    if (groups_ == Tag{}) {
+      at_ = end;
+      return {};
+    }
+    while (at_ < end) {
+      if (auto taken = take_element(encoding, depth, false); !taken) {
+        return tl::unexpected(taken.error());
+      }
+    }
+    return at_ == end ? Step<void>()
+                      : tl::unexpected(std::string("an item of a functional group is longer than it states"));
   }
 
   Step<ElementHeader> take_header(const Encoding &encoding) {
@@ -214,6 +292,11 @@ private:
       out_.has_pixels = true;
       out_.pixel_bytes = header.length;
     }
+    if (header.tag == kFrameCount) {
+      const double count = numbers_of<1>(text_of(header))[0];
+      out_.frame_count = count >= 0.0 && count <= 4e9 ? static_cast<std::uint64_t>(count) : 0;
+      return;
+    }
     if (header.tag.group != 0x0028 || header.length < 2) {
       return;
     }
@@ -236,6 +319,39 @@ private:
     default:
       break;
     }
+  }
+
+  void keep_of_frame(const ElementHeader &header) {
+    DicomFrame &frame = groups_ == kSharedGroups ? shared_ : out_.frames.back();
+    if (macro_ == kPlanePosition && header.tag == Tag{0x0020, 0x0032}) {
+      frame.position_mm = numbers_of<3>(text_of(header));
+    } else if (macro_ == kPlaneOrientation && header.tag == Tag{0x0020, 0x0037}) {
+      frame.orientation = numbers_of<6>(text_of(header));
+    } else if (macro_ == kPixelMeasures && header.tag == Tag{0x0028, 0x0030}) {
+      frame.spacing_mm = numbers_of<2>(text_of(header));
+    } else if (macro_ == kValueTransformation && header.tag == Tag{0x0028, 0x1052}) {
+      frame.intercept = numbers_of<1>(text_of(header))[0];
+    } else if (macro_ == kValueTransformation && header.tag == Tag{0x0028, 0x1053}) {
+      frame.slope = numbers_of<1>(text_of(header))[0];
+    }
+  }
+
+  // What is the same for all frames.
+  void complete_frames() {
+    for (DicomFrame &frame : out_.frames) {
+      frame.position_mm = frame.position_mm ? frame.position_mm : shared_.position_mm;
+      frame.orientation = frame.orientation ? frame.orientation : shared_.orientation;
+      frame.spacing_mm = frame.spacing_mm ? frame.spacing_mm : shared_.spacing_mm;
+      frame.slope = frame.slope ? frame.slope : shared_.slope;
+      frame.intercept = frame.intercept ? frame.intercept : shared_.intercept;
+    }
+  }
+
+  // The value of an element of text, without padding.
+  std::string text_of(const ElementHeader &header) {
+    std::string out(std::min<std::size_t>(header.length, kMaxText), '\0');
+    read(out.data(), out.size());
+    return out.substr(0, out.find('\0'));
   }
 
   // Zeros that some programs and archives add.
@@ -268,6 +384,9 @@ private:
   std::uint64_t size_;
   std::uint64_t at_;
   DicomFile out_;
+  Tag groups_{}; // the functional groups that are being read, if any
+  Tag macro_{};  // the innermost sequence
+  DicomFrame shared_;
 };
 
 } // namespace
@@ -290,10 +409,19 @@ base::Result<DicomFile> read_dicom_file(const fs::path &file) {
   if (!walked) {
     return base::failure(file.string() + ": is not whole, or damaged: " + walked.error());
   }
-  const std::uint64_t needed = walked->rows * walked->columns * walked->samples * ((walked->bits_allocated + 7) / 8);
-  if (walked->has_pixels && !walked->compressed && walked->pixel_bytes < needed) {
+  const double bits = static_cast<double>(walked->rows * walked->columns) * static_cast<double>(walked->samples) *
+                      static_cast<double>(walked->bits_allocated) * static_cast<double>(walked->frame_count);
+  const double needed = std::ceil(bits / 8.0);
+  if (walked->has_pixels && !walked->compressed && static_cast<double>(walked->pixel_bytes) < needed) {
+    std::array<char, 32> text{};
+    (void)std::snprintf(text.data(), text.size(), "%.0f", needed);
     return base::failure(file.string() + ": is not whole: it holds " + std::to_string(walked->pixel_bytes) +
-                         " bytes of pixels, its header asks for " + std::to_string(needed));
+                         " bytes of pixels, its header asks for " + text.data());
+  }
+  // The first item is the table of offsets. A deflated data set has none.
+  if (walked->fragments > 0 && walked->fragments - 1 < walked->frame_count) {
+    return base::failure(file.string() + ": is not whole: it holds " + std::to_string(walked->fragments - 1) +
+                         " fragments of pixels for " + std::to_string(walked->frame_count) + " frames");
   }
   return *walked;
 }

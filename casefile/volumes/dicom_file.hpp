@@ -6,15 +6,30 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
+#include <vector>
+
+#include <Eigen/Core>
 
 #include "base/result.hpp"
 
 namespace bregma::casefile {
 
+// What the functional groups of a multi-frame file state about a frame (part 3, C.7.6.16). Empty where they do not.
+struct DicomFrame {
+  std::optional<Eigen::Vector3d> position_mm;             // LPS, centre of the first pixel
+  std::optional<Eigen::Matrix<double, 6, 1>> orientation; // of row and column
+  std::optional<Eigen::Vector2d> spacing_mm;              // between rows, between columns
+  std::optional<double> slope, intercept;                 // of the stored values
+};
+
 struct DicomFile {
   bool has_pixels = false;
-  bool compressed = false;       // pixels in fragments
-  std::uint64_t pixel_bytes = 0; // of pixels that are not compressed
+  bool compressed = false;        // pixels in fragments
+  std::uint64_t pixel_bytes = 0;  // of pixels that are not compressed
+  std::uint64_t fragments = 0;    // of compressed pixels
+  std::uint64_t frame_count = 1;  // as stated
+  std::vector<DicomFrame> frames; // of the functional groups; empty without them
   // Of the image; 1 if they are not stated.
   std::uint64_t rows = 1, columns = 1, samples = 1, bits_allocated = 8;
 };
@@ -23,8 +38,8 @@ struct DicomFile {
 [[nodiscard]] bool is_dicom_file(const std::filesystem::path &file);
 
 // Refuses a file that is not whole: an element beyond its end, a sequence without its end, fewer pixels than stated.
-// Nothing but the headers of the elements is read. A deflated data set is not looked into. A file without the mark is
-// taken as a data set that begins with its first byte.
+// Nothing but the headers of the elements, and what DicomFile holds, is read. A deflated data set is not looked into. A
+// file without the mark is taken as a data set that begins with its first byte.
 [[nodiscard]] base::Result<DicomFile> read_dicom_file(const std::filesystem::path &file);
 
 } // namespace bregma::casefile

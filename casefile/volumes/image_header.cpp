@@ -24,13 +24,13 @@ struct EndInflate {
   }
 };
 
-base::Result<void> not_whole(const std::filesystem::path &file, const std::string &what) {
+tl::unexpected<base::Error> not_whole(const std::filesystem::path &file, const std::string &what) {
   return base::failure(file.string() + ": is not whole: " + what);
 }
 
 // Inflates everything: one stream of zlib, or members of gzip behind each other. keep: the bytes of the voxels.
-base::Result<void> check_compressed(std::ifstream &in, const StoredData &data, std::uint64_t voxel_bytes,
-                                    std::vector<char> *keep) {
+base::Result<std::uint64_t> check_compressed(std::ifstream &in, const StoredData &data, std::uint64_t voxel_bytes,
+                                             std::vector<char> *keep) {
   const std::uint64_t needed = data.skipped + voxel_bytes;
   const std::unique_ptr<z_stream, EndInflate> stream(new z_stream{});
   constexpr int kZlibOrGzip = 15 + 32;
@@ -72,9 +72,11 @@ base::Result<void> check_compressed(std::ifstream &in, const StoredData &data, s
     return not_whole(data.file, "its compressed data end early, after " + std::to_string(found) + " of " +
                                     std::to_string(needed) + " bytes");
   }
-  return found >= needed ? base::Result<void>()
-                         : not_whole(data.file, "it holds " + std::to_string(found) +
-                                                    " bytes of voxels, its header asks for " + std::to_string(needed));
+  if (found < needed) {
+    return not_whole(data.file, "it holds " + std::to_string(found) + " bytes of voxels, its header asks for " +
+                                    std::to_string(needed));
+  }
+  return found - needed;
 }
 
 } // namespace
@@ -109,7 +111,7 @@ base::Result<std::array<std::int64_t, 3>> check_shape(const std::filesystem::pat
   return out;
 }
 
-base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes, std::vector<char> *keep) {
+base::Result<std::uint64_t> check_whole(const StoredData &data, std::uint64_t needed_bytes, std::vector<char> *keep) {
   std::error_code error;
   const std::uintmax_t size = std::filesystem::file_size(data.file, error);
   std::ifstream in(data.file, std::ios::binary);
@@ -133,13 +135,26 @@ base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_byte
       return base::failure(data.file.string() + ": cannot be read");
     }
   }
-  return {};
+  return found - needed_bytes;
 }
 
 base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes,
                                const std::filesystem::path &header_file, ImageHeader &header) {
   header.least_bytes = data.compressed || data.file != header_file ? 0 : data.begin + data.skipped + needed_bytes;
-  return check_whole(data, needed_bytes);
+  const auto behind = check_whole(data, needed_bytes);
+  if (!behind) {
+    return tl::unexpected(behind.error());
+  }
+  const std::uint64_t slice = needed_bytes / static_cast<std::uint64_t>(std::max<std::int64_t>(header.size[2], 1));
+  if (slice > 0 && *behind >= slice && *behind % slice == 0) {
+    return base::failure(data.file.string() + ": holds " + std::to_string(*behind / slice) +
+                         " slices more than its header states: is it the header of another image?");
+  }
+  if (*behind > 0) {
+    header.notes.push_back(data.file.string() + ": " + std::to_string(*behind) +
+                           " bytes behind its voxels are not read");
+  }
+  return {};
 }
 
 FileHead read_file_head(const std::filesystem::path &path, std::size_t bytes) {

@@ -73,10 +73,11 @@ enum class ImageFormat { kUnknown, kNifti, kMgh, kNrrd, kMeta, kDicom };
 [[nodiscard]] base::Result<std::array<std::int64_t, 3>> check_shape(const std::filesystem::path &path,
                                                                     const std::vector<double> &sizes);
 
-// The bytes of the voxels are there. keep: receives them.
-[[nodiscard]] base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes,
-                                             std::vector<char> *keep = nullptr);
-// The same; sets least_bytes of the header, which is in this file.
+// The bytes of the voxels are there. keep: receives them. The number of bytes behind them.
+[[nodiscard]] base::Result<std::uint64_t> check_whole(const StoredData &data, std::uint64_t needed_bytes,
+                                                      std::vector<char> *keep = nullptr);
+// The same; sets least_bytes of the header, which is in this file. Refuses whole slices behind the voxels: the header
+// is that of another image. Other bytes are noted.
 [[nodiscard]] base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes,
                                              const std::filesystem::path &header_file, ImageHeader &header);
 [[nodiscard]] base::Result<void> check_whole(const StoredVoxels &voxels, const std::filesystem::path &header_file,

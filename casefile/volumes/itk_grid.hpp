@@ -22,6 +22,9 @@ struct PlacedVolume {
 [[nodiscard]] base::Result<PlacedVolume> read_dicom_series(const std::filesystem::path &folder,
                                                            const std::string &series);
 
+// An enhanced multi-frame file: its frames lie where its functional groups say, whatever their order in the file.
+[[nodiscard]] base::Result<PlacedVolume> read_dicom_frames(const std::filesystem::path &file);
+
 // "path: what"
 [[nodiscard]] std::string file_error(const std::filesystem::path &path, const std::string &what);
 

@@ -155,6 +155,9 @@ base::Result<void> check_meta_data(const fs::path &path, const Tags &tags, std::
                      (channels.size() == 1 && channels[0] > 1.0 ? static_cast<std::uint64_t>(channels[0]) : 1);
   const std::string before = first_of(tags, {"HeaderSize"});
   const std::vector<double> skipped = header_numbers(before);
+  if (local && std::any_of(skipped.begin(), skipped.end(), [](double bytes) { return bytes != 0.0; })) {
+    return refuse_tag(path, "HeaderSize", before, "must be 0 where the voxels follow the header");
+  }
   if (!before.empty() && !local) {
     // -1: the voxels are at the end of the file.
     if (skipped.size() != 1 || !(skipped[0] >= -1.0 && skipped[0] < 1e12)) {
@@ -182,7 +185,11 @@ base::Result<ImageHeader> read_meta_header(const fs::path &path, std::optional<S
   Tags tags;
   for (const std::string &line : text->lines) {
     if (const std::size_t equals = line.find('='); equals != std::string::npos) {
-      tags[std::string(base::trimmed(line.substr(0, equals)))] = base::trimmed(line.substr(equals + 1));
+      const std::string name(base::trimmed(line.substr(0, equals)));
+      const std::string value(base::trimmed(line.substr(equals + 1)));
+      if (const auto [tag, fresh] = tags.emplace(name, value); !fresh && tag->second != value) {
+        return tl::unexpected(refuse_tag(path, name, value, "is stated before as \"" + tag->second + "\"").error());
+      }
     }
   }
   ImageHeader out;

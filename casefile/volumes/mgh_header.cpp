@@ -91,7 +91,10 @@ base::Result<ImageHeader> read_mgh_header(const std::filesystem::path &path) {
   out.T_ras_index.topLeftCorner<3, 3>() = axes;
   out.T_ras_index.topRightCorner<3, 1>() = vector_at(bytes, kCentre) - axes * half;
   out.voxels = StoredVoxels{{path, 0, head.compressed, kHeaderBytes}, *type, true};
-  return check_whole(*out.voxels, path, out).map([&] { return out; });
+  return check_whole(*out.voxels, path, out).map([&] {
+    out.notes.clear(); // the parameters of the scan may follow the voxels
+    return out;
+  });
 }
 
 } // namespace bregma::casefile

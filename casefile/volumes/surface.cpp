@@ -1,7 +1,9 @@
 #include "casefile/volumes/surface.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <exception>
 
@@ -30,6 +32,10 @@ using surface::TriangleMesh;
 
 // Leaves the filters' call stack when the user cancels.
 struct Stopped : std::exception {};
+
+// Of the image of a head, along its longest axis.
+constexpr double kLeastExtent_mm = 10.0;
+constexpr double kLargestExtent_mm = 3000.0;
 
 // Fraction of the time that segmentation takes.
 constexpr double kSegmentationShare = 0.6;
@@ -223,6 +229,19 @@ base::Result<ExtractedSurface> extract(const SurfaceOptions &options, const Prog
   }
 }
 
+// A head or a brain; in another unit it is not.
+base::Result<void> check_extent(const Volume &volume) {
+  const Eigen::Vector3d size(volume.size[0], volume.size[1], volume.size[2]);
+  const Eigen::Vector3d extent_mm = size.cwiseProduct(volume.spacing_mm());
+  if (extent_mm.maxCoeff() >= kLeastExtent_mm && extent_mm.maxCoeff() <= kLargestExtent_mm) {
+    return {};
+  }
+  std::array<char, 128> text{};
+  (void)std::snprintf(text.data(), text.size(), "the image measures %.4g x %.4g x %.4g mm: is its unit another one?",
+                      extent_mm[0], extent_mm[1], extent_mm[2]);
+  return base::failure(text.data());
+}
+
 } // namespace
 
 SurfaceOptions scalp_options() {
@@ -234,6 +253,9 @@ SurfaceOptions scalp_options() {
 
 base::Result<ExtractedSurface> extract_surface(const Volume &volume, const SurfaceOptions &options,
                                                const Progress &progress) {
+  if (auto human = check_extent(volume); !human) {
+    return tl::unexpected(human.error());
+  }
   return extract(options, progress, [&](const Step &step) { return object_field(volume, options, step); });
 }
 

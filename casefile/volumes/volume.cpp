@@ -6,6 +6,7 @@
 #include <fstream>
 #include <limits>
 #include <sstream>
+#include <string_view>
 
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <Eigen/LU>
@@ -16,6 +17,7 @@
 #include <itkNrrdImageIO.h>
 
 #include "base/text.hpp"
+#include "casefile/volumes/dicom_file.hpp"
 #include "casefile/volumes/image_header.hpp"
 #include "casefile/volumes/itk_grid.hpp"
 
@@ -41,8 +43,15 @@ std::string reason_of(const itk::ExceptionObject &error) {
   if (text.starts_with("ITK ERROR: ")) {
     text.erase(0, 11);
   }
+  // Teem repeats how it came to the reason, which is its last sentence.
+  constexpr std::string_view kTeem = "[nrrd] ";
+  if (const auto last = text.rfind(kTeem); last != std::string::npos) {
+    text.erase(0, last + kTeem.size());
+    const auto function = text.find(": ");
+    text.erase(0, function != std::string::npos && text.find(' ') > function ? function + 2 : 0);
+  }
   std::replace(text.begin(), text.end(), '\n', ' ');
-  return text;
+  return std::string(base::trimmed(text));
 }
 
 base::Result<void> check_components(const fs::path &path, const itk::ImageIOBase &io) {
@@ -181,6 +190,23 @@ base::Result<void> check_finite(const fs::path &path, const Volume &volume) {
                                             " voxels are not finite numbers"));
 }
 
+bool is_dicom_image(const fs::path &path) {
+  return image_format_of(path) == ImageFormat::kDicom && base::lower(path.filename().string()) != "dicomdir";
+}
+
+base::Result<PlacedVolume> read_any_file(const fs::path &path, std::optional<Space> space) {
+  if (is_dicom_image(path)) {
+    const auto header = read_dicom_file(path);
+    if (!header) {
+      return tl::unexpected(header.error());
+    }
+    if (header->frame_count > 1) {
+      return read_dicom_frames(path);
+    }
+  }
+  return read_file(path, space);
+}
+
 } // namespace
 
 std::string file_error(const fs::path &path, const std::string &what) { return path.string() + ": " + what; }
@@ -199,7 +225,7 @@ base::Result<Volume> read_volume(const fs::path &path, const VolumeOptions &opti
   itk::Object::SetGlobalWarningDisplay(false); // relevant problems are returned as an Error
   try {
     const auto image =
-        fs::is_directory(path, ignored) ? read_dicom_series(path, options.series) : read_file(path, options.space);
+        fs::is_directory(path, ignored) ? read_dicom_series(path, options.series) : read_any_file(path, options.space);
     if (!image) {
       return tl::unexpected(image.error());
     }
@@ -226,7 +252,7 @@ base::Result<Volume> read_volume(const fs::path &path, const VolumeOptions &opti
 
 bool states_its_space(const fs::path &path) {
   std::error_code ignored;
-  if (fs::is_directory(path, ignored)) {
+  if (fs::is_directory(path, ignored) || is_dicom_image(path)) {
     return true;
   }
   const auto header = read_image_header(path, image_format_of(path), std::nullopt);

@@ -1,11 +1,11 @@
 // Images of a case: voxels on a regular grid, with the map from voxel index to Image (RAS, mm).
 //
-// Files: NIfTI-1 and -2, also as a pair, MGH, NRRD, MetaImage, or a folder with a DICOM series. ITK reads the voxels of
-// the last three; where they lie, and whether the file is whole, our own code finds out (image_header.hpp). Positions
-// are converted to RAS once, here, and voxels are reordered to the nearest axes (i towards the right, j anterior, k
-// superior). Nothing downstream depends on how a scanner or converter stored the image. Every problem is an Error that
-// names the file; nothing here throws. Not for a loop: reads block and allocate. Functions are safe to call from any
-// thread, on different files at a time.
+// Files: NIfTI-1 and -2, also as a pair, MGH, NRRD, MetaImage, a folder with a DICOM series, or an enhanced multi-frame
+// DICOM file. ITK reads the voxels of the last four; where they lie, and whether the file is whole, our own code finds
+// out (image_header.hpp). Positions are converted to RAS once, here, and voxels are reordered to the nearest axes (i
+// towards the right, j anterior, k superior). Nothing downstream depends on how a scanner or converter stored the
+// image. Every problem is an Error that names the file; nothing here throws. Not for a loop: reads block and allocate.
+// Functions are safe to call from any thread, on different files at a time.
 #pragma once
 
 #include <cstdint>

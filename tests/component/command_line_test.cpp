@@ -8,6 +8,7 @@
 #include "idl/names.hpp"
 #include "idl/version.hpp"
 #include "tests/component/operation_fixture.hpp"
+#include "tests/unit/cli/page_commands.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
 
 namespace bregma::test {
@@ -23,8 +24,8 @@ protected:
     operation.start_daemon();
     ASSERT_TRUE(operation.observe_until([this] { return operation.health.time_ns != 0; })) << operation.logs();
   }
-  tests::Outcome bregma(const std::string &words) {
-    return tests::run_bregma(folder, words + " --domain " + std::to_string(operation.domain()));
+  tests::Outcome bregma(const std::string &words, const std::string &to = {}) {
+    return tests::run_bregma(folder, words + " --wait 30 --domain " + std::to_string(operation.domain()), to);
   }
   // SystemHealth contains it a moment later.
   bool comes_to(wire::SessionState state) {
@@ -70,6 +71,30 @@ TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
 
   EXPECT_EQ(bregma("case close").exit_code, 0);
   EXPECT_TRUE(comes_to(bregma_wire_SESSION_IDLE));
+}
+
+// docs/first-case.md: what is typed with devices. No case is loaded, so the answers are refusals; a word or an option
+// that does not exist is answered with the help to read.
+TEST_F(CommandLine, TheCommandsOfTheFirstCasesPageAreUnderstood) {
+  int asked = 0;
+  for (const std::string &command : tests::commands_of_page("first-case.md")) {
+    if (command.starts_with("register ") || command.starts_with("calibrate ") || command.starts_with("target ")) {
+      const auto run = bregma(command);
+      EXPECT_EQ(run.err.find(" --help)"), std::string::npos) << command << ": " << run.err;
+      ++asked;
+    }
+  }
+  EXPECT_EQ(asked, 11);
+}
+
+// What was lost is no success, also of a command that goes on.
+TEST_F(CommandLine, AnOutputThatTakesNothingEndsTheCommand) {
+  for (const char *words :
+       {"status", "status --json", "watch --json --rate 20", "watch", "alarms", "register status"}) {
+    const auto run = bregma(words, tests::kFullDisk);
+    EXPECT_EQ(run.exit_code, 2) << words;
+    EXPECT_TRUE(run.err.ends_with(tests::kOutputLost)) << words << ": " << run.err;
+  }
 }
 
 TEST_F(CommandLine, ASupportBundleHasNoNameOfTheCase) {

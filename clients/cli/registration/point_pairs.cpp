@@ -127,6 +127,15 @@ Result<Pairing> pair_points(const NamedList &source, const NamedList &target, bo
   if (by_order) {
     return by_order_of(source, target, "--by-order");
   }
+  for (const NamedList *list : {&source, &target}) {
+    const auto &points = list->points->points;
+    const auto nameless = std::count_if(points.begin(), points.end(),
+                                        [](const casefile::NamedPoint &p) { return base::trimmed(p.name).empty(); });
+    if (nameless > 0 && static_cast<std::size_t>(nameless) < points.size()) {
+      return base::failure(list->file + ": " + std::to_string(nameless) + " of " + std::to_string(points.size()) +
+                           " points have no name; --by-order pairs the points by their order");
+    }
+  }
   if (!named) {
     const bool neither = !source.points->named && !target.points->named;
     return by_order_of(source, target,

@@ -10,7 +10,9 @@ namespace {
 using namespace bregma::casefile;
 using bregma::test::TemporaryFolder;
 
-std::string points_file(const std::string &control_points, const std::string &fields = "\"coordinateSystem\": \"LPS\",",
+constexpr const char *kLps = "\"coordinateSystem\": \"LPS\",";
+
+std::string points_file(const std::string &control_points, const std::string &fields = kLps,
                         const std::string &type = "Fiducial") {
   return "{\"markups\": [{\"type\": \"" + type + "\", " + fields + " \"controlPoints\": [" + control_points + "]}]}";
 }
@@ -86,7 +88,7 @@ TEST(Markups, ErrorsNameTheControlPointAndTheValue) {
             ": markup 1: coordinateSystem = \"XYZ\": must be LPS or RAS");
   EXPECT_EQ(markups_error(points_file("", "", "Plane")),
             ": markup 1: type = \"Plane\": only Fiducial, Line, Curve and ClosedCurve are read");
-  EXPECT_EQ(markups_error(points_file("", "\"coordinateUnits\": \"inch\",")),
+  EXPECT_EQ(markups_error(points_file("", std::string(kLps) + "\"coordinateUnits\": \"inch\",")),
             ": markup 1: coordinateUnits = \"inch\": must be mm, cm, m or um");
   EXPECT_EQ(markups_error("{}"), ": is not a Slicer markups file: it has no list \"markups\"");
   EXPECT_EQ(markups_error("[1, 2]"), ": is not a Slicer markups file: it has no list \"markups\"");
@@ -101,10 +103,10 @@ TEST(Markups, ErrorsNameTheControlPointAndTheValue) {
 TEST(Markups, LinesAndPointsAreNotTakenForEachOther) {
   TemporaryFolder folder;
   const std::string two = R"({"position": [1, 2, 3]}, {"position": [4, 5, 6]})";
-  const auto line = folder.write("My line.mrk.json", points_file(two, "", "Line"));
+  const auto line = folder.write("My line.mrk.json", points_file(two, kLps, "Line"));
   EXPECT_NE(read_points(line).error().message.find("is a line where points are expected"), std::string::npos);
   EXPECT_EQ(read_trajectories(line)->front().name, "My line");
-  const auto three = folder.write("l.mrk.json", points_file(two + R"(, {"position": [4, 5, 6]})", "", "Line"));
+  const auto three = folder.write("l.mrk.json", points_file(two + R"(, {"position": [4, 5, 6]})", kLps, "Line"));
   EXPECT_NE(read_trajectories(three).error().message.find("a line has two control points, this one has 3"),
             std::string::npos);
   EXPECT_FALSE(read_points(folder.path() / "absent.mrk.json"));
@@ -131,7 +133,7 @@ TEST(Markups, UnitsOfAnyFormAreApplied) {
        {"\"m\"", "[\"m\", \"UCUM\", \"meter\"]", "{\"codeValue\": \"m\", \"codingSchemeDesignator\": \"UCUM\"}"}) {
     const auto points =
         read_points(folder.write("u.mrk.json", points_file(R"({"label": "A", "position": [-0.01, -0.02, 0.03]})",
-                                                           std::string("\"coordinateUnits\": ") + unit + ",")));
+                                                           std::string(kLps) + "\"coordinateUnits\": " + unit + ",")));
     ASSERT_TRUE(points) << points.error().message;
     EXPECT_TRUE(points->front().position_mm.isApprox(Eigen::Vector3d(10, 20, 30))) << unit;
   }
@@ -140,9 +142,9 @@ TEST(Markups, UnitsOfAnyFormAreApplied) {
 TEST(Markups, WhatCannotBeUsedBesideAListIsLeftOutAndSaid) {
   TemporaryFolder folder;
   const auto file = folder.write("b.mrk.json", R"({"markups": [{"type": "Plane", "controlPoints": []},
-      {"type": "Fiducial", "controlPoints": [{"label": "A", "position": [0, 0, 0]},
+      {"type": "Fiducial", "coordinateSystem": "LPS", "controlPoints": [{"label": "A", "position": [0, 0, 0]},
         {"label": "B", "position": [0, 0, 0], "positionStatus": "preview"}]},
-      {"type": "Line", "name": "L", "controlPoints": [{"position": [0, 0, 0]}, {"position": [0, 0, 1]}]}]})");
+      {"type": "Line", "name": "L", "coordinateSystem": "LPS", "controlPoints": [{"position": [0, 0, 0]}, {"position": [0, 0, 1]}]}]})");
   Notes notes;
   const auto points = read_points(file, &notes);
   ASSERT_TRUE(points) << points.error().message;
@@ -153,6 +155,38 @@ TEST(Markups, WhatCannotBeUsedBesideAListIsLeftOutAndSaid) {
   EXPECT_NE(notes[1].find("markup 1: type = \"Plane\": it is left out"), std::string::npos);
   EXPECT_NE(notes[2].find("\"L\" is a line where points are expected: it is left out"), std::string::npos);
   EXPECT_FALSE(read_points(file)) << "a reader that tells nobody refuses the file";
+}
+
+TEST(Markups, ASpaceThatIsNotStatedIsSaid) {
+  TemporaryFolder folder;
+  const std::string row = "vtk_1,1,2,3,0,0,0,1,1,1,0,AC,,\n";
+  for (const auto &[file, assumed] :
+       {std::pair(folder.write("a.mrk.json", points_file(R"({"label": "A", "position": [-1, -2, 3]})", "")), "LPS"),
+        {folder.write("a.fcsv", row), "RAS"}}) {
+    Notes notes;
+    const auto points = read_points(file, &notes);
+    ASSERT_TRUE(points) << points.error().message;
+    EXPECT_EQ(points->front().position_mm, Eigen::Vector3d(1, 2, 3));
+    ASSERT_EQ(notes.size(), 1U);
+    EXPECT_NE(notes[0].find("is not stated: " + std::string(assumed) + " is assumed"), std::string::npos) << notes[0];
+    EXPECT_FALSE(read_points(file)) << "a reader that prints no notes";
+  }
+}
+
+TEST(Markups, AKeyThatIsStatedTwiceIsRefused) {
+  const std::string point = R"({"label": "A", "position": [1, 2, 3]})";
+  EXPECT_EQ(markups_error(points_file(point, "\"coordinateSystem\": \"LPS\", \"coordinateSystem\": \"RAS\",")),
+            ": the key \"coordinateSystem\" is stated twice in one place");
+  TemporaryFolder folder;
+  EXPECT_TRUE(read_points(folder.write("two.mrk.json", points_file(point + ", " + point)))) << "of two points";
+}
+
+TEST(Markups, ATableOrARowThatWasCutIsRefusedByName) {
+  EXPECT_EQ(markups_error("name,x,y,z\nA,1,2,3\n", "a.csv"),
+            ": is a table; Slicer's lists are read here, .mrk.json or .fcsv");
+  const std::string header = "# CoordinateSystem = LPS\n# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc\n";
+  EXPECT_EQ(markups_error(header + "vtk_1,1,2,3,0,0,0,1,1,1,0,AC,\nvtk_2,1,2,30,0,0,0", "a.fcsv"),
+            ":4: control point 2: the row has 7 cells, 13 columns are stated: it is not whole");
 }
 
 // CT and MR of a distortion phantom, from Slicer.

@@ -21,15 +21,19 @@ struct Outcome {
   [[nodiscard]] nlohmann::json json() const { return nlohmann::json::parse(out, nullptr, false); }
 };
 
-// arguments as in a shell; the working folder is the given one.
-inline Outcome run_bregma(const test::TemporaryFolder &folder, const std::string &arguments) {
-  const std::string out = (folder.path() / ".out").string();
+inline constexpr const char *kFullDisk = "/dev/full";
+inline constexpr const char *kOutputLost = "bregma: the output could not be written completely\n";
+
+// arguments as in a shell; the working folder is the given one. to: takes standard output instead of the outcome.
+inline Outcome run_bregma(const test::TemporaryFolder &folder, const std::string &arguments,
+                          const std::string &to = {}) {
+  const std::string out = to.empty() ? (folder.path() / ".out").string() : to;
   const std::string err = (folder.path() / ".err").string();
   const std::string command = "cd '" + folder.path().string() + "' && '" BREGMA_PROGRAM "' " + arguments + " >'" + out +
                               "' 2>'" + err + "' </dev/null";
   const int status =
       std::system(command.c_str()); // NOLINT(bugprone-command-processor,cert-env33-c): a test's own words
-  Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(out), {}, {}};
+  Outcome outcome{WIFEXITED(status) ? WEXITSTATUS(status) : -1, to.empty() ? read_file(out) : "", {}, {}};
   std::istringstream lines(read_file(err));
   for (std::string line; std::getline(lines, line);) {
     (line.starts_with("note: ") ? outcome.notes : outcome.err) += line + "\n";

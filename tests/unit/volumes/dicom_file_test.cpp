@@ -3,35 +3,19 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/unit/volumes/dicom_bytes.hpp"
 #include "tests/unit/volumes/files.hpp"
 
 namespace bregma::casefile {
 namespace {
 
-std::string little(std::uint32_t value, std::size_t bytes) {
-  std::string out;
-  for (std::size_t i = 0; i < bytes; ++i) {
-    out.push_back(static_cast<char>(value >> (8 * i) & 0xFF));
-  }
-  return out;
-}
-
-std::string tag(std::uint32_t group, std::uint32_t element) { return little(group, 2) + little(element, 2); }
-
-std::string short_element(std::uint32_t group, std::uint32_t element, const std::string &vr, const std::string &value) {
-  return tag(group, element) + vr + little(static_cast<std::uint32_t>(value.size()), 2) + value;
-}
-
-std::string long_element(std::uint32_t group, std::uint32_t element, const std::string &vr, std::uint32_t length,
-                         const std::string &value) {
-  return tag(group, element) + vr + std::string(2, '\0') + little(length, 4) + value;
-}
-
-std::string item(std::uint32_t length, const std::string &content) {
-  return tag(0xFFFE, 0xE000) + little(length, 4) + content;
-}
-const std::string kItemEnd = tag(0xFFFE, 0xE00D) + little(0, 4);
-const std::string kSequenceEnd = tag(0xFFFE, 0xE0DD) + little(0, 4);
+using test::item;
+using test::kItemEnd;
+using test::kSequenceEnd;
+using test::little;
+using test::long_element;
+using test::short_element;
+using test::tag;
 
 // A slice of 2 x 3 pixels of 16 bits, with sequences of stated and of undefined length.
 std::string slice(const std::string &pixels, const std::string &syntax = "1.2.840.10008.1.2.1") {

@@ -57,6 +57,45 @@ TEST(FaultInput, AnImageThatIsNotWholeIsRefused) {
   }
 }
 
+// A header that states fewer slices than there are is that of another image; a few bytes more are said.
+TEST(FaultInput, WhatLiesBehindTheVoxelsIsSaidOrRefused) {
+  const test::TemporaryFolder folder;
+  const std::string slice(12 * 12 * 2, '\0');
+  const std::string nrrd = "NRRD0004\ntype: short\ndimension: 3\nspace: RAS\nsizes: 12 12 3\nendian: little\n"
+                           "space directions: (2,0,0) (0,2,0) (0,0,2)\nspace origin: (0,0,0)\nencoding: raw\n\n";
+  const std::string meta = "ObjectType = Image\nNDims = 3\nBinaryData = True\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n"
+                           "Offset = 0 0 0\nElementSpacing = 2 2 2\nDimSize = 12 12 3\nElementType = MET_SHORT\n"
+                           "ElementDataFile = LOCAL\n";
+  for (const auto &[name, header] : {std::pair("v.nrrd", nrrd), {"v.mha", meta}}) {
+    test::write_bytes(folder / name, header + slice + slice + slice + "tail");
+    Notes notes;
+    ASSERT_TRUE(read_volume(folder / name, {}, &notes));
+    ASSERT_EQ(notes.size(), 1U);
+    EXPECT_NE(notes[0].find("4 bytes behind its voxels are not read"), std::string::npos) << notes[0];
+    test::write_bytes(folder / name, header + slice + slice + slice + slice);
+    const auto more = read_volume(folder / name, {}, &notes);
+    ASSERT_FALSE(more);
+    EXPECT_NE(more.error().message.find("holds 1 slices more than its header states"), std::string::npos)
+        << more.error().message;
+  }
+}
+
+TEST(FaultInput, AMetaImageThatContradictsItselfIsRefused) {
+  const test::TemporaryFolder folder;
+  const std::string meta = "ObjectType = Image\nNDims = 3\nTransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 1 2 3\n"
+                           "ElementSpacing = 2 2 2\nDimSize = 2 2 2\nElementType = MET_UCHAR\n";
+  for (const auto &[more, said] : {std::pair("", ""),
+                                   {"Offset = 1 2 3\n", ""},
+                                   {"HeaderSize = 0\n", ""},
+                                   {"Offset = 0 0 0\n", "Offset = \"0 0 0\": is stated before as \"1 2 3\""},
+                                   {"HeaderSize = 3\n", "HeaderSize = \"3\": must be 0 where the voxels follow"}}) {
+    test::write_bytes(folder / "v.mha", meta + more + "ElementDataFile = LOCAL\n12345678");
+    const auto volume = read_volume(folder / "v.mha");
+    EXPECT_EQ(volume.has_value(), *said == '\0') << more;
+    EXPECT_TRUE(volume || volume.error().message.find(said) != std::string::npos) << volume.error().message;
+  }
+}
+
 TEST(FaultInput, AWrongBitInPackedVoxelsIsNoticed) {
   const test::TemporaryFolder folder;
   const auto whole = read_volume(kVolumes / "ras.nrrd");

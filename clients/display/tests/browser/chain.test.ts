@@ -1,7 +1,8 @@
 // The page on the real chain: bregmad, the simulated operating room, the case server and bregma-gateway as processes. The
 // operation goes on from a registration; then each of them stops, or is killed.
 import assert from "node:assert/strict";
-import { mkdirSync } from "node:fs";
+import { execFileSync } from "node:child_process";
+import { mkdirSync, readdirSync } from "node:fs";
 import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import type { App } from "../../src/page/app.ts";
@@ -15,6 +16,7 @@ declare const bregma: App; // in the page
 
 const build = process.env.BREGMA_BUILD ?? "";
 const shots = `${build}/display_tests/screenshots`;
+const caseFolder = headCase(build, process.env.BREGMA_SOURCE ?? "");
 let chain: RealChain;
 let browser: Browser;
 let page: Page;
@@ -25,7 +27,7 @@ before(async () => {
   chain = new RealChain({
     bin: `${build}/bin`,
     page: `${build}/display`,
-    caseFolder: headCase(build, process.env.BREGMA_SOURCE ?? ""),
+    caseFolder,
     domain: Number(process.env.BREGMA_DOMAIN ?? 40 + (process.pid % 150)),
   });
   const url = await chain.start();
@@ -147,6 +149,32 @@ test("a daemon that is killed and started again: the probe is back, not verified
   await backWith("unverified");
   await untilSession(/not verified/, 30_000);
   await page.screenshot({ path: `${shots}/chain_unverified.png` });
+});
+
+// A4 at 96 dots per inch, without the margins of the report's style sheet.
+const kPaper = { width: 703, height: 1032 };
+
+test("the report of the session on paper: no column is cut off, no page is half empty", async () => {
+  const sessions = `${caseFolder}/sessions`;
+  const files = readdirSync(sessions).filter((name) => name.endsWith(".db"));
+  const navigated = files.sort().at(-2); // the last one is that of the daemon that was started again
+  const report = `${shots}/report.html`;
+  execFileSync(`${build}/bin/bregma`, ["report", `${sessions}/${navigated}`, "--html", report]);
+  const paper = await browser.newPage({ viewport: kPaper });
+  await paper.emulateMedia({ media: "print" });
+  await paper.goto(`file://${report}`);
+  const wide = await paper.evaluate(() =>
+    [...document.querySelectorAll<HTMLElement>("section, table, th, td, figure, img")]
+      .filter((e) => e.getBoundingClientRect().right > innerWidth + 1 || e.scrollWidth > e.clientWidth + 1)
+      .map((e) => `${e.tagName} ${e.textContent?.slice(0, 40)}`),
+  );
+  assert.deepEqual(wide, []);
+  const height = await paper.evaluate(() => document.documentElement.scrollHeight);
+  const pdf = await paper.pdf({ path: `${shots}/report.pdf`, preferCSSPageSize: true, printBackground: true });
+  const pages = pdf.toString("latin1").match(/\/Type\s*\/Page\b(?!s)/g)?.length ?? 0;
+  assert.ok(pages >= 2, `${pages} pages`);
+  assert.ok(height / kPaper.height >= 0.75 * (pages - 1), `${height} px on ${pages} pages`);
+  await paper.close();
 });
 
 test("nothing failed in the page", () => assert.deepEqual(errors, []));
