@@ -11,7 +11,7 @@ set(BREGMA_SHARE_DIR ${CMAKE_INSTALL_DATADIR}/bregma)
 set(BREGMA_PACKAGE_TARGETS
   bregma_settings bregma_base bregma_wire bregma_wire_values bregma_idl bregma_driver bregma_algorithms
   bregma_geometry bregma_simd bregma_image bregma_parallel bregma_surface bregma_uncertainty bregma_registration bregma_intensity
-  bregma_calibration bregma_mri bregma_monitoring bregma_planning bregma_robot bregma_tissue_material bregma_tissue)
+  bregma_calibration bregma_mri bregma_monitoring bregma_planning bregma_range bregma_robot bregma_tissue_material bregma_tissue)
 set(BREGMA_PACKAGE_HEADERS base idl algorithms drivers/frame)
 
 function(bregma_install)

@@ -13,6 +13,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
+#include "algorithms/calibration/rotation_spread.hpp"
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/geometry/unknown.hpp"
 #include "algorithms/uncertainty/distributions.hpp"
@@ -199,33 +200,15 @@ private:
   std::vector<double> weights_;
 };
 
-// Ranges of the rotation vectors about the mean rotation, along their principal axes, widest first. The outer 1 % at
-// each end are left out: a single wrong pose must not count as rotation.
-std::array<double, 2> rotation_ranges(std::span<const PivotPose> poses) {
-  // Mean rotation: the eigenvector of the largest eigenvalue of sum q q' [Markley 2007].
-  Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
+// Ranges about the two widest axes.
+std::array<double, 2> widest_rotations(std::span<const PivotPose> poses) {
+  std::vector<Eigen::Quaterniond> rotations;
+  rotations.reserve(poses.size());
   for (const PivotPose &pose : poses) {
-    const Eigen::Vector4d q = pose.T_fixed_tool.rotation().coeffs();
-    sum += q * q.transpose();
+    rotations.push_back(pose.T_fixed_tool.rotation());
   }
-  const Eigen::Quaterniond mean(Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(sum).eigenvectors().col(3).eval());
-  std::vector<Vector3d> turns;
-  Matrix3d spread = Matrix3d::Zero();
-  for (const PivotPose &pose : poses) {
-    turns.push_back(geometry::rotation_log(mean.conjugate() * pose.T_fixed_tool.rotation()));
-    spread += turns.back() * turns.back().transpose();
-  }
-  const Matrix3d axes = Eigen::SelfAdjointEigenSolver<Matrix3d>(spread).eigenvectors();
-  std::array<double, 2> ranges{};
-  std::vector<double> along(turns.size());
-  for (std::size_t i = 0; i < 2; ++i) {
-    const Vector3d axis = axes.col(2 - static_cast<Eigen::Index>(i));
-    std::transform(turns.begin(), turns.end(), along.begin(), [&axis](const Vector3d &w) { return axis.dot(w); });
-    std::sort(along.begin(), along.end());
-    const std::size_t trim = along.size() / 100;
-    ranges[i] = along[along.size() - 1 - trim] - along[trim];
-  }
-  return ranges;
+  const auto ranges = rotation_ranges(rotations);
+  return {ranges[0], ranges[1]};
 }
 
 Matrix3d jackknife_covariance(PivotProblem &problem, const Estimate &estimate) {
@@ -351,7 +334,7 @@ PivotResult calibrate_pivot(std::span<const PivotPose> recorded, const PivotOpti
   out.poses = poses.size();
   out.repeated = recorded.size() - poses.size();
   if (!poses.empty()) {
-    const auto ranges = rotation_ranges(poses);
+    const auto ranges = widest_rotations(poses);
     std::copy(ranges.begin(), ranges.end(), out.rotation_rad);
   }
   if (auto refused = judge_motion(out, options)) {

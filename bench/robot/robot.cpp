@@ -1,6 +1,7 @@
 // Robot and its sensors: the figures of docs/robot.md.
 #include <cstdio>
 #include <exception>
+#include <utility>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -16,8 +17,16 @@ int main(int argc, char **argv) {
   CLI11_PARSE(app, argc, argv);
   try {
     bregma::bench::Report report(options.json);
-    if (options.wants("kinematics")) {
-      bregma::bench::kinematics_figures(report, options);
+    constexpr std::pair<const char *, void (*)(bregma::bench::Report &, const bregma::bench::RobotBenchOptions &)>
+        kParts[] = {
+            {"kinematics", bregma::bench::kinematics_figures},
+            {"calibration", bregma::bench::calibration_figures},
+            {"range", bregma::bench::range_figures},
+        };
+    for (const auto &[name, part] : kParts) {
+      if (options.wants(name)) {
+        part(report, options);
+      }
     }
     return report.all_hold() ? 0 : 1;
   } catch (const std::exception &problem) {

@@ -11,10 +11,12 @@ namespace bregma::bench {
 struct RobotBenchOptions : Options {
   std::string pictures; // folder for figures; none when empty
 };
-inline const std::vector<std::string> kRobotParts{"kinematics"};
+inline const std::vector<std::string> kRobotParts{"kinematics", "calibration", "range"};
 
 inline constexpr unsigned kRobotSeed = 20261129;
 
 void kinematics_figures(Report &report, const RobotBenchOptions &options);
+void calibration_figures(Report &report, const RobotBenchOptions &options);
+void range_figures(Report &report, const RobotBenchOptions &options);
 
 } // namespace bregma::bench
