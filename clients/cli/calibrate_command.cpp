@@ -11,6 +11,7 @@
 #include "algorithms/geometry/angles.hpp"
 #include "algorithms/geometry/unknown.hpp"
 #include "casefile/poses.hpp"
+#include "clients/cli/calibrate_commands.hpp"
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
@@ -145,7 +146,7 @@ int calibrate_live(const PivotArguments &arguments, const Context &context) {
 } // namespace
 
 void add_calibrate_command(CLI::App &app, Context &context) {
-  auto *calibrate = app.add_subcommand("calibrate", "Calibrates tools");
+  auto *calibrate = app.add_subcommand("calibrate", "Calibrates tools, and what a robot carries");
   calibrate->require_subcommand(1);
   auto *pivot = calibrate->add_subcommand("pivot", "Finds a tool's tip from poses that pivot about it");
   auto arguments = std::make_shared<PivotArguments>();
@@ -174,6 +175,9 @@ void add_calibrate_command(CLI::App &app, Context &context) {
       return arguments->live_tool.empty() ? calibrate_file(*arguments, context) : calibrate_live(*arguments, context);
     };
   });
+  add_calibrate_hand_eye(*calibrate, context);
+  add_calibrate_beam(*calibrate, context);
+  add_calibrate_range(*calibrate, context);
 }
 
 } // namespace bregma::cli
