@@ -4,25 +4,15 @@
 #include <charconv>
 #include <cstdio>
 
+#include "base/checked_line.hpp"
+
 namespace bregma::coils {
 
 namespace {
 
 using Problem = tl::unexpected<std::string_view>;
 
-unsigned checksum(std::string_view body) {
-  unsigned sum = 0;
-  for (const char c : body) {
-    sum ^= static_cast<unsigned char>(c);
-  }
-  return sum;
-}
-
-std::string framed(const std::string &body) {
-  char end[8];
-  std::snprintf(end, sizeof end, "*%02X\r\n", checksum(body));
-  return "$" + body + end;
-}
+std::string framed(const std::string &body) { return base::checked_line(body); }
 
 template <class Number> bool read(std::string_view text, Number &out, int base = 10) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), out, base);
@@ -31,31 +21,19 @@ template <class Number> bool read(std::string_view text, Number &out, int base =
 
 // The body between $ and *, with its checksum verified.
 tl::expected<std::string_view, std::string_view> body_of(std::string_view line) {
-  if (line.size() > kMaxLine) {
+  const auto body = base::checked_body(line, kMaxLine);
+  if (body) {
+    return *body;
+  }
+  switch (body.error()) {
+  case base::LineProblem::kTooLong:
     return Problem("line too long");
-  }
-  if (line.size() < 4 || line.front() != '$' || line[line.size() - 3] != '*') {
-    return Problem("not a message of a coil controller");
-  }
-  unsigned stated = 0;
-  const std::string_view body = line.substr(1, line.size() - 4);
-  if (!read(line.substr(line.size() - 2), stated, 16) || stated != checksum(body)) {
+  case base::LineProblem::kWrongChecksum:
     return Problem("wrong checksum");
+  case base::LineProblem::kNoFrame:
+    break;
   }
-  return body;
-}
-
-// Exactly N fields between commas.
-template <std::size_t N> bool split(std::string_view body, std::array<std::string_view, N> &fields) {
-  for (std::size_t i = 0; i < N; ++i) {
-    const std::size_t comma = body.find(',');
-    if ((comma == std::string_view::npos) != (i + 1 == N)) {
-      return false;
-    }
-    fields[i] = body.substr(0, comma);
-    body = i + 1 == N ? std::string_view() : body.substr(comma + 1);
-  }
-  return true;
+  return Problem("not a message of a coil controller");
 }
 
 std::string hex(std::uint64_t value) {
@@ -101,7 +79,7 @@ tl::expected<Order, std::string_view> parse_order(std::string_view line) {
     return out;
   }
   std::array<std::string_view, 4> fields;
-  if (!split(*body, fields) || fields[0] != "SET" || !read(fields[1], out.coils, 16) ||
+  if (!base::split_fields(*body, fields) || fields[0] != "SET" || !read(fields[1], out.coils, 16) ||
       !read(fields[2], out.current_uA) || !read(fields[3], out.hold_ms)) {
     return Problem("unknown order");
   }
@@ -119,9 +97,9 @@ tl::expected<State, std::string_view> parse_state(std::string_view line) {
   }
   State out;
   std::array<std::string_view, 8> fields;
-  if (!split(*body, fields) || fields[0] != "STA" || !read(fields[1], out.counter) || !read(fields[2], out.coils, 16) ||
-      !read(fields[3], out.current_uA) || !read(fields[4], out.left_ms) || !read(fields[5], out.lowest_uA) ||
-      !read(fields[6], out.highest_uA) || !read(fields[7], out.faults, 16)) {
+  if (!base::split_fields(*body, fields) || fields[0] != "STA" || !read(fields[1], out.counter) ||
+      !read(fields[2], out.coils, 16) || !read(fields[3], out.current_uA) || !read(fields[4], out.left_ms) ||
+      !read(fields[5], out.lowest_uA) || !read(fields[6], out.highest_uA) || !read(fields[7], out.faults, 16)) {
     return Problem("not a state");
   }
   if (!is_current(out.current_uA) || out.left_ms < 0 || out.left_ms > kMaxHold_ms || out.lowest_uA < 0 ||

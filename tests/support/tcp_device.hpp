@@ -56,6 +56,15 @@ public:
     out.resize(static_cast<std::size_t>(std::max<ssize_t>(recv(connection_, out.data(), size, MSG_WAITALL), 0)));
     return out;
   }
+  // What has arrived, as soon as there is something; empty after the timeout.
+  [[nodiscard]] std::string receive_some(std::chrono::milliseconds timeout) const {
+    pollfd waiting{connection_, POLLIN, 0};
+    std::string out(4096, '\0');
+    const bool ready = poll(&waiting, 1, static_cast<int>(timeout.count())) == 1;
+    out.resize(
+        static_cast<std::size_t>(std::max<ssize_t>(ready ? recv(connection_, out.data(), out.size(), 0) : 0, 0)));
+    return out;
+  }
   void hang_up() {
     if (connection_ >= 0) {
       close(connection_);

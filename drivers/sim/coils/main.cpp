@@ -1,16 +1,9 @@
 // `bregma-sim-coils`: a simulated coil controller behind a pseudo-terminal. Prints the address for the driver, then
 // every change of its coils.
-#include <fcntl.h>
-#include <poll.h>
-#include <termios.h>
-#include <unistd.h>
-
-#include <array>
 #include <chrono>
 #include <cinttypes>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <string>
 
 #include <CLI/App.hpp>
@@ -18,6 +11,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "drivers/sim/coils/simulated_controller.hpp"
+#include "drivers/sim/terminal/pseudo_terminal.hpp"
 
 namespace {
 
@@ -28,48 +22,19 @@ std::int64_t now_ms() {
       .count();
 }
 
-// The controller's end of a new terminal, and a descriptor that keeps the other end open.
-int open_terminal(std::string &address) {
-  const int controller = posix_openpt(O_RDWR | O_NOCTTY);
-  std::array<char, 128> path{};
-  if (controller < 0 || grantpt(controller) != 0 || unlockpt(controller) != 0 ||
-      ptsname_r(controller, path.data(), path.size()) != 0) {
-    return -1;
-  }
-  const int line = open(path.data(), O_RDWR | O_NOCTTY);
-  termios settings{};
-  if (line < 0 || tcgetattr(line, &settings) != 0) {
-    return -1;
-  }
-  cfmakeraw(&settings);
-  (void)tcsetattr(line, TCSANOW, &settings);
-  address = "serial://" + std::string(path.data());
-  return controller;
-}
-
 int run(const bregma::sim::CoilFaults &faults, std::uint64_t seed) {
-  std::string address;
-  const int terminal = open_terminal(address);
-  if (terminal < 0) {
-    std::perror("bregma-sim-coils: pseudo-terminal");
+  using namespace std::chrono_literals;
+  auto terminal = bregma::sim::PseudoTerminal::open();
+  if (!terminal) {
+    std::fprintf(stderr, "bregma-sim-coils: %s\n", terminal.error().message.c_str());
     return 2;
   }
-  std::printf("%s\n", address.c_str());
+  std::printf("%s\n", terminal->address().c_str());
   std::fflush(stdout);
   bregma::sim::SimulatedController controller(faults, seed);
   std::uint64_t shown = 0;
   while (stop_requested == 0) {
-    pollfd wait{terminal, POLLIN, 0};
-    if (poll(&wait, 1, 20) > 0 && (wait.revents & POLLIN) != 0) {
-      std::array<char, 512> bytes{};
-      const ssize_t n = ::read(terminal, bytes.data(), bytes.size());
-      if (n > 0) {
-        const std::string answer = controller.receive({bytes.data(), static_cast<std::size_t>(n)}, now_ms());
-        if (!answer.empty() && ::write(terminal, answer.data(), answer.size()) < 0) {
-          std::perror("bregma-sim-coils: write");
-        }
-      }
-    }
+    terminal->write(controller.receive(terminal->read(20ms), now_ms()));
     controller.advance(now_ms());
     if (controller.on() != shown) {
       shown = controller.on();

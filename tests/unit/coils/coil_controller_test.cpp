@@ -1,11 +1,7 @@
 // The coil controller: lines, time-out to off, and commands through the device over a pseudo-terminal.
-#include <fcntl.h>
 #include <gtest/gtest.h>
-#include <poll.h>
-#include <termios.h>
 #include <unistd.h>
 
-#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
@@ -17,6 +13,7 @@
 #include "drivers/coils/coil_controller.hpp"
 #include "drivers/frame/system_host.hpp"
 #include "drivers/sim/coils/simulated_controller.hpp"
+#include "drivers/sim/terminal/pseudo_terminal.hpp"
 #include "idl/commands.hpp"
 
 namespace bregma::coils::test {
@@ -59,25 +56,13 @@ public:
 class Terminal {
 public:
   explicit Terminal(const sim::CoilFaults &faults)
-      : controller_(faults, 3), terminal_(posix_openpt(O_RDWR | O_NOCTTY)) {
-    EXPECT_GE(terminal_, 0);
-    EXPECT_EQ(grantpt(terminal_), 0);
-    EXPECT_EQ(unlockpt(terminal_), 0);
-    std::array<char, 128> path{};
-    EXPECT_EQ(ptsname_r(terminal_, path.data(), path.size()), 0);
-    address = "serial://" + std::string(path.data());
-    line_ = open(path.data(), O_RDWR | O_NOCTTY); // stays open, so that the terminal never hangs up
-    termios raw{};
-    tcgetattr(line_, &raw);
-    cfmakeraw(&raw);
-    tcsetattr(line_, TCSANOW, &raw);
+      : controller_(faults, 3), terminal_(sim::PseudoTerminal::open().value()) {
+    address = terminal_.address();
     thread_ = std::thread([this] { serve(); });
   }
   ~Terminal() {
     stop_ = true;
     thread_.join();
-    close(terminal_);
-    close(line_);
   }
   Terminal(const Terminal &) = delete;
   Terminal &operator=(const Terminal &) = delete;
@@ -90,19 +75,12 @@ private:
   void serve() {
     const auto start = std::chrono::steady_clock::now();
     while (!stop_) {
-      pollfd wait{terminal_, POLLIN, 0};
-      const bool readable = poll(&wait, 1, 5) > 0;
+      const std::string bytes = terminal_.read(std::chrono::milliseconds(5));
       const std::int64_t now_ms =
           std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now() - start).count();
-      if (readable) {
-        std::array<char, 512> bytes{};
-        const ssize_t n = ::read(terminal_, bytes.data(), bytes.size());
-        if (n > 0) {
-          const std::string answer = controller_.receive({bytes.data(), static_cast<std::size_t>(n)}, now_ms);
-          if (!silent) {
-            EXPECT_EQ(::write(terminal_, answer.data(), answer.size()), static_cast<ssize_t>(answer.size()));
-          }
-        }
+      const std::string answer = controller_.receive(bytes, now_ms);
+      if (!silent) {
+        terminal_.write(answer);
       }
       controller_.advance(now_ms);
       on = controller_.on();
@@ -110,7 +88,7 @@ private:
   }
 
   sim::SimulatedController controller_;
-  int terminal_, line_ = -1;
+  sim::PseudoTerminal terminal_;
   std::atomic<bool> stop_{false};
   std::thread thread_;
 };

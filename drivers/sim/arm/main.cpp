@@ -1,0 +1,183 @@
+// `bregma-sim-arm`: a simulated arm behind a socket. Prints the address for the driver, then every change of its state.
+#include <array>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <thread>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <CLI/Validators.hpp>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+
+#include "casefile/arm_files/arm_file.hpp"
+#include "drivers/sim/arm/simulated_arm.hpp"
+
+namespace {
+
+namespace asio = boost::asio;
+using boost::system::error_code;
+
+volatile std::sig_atomic_t stop_requested = 0;
+volatile std::sig_atomic_t emergency_toggled = 0;
+
+struct Options {
+  std::string arm = "robots/mz07f.toml";
+  std::uint16_t port = 4700;
+  bregma::sim::ArmSettings settings;
+  double link_mm = 0.0, link_mrad = 0.0;
+  std::array<double, 6> start_deg{0.0, 90.0, 0.0, 0.0, -60.0, 0.0};
+  std::uint64_t seed = 1;
+};
+
+std::int64_t now_ns() {
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
+// One connection at a time; further ones wait.
+class Server {
+public:
+  explicit Server(std::uint16_t port) : acceptor_(context_, {asio::ip::address_v4::loopback(), port}) {
+    acceptor_.non_blocking(true);
+  }
+  [[nodiscard]] std::uint16_t port() const { return acceptor_.local_endpoint().port(); }
+  [[nodiscard]] bool connected() const { return socket_.has_value(); }
+  // True if a driver has connected.
+  bool accept() {
+    asio::ip::tcp::socket socket(context_);
+    error_code error;
+    acceptor_.accept(socket, error);
+    if (!error) {
+      socket.non_blocking(true, error);
+      socket.set_option(asio::ip::tcp::no_delay(true), error);
+      socket_.emplace(std::move(socket));
+    }
+    return connected();
+  }
+  // The received bytes; nullopt: the connection has ended.
+  std::optional<std::string_view> read() {
+    error_code error;
+    const std::size_t size = socket_->read_some(asio::buffer(buffer_), error);
+    if (error && error != asio::error::would_block) {
+      socket_.reset();
+      return std::nullopt;
+    }
+    return std::string_view(buffer_.data(), size);
+  }
+  // A driver that does not read loses the connection.
+  void write(std::string_view bytes) {
+    error_code error;
+    while (!bytes.empty() && !error) {
+      bytes.remove_prefix(socket_->write_some(asio::buffer(bytes.data(), bytes.size()), error));
+    }
+    if (error) {
+      socket_.reset();
+    }
+  }
+
+private:
+  asio::io_context context_;
+  asio::ip::tcp::acceptor acceptor_;
+  std::optional<asio::ip::tcp::socket> socket_;
+  std::array<char, 4096> buffer_{};
+};
+
+void serve(Server &server, bregma::sim::SimulatedArm &arm) {
+  bool was_connected = false;
+  bool pressed = false;
+  while (stop_requested == 0) {
+    if (emergency_toggled != 0) {
+      emergency_toggled = 0;
+      pressed = !pressed;
+      std::printf("emergency stop %s\n", pressed ? "pressed" : "released");
+      std::fflush(stdout);
+      pressed ? arm.press_emergency() : arm.release_emergency();
+    }
+    if (!server.connected()) {
+      if (was_connected) {
+        arm.disconnect();
+      }
+      was_connected = server.accept();
+      if (was_connected) {
+        server.write(arm.connect());
+      }
+    }
+    if (server.connected()) {
+      if (const auto bytes = server.read()) {
+        const std::string answer = arm.receive(*bytes, now_ns());
+        server.write(answer);
+      }
+    }
+    const std::string telemetry = arm.advance(now_ns());
+    if (server.connected()) {
+      server.write(telemetry);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
+int run(const Options &options) {
+  const auto nominal = bregma::casefile::read_arm(options.arm);
+  if (!nominal) {
+    std::fprintf(stderr, "bregma-sim-arm: %s\n", nominal.error().message.c_str());
+    return 2;
+  }
+  bregma::sim::ArmSettings settings = options.settings;
+  for (std::size_t i = 0; i < options.start_deg.size(); ++i) {
+    settings.start[static_cast<Eigen::Index>(i)] = options.start_deg[i] * static_cast<double>(EIGEN_PI) / 180.0;
+  }
+  bregma::sim::SimulatedArm arm(
+      *nominal, bregma::sim::with_link_errors(*nominal, options.link_mm, 1e-3 * options.link_mrad, options.seed),
+      settings);
+  Server server(options.port);
+  std::printf("tcp://127.0.0.1:%u\n", static_cast<unsigned>(server.port()));
+  std::fflush(stdout);
+  serve(server, arm);
+  return 0;
+}
+
+} // namespace
+
+int main(int argc, char **argv) {
+  CLI::App app("Simulated arm behind a socket", "bregma-sim-arm");
+  Options options;
+  app.add_option("--arm", options.arm, "Description of the arm: .toml (Denavit-Hartenberg) or .urdf")
+      ->capture_default_str();
+  app.add_option("--port", options.port, "TCP port on the loopback interface; 0: any")->capture_default_str();
+  app.add_option("--serial", options.settings.serial, "Serial number")->capture_default_str();
+  app.add_option("--start-deg", options.start_deg, "Joint angles at the start")->capture_default_str();
+  app.add_option("--link-mm", options.link_mm, "Error of each joint axis' position, 1 sigma")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  app.add_option("--link-mrad", options.link_mrad, "Error of each joint axis' direction, 1 sigma")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_option("--max-speed", options.settings.max_speed_mm_s, "mm/s")
+      ->check(CLI::Range(1.0, 1000.0))
+      ->capture_default_str();
+  app.add_option("--acceleration", options.settings.acceleration_mm_s2, "mm/s2")
+      ->check(CLI::Range(10.0, 5000.0))
+      ->capture_default_str();
+  app.add_option("--seed", options.seed, "Of the links' errors")->capture_default_str();
+  app.footer("SIGUSR1 presses the emergency stop, and releases it.\n"
+             "Example:\n  bregma-sim-arm --arm robots/mz07f.toml\n"
+             "  bregma-arm --set address=tcp://127.0.0.1:4700");
+  CLI11_PARSE(app, argc, argv);
+  std::signal(SIGINT, [](int) { stop_requested = 1; });
+  std::signal(SIGTERM, [](int) { stop_requested = 1; });
+  std::signal(SIGUSR1, [](int) { emergency_toggled = 1; });
+  try {
+    return run(options);
+  } catch (const std::exception &error) { // a port in use, an arm without closed inverse kinematics
+    std::fprintf(stderr, "bregma-sim-arm: %s\n", error.what());
+    return 2;
+  }
+}
