@@ -2,12 +2,12 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <numeric>
 #include <optional>
 #include <span>
 
 #include "casefile/session_file/growth.hpp"
 #include "clients/cli/driver_view.hpp"
+#include "clients/cli/health_view.hpp"
 #include "clients/cli/live_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
@@ -21,14 +21,6 @@ namespace {
 
 using nlohmann::json;
 
-std::span<const wire::DeviceHealth> devices(const wire::SystemHealth &health) {
-  return {health.devices, std::min<std::size_t>(health.device_count, std::size(health.devices))};
-}
-
-std::span<const wire::LoopHealth> loops(const wire::SystemHealth &health) {
-  return {health.loops, std::min<std::size_t>(health.loop_count, std::size(health.loops))};
-}
-
 std::span<const wire::TargetAccuracy> targets(const wire::AccuracyState &accuracy) {
   return {accuracy.targets, std::min<std::size_t>(accuracy.target_count, std::size(accuracy.targets))};
 }
@@ -36,10 +28,6 @@ std::span<const wire::TargetAccuracy> targets(const wire::AccuracyState &accurac
 // Adds the time since the daemon stated the age.
 double age_ms(const wire::DeviceHealth &device, const DaemonView &daemon) {
   return device.age_ms + daemon.silent_s * 1e3;
-}
-
-std::uint64_t rejected(const wire::DeviceHealth &device) {
-  return std::accumulate(std::begin(device.rejected), std::end(device.rejected), std::uint64_t{0});
 }
 
 std::string case_text(const wire::SystemHealth &health) {
@@ -202,35 +190,14 @@ json accuracy_json(const wire::AccuracyState &accuracy) {
 }
 
 json device_json(const wire::DeviceHealth &device, const DaemonView &daemon) {
-  json by_reason = json::object();
-  for (std::size_t i = 0; i < std::size(device.rejected); ++i) {
-    const std::string reason(reject_label(static_cast<wire::RejectReason>(i)));
-    if (i > 0 && (reason != kNotKnownHere || device.rejected[i] > 0)) {
-      by_reason[reason] = by_reason.value(reason, std::uint64_t{0}) + device.rejected[i];
-    }
-  }
-  return {{"device", wire::text(device.device)},
-          {"kind", device_kind_label(device.kind)},
-          {"status", device_status_label(device.status)},
-          {"rate_hz", json_number(device.rate_hz)},
-          {"stated_rate_hz", json_number(device.stated_rate_hz)},
-          {"age_ms", json_number(age_ms(device, daemon))},
-          {"age_sigma_ms", json_number(device.age_sigma_ms)},
-          {"transit_source", transit_source_label(device.transit_source)},
-          {"transit_ms", json_number(device.transit_ms)},
-          {"latency_p50_ms", json_number(device.latency_p50_ms)},
-          {"latency_p99_ms", json_number(device.latency_p99_ms)},
-          {"taken", device.taken},
-          {"rejected", rejected(device)},
-          {"rejected_by_reason", std::move(by_reason)},
-          {"malformed_bodies", device.malformed_bodies},
-          {"other_writer", device.other_writer},
-          {"takeovers", device.takeovers},
-          {"lost", device.lost},
-          {"late", device.late},
-          {"clock_offset_ms", json_number(device.clock_offset_ms)},
-          {"clock_drift_ppm", json_number(device.clock_drift_ppm)},
-          {"connections", device.connections}};
+  json out = device_figures_json(device);
+  out["device"] = wire::text(device.device);
+  out["age_ms"] = json_number(age_ms(device, daemon));
+  out["age_sigma_ms"] = json_number(device.age_sigma_ms);
+  out["transit_ms"] = json_number(device.transit_ms);
+  out["takeovers"] = device.takeovers;
+  out["clock_offset_ms"] = json_number(device.clock_offset_ms);
+  return out;
 }
 
 } // namespace
@@ -304,16 +271,7 @@ json status_json(const live::Snapshot &snapshot, std::uint32_t domain, const liv
     out["devices"].push_back(device_json(device, daemon));
   }
   out["drivers"] = drivers_json(snapshot.drivers, now);
-  out["loops"] = json::array();
-  for (const auto &loop : loops(health)) {
-    out["loops"].push_back({{"loop", wire::text(loop.loop)},
-                            {"rate_hz", json_number(loop.rate_hz)},
-                            {"steps", loop.steps},
-                            {"overruns", loop.overruns},
-                            {"step_p50_us", json_number(loop.step_p50_us)},
-                            {"step_p99_us", json_number(loop.step_p99_us)},
-                            {"step_max_us", json_number(loop.step_max_us)}});
-  }
+  out["loops"] = loops_json(health);
   return out;
 }
 

@@ -18,6 +18,7 @@
 
 #include "base/text.hpp"
 #include "base/write_file.hpp"
+#include "clients/cli/health_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/wire_labels.hpp"
 #include "idl/names.hpp"
@@ -223,42 +224,10 @@ nlohmann::json anonymous_health(const wire::SystemHealth &health, const std::vec
                      {"clock_error_ns", health.clock_error_ns},
                      {"clock_steps", health.clock_steps},
                      {"devices", nlohmann::json::array()},
-                     {"loops", nlohmann::json::array()},
+                     {"loops", loops_json(health)},
                      {"alarms", nlohmann::json::array()}};
-  const auto devices =
-      std::span(health.devices).first(std::min<std::size_t>(health.device_count, std::size(health.devices)));
-  for (const wire::DeviceHealth &device : devices) {
-    nlohmann::json rejected = nlohmann::json::object();
-    for (std::int32_t reason = 0; reason < static_cast<std::int32_t>(std::size(device.rejected)); ++reason) {
-      if (device.rejected[reason] > 0) {
-        rejected[std::string(reject_label(reason))] = device.rejected[reason];
-      }
-    }
-    out["devices"].push_back({{"kind", device_kind_label(device.kind)},
-                              {"status", device_status_label(device.status)},
-                              {"taken", device.taken},
-                              {"rejected", rejected},
-                              {"lost", device.lost},
-                              {"late", device.late},
-                              {"connections", device.connections},
-                              {"rate_hz", json_number(device.rate_hz)},
-                              {"stated_rate_hz", json_number(device.stated_rate_hz)},
-                              {"latency_p50_ms", json_number(device.latency_p50_ms)},
-                              {"latency_p99_ms", json_number(device.latency_p99_ms)},
-                              {"clock_drift_ppm", json_number(device.clock_drift_ppm)},
-                              {"transit", transit_source_label(device.transit_source)},
-                              {"malformed_bodies", device.malformed_bodies},
-                              {"other_writer", device.other_writer}});
-  }
-  const auto loops = std::span(health.loops).first(std::min<std::size_t>(health.loop_count, std::size(health.loops)));
-  for (const wire::LoopHealth &loop : loops) {
-    out["loops"].push_back({{"loop", wire::text(loop.loop)},
-                            {"rate_hz", json_number(loop.rate_hz)},
-                            {"steps", loop.steps},
-                            {"overruns", loop.overruns},
-                            {"step_p50_us", json_number(loop.step_p50_us)},
-                            {"step_p99_us", json_number(loop.step_p99_us)},
-                            {"step_max_us", json_number(loop.step_max_us)}});
+  for (const wire::DeviceHealth &device : devices(health)) {
+    out["devices"].push_back(device_figures_json(device));
   }
   for (const wire::Alarm &alarm : alarms) {
     out["alarms"].push_back({{"kind", wire::text(alarm.kind)},
