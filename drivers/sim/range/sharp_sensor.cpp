@@ -30,7 +30,7 @@ constexpr std::array<CurvePoint, 17> kCurve{{{0.0, 0.2},
                                              {700.0, 0.45},
                                              {800.0, 0.41},
                                              {1500.0, 0.20}}};
-constexpr int kSamplesPerPeriod = 8;
+constexpr std::int64_t kSamplesPerPeriod = 8;
 constexpr double kNs = 1e6; // per ms
 
 double secant(std::size_t i) { return (kCurve[i + 1].volts - kCurve[i].volts) / (kCurve[i + 1].mm - kCurve[i].mm); }
@@ -70,7 +70,7 @@ SharpSensor::SharpSensor(const SharpOptions &options, BeamTargetAt target, std::
 
 double SharpSensor::measure(std::int64_t from_ns, std::int64_t to_ns) {
   double volts = 0.0;
-  for (int i = 0; i < kSamplesPerPeriod; ++i) {
+  for (std::int64_t i = 0; i < kSamplesPerPeriod; ++i) {
     const std::int64_t at = from_ns + (2 * i + 1) * (to_ns - from_ns) / (2 * kSamplesPerPeriod);
     const BeamTarget target = target_(at);
     const double biased = target.distance_mm + options_.tilt_bias_mm * (1.0 - std::cos(target.tilt_rad));
@@ -78,7 +78,7 @@ double SharpSensor::measure(std::int64_t from_ns, std::int64_t to_ns) {
     if (std::isfinite(target.other_mm)) {
       seen += options_.edge_weight * (sharp_volts(target.other_mm) - seen);
     }
-    volts += seen / kSamplesPerPeriod;
+    volts += seen / static_cast<double>(kSamplesPerPeriod);
   }
   volts += 1e-3 * random_.normal(options_.noise_mV);
   if (random_.uniform(0.0, 1.0) < options_.spike_probability) {
