@@ -1,6 +1,8 @@
 #include "clients/casefiles/manifest.hpp"
 
 #include <algorithm>
+#include <string>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -36,8 +38,8 @@ base::Result<void> add_file(Manifest &out, json &entry, const std::string &name,
 base::Result<Manifest> read_manifest(std::string_view text) {
   json root = text.size() <= kMaxManifestBytes ? json::parse(text, nullptr, false) : json(json::value_t::discarded);
   if (!root.is_object() || !root.contains("id") || !root["id"].is_string() || !root.contains("meshes") ||
-      !root["meshes"].is_array()) {
-    return base::failure("manifest: not a JSON object with \"id\" and \"meshes\"");
+      !root["meshes"].is_array() || (root.contains("images") && !root["images"].is_array())) {
+    return base::failure("manifest: not a JSON object with \"id\" and \"meshes\", or \"images\" is no list");
   }
   Manifest out;
   out.id = root["id"];
@@ -49,13 +51,19 @@ base::Result<Manifest> read_manifest(std::string_view text) {
       }
     }
   }
-  for (json &mesh : root["meshes"]) {
-    if (!mesh.is_object() || !mesh.contains("file") || !mesh["file"].is_string() ||
-        !plain(mesh["file"].get_ref<const std::string &>())) {
-      return base::failure("manifest: a mesh states no file that can be a part of an address");
+  for (const auto &[list, folder] : {std::pair{"meshes", "mesh/"}, std::pair{"images", "image/"}}) {
+    if (!root.contains(list)) {
+      continue;
     }
-    if (auto added = add_file(out, mesh, "mesh/" + mesh["file"].get<std::string>(), hash); !added) {
-      return tl::unexpected(added.error());
+    for (json &entry : root[list]) {
+      if (!entry.is_object() || !entry.contains("file") || !entry["file"].is_string() ||
+          !plain(entry["file"].get_ref<const std::string &>())) {
+        return base::failure(std::string("manifest: an entry of \"") + list +
+                             "\" states no file that can be a part of an address");
+      }
+      if (auto added = add_file(out, entry, folder + entry["file"].get<std::string>(), hash); !added) {
+        return tl::unexpected(added.error());
+      }
     }
   }
   root["hash"] = hash;

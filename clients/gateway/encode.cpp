@@ -16,6 +16,7 @@ namespace {
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr std::int64_t kClockJitter_ns = 500'000;
 constexpr std::int64_t kTrackerSilent_ns = 500'000'000;
+constexpr std::size_t kMaxSlicePixels = std::size_t{2048} * 2048;
 
 void copy_name(Name &out, const wire::Name &name) {
   const auto text = wire::view(name);
@@ -118,6 +119,44 @@ Tool tool_record(const live::Received<wire::NavigationState> &state, bool daemon
   return out;
 }
 
+// Without its pixels.
+SliceHeader Encoder::slice_header(const live::Slice &slice, const Context &context) {
+  const wire::CorrectedSlice &said = slice.said;
+  const wire::ImageSlice &image = said.slice;
+  SliceHeader out{};
+  copy_name(out.device, said.device);
+  out.published_ms = context.ms(said.published_time_ns);
+  out.number = static_cast<double>(image.frame);
+  out.columns = image.columns;
+  out.rows = image.rows;
+  copy_numbers(out.spacing_mm, image.spacing_mm);
+  out.thickness_mm = image.thickness_mm;
+  copy_pose(out.rotation, out.translation_mm, image.T_scanner_slice);
+  copy_pose(out.image_rotation, out.image_translation_mm, said.T_image_slice);
+  copy_name(out.protocol, image.protocol);
+  out.series = image.series;
+  out.index = image.index;
+  out.count = image.count;
+  out.correction = image.correction;
+  out.max_shift_mm = said.max_shift_mm;
+  out.error_95_mm = said.error_95_mm;
+  out.extrapolated_fraction = said.extrapolated_fraction;
+  out.missing_fraction = said.missing_fraction;
+  out.tip_status = said.tip_status;
+  if (said.tip_status == bregma_wire_POSE_LIVE) {
+    copy_name(out.tip_tool, said.tip_tool);
+    copy_numbers(out.tip_pixel, said.tip_pixel);
+    out.tip_distance_mm = said.tip_distance_mm;
+    copy_numbers(out.tip_direction, said.tip_direction);
+    out.tip_error_95_mm = said.tip_error_95_mm;
+  } else {
+    fill_unknown(out.tip_pixel);
+    fill_unknown(out.tip_direction);
+    out.tip_distance_mm = out.tip_error_95_mm = kNan;
+  }
+  return out;
+}
+
 // The estimate of the transit moves the clock by microseconds: a record that is otherwise the same would be news.
 void Encoder::follow_clock(const live::Snapshot &snapshot) {
   const auto &clock = snapshot.daemon_clock_ns;
@@ -130,7 +169,7 @@ bool Encoder::encode(const live::Snapshot &snapshot, const live::Now &now) {
   follow_clock(snapshot);
   if (snapshot.changes != changes_) {
     changes_ = snapshot.changes;
-    captures_revision_ = field_revision_ = ~std::uint64_t{0}; // those of another daemon
+    captures_revision_ = field_revision_ = slices_revision_ = ~std::uint64_t{0}; // those of another daemon
   }
   const Context context{snapshot, now, live::alive(snapshot, now.boot_ns), daemon_clock_ns_};
   bool news = encode_tools(context);
@@ -138,6 +177,7 @@ bool Encoder::encode(const live::Snapshot &snapshot, const live::Now &now) {
   news |= encode_registration(context);
   news |= encode_accuracy(context);
   news |= encode_deformation(context);
+  news |= encode_slices(context);
   news |= encode_captures(context);
   news |= encode_alarms(context);
   news |= encode_health(context);
@@ -309,6 +349,24 @@ bool Encoder::encode_deformation(const Context &context) {
     next_field_ns_ = context.now.boot_ns + kFieldPeriod_ns;
   }
   return news;
+}
+
+bool Encoder::encode_slices(const Context &context) {
+  if (context.snapshot.slices_revision == slices_revision_) {
+    return false;
+  }
+  slices_revision_ = context.snapshot.slices_revision;
+  std::vector<Record> records;
+  for (const auto &[name, slice] : context.snapshot.slices) {
+    const wire::ImageSlice &image = slice.said.slice;
+    if (slice.pixels.empty() || slice.pixels.size() != std::size_t{image.columns} * image.rows ||
+        slice.pixels.size() > kMaxSlicePixels) {
+      continue;
+    }
+    records.push_back(make_slice_record(slice_header(slice, context), slice.pixels));
+  }
+  constexpr std::array kKinds{RecordKind::kSlice};
+  return store_.replace(kKinds, records);
 }
 
 bool Encoder::encode_captures(const Context &context) {

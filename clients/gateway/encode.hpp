@@ -37,10 +37,12 @@ private:
   bool encode_registration(const Context &context);
   bool encode_accuracy(const Context &context);
   bool encode_deformation(const Context &context);
+  bool encode_slices(const Context &context);
   bool encode_captures(const Context &context);
   bool encode_alarms(const Context &context);
   bool encode_health(const Context &context);
   bool encode_trackers(const Context &context);
+  static SliceHeader slice_header(const live::Slice &slice, const Context &context);
   void follow_clock(const live::Snapshot &snapshot);
 
   RecordStore &store_;
@@ -48,6 +50,7 @@ private:
   std::uint32_t changes_ = 0;                   // of the daemon that is followed
   std::uint64_t captures_revision_ = 0;
   std::uint64_t field_revision_ = 0;
+  std::uint64_t slices_revision_ = 0;
   std::uint32_t presence_ = 0;
   std::int64_t health_ns_ = 0; // arrival of the health that is encoded
   bool health_alive_ = false;

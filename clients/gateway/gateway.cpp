@@ -105,6 +105,7 @@ void Gateway::read_dds() {
   Encoder encoder(shared_->store);
   while (!stopping_) {
     link_->want_field(field_wanted_);
+    link_->want_slices(slices_wanted_);
     if (link_->update(kUpdate)) {
       await_siblings();
     }
@@ -192,6 +193,7 @@ void Gateway::tick() {
   server_->tidy();
   const auto &watchers = shared_->watchers;
   field_wanted_ = std::any_of(watchers.begin(), watchers.end(), [](const auto *one) { return one->wants_field(); });
+  slices_wanted_ = std::any_of(watchers.begin(), watchers.end(), [](const auto *one) { return one->wants_slices(); });
   timer_.expires_after(kTick);
   timer_.async_wait([this](const boost::system::error_code &failed) {
     if (!failed) {

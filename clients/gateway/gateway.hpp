@@ -64,6 +64,7 @@ private:
   std::mutex mutex_;        // of the next
   std::string case_folder_; // of a daemon on this host; empty: none
   std::atomic<bool> field_wanted_{false};
+  std::atomic<bool> slices_wanted_{false};
   std::atomic<bool> stopping_{false};
   std::thread thread_;
 };

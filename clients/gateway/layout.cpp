@@ -265,6 +265,39 @@ constexpr FieldLayout kTrackedToolFields[] = {
     BREGMA_FIELD(TrackedTool, translation_mm, "of T_tracker_tool"),
     BREGMA_FIELD(TrackedTool, marker_rms_mm, "residual of the fit; NaN unless visible"),
 };
+constexpr FieldLayout kSliceFields[] = {
+    BREGMA_KEY(SliceHeader, device, "scanner"),
+    BREGMA_FIELD(SliceHeader, published_ms, "publication by the daemon; NaN: not known. The tip is that of this time"),
+    BREGMA_FIELD(SliceHeader, number, "counts the scanner's slices"),
+    BREGMA_FIELD(SliceHeader, columns, "pixels of a row"),
+    BREGMA_FIELD(SliceHeader, rows, "number"),
+    BREGMA_FIELD(SliceHeader, spacing_mm, "between columns, between rows"),
+    BREGMA_FIELD(SliceHeader, thickness_mm, "0: not stated"),
+    BREGMA_FIELD(
+        SliceHeader, rotation,
+        "of T_scanner_slice, row by row. Slice: x along a row, y along a column, from the first pixel's centre"),
+    BREGMA_FIELD(SliceHeader, translation_mm, "of T_scanner_slice"),
+    BREGMA_FIELD(SliceHeader, image_rotation,
+                 "of T_image_slice; NaN: the scanner is not registered to the case's image"),
+    BREGMA_FIELD(SliceHeader, image_translation_mm, "of T_image_slice"),
+    BREGMA_FIELD(SliceHeader, protocol, "of the series; may be empty"),
+    BREGMA_FIELD(SliceHeader, series, "number"),
+    BREGMA_FIELD(SliceHeader, index, "of the slice in its series, from 1"),
+    BREGMA_FIELD(SliceHeader, count, "slices of the series"),
+    BREGMA_FIELD(SliceHeader, correction, "DistortionCorrection of the pixels"),
+    BREGMA_FIELD(SliceHeader, max_shift_mm, "largest correction of a pixel"),
+    BREGMA_FIELD(SliceHeader, error_95_mm, "of the correction; 0: not stated"),
+    BREGMA_FIELD(SliceHeader, extrapolated_fraction, "fraction of the pixels outside the volume of the phantom"),
+    BREGMA_FIELD(SliceHeader, missing_fraction, "fraction of the pixels whose neighbouring slices were missing"),
+    BREGMA_FIELD(SliceHeader, tip_status,
+                 "PoseStatus of the robot's tip; the fields below are NaN unless POSE_LIVE (1)"),
+    BREGMA_FIELD(SliceHeader, reserved, "0"),
+    BREGMA_FIELD(SliceHeader, tip_tool, "tool of the robot"),
+    BREGMA_FIELD(SliceHeader, tip_pixel, "column and row of the point of the plane that is nearest to the tip"),
+    BREGMA_FIELD(SliceHeader, tip_distance_mm, "from the plane, positive along its normal"),
+    BREGMA_FIELD(SliceHeader, tip_direction, "unit vector from the flange to the tip, in the slice"),
+    BREGMA_FIELD(SliceHeader, tip_error_95_mm, "of the tip in the scanner"),
+};
 #undef BREGMA_FIELD
 #undef BREGMA_KEY
 #undef BREGMA_AT
@@ -295,6 +328,11 @@ constexpr RecordLayout kRecords[] = {
     {RecordKind::kHealth, "health", sizeof(Health), "`SystemHealth`", kHealthFields},
     {RecordKind::kTrackedTool, "tracked_tool", sizeof(TrackedTool),
      "`TrackerFrame`, one per tracker and tool, at most 10 per second", kTrackedToolFields},
+    {RecordKind::kSlice, "slice", sizeof(SliceHeader),
+     "`CorrectedSlice`, one per scanner, only for clients that asked for it. After the fields: columns x rows u16, row "
+     "by "
+     "row, then zeros up to a multiple of 8 bytes",
+     kSliceFields},
 };
 
 constexpr std::size_t size_of(FieldType type) {
@@ -401,6 +439,13 @@ nlohmann::json record_json(std::span<const std::byte> record) {
     out["displacement_mm"] = floats(body + sizeof(FieldHeader), std::size_t{3} * field.nodes);
     out["von_mises_Pa"] = floats(body + sizeof(FieldHeader) + std::size_t{12} * field.nodes, field.stresses);
   }
+  if (layout->kind == RecordKind::kSlice && !ended) {
+    const auto slice = read<SliceHeader>(body);
+    nlohmann::json &pixels = out["pixels"] = nlohmann::json::array();
+    for (std::size_t i = 0; i < std::size_t{slice.columns} * slice.rows; ++i) {
+      pixels.push_back(read<std::uint16_t>(body + sizeof(SliceHeader) + i * sizeof(std::uint16_t)));
+    }
+  }
   return out;
 }
 
@@ -421,7 +466,7 @@ std::string layout_markdown() {
   for (const RecordLayout &record : kRecords) {
     out += "### " + std::to_string(static_cast<int>(record.kind)) + " " + std::string(record.name) + "\n\n";
     out += std::string(record.text) + ". " + std::to_string(sizeof(RecordHeader) + record.bytes) + " bytes" +
-           (record.kind == RecordKind::kField ? " and the arrays" : "") + ".\n\n";
+           (record.kind == RecordKind::kField || record.kind == RecordKind::kSlice ? " and the arrays" : "") + ".\n\n";
     out += "| offset | type | field | |\n| --- | --- | --- | --- |\n";
     for (const FieldLayout &field : record.fields) {
       out += "| " + std::to_string(sizeof(RecordHeader) + field.offset) + " | " + type_text(field) + " | " +

@@ -53,7 +53,22 @@ void blank_if_over(std::byte *record, std::int64_t now_ns) {
   }
 }
 
+// Zeros up to a multiple of 8 bytes, and the length of the whole in the record's header.
+void complete(Record &record) {
+  record.bytes.resize((record.bytes.size() + 7) / 8 * 8);
+  RecordHeader begin = header_of(record.bytes);
+  begin.bytes = static_cast<std::uint32_t>(record.bytes.size());
+  std::memcpy(record.bytes.data(), &begin, sizeof begin);
+}
+
 } // namespace
+
+Record make_slice_record(const SliceHeader &header, std::span<const std::uint16_t> pixels) {
+  Record out = make_record(RecordKind::kSlice, header);
+  append(out.bytes, std::as_bytes(pixels));
+  complete(out);
+  return out;
+}
 
 Record make_field_record(const FieldHeader &header, std::span<const float> displacement_mm,
                          std::span<const float> von_mises_Pa) {
@@ -61,10 +76,7 @@ Record make_field_record(const FieldHeader &header, std::span<const float> displ
   for (const auto &array : {displacement_mm, von_mises_Pa}) {
     append(out.bytes, std::as_bytes(array));
   }
-  out.bytes.resize((out.bytes.size() + 7) / 8 * 8);
-  RecordHeader begin = header_of(out.bytes);
-  begin.bytes = static_cast<std::uint32_t>(out.bytes.size());
-  std::memcpy(out.bytes.data(), &begin, sizeof begin);
+  complete(out);
   return out;
 }
 
@@ -187,7 +199,8 @@ std::optional<Frame> RecordStore::next(const FrameRequest &request) const {
     out.up_to = slot->version;
     const auto kind = static_cast<RecordKind>(header_of(slot->record.bytes).kind);
     // To a client that has nothing yet, an instance that has ended is no news.
-    if ((kind == RecordKind::kField && !request.field) || (slot->ended && request.after == 0)) {
+    if ((kind == RecordKind::kField && !request.field) || (kind == RecordKind::kSlice && !request.slices) ||
+        (slot->ended && request.after == 0)) {
       continue;
     }
     const std::size_t at = out.bytes.size();
@@ -221,6 +234,16 @@ void RecordStore::forget_ended(std::uint64_t seen) {
 std::uint64_t RecordStore::newest() const {
   const std::lock_guard lock(mutex_);
   return newest_;
+}
+
+std::uint64_t RecordStore::before(RecordKind kind) const {
+  const std::lock_guard lock(mutex_);
+  const std::string prefix = prefix_of(kind);
+  std::uint64_t lowest = newest_;
+  for (auto it = by_key_.lower_bound(prefix); it != by_key_.end() && it->first.starts_with(prefix); ++it) {
+    lowest = std::min(lowest, it->second->version - 1);
+  }
+  return std::max<std::uint64_t>(lowest, 1); // 0 would be a client that has nothing
 }
 
 void RecordStore::each(RecordKind kind, const std::function<void(std::span<const std::byte>)> &visit) const {

@@ -42,11 +42,15 @@ template <class Body> [[nodiscard]] Record make_record(RecordKind kind, const Bo
 [[nodiscard]] Record make_field_record(const FieldHeader &header, std::span<const float> displacement_mm,
                                        std::span<const float> von_mises_Pa);
 
+// A slice's record with its pixels. header states their number.
+[[nodiscard]] Record make_slice_record(const SliceHeader &header, std::span<const std::uint16_t> pixels);
+
 struct FrameRequest {
   std::uint64_t after = 0;                 // the version that the client has
   std::uint32_t number = 1;                // of the frame
   std::int64_t now_ns = 0;                 // CLOCK_BOOTTIME
   bool field = false;                      // with field records
+  bool slices = false;                     // with slice records
   std::optional<Pong> pong = std::nullopt; // its written_ms is filled in
 };
 
@@ -74,6 +78,8 @@ public:
   void forget_ended(std::uint64_t seen);
 
   [[nodiscard]] std::uint64_t newest() const;
+  // The version that a client has to which the instances of this kind are news, and as little else as possible.
+  [[nodiscard]] std::uint64_t before(RecordKind kind) const;
   // Calls visit(record) for every instance of a kind that has not ended.
   void each(RecordKind kind, const std::function<void(std::span<const std::byte>)> &visit) const;
   [[nodiscard]] std::size_t instances() const; // ended ones included

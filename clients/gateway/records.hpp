@@ -18,7 +18,7 @@ namespace bregma::gateway {
 static_assert(std::endian::native == std::endian::little, "records are copied to the socket as they are in memory");
 
 inline constexpr std::uint32_t kFrameMagic = 0x46475242; // "BRGF"
-inline constexpr std::uint16_t kLayoutVersion = 1;
+inline constexpr std::uint16_t kLayoutVersion = 2;
 
 using Name = char[32];  // UTF-8, padded with NUL
 using Text = char[256]; // the same, at least one NUL
@@ -41,6 +41,7 @@ enum class RecordKind : std::uint16_t {
   kLoop = 15,
   kHealth = 16,
   kTrackedTool = 17,
+  kSlice = 18,
 };
 
 // Begins every binary message.
@@ -297,8 +298,39 @@ struct TrackedTool {
   double marker_rms_mm;
 };
 
+// Followed by columns x rows u16, row by row, then zeros up to a multiple of 8 bytes.
+struct SliceHeader {
+  Name device;
+  double published_ms;
+  double number;
+  std::uint32_t columns;
+  std::uint32_t rows;
+  double spacing_mm[2];
+  double thickness_mm;
+  double rotation[9];
+  double translation_mm[3];
+  double image_rotation[9];
+  double image_translation_mm[3];
+  Name protocol;
+  std::uint32_t series;
+  std::uint32_t index;
+  std::uint32_t count;
+  std::int32_t correction;
+  double max_shift_mm;
+  double error_95_mm;
+  double extrapolated_fraction;
+  double missing_fraction;
+  std::int32_t tip_status;
+  std::uint32_t reserved;
+  Name tip_tool;
+  double tip_pixel[2];
+  double tip_distance_mm;
+  double tip_direction[3];
+  double tip_error_95_mm;
+};
+
 // Client to gateway: one binary message of this layout each.
-enum class RequestKind : std::uint32_t { kAcknowledge = 1, kRate = 2, kPing = 3, kField = 4 };
+enum class RequestKind : std::uint32_t { kAcknowledge = 1, kRate = 2, kPing = 3, kField = 4, kSlices = 5 };
 struct Request {
   std::uint32_t kind;
   std::uint32_t value;

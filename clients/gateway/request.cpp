@@ -13,6 +13,7 @@ std::optional<Request> checked(const Request &request) {
   switch (static_cast<RequestKind>(request.kind)) {
   case RequestKind::kAcknowledge:
   case RequestKind::kField:
+  case RequestKind::kSlices:
     return request;
   case RequestKind::kRate:
     return request.value >= 1 && request.value <= static_cast<std::uint32_t>(kMaxRate_hz) ? std::optional(request)
@@ -45,10 +46,11 @@ std::optional<Request> parse_json_request(std::string_view message) {
   if (name == "ping") {
     return checked({static_cast<std::uint32_t>(RequestKind::kPing), 0, value});
   }
-  const RequestKind kind = name == "ack"     ? RequestKind::kAcknowledge
-                           : name == "rate"  ? RequestKind::kRate
-                           : name == "field" ? RequestKind::kField
-                                             : RequestKind{};
+  const RequestKind kind = name == "ack"      ? RequestKind::kAcknowledge
+                           : name == "rate"   ? RequestKind::kRate
+                           : name == "field"  ? RequestKind::kField
+                           : name == "slices" ? RequestKind::kSlices
+                                              : RequestKind{};
   const bool whole = value >= 0.0 && value <= std::numeric_limits<std::uint32_t>::max() && value == std::floor(value);
   return whole ? checked({static_cast<std::uint32_t>(kind), static_cast<std::uint32_t>(value), 0.0}) : std::nullopt;
 }

@@ -86,7 +86,7 @@ public:
       wake_at(next_ - period_ / 2);
       return;
     }
-    auto frame = shared_->store.next({seen_, number_ + 1, wire::boot_now_ns(), field_, pong_});
+    auto frame = shared_->store.next({seen_, number_ + 1, wire::boot_now_ns(), field_, slices_, pong_});
     if (!frame) {
       return;
     }
@@ -99,6 +99,7 @@ public:
 
   [[nodiscard]] std::uint64_t seen() const override { return seen_; }
   [[nodiscard]] bool wants_field() const override { return field_; }
+  [[nodiscard]] bool wants_slices() const override { return slices_; }
 
 private:
   void leave() {
@@ -190,6 +191,12 @@ private:
     case RequestKind::kField:
       field_ = request.value != 0;
       break;
+    case RequestKind::kSlices:
+      slices_ = request.value != 0;
+      if (slices_) { // the last slice may stay the last one for long
+        seen_ = std::min(seen_, shared_->store.before(RecordKind::kSlice));
+      }
+      break;
     }
   }
 
@@ -220,6 +227,7 @@ private:
   bool waiting_ = false; // for the acknowledgement of number_
   bool pacing_ = false;
   bool field_ = false;
+  bool slices_ = false;
   std::optional<Pong> pong_;
   std::uint64_t seen_ = 0;
   std::uint32_t number_ = 0;

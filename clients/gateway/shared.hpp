@@ -17,6 +17,7 @@ public:
   virtual void pump() = 0; // sends the next frame, if it may and there is one
   [[nodiscard]] virtual std::uint64_t seen() const = 0;
   [[nodiscard]] virtual bool wants_field() const = 0;
+  [[nodiscard]] virtual bool wants_slices() const = 0;
 };
 
 // What all connections have in common.

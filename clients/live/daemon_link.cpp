@@ -67,6 +67,13 @@ Field to_field(const wire::DeformationField &sample) {
           floats(sample.von_mises_Pa)};
 }
 
+Slice to_slice(const wire::CorrectedSlice &sample, const wire::Arrival &arrival) {
+  const auto &pixels = sample.slice.pixels;
+  Slice out{sample, std::vector<std::uint16_t>(pixels._buffer, pixels._buffer + pixels._length), arrival};
+  out.said.slice.pixels = {};
+  return out;
+}
+
 // A writer that DDS lost for a while delivers its history again.
 void store_capture(Snapshot &said, const wire::CapturedPoint &sample, bool ended) {
   auto &points = said.captures[wire::text(sample.tool)];
@@ -126,6 +133,18 @@ void DaemonLink::want_field(bool wanted) {
     wait_.attach(*pictures_->field);
   } else {
     pictures_->field.reset();
+  }
+}
+
+void DaemonLink::want_slices(bool wanted) {
+  if (!pictures_ || wanted == pictures_->slices.has_value()) {
+    return;
+  }
+  if (wanted) {
+    pictures_->slices.emplace(participant_);
+    wait_.attach(*pictures_->slices);
+  } else {
+    pictures_->slices.reset();
   }
 }
 
@@ -212,6 +231,13 @@ std::size_t DaemonLink::take_pictures() {
     news += take_state(*pictures_->field, [](Speaker &speaker, const wire::DeformationField &sample, bool ended) {
       store_one(speaker.said.field, to_field(sample), ended);
       ++speaker.said.field_revision;
+    });
+  }
+  if (pictures_->slices) {
+    news += take_state(*pictures_->slices, [&](Speaker &speaker, const wire::CorrectedSlice &sample, bool ended) {
+      const auto arrival = speaker.arrived({}, 0, sample.published_time_ns, now_);
+      store_in(speaker.said.slices, wire::text(sample.device), to_slice(sample, arrival), ended);
+      ++speaker.said.slices_revision;
     });
   }
   return news;

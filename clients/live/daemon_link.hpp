@@ -51,6 +51,8 @@ public:
   // Whether the deformation field is read; at first it is not, because the daemon computes it for its readers. Only for
   // the role kDisplay.
   void want_field(bool wanted);
+  // The same for the scanner's corrected slices, which are large.
+  void want_slices(bool wanted);
 
   // Of the daemon that is followed: the first that was heard, until it is lost.
   [[nodiscard]] const Snapshot &snapshot() { return daemons_.followed(); }
@@ -72,6 +74,7 @@ private:
     dds::Reader<wire::TrackerFrame> trackers;
     dds::Reader<wire::CapturedPoint> captures;
     std::optional<dds::Reader<wire::DeformationField>> field;
+    std::optional<dds::Reader<wire::CorrectedSlice>> slices;
   };
 
   [[nodiscard]] base::Error no_daemon();

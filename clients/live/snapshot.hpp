@@ -32,6 +32,13 @@ struct Field {
   std::vector<float> von_mises_Pa;
 };
 
+// A copy of wire::CorrectedSlice, whose pixels belong to DDS: `said` has none.
+struct Slice {
+  wire::CorrectedSlice said{};
+  std::vector<std::uint16_t> pixels; // row by row
+  wire::Arrival arrival;
+};
+
 // The latest values. Empty if none has arrived; an instance that has ended is removed.
 struct Snapshot {
   std::optional<Received<wire::SystemHealth>> health;
@@ -46,6 +53,8 @@ struct Snapshot {
   std::uint64_t captures_revision = 0; // incremented when they change
   std::optional<Field> field;
   std::uint64_t field_revision = 0;
+  std::map<std::string, Slice> slices; // by scanner, only for the role kDisplay and while they are wanted
+  std::uint64_t slices_revision = 0;
   // The daemon's clock minus CLOCK_BOOTTIME of this host, and this host's wall clock minus the daemon's clock.
   std::optional<std::int64_t> daemon_clock_ns;
   std::optional<std::int64_t> clock_difference_ns;

@@ -114,14 +114,19 @@ TEST(EncoderTest, AStateWhoseTransitIsNotKnownIsNoRecentOne) {
   auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
   snapshot.tools.begin()->second.arrival.transit_ns.reset();
   EXPECT_TRUE(encoder.encode(snapshot, {kArrival_ns, 0}));
-  for (const auto &record : frame_json(store.next({})->bytes)["records"]) {
+  int seen = 0;
+  const auto frame = frame_json(store.next({})->bytes); // outlives the loop
+  for (const auto &record : frame["records"]) {
     if (record["kind"] == "link") {
       EXPECT_TRUE(record["last_state_ms"].is_null());
+      ++seen;
     }
     if (record["kind"] == "tool") {
       EXPECT_TRUE(record["published_ms"].is_null());
+      ++seen;
     }
   }
+  EXPECT_EQ(seen, 2);
 }
 
 TEST(EncoderTest, TheWorkingVolumeIsThatOfTheTrackerOrIsNotStated) {
@@ -138,7 +143,8 @@ TEST(EncoderTest, TheWorkingVolumeIsThatOfTheTrackerOrIsNotStated) {
   (void)wire::set_name(snapshot.health->devices[1].device, "Force");
   (void)encoder.encode(snapshot, {kArrival_ns, 0});
   int seen = 0;
-  for (const auto &record : frame_json(store.next({})->bytes)["records"]) {
+  const auto frame = frame_json(store.next({})->bytes); // outlives the loop
+  for (const auto &record : frame["records"]) {
     if (record["kind"] == "device" && record["device"] == "Camera") {
       EXPECT_EQ(record["volume_near_mm"], 1000.0);
       EXPECT_EQ(record["volume_far_mm"], 3000.0);
@@ -152,6 +158,39 @@ TEST(EncoderTest, TheWorkingVolumeIsThatOfTheTrackerOrIsNotStated) {
     }
   }
   EXPECT_EQ(seen, 2);
+}
+
+TEST(EncoderTest, ASliceHasItsPixelsAndATipOnlyWhileThatIsLive) {
+  RecordStore store;
+  Encoder encoder(store);
+  auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  live::Slice slice;
+  (void)wire::set_name(slice.said.device, "MR");
+  slice.said.published_time_ns = 1'000'000 * kMs_ns;
+  slice.said.slice.columns = 2;
+  slice.said.slice.rows = 2;
+  slice.said.slice.T_scanner_slice = {{1, 0, 0, 0}, {4, 5, 6}};
+  slice.said.tip_pixel[0] = 1.5;
+  slice.pixels = {1, 2, 3, 65535};
+  const auto encoded = [&](wire::PoseStatus tip, std::size_t pixels) {
+    slice.said.tip_status = tip;
+    slice.pixels.resize(pixels, 7);
+    snapshot.slices["MR"] = slice;
+    ++snapshot.slices_revision;
+    (void)encoder.encode(snapshot, {kArrival_ns, 0});
+    nlohmann::json out;
+    store.each(RecordKind::kSlice, [&](std::span<const std::byte> record) { out = record_json(record); });
+    return out;
+  };
+  const auto live = encoded(bregma_wire_POSE_LIVE, 4);
+  EXPECT_EQ(live["pixels"], nlohmann::json::parse("[1, 2, 3, 65535]"));
+  EXPECT_EQ(live["translation_mm"], nlohmann::json::parse("[4.0, 5.0, 6.0]"));
+  EXPECT_TRUE(live["image_rotation"][0].is_null()) << "the scanner is not registered to the image";
+  EXPECT_EQ(live["tip_pixel"][0], 1.5);
+  EXPECT_EQ(live["published_ms"], 5000.0);
+  const auto hidden = encoded(bregma_wire_POSE_STALE, 4);
+  EXPECT_TRUE(hidden["tip_pixel"][0].is_null());
+  EXPECT_TRUE(encoded(bregma_wire_POSE_LIVE, 3).is_null()) << "pixels are missing";
 }
 
 TEST(EncoderTest, WhatIsGoneEnds) {

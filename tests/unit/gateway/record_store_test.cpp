@@ -139,6 +139,32 @@ TEST(RecordStore, AFieldIsSentToThoseWhoWantItWithItsArrays) {
   EXPECT_EQ(records[0]["von_mises_Pa"], nlohmann::json::parse("[7.0]"));
 }
 
+TEST(RecordStore, ASliceIsSentToThoseWhoWantItAlsoIfItCameBefore) {
+  constexpr std::array kSlices{RecordKind::kSlice};
+  RecordStore store;
+  SliceHeader header{};
+  header.columns = 3;
+  header.rows = 1;
+  const std::array<std::uint16_t, 3> pixels{0, 4095, 65535};
+  (void)store.replace(kTools, {tool("Probe", 1)});
+  (void)store.replace(kSlices, {make_slice_record(header, pixels)});
+  (void)store.replace(kTools, {tool("Probe", 2)});
+  const auto first = store.next({});
+  ASSERT_TRUE(first);
+  EXPECT_EQ(records_of(first).size(), 1U) << "nobody asked for slices";
+  const FrameRequest later{.after = store.before(RecordKind::kSlice), .slices = true};
+  ASSERT_LT(later.after, first->up_to);
+  const auto sent = records_of(store.next(later)); // outlives the loop
+  for (const auto &record : sent) {
+    if (record["kind"] == "slice") {
+      EXPECT_EQ(record["pixels"], nlohmann::json::parse("[0, 4095, 65535]"));
+      EXPECT_EQ(record["columns"], 3);
+      return;
+    }
+  }
+  FAIL() << "no slice";
+}
+
 TEST(RecordStore, OtherNewsWaitsForATool) {
   constexpr std::array kLinks{RecordKind::kLink};
   RecordStore store;

@@ -22,10 +22,11 @@ TEST(RequestTest, EachKindInBothForms) {
   both({2, 30, 0.0}, R"({"rate": 30})");
   both({3, 0, 1.5}, R"({"ping": 1.5})");
   both({4, 1, 0.0}, R"({"field": 1})");
+  both({5, 1, 0.0}, R"({"slices": 1})");
 }
 
 TEST(RequestTest, EverythingElseIsRefused) {
-  for (const Request &request : {Request{0, 1, 0.0}, Request{5, 1, 0.0}, Request{2, 0, 0.0}, Request{2, 61, 0.0},
+  for (const Request &request : {Request{0, 1, 0.0}, Request{6, 1, 0.0}, Request{2, 0, 0.0}, Request{2, 61, 0.0},
                                  Request{3, 0, NAN}, Request{3, 0, INFINITY}}) {
     EXPECT_FALSE(parse(request)) << request.kind << " " << request.value;
   }

@@ -13,6 +13,7 @@ import { deformedSurface } from "../view/brain_surface.ts";
 import { Captures } from "../view/captures.ts";
 import { Display } from "../view/display.ts";
 import { type DragTool, Interaction } from "../view/interaction.ts";
+import { ScannerSlices } from "../view/scanner_slice.ts";
 import { type Scene, sceneOf } from "../view/scene.ts";
 import { TipTrace } from "../view/tip_trace.ts";
 import { ViewState } from "../view/view_state.ts";
@@ -56,6 +57,7 @@ export class App {
   private arrived: { frame: Frame; at_ms: number } | null = null;
   private readonly captures = new Captures();
   private readonly trace = new TipTrace();
+  private readonly slices = new ScannerSlices();
   private readonly interaction: Interaction;
   private readonly topBar = new TopBar();
   private readonly toolBar: ToolBar;
@@ -257,7 +259,10 @@ export class App {
     const gateway_ms = this.link.clock.at(now);
     const trace = view.trace ? this.trace.points(gateway_ms) : [];
     const captures = this.captures.update(store);
-    const scene = sceneOf({ data, store, gateway_ms, followedName: null, captures, trace });
+    this.link.requestSlices(view.panels.some((panel) => panel.kind === "scanner"));
+    const slice = this.slices.update(store, gateway_ms);
+    view.scannerPlane = slice?.plane ?? null;
+    const scene = sceneOf({ data, store, gateway_ms, followedName: null, captures, trace, slice });
     this.scene = scene;
     view.track(scene.followed);
     if (scene.followedTool) this.trace.add(gateway_ms, scene.followedTool.tip);

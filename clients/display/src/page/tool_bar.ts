@@ -28,6 +28,7 @@ export class ToolBar {
   private readonly updates: (() => void)[] = [];
   private readonly presets = h("span", { class: "group", role: "group", "aria-label": "Window presets" });
   private readonly values = h("span", { class: "values" });
+  private readonly second = h("span", { class: "group second" });
   readonly element: HTMLElement;
 
   constructor(private readonly host: ToolBarHost) {
@@ -99,6 +100,7 @@ export class ToolBar {
           },
         ),
       ),
+      this.second,
       this.surfaces(),
       group(
         this.button(
@@ -134,6 +136,7 @@ export class ToolBar {
         ),
       ),
     );
+    fill(this.second, data?.hash ?? "", () => this.secondImage(data));
     const digits = view.window.window < 10 ? 2 : 0;
     setText(this.values, `W ${view.window.window.toFixed(digits)}  L ${view.window.level.toFixed(digits)}`);
     for (const update of this.updates) update();
@@ -162,6 +165,35 @@ export class ToolBar {
     });
     this.updates.push(() => setText(button, view.convention === "radiological" ? "Radiological" : "Neurological"));
     return button;
+  }
+
+  // Which image is blended over the case's, and how much of it; nothing if the case has no other.
+  private secondImage(data: CaseData | null): HTMLElement[] {
+    if (!data || data.images.length === 0) return [];
+    const { view } = this.host;
+    const choose = (e: Event) =>
+      this.act(() => {
+        view.second = (e.target as HTMLSelectElement).value;
+      });
+    const blend = (e: Event) =>
+      this.act(() => {
+        view.secondBlend = Number((e.target as HTMLInputElement).value);
+      });
+    const options = ["", ...data.images.map((image) => image.name)].map((name) =>
+      h("option", { value: name }, name || "one image"),
+    );
+    const select = h("select", { "aria-label": "second image", change: choose }, ...options);
+    select.value = view.second;
+    const share = h("input", {
+      type: "range",
+      min: 0,
+      max: 1,
+      step: 0.02,
+      value: view.secondBlend,
+      input: blend,
+      "aria-label": "blend of both",
+    });
+    return [select, share];
   }
 
   private surfaces(): HTMLElement {

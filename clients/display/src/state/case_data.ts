@@ -42,6 +42,13 @@ export interface CaseLabels {
   readonly colours: ReadonlyMap<number, Colour>;
 }
 
+// Another image of the same head, registered to the case's.
+export interface CaseImage {
+  readonly name: string;
+  readonly volume: Volume;
+  readonly window: Window;
+}
+
 export interface CaseData {
   readonly hash: string;
   readonly id: string;
@@ -50,6 +57,7 @@ export interface CaseData {
   readonly presets: readonly WindowPreset[];
   readonly air: number; // values of the image up to this are taken for air, in the 3-D panel
   readonly labels: CaseLabels | null;
+  readonly images: readonly CaseImage[];
   readonly meshes: readonly CaseMesh[];
   readonly trajectories: readonly Trajectory[];
   readonly targets: readonly NamedPoint[];
@@ -85,9 +93,10 @@ interface StatedMesh {
   readonly url: string;
 }
 
-interface StatedCase extends Omit<CaseData, "image" | "presets" | "air" | "labels" | "meshes"> {
+interface StatedCase extends Omit<CaseData, "image" | "presets" | "air" | "labels" | "images" | "meshes"> {
   readonly image: StatedImage;
   readonly labels: (StatedVolume & { regions: { value: number; name: string; colour: string }[] }) | null;
+  readonly images?: (StatedImage & { name: string })[];
   readonly meshes: StatedMesh[];
 }
 
@@ -98,9 +107,10 @@ const kAir = 0.05; // of the image's range, above its smallest value
 // Fetches everything. Throws an Error with a sentence.
 export async function loadCase(base = ""): Promise<CaseData> {
   const stated = (await (await get(`${base}/case`)).json()) as StatedCase;
-  const [image, labels, meshes] = await Promise.all([
+  const [image, labels, images, meshes] = await Promise.all([
     loadVolume(base, stated.image),
     stated.labels ? loadVolume(base, stated.labels) : null,
+    Promise.all((stated.images ?? []).map((other) => loadVolume(base, other))),
     Promise.all(stated.meshes.map((mesh) => loadMesh(base, mesh))),
   ]);
   return {
@@ -109,6 +119,11 @@ export async function loadCase(base = ""): Promise<CaseData> {
     presets: presetsOf(stated.image),
     air: stated.image.min + kAir * (stated.image.max - stated.image.min),
     labels: labels && stated.labels ? labelsOf(labels, stated.labels.regions) : null,
+    images: (stated.images ?? []).map((other, i) => ({
+      name: other.name,
+      volume: images[i],
+      window: presetsOf(other)[0],
+    })),
     meshes,
   };
 }

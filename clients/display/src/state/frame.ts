@@ -2,11 +2,12 @@
 import { type FieldType, kLayouts, type RecordName, type RecordOf } from "./layout.ts";
 
 export const kMagic = 0x46475242;
-export const kLayoutVersion = 1;
+export const kLayoutVersion = 2;
 export const kHeaderBytes = 24;
 const kRecordHeaderBytes = 8;
 const kFlagEnded = 1;
 const kFieldRecordBytes = 64; // of a record `field` before its arrays
+const kSliceRecordBytes = 456; // of a record `slice` before its pixels
 
 // Displacements and stresses at the nodes of the tissue mesh, behind the fields of a record `field`.
 export interface FieldArrays {
@@ -20,6 +21,7 @@ export interface DecodedRecord<N extends RecordName = RecordName> {
   readonly key: string;
   readonly value: RecordOf<N>;
   readonly arrays?: FieldArrays;
+  readonly pixels?: Uint16Array; // of a slice, row by row
 }
 
 export interface Frame {
@@ -73,8 +75,20 @@ function decodeRecord(view: DataView, start: number, bytes: number): DecodedReco
   const key = layout.keys.map((name) => String(value[name])).join("\n");
   const ended = (view.getUint16(start + 2, true) & kFlagEnded) !== 0;
   const record = { name: layout.name, ended, key, value: value as RecordOf<RecordName> };
-  if (layout.name !== "field" || ended) return record;
-  return { ...record, arrays: decodeArrays(view, start, bytes) };
+  if (ended) return record;
+  if (layout.name === "field") return { ...record, arrays: decodeArrays(view, start, bytes) };
+  if (layout.name === "slice") return { ...record, pixels: decodePixels(view, start, bytes) };
+  return record;
+}
+
+function decodePixels(view: DataView, start: number, bytes: number): Uint16Array {
+  const columns = view.getUint32(start + kLayouts.slice.fields.columns[0], true);
+  const rows = view.getUint32(start + kLayouts.slice.fields.rows[0], true);
+  if (kSliceRecordBytes + 2 * columns * rows > bytes) {
+    throw new Error(`record slice of ${bytes} bytes states ${columns} x ${rows} pixels`);
+  }
+  const at = view.byteOffset + start + kSliceRecordBytes;
+  return new Uint16Array(view.buffer as ArrayBuffer, at, columns * rows).slice();
 }
 
 function decodeArrays(view: DataView, start: number, bytes: number): FieldArrays {

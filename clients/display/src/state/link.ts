@@ -10,7 +10,7 @@ export function elapsed_ms(since: LocalTime, now: LocalTime): number {
   return Math.max(now.timer_ms - since.timer_ms, now.wall_ms - since.wall_ms);
 }
 
-const kRequest = { acknowledge: 1, rate: 2, ping: 3, field: 4 } as const;
+const kRequest = { acknowledge: 1, rate: 2, ping: 3, field: 4, slices: 5 } as const;
 const kReconnect_ms = 200;
 const kSilence_ms = 2000; // then another connection is tried
 const kPing_ms = 1000;
@@ -36,6 +36,7 @@ export class StateLink {
   private pings = 0;
   private lastPing: LocalTime | null = null;
   private field = false;
+  private slices = false;
 
   constructor(
     private readonly url: string,
@@ -66,6 +67,12 @@ export class StateLink {
     if (on === this.field) return;
     this.field = on;
     this.request(kRequest.field, on ? 1 : 0);
+  }
+
+  requestSlices(on: boolean): void {
+    if (on === this.slices) return;
+    this.slices = on;
+    this.request(kRequest.slices, on ? 1 : 0);
   }
 
   ping(): void {
@@ -100,6 +107,7 @@ export class StateLink {
       this.sentPings.clear();
       this.ping();
       if (this.field) this.request(kRequest.field, 1);
+      if (this.slices) this.request(kRequest.slices, 1);
     });
     socket.onmessage = (event) => {
       if (this.socket === socket && event.data instanceof ArrayBuffer) this.take(event.data);

@@ -5,6 +5,7 @@ import type { RecordName, RecordOf } from "./layout.ts";
 export class Store {
   private readonly kinds = new Map<RecordName, Map<string, RecordOf<RecordName>>>();
   private latestField: FieldArrays | null = null;
+  private readonly slices = new Map<string, Uint16Array>();
   private readonly counts = new Map<RecordName, number>();
 
   apply(frame: Frame): void {
@@ -13,6 +14,10 @@ export class Store {
       const instances = this.instances(record.name);
       if (record.ended) instances.delete(record.key);
       else instances.set(record.key, record.value);
+      if (record.name === "slice") {
+        if (record.pixels && !record.ended) this.slices.set(record.key, record.pixels);
+        else this.slices.delete(record.key);
+      }
       if (record.name === "field") this.latestField = record.ended ? null : (record.arrays ?? null);
     }
   }
@@ -34,10 +39,16 @@ export class Store {
     return this.latestField;
   }
 
+  // Pixels of a scanner's slice, row by row.
+  pixelsOf(scanner: string): Uint16Array | null {
+    return this.slices.get(scanner) ?? null;
+  }
+
   clear(): void {
     for (const name of this.kinds.keys()) this.counts.set(name, this.revision(name) + 1);
     this.kinds.clear();
     this.latestField = null;
+    this.slices.clear();
   }
 
   private instances(name: RecordName): Map<string, RecordOf<RecordName>> {

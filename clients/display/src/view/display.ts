@@ -1,4 +1,6 @@
 // The picture: one WebGL canvas with all panels, and one canvas over it for lines and letters.
+
+import type { Volume, Window } from "../image/volume.ts";
 import { labelColours, type SliceLayers, SliceRenderer, type Viewport } from "../render/slice_renderer.ts";
 import { VolumeTexture } from "../render/volume_texture.ts";
 import type { CaseData } from "../state/case_data.ts";
@@ -9,12 +11,16 @@ import { drawSliceOverlay } from "./slice_overlay.ts";
 import { drawSpaceOverlay, SpaceView } from "./space_view.ts";
 import type { Measurement, ViewState } from "./view_state.ts";
 
+const kSecondTint: readonly [number, number, number] = [1, 1, 1];
+
 interface Graphics {
   readonly gl: WebGL2RenderingContext;
   readonly slices: SliceRenderer;
   readonly space: SpaceView;
   image: VolumeTexture | null;
   labels: SliceLayers["labels"] | null;
+  second: { readonly name: string; readonly texture: VolumeTexture; readonly window: Window } | null;
+  scanner: { readonly volume: Volume; readonly texture: VolumeTexture } | null;
 }
 
 export interface DrawInput {
@@ -151,7 +157,15 @@ export class Display {
     if (!gl) throw new Error("this browser has no WebGL 2");
     gl.clearColor(0, 0, 0, 1);
     const slices = new SliceRenderer(gl);
-    this.graphics = { gl, slices, space: new SpaceView(gl, slices), image: null, labels: null };
+    this.graphics = {
+      gl,
+      slices,
+      space: new SpaceView(gl, slices),
+      image: null,
+      labels: null,
+      second: null,
+      scanner: null,
+    };
     this.load();
   }
 
@@ -162,6 +176,9 @@ export class Display {
     const { gl } = graphics;
     graphics.image?.delete();
     graphics.labels?.texture.delete();
+    graphics.second?.texture.delete();
+    graphics.scanner?.texture.delete();
+    graphics.second = graphics.scanner = null;
     graphics.image = this.data ? new VolumeTexture(gl, this.data.image) : null;
     const labels = this.data?.labels;
     graphics.labels = null;
@@ -174,8 +191,41 @@ export class Display {
 
   private layersOf(graphics: Graphics, view: ViewState, bare: boolean): SliceLayers {
     const image = { texture: graphics.image as VolumeTexture, window: view.window };
-    if (!graphics.labels || !view.labels || bare) return { image };
-    return { image, labels: { ...graphics.labels, opacity: view.labelOpacity } };
+    if (bare) return { image };
+    const second = this.secondOf(graphics, view);
+    return {
+      image,
+      ...(second && { second: { ...second, blend: view.secondBlend, tint: kSecondTint } }),
+      ...(graphics.labels && view.labels && { labels: { ...graphics.labels, opacity: view.labelOpacity } }),
+    };
+  }
+
+  // The second image is on the graphics card only while it is shown.
+  private secondOf(graphics: Graphics, view: ViewState): Graphics["second"] {
+    if ((graphics.second?.name ?? "") !== view.second) {
+      graphics.second?.texture.delete();
+      const chosen = this.data?.images.find((one) => one.name === view.second);
+      graphics.second = chosen
+        ? { name: chosen.name, texture: new VolumeTexture(graphics.gl, chosen.volume), window: chosen.window }
+        : null;
+    }
+    return graphics.second;
+  }
+
+  // The scanner's slice: blended over the case's image where it lies in it, else alone.
+  private scannerLayers(graphics: Graphics, layers: SliceLayers, { view, scene }: DrawInput): SliceLayers {
+    const slice = scene.slice;
+    if (!slice) return layers;
+    if (graphics.scanner?.volume !== slice.volume) {
+      graphics.scanner?.texture.delete();
+      graphics.scanner = { volume: slice.volume, texture: new VolumeTexture(graphics.gl, slice.volume) };
+    }
+    const { texture } = graphics.scanner;
+    if (!slice.registered) return { image: { texture, window: slice.window } };
+    return {
+      image: layers.image,
+      second: { texture, window: slice.window, blend: view.secondBlend, tint: kSecondTint },
+    };
   }
 
   private resize(): void {
@@ -215,9 +265,18 @@ export class Display {
       if (this.isNew(index, ["empty", rect])) graphics.gl.clear(graphics.gl.COLOR_BUFFER_BIT);
       return;
     }
-    const shown = [pen.plane, pen.mm_per_pixel, rect, view.window, layers.labels?.opacity, layers.second?.blend];
-    if (this.isNew(index, shown)) graphics.slices.draw(layers, pen.plane, pen.mm_per_pixel / this.ratio, viewport);
     const { kind } = view.panels[index];
+    const drawn = kind === "scanner" ? this.scannerLayers(graphics, layers, input) : layers;
+    const shown = [
+      pen.plane,
+      pen.mm_per_pixel,
+      rect,
+      drawn.image.window,
+      drawn.labels?.opacity,
+      drawn.second && [view.second, drawn.second.blend],
+      kind === "scanner" && [scene.slice?.record.device, scene.slice?.record.number],
+    ];
+    if (this.isNew(index, shown)) graphics.slices.draw(drawn, pen.plane, pen.mm_per_pixel / this.ratio, viewport);
     drawSliceOverlay(pen, { kind, view, scene, data: this.data as CaseData, pending: input.pending, bare: input.bare });
   }
 
@@ -236,6 +295,7 @@ export class Display {
       view.opacities,
       rect,
       view.window,
+      [layers.labels?.opacity, layers.second && [view.second, view.secondBlend]],
       bare,
     ];
     if (this.isNew(index, shown)) graphics.space.draw(layers, view, scene, rect, viewport, bare);

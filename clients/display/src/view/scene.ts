@@ -5,6 +5,7 @@ import type { CaseData, Trajectory } from "../state/case_data.ts";
 import { CaptureKind, DeformationStatus } from "../state/constants.ts";
 import type { Store } from "../state/store.ts";
 import { type ShownTool, shownTool } from "../state/validity.ts";
+import type { ScannerSlice } from "./scanner_slice.ts";
 import type { Followed } from "./view_state.ts";
 
 export interface SceneTool {
@@ -45,6 +46,7 @@ export interface Scene {
   readonly fiducials: readonly SceneFiducial[];
   readonly captures: readonly SceneCapture[];
   readonly trace: readonly Vec3[];
+  readonly slice: ScannerSlice | null; // the scanner's latest
 }
 
 export interface SceneInput {
@@ -54,6 +56,7 @@ export interface SceneInput {
   readonly followedName: string | null; // tool that the viewer chose
   readonly captures: readonly SceneCapture[];
   readonly trace: readonly Vec3[];
+  readonly slice: ScannerSlice | null;
 }
 
 export function sceneOf(input: SceneInput): Scene {
@@ -79,6 +82,7 @@ export function sceneOf(input: SceneInput): Scene {
     }),
     captures: input.captures,
     trace: input.trace,
+    slice: input.slice,
   };
 }
 

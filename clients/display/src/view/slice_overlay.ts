@@ -14,6 +14,8 @@ const kNear_mm = 3; // points are drawn in full up to this distance from the pla
 const kFar_mm = 12; // and not at all beyond this one
 const kShaft_mm = 160;
 const kAhead_mm = 60;
+const kCorrected2d = 4; // DistortionCorrection
+const kCorrected3d = 5;
 
 export interface OverlayInput {
   readonly kind: PanelKind;
@@ -30,6 +32,11 @@ export function drawSliceOverlay(pen: Pen, input: OverlayInput): void {
   c.beginPath();
   c.rect(rect.x, rect.y, rect.width, rect.height);
   c.clip();
+  if (input.kind === "scanner" && !input.scene.slice?.registered) {
+    drawScanner(pen, input);
+    c.restore();
+    return;
+  }
   if (!input.bare) {
     drawCuts(pen, input.data);
     drawPlanes(pen, input);
@@ -39,7 +46,41 @@ export function drawSliceOverlay(pen: Pen, input: OverlayInput): void {
     drawMeasurements(pen, input);
   }
   drawFrame(pen, input);
+  if (input.kind === "scanner") drawSliceText(pen, input.scene);
   c.restore();
+}
+
+// A slice that lies in no known place of the case's image: the robot's tip is all that is known beside it.
+function drawScanner(pen: Pen, { scene }: OverlayInput): void {
+  const { rect } = pen;
+  pen.text(kPanelNames.scanner, rect.x + 10, rect.y + 18, 16, kColours.letter, "left", true);
+  drawSliceText(pen, scene);
+  const tip = scene.slice?.tip;
+  if (tip) {
+    const colour = Math.abs(tip.distance_mm) <= kNear_mm ? kColours.live : kColours.muted;
+    pen.line(along(tip.foot, tip.direction, -kShaft_mm), tip.foot, colour, 3);
+    pen.circle(tip.foot, Math.max(4, tip.error_95_mm / pen.mm_per_pixel), colour, 2);
+    const p = pen.pixel(tip.foot);
+    pen.text(figure(tip.distance_mm, 1, "mm"), p.x + 12, p.y - 12, 15, colour);
+  }
+  drawScaleBar(pen);
+}
+
+// Which slice it is, whether it is corrected, and that it does not lie in the case's image.
+function drawSliceText(pen: Pen, { slice }: Scene): void {
+  const { rect } = pen;
+  const line = (row: number, text: string, colour: string) =>
+    pen.text(text, rect.x + 10, rect.y + 38 + 18 * row, 13, colour);
+  if (!slice) {
+    line(0, "no slice has been received", kColours.muted);
+    return;
+  }
+  const { protocol, series, index, count, correction, max_shift_mm } = slice.record;
+  line(0, `${protocol} ${series}, slice ${index} of ${count}`, kColours.muted);
+  const corrected = correction === kCorrected2d || correction === kCorrected3d;
+  if (corrected) line(1, `distortion corrected, up to ${figure(max_shift_mm, 1, "mm")}`, kColours.muted);
+  else line(1, "DISTORTION NOT CORRECTED", kColours.unverified);
+  if (!slice.registered) line(2, "not registered to the case’s image", kColours.unverified);
 }
 
 function drawCuts(pen: Pen, data: CaseData): void {
@@ -188,7 +229,7 @@ function drawFrame(pen: Pen, { kind, view, scene }: OverlayInput): void {
   const colour = isOrthogonal(kind) ? kColours[kind] : kColours.letter;
   pen.text(title, rect.x + 10, rect.y + 18, 16, colour, "left", true);
   if (isOrthogonal(kind) && view.oblique) pen.text("oblique", rect.x + 10, rect.y + 38, 13, kColours.muted);
-  if (!isOrthogonal(kind) && !scene.followed.line && kind !== "along_plan") {
+  if (!isOrthogonal(kind) && !scene.followed.line && kind !== "along_plan" && kind !== "scanner") {
     pen.text("no pose: the plane is where it was", rect.x + 10, rect.y + 38, 13, kColours.unverified);
   }
   if (scene.followedTool && !scene.followedTool.verified) {

@@ -23,7 +23,7 @@ import type { Camera } from "../render/camera.ts";
 import type { CaseData, Trajectory } from "../state/case_data.ts";
 import type { Layout, Rect } from "./layout.ts";
 
-export type PanelKind = SliceKind | "space";
+export type PanelKind = SliceKind | "scanner" | "space";
 
 export const kPanelNames: Readonly<Record<PanelKind, string>> = {
   axial: "Axial",
@@ -34,6 +34,7 @@ export const kPanelNames: Readonly<Record<PanelKind, string>> = {
   inline_2: "In-line 2",
   along_plan: "Along the plan",
   look_ahead: "Look-ahead",
+  scanner: "Scanner’s slice",
   space: "3-D",
 };
 
@@ -74,7 +75,9 @@ export class ViewState {
   ahead_mm = 10;
   labels = false; // an atlas of the whole brain would hide the image: on by choice
   labelOpacity = 0.35;
+  second = ""; // name of the image that is blended over the case's; empty: none
   secondBlend = 0.5;
+  scannerPlane: Plane | null = null; // of the scanner's latest slice
   trace = false;
   opacities: Opacities = { scalp: 0.18, brain: 0.35, structure: 1, planes: true };
   camera: Camera = { centre: [0, 0, 0], right: [-0.8, 0.6, 0], up: [-0.12, -0.16, 0.98], mm_per_pixel: 1 };
@@ -97,6 +100,7 @@ export class ViewState {
     this.camera = { ...this.camera, centre: this.imageCentre };
     this.window = data.presets[0];
     this.measurements = [];
+    if (!data.images.some((image) => image.name === this.second)) this.second = "";
     this.lastLine = null;
   }
 
@@ -129,7 +133,8 @@ export class ViewState {
   }
 
   // The plane through the cross hair, or of the probe; null while there is nothing to follow.
-  planeOf(kind: SliceKind, followed: Followed): Plane | null {
+  planeOf(kind: SliceKind | "scanner", followed: Followed): Plane | null {
+    if (kind === "scanner") return this.scannerPlane;
     if (kind === "axial" || kind === "coronal" || kind === "sagittal")
       return { centre: this.cursor, ...this.frames[kind] };
     if (kind === "along_plan") {

@@ -3,14 +3,16 @@
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { mkdirSync, readdirSync } from "node:fs";
-import { after, before, test } from "node:test";
+import { after, before, type TestContext, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 import type { App } from "../../src/page/app.ts";
 import { kColours } from "../../src/view/colours.ts";
 import { launchBrowser } from "../support/browser.ts";
+import { assertBackInTime, assertGoneInTime, startLog, takeLog } from "../support/glass_log.ts";
 import { headCase } from "../support/head_case.ts";
-import { countColour, coverTitle, textOf, toolsShown, until, untilCover, untilPicture } from "../support/page_probe.ts";
+import { countColour, coverTitle, textOf, toolsShown, until } from "../support/page_probe.ts";
 import { RealChain } from "../support/real_chain.ts";
+import { ReferenceClient } from "../support/reference_client.ts";
 
 declare const bregma: App; // in the page
 
@@ -20,6 +22,7 @@ const caseFolder = headCase(build, process.env.BREGMA_SOURCE ?? "");
 let chain: RealChain;
 let browser: Browser;
 let page: Page;
+let reference: ReferenceClient;
 const errors: string[] = [];
 
 before(async () => {
@@ -35,8 +38,10 @@ before(async () => {
   page = await browser.newPage({ viewport: { width: 1000, height: 640 } });
   page.on("pageerror", (e) => errors.push(e.message));
   await page.goto(url);
+  reference = new ReferenceClient(Number(new URL(url).port));
 });
 after(async () => {
+  reference?.stop();
   await browser?.close();
   await chain?.stop();
 });
@@ -80,6 +85,7 @@ test("the case arrives over DDS, and the operation is followed to navigation", a
   for (const norm of reports) assert.ok(norm < 5);
   assert.ok((await page.evaluate(() => bregma.scene?.captures.length ?? 0)) > 30);
   await page.screenshot({ path: `${shots}/chain_navigating.png` });
+  await startLog(page);
 });
 
 const untilPictureWithin = (limit_ms: number) =>
@@ -90,9 +96,50 @@ const untilPictureWithin = (limit_ms: number) =>
     limit_ms,
   );
 
+// Something stops: the probe must be gone from all panels within its limit and one draw, and the reason be stated. It
+// goes on: the picture must be back, without a reload, within a second of the first valid state.
+interface Interruption {
+  readonly stop: () => void | Promise<void>;
+  readonly cover: RegExp;
+  readonly lasts_ms?: number; // beyond the cover
+  readonly resume: () => void | Promise<void>;
+  readonly back: "live" | "unverified";
+  readonly shot: string;
+}
+
+async function interrupted(
+  t: TestContext,
+  { stop, cover, resume, back, shot, lasts_ms = 0 }: Interruption,
+): Promise<void> {
+  await untilVerified();
+  await takeLog(page);
+  await stop();
+  await untilGone();
+  await until(
+    () => coverTitle(page),
+    (title) => cover.test(title),
+    "the cover",
+  );
+  await noProbe();
+  await page.screenshot({ path: `${shots}/chain_${shot}.png` });
+  const over_ms = assertGoneInTime(await takeLog(page));
+  await new Promise((resolve) => setTimeout(resolve, lasts_ms));
+  const resumed_ms = Date.now();
+  await resume();
+  await backWith(back).catch((error: Error) => {
+    throw new Error(`${error.message}; bregmad: ${chain.log("bregmad").split("\n").slice(-12).join("\n")}`);
+  });
+  const valid_ms = reference.firstDrawable(resumed_ms);
+  const log = await takeLog(page);
+  const took_ms = assertBackInTime(log, valid_ms);
+  t.diagnostic(
+    `gone ${over_ms.toFixed(0)} ms after its limit, back ${took_ms} ms after the first valid state; longest draw ${log.draw_ms.toFixed(0)} ms, longest pause ${log.pause_ms} ms`,
+  );
+}
+
 // What is drawn after an interruption must have been exposed after it.
 async function backWith(status: "live" | "unverified"): Promise<void> {
-  await untilPicture(page);
+  await untilPictureWithin(60_000); // a daemon that starts reads its case first
   const verified = () => page.evaluate(() => bregma.scene?.tools.map((t) => t.verified) ?? []);
   await until(verified, (v) => v.length > 0, "a tool", 60_000);
   if (status === "unverified") assert.ok((await verified()).every((v) => !v));
@@ -100,53 +147,72 @@ async function backWith(status: "live" | "unverified"): Promise<void> {
   assert.ok(age < 300, `${age} ms`);
 }
 
-test("a stopped daemon: the probe is gone, the reason is stated, and the picture comes back", async () => {
-  chain.signal("bregmad", "SIGSTOP");
-  await untilGone();
-  await until(
-    () => coverTitle(page),
-    (t) => /silent|No navigation state/.test(t),
-    "the cover",
-  );
-  await noProbe();
-  await page.screenshot({ path: `${shots}/chain_daemon_stopped.png` });
-  chain.signal("bregmad", "SIGCONT");
-  await backWith("live");
+test("a stopped daemon", (t) =>
+  interrupted(t, {
+    stop: () => chain.signal("bregmad", "SIGSTOP"),
+    cover: /silent|No navigation state/,
+    resume: () => chain.signal("bregmad", "SIGCONT"),
+    back: "live",
+    shot: "daemon_stopped",
+  }));
+
+test("a stopped gateway", (t) =>
+  interrupted(t, {
+    stop: () => chain.signal("bregma-gateway", "SIGSTOP"),
+    cover: /^Connection lost$/,
+    resume: () => chain.signal("bregma-gateway", "SIGCONT"),
+    back: "live",
+    shot: "gateway_stopped",
+  }));
+
+test("a gateway that is killed, with its sockets, and started again", (t) =>
+  interrupted(t, {
+    stop: () => chain.signal("bregma-gateway", "SIGKILL"),
+    cover: /^Connection lost$/,
+    resume: () => chain.startGateway(),
+    back: "live",
+    shot: "gateway_killed",
+  }));
+
+test("a page that is hidden for ten seconds", (t) => {
+  const hide = (hidden: boolean) =>
+    page.evaluate((h) => {
+      Object.defineProperty(document, "hidden", { value: h, configurable: true });
+      document.dispatchEvent(new Event("visibilitychange"));
+    }, hidden);
+  return interrupted(t, {
+    stop: () => hide(true),
+    cover: /^Page in the background$/,
+    lasts_ms: 10_000,
+    resume: () => hide(false),
+    back: "live",
+    shot: "hidden",
+  });
 });
 
-test("a stopped gateway", async () => {
-  await untilVerified();
-  chain.signal("bregma-gateway", "SIGSTOP");
-  await untilGone();
-  await untilCover(page, "Connection lost");
-  await noProbe();
-  chain.signal("bregma-gateway", "SIGCONT");
-  await backWith("live");
-});
+test("a graphics context that is lost", (t) =>
+  interrupted(t, {
+    stop: () =>
+      page.evaluate(() => {
+        (globalThis as unknown as { lost: { restore(): void } }).lost = bregma.display.loseContext();
+      }),
+    cover: /^Graphics interrupted$/,
+    resume: () => page.evaluate(() => (globalThis as unknown as { lost: { restore(): void } }).lost.restore()),
+    back: "live",
+    shot: "context_lost",
+  }));
 
-test("a gateway that is killed and started again", async () => {
-  await untilVerified();
-  chain.signal("bregma-gateway", "SIGKILL");
-  await untilGone();
-  await untilCover(page, "Connection lost");
-  await noProbe();
-  await chain.startGateway();
-  await backWith("live");
-});
-
-test("a daemon that is killed and started again: the probe is back, not verified", async () => {
-  await untilVerified();
-  chain.signal("bregmad", "SIGKILL");
-  await untilGone();
-  await until(
-    () => coverTitle(page),
-    (t) => t !== "",
-    "the cover",
-  );
-  await noProbe();
-  await page.screenshot({ path: `${shots}/chain_daemon_killed.png` });
-  chain.startDaemon();
-  await backWith("unverified");
+test("a daemon that is killed and started again: the probe is back, not verified", async (t) => {
+  await interrupted(t, {
+    stop: () => chain.signal("bregmad", "SIGKILL"),
+    cover: /./,
+    resume: async () => {
+      await chain.ended("bregmad");
+      chain.startDaemon();
+    },
+    back: "unverified",
+    shot: "daemon_killed",
+  });
   await untilSession(/not verified/, 30_000);
   await page.screenshot({ path: `${shots}/chain_unverified.png` });
 });

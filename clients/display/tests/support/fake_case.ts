@@ -3,6 +3,8 @@ import type { Vec3 } from "../../src/geometry/vector.ts";
 
 const kSize = 80;
 const kSpacing_mm = 2.5;
+const kSecond = 10; // voxels along each axis of the second image and of the labels
+const kSecondSpacing_mm = 4;
 
 export const kHash = "5".repeat(64);
 export const kEntry: Vec3 = [30, 20, 75];
@@ -12,6 +14,16 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
   const files = new Map<string, Buffer>();
   const url = (name: string) => `/case/${kHash}/${name}`;
   files.set(url("image"), Buffer.from(image().buffer));
+  files.set(url("labels"), Buffer.from(leftHalf().buffer));
+  files.set(url("image/second"), Buffer.alloc(kSecond ** 3, 200));
+  // 40 mm around the centre, turned about z.
+  const [c, s] = [Math.cos(0.3), Math.sin(0.3)];
+  const corner = (-kSecondSpacing_mm * (kSecond - 1)) / 2;
+  const row = (x: number, y: number, z: number) => [
+    ...[x, y, z].map((value) => value * kSecondSpacing_mm),
+    (x + y + z) * corner,
+  ];
+  const secondGrid = [...row(c, -s, 0), ...row(s, c, 0), ...row(0, 0, 1), 0, 0, 0, 1];
   const meshes = [
     ["scalp", "scalp", "#c9a58a", 0.2, [0, 0, 0], 88],
     ["brain", "brain", "#8fb8d8", 0.4, [0, 0, 0], 72],
@@ -49,7 +61,30 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
         [99.9, 1100],
       ],
     },
-    labels: null,
+    labels: {
+      url: url("labels"),
+      type: "int16",
+      dims: [kSecond, kSecond, kSecond],
+      T_ras_voxel: secondGrid,
+      regions: [{ value: 7, name: "Left half", colour: "#00ff00" }],
+    },
+    images: [
+      {
+        name: "Second MR",
+        url: url("image/second"),
+        type: "uint8",
+        dims: [kSecond, kSecond, kSecond],
+        T_ras_voxel: secondGrid,
+        min: 200,
+        max: 200,
+        percentiles: [
+          [1, 0],
+          [50, 100],
+          [99, 200],
+          [99.9, 200],
+        ],
+      },
+    ],
     meshes: meshes.map(([name, kind, colour, opacity, centre, radius]) => {
       const data = sphere(centre, radius);
       files.set(url(`mesh/${name}`), data);
@@ -75,6 +110,10 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
     limits: { max_check_mm: 3, max_target_tre_mm: 2 },
   };
   return { json, files };
+}
+
+function leftHalf(): Int16Array {
+  return new Int16Array(kSecond ** 3).map((_, n) => (n % kSecond < kSecond / 2 ? 7 : 0));
 }
 
 // Skin, skull, brain with a pattern, and air.

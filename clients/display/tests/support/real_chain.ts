@@ -79,6 +79,12 @@ export class RealChain {
     this.processes.get(name)?.kill(signal);
   }
 
+  // The process has ended, and what it locked is free.
+  async ended(name: ProgramName): Promise<void> {
+    const process = this.processes.get(name);
+    if (process) await ended(process);
+  }
+
   pid(name: ProgramName): number {
     return this.processes.get(name)?.pid ?? 0;
   }
