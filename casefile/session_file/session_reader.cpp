@@ -44,11 +44,12 @@ namespace {
 // SQLite reads a file that was cut within its last page as if zeros followed. Its header states the size of a page
 // (sqlite.org/fileformat2.html, 1.3.2); whole pages that are missing it notices itself.
 bool ends_within_a_page(const std::filesystem::path &file) {
+  constexpr std::string_view kMark("SQLite format 3\0", 16);
   std::ifstream in(file, std::ios::binary);
   std::array<char, 18> header{};
   std::error_code error;
   const std::uintmax_t size = std::filesystem::file_size(file, error);
-  if (error || !in.read(header.data(), header.size()) || std::string_view(header.data()) != "SQLite format 3") {
+  if (error || !in.read(header.data(), header.size()) || std::string_view(header.data(), kMark.size()) != kMark) {
     return false; // SQLite refuses it
   }
   const auto byte = [&header](std::size_t at) { return std::uintmax_t{static_cast<unsigned char>(header[at])}; };
