@@ -49,7 +49,7 @@ base::Result<void> write_nrrd(const fs::path &path, const image::Grid<3> &grid, 
   std::ofstream out(path, std::ios::binary | std::ios::trunc);
   const bool vectors = components == 3;
   const Eigen::Matrix3d axes = grid.axes();
-  out << "NRRD0005\n# made by bregma mri field\ntype: float\ndimension: " << (vectors ? 4 : 3)
+  out << "NRRD0005\n# made by bregma\ntype: float\ndimension: " << (vectors ? 4 : 3)
       << "\nspace: left-posterior-superior\nsizes:" << (vectors ? " 3" : "");
   for (const int size : grid.size) {
     out << ' ' << size;
@@ -211,7 +211,12 @@ base::Result<void> write_displacement_field(const fs::path &path, const Displace
   for (const Eigen::Vector3f &v : field.displacement_mm.voxels) {
     values.insert(values.end(), {-v.x(), -v.y(), v.z()}); // LPS
   }
-  return write_nrrd(path, field.displacement_mm, 3, values, keys).and_then([&] {
+  return write_nrrd(path, field.displacement_mm, 3, values, keys).and_then([&]() -> base::Result<void> {
+    if (field.signed_error_95_mm.voxels.empty()) {
+      std::error_code ignored;
+      fs::remove(error_file_of(path), ignored); // of another field
+      return {};
+    }
     return write_nrrd(error_file_of(path), field.signed_error_95_mm, 1, field.signed_error_95_mm.voxels,
                       {{"content", "error not exceeded with 95 %, mm; negative where the field extrapolates"}});
   });

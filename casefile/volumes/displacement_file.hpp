@@ -5,6 +5,8 @@
 // memory RAS, in the files LPS; mm. Errors are negative where the field extrapolates. The header states under "bregma
 // ..." keys what the field belongs to; other programs keep or ignore them.
 //
+// A registration of images writes a field without errors, which correction of images does not accept.
+//
 // Reader and writer are our own. Only files of this writer are read; ITK's reader is compared in the tests. Every
 // problem is an Error that names the file and the field.
 #pragma once
@@ -21,7 +23,7 @@ namespace bregma::casefile {
 
 struct DisplacementField {
   image::Image<Eigen::Vector3f, 3> displacement_mm;
-  image::Image<float, 3> signed_error_95_mm; // on a grid of its own
+  image::Image<float, 3> signed_error_95_mm; // on a grid of its own; without voxels: not known, and no file is written
   double max_error_95_mm = 0.0;              // above it the field is unknown
   std::string scanner;                       // may be empty
   std::string protocol;
@@ -30,7 +32,7 @@ struct DisplacementField {
   std::string expires;                  // last day of use, YYYY-MM-DD; empty: no limit
 };
 
-// The path must end in .nrrd. Texts are one line each. Both files are replaced.
+// The path must end in .nrrd. Texts are one line each. Files are replaced.
 [[nodiscard]] base::Result<void> write_displacement_field(const std::filesystem::path &path,
                                                           const DisplacementField &field);
 [[nodiscard]] base::Result<DisplacementField> read_displacement_field(const std::filesystem::path &path);

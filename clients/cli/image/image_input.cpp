@@ -1,13 +1,17 @@
 #include "clients/cli/image/image_input.hpp"
 
 #include <algorithm>
+#include <cstdint>
+#include <limits>
 #include <optional>
+#include <set>
 #include <thread>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "casefile/volumes/label_check.hpp"
 #include "casefile/volumes/volume.hpp"
 
 namespace bregma::cli {
@@ -24,6 +28,41 @@ base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<st
     space = file.space == "ras" ? casefile::Space::kRas : casefile::Space::kLps;
   }
   return casefile::read_volume(file.path, {.series = {}, .space = space}, &notes);
+}
+
+base::Result<void> apply_mask(intensity::Volume &image, const std::string &mask_path, const std::string &image_path,
+                              std::vector<std::string> &notes) {
+  const auto mask = casefile::read_labels(mask_path, {}, &notes);
+  if (!mask) {
+    return tl::unexpected(mask.error());
+  }
+  if (!casefile::same_grid(*mask, image)) {
+    const auto text = [](const image::Grid<3> &grid) {
+      return std::to_string(grid.size[0]) + " x " + std::to_string(grid.size[1]) + " x " + std::to_string(grid.size[2]);
+    };
+    return base::failure(mask_path + ": a mask must have the voxels of its image, and this one (" + text(*mask) +
+                         ") does not lie on those of " + image_path + " (" + text(image) + ")");
+  }
+  std::size_t kept = 0;
+  std::set<std::int16_t> labels;
+  for (std::size_t i = 0; i < image.voxels.size(); ++i) {
+    if (mask->voxels[i] != 0) {
+      ++kept;
+      labels.insert(mask->voxels[i]);
+    } else {
+      image.voxels[i] = std::numeric_limits<float>::quiet_NaN();
+    }
+  }
+  if (kept == 0) {
+    return base::failure(mask_path + ": every voxel is 0, so nothing remains to compare");
+  }
+  if (kept == image.voxels.size()) {
+    notes.push_back(mask_path + ": no voxel is 0, so the mask leaves nothing out");
+  }
+  if (labels.size() > 1) {
+    notes.push_back(mask_path + ": holds " + std::to_string(labels.size()) + " labels; all of them are compared");
+  }
+  return {};
 }
 
 std::vector<std::string> measure_names() {

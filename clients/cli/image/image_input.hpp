@@ -23,6 +23,11 @@ void add_image_file(CLI::App &command, ImageFile &file, const std::string &name,
 // notes: receives what was assumed.
 [[nodiscard]] base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<std::string> &notes);
 
+// Voxels where the mask is 0 lose their value (NaN). The mask is a label image on the image's own grid. Refused:
+// another grid, values that are no labels, no voxel that remains. Notes what was assumed.
+[[nodiscard]] base::Result<void> apply_mask(intensity::Volume &image, const std::string &mask_path,
+                                            const std::string &image_path, std::vector<std::string> &notes);
+
 // --bins and the names of measures.
 [[nodiscard]] std::vector<std::string> measure_names();
 [[nodiscard]] intensity::Measure measure_named(const std::string &name);

@@ -1,8 +1,13 @@
 // `bregma image register`: registers an image to another one by their grey values.
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <functional>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -17,6 +22,7 @@
 #include "clients/cli/image/comparison_picture.hpp"
 #include "clients/cli/image/image_commands.hpp"
 #include "clients/cli/image/image_input.hpp"
+#include "clients/cli/image/nonrigid_parts.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/registration_output.hpp"
 
@@ -25,6 +31,7 @@ namespace bregma::cli {
 namespace {
 
 using intensity::ImageVerdict;
+using intensity::NonrigidImageResult;
 using intensity::RigidImageResult;
 using intensity::Volume;
 using nlohmann::json;
@@ -33,16 +40,19 @@ struct RegisterImageArguments {
   ImageFile source, target;
   std::string measure = "nmi", start = "search", optimiser = "gradient";
   std::string initial, targets, tfm, resampled, picture;
+  std::string fixed_mask, moving_mask;
   int bins = 64;
   double finest_mm = 2.0;
   bool affine = false;
+  NonrigidArguments nonrigid;
 };
 
 base::Result<void> check_outputs(const RegisterImageArguments &arguments) {
   const std::vector<std::string> inputs{arguments.source.path, arguments.target.path, arguments.initial,
-                                        arguments.targets};
-  for (const auto &[option, path] : {std::pair("--tfm", arguments.tfm), std::pair("--resampled", arguments.resampled),
-                                     std::pair("--picture", arguments.picture)}) {
+                                        arguments.targets,     arguments.fixed_mask,  arguments.moving_mask};
+  for (const auto &[option, path] :
+       {std::pair("--tfm", arguments.tfm), std::pair("--resampled", arguments.resampled),
+        std::pair("--picture", arguments.picture), std::pair("--field", arguments.nonrigid.field)}) {
     if (auto kept = check_output(option, path, inputs); !kept) {
       return kept;
     }
@@ -94,13 +104,21 @@ std::string summary_text(const RigidImageResult &result, const RegisterImageArgu
          fixed(time_ms, 0, "ms") + "\n";
 }
 
-// The source on the target's grid; outside of it, its darkest value.
-std::vector<float> resampled(const Volume &target, const Volume &source, const Eigen::Matrix4d &T_target_source,
-                             parallel::Team &team) {
+// From a point of the target to the source, mm.
+using ToSource = std::function<Eigen::Vector3d(const Eigen::Vector3d &)>;
+ToSource to_source(const Eigen::Matrix4d &T_target_source, const std::optional<NonrigidImageResult> &nonrigid) {
   const Eigen::Matrix4d back = T_target_source.inverse();
-  std::vector<float> out = intensity::warp<3>(
-      target, source, source.voxels,
-      [&](const Eigen::Vector3d &p) -> Eigen::Vector3d { return (back * p.homogeneous()).head<3>(); }, team);
+  if (nonrigid) {
+    return [back, &field = nonrigid->field](const Eigen::Vector3d &p) -> Eigen::Vector3d {
+      return (back * (p + field.displacement_mm(p)).homogeneous()).head<3>();
+    };
+  }
+  return [back](const Eigen::Vector3d &p) -> Eigen::Vector3d { return (back * p.homogeneous()).head<3>(); };
+}
+
+// The source on the target's grid; outside of it, its darkest value.
+std::vector<float> resampled(const Volume &target, const Volume &source, const ToSource &map, parallel::Team &team) {
+  std::vector<float> out = intensity::warp<3>(target, source, source.voxels, map, team);
   const float dark = intensity::grey_range(source.voxels).low;
   for (float &v : out) {
     v = std::isfinite(v) ? v : dark;
@@ -109,11 +127,11 @@ std::vector<float> resampled(const Volume &target, const Volume &source, const E
 }
 
 base::Result<void> write_images(const RegisterImageArguments &arguments, const Volume &target, const Volume &source,
-                                const Eigen::Matrix4d &T_target_source, parallel::Team &team) {
+                                const ToSource &map, parallel::Team &team) {
   if (arguments.resampled.empty() && arguments.picture.empty()) {
     return {};
   }
-  Volume moved{target, resampled(target, source, T_target_source, team)};
+  Volume moved{target, resampled(target, source, map, team)};
   if (!arguments.picture.empty()) {
     const Eigen::Vector3d last(target.size[0] - 1, target.size[1] - 1, target.size[2] - 1);
     if (auto written = write_slices_picture(arguments.picture, target, &moved.voxels, target.point_mm(0.5 * last));
@@ -145,6 +163,17 @@ base::Result<intensity::RigidImageOptions> options_of(const RegisterImageArgumen
   return options;
 }
 
+base::Result<Volume> masked(const Volume &image, const std::string &mask, const std::string &path,
+                            std::vector<std::string> &notes) {
+  Volume out = image;
+  if (!mask.empty()) {
+    if (auto applied = apply_mask(out, mask, path, notes); !applied) {
+      return tl::unexpected(applied.error());
+    }
+  }
+  return out;
+}
+
 int register_image(const RegisterImageArguments &arguments, const Context &context) {
   if (auto kept = check_outputs(arguments); !kept) {
     return fail(kept.error());
@@ -171,13 +200,25 @@ int register_image(const RegisterImageArguments &arguments, const Context &conte
   if (!target) {
     return fail(target.error());
   }
+  const auto masked_source = masked(*source, arguments.moving_mask, arguments.source.path, notes);
+  if (!masked_source) {
+    return fail(masked_source.error());
+  }
+  const auto masked_target = masked(*target, arguments.fixed_mask, arguments.target.path, notes);
+  if (!masked_target) {
+    return fail(masked_target.error());
+  }
   parallel::Team team(registration_threads());
   const auto began = std::chrono::steady_clock::now();
   RigidImageResult result;
+  std::optional<NonrigidImageResult> nonrigid;
   {
     ProgressLine progress;
     options->progress = [&](double done, std::string_view stage) { return progress.show(done, stage); };
-    result = intensity::register_rigid(*target, *source, *options, team);
+    result = intensity::register_rigid(*masked_target, *masked_source, *options, team);
+    if (arguments.nonrigid.wanted && result.verdict == ImageVerdict::kFound) {
+      nonrigid = deform(*masked_target, *masked_source, *options, arguments.nonrigid, result, team);
+    }
   }
   const double time_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count();
   json document = common_json(result, arguments, time_ms);
@@ -188,20 +229,34 @@ int register_image(const RegisterImageArguments &arguments, const Context &conte
   if (result.verdict != ImageVerdict::kFound) {
     return refuse(std::string(intensity::name_of(result.verdict)), result.reason, context, std::move(document));
   }
+  if (nonrigid) {
+    document["nonrigid"] = nonrigid_json(*nonrigid);
+    if (!nonrigid->found) {
+      return refuse("refused", nonrigid->reason, context, std::move(document));
+    }
+  }
   const auto errors = errors_at(targets->points.empty() ? default_points(*target) : targets->points, result.covariance);
   if (context.json) {
     document.update(transforms_json(result.affine, files));
-    if (!arguments.affine) { // that of the rigid pose only
+    if (!arguments.affine && !nonrigid) { // that of the rigid pose only
       add_covariance(document, result.covariance);
       document["targets"] = errors_json(errors);
     }
     print_json(document);
   } else {
     print(transforms_text(result.affine) + summary_text(result, arguments, time_ms) +
-          (arguments.affine ? std::string() : errors_text(errors)));
+          (nonrigid           ? nonrigid_text(*nonrigid)
+           : arguments.affine ? std::string()
+                              : errors_text(errors)));
   }
-  if (auto written = write_images(arguments, *target, *source, result.affine, team); !written) {
+  const ToSource map = to_source(result.affine, nonrigid);
+  if (auto written = write_images(arguments, *target, *source, map, team); !written) {
     return fail(written.error());
+  }
+  if (!arguments.nonrigid.field.empty()) {
+    if (auto written = write_field(arguments.nonrigid.field, *target, map); !written) {
+      return fail(written.error());
+    }
   }
   return write_tfm(files, result.affine);
 }
@@ -227,7 +282,12 @@ void add_image_register(CLI::App &parent, Context &context) {
   command->add_option("--finest-mm", arguments->finest_mm, "Spacing of the finest level")
       ->check(CLI::Range(0.5, 4.0))
       ->capture_default_str();
-  command->add_flag("--affine", arguments->affine, "Also scales and shears, from the rigid pose");
+  auto *affine = command->add_flag("--affine", arguments->affine, "Also scales and shears, from the rigid pose");
+  add_nonrigid_options(*command, arguments->nonrigid, *affine);
+  command->add_option("--fixed-mask", arguments->fixed_mask,
+                      "Labels on the target's grid: voxels that are 0 there are not compared");
+  command->add_option("--moving-mask", arguments->moving_mask,
+                      "Labels on the source's grid: voxels that are 0 there are not compared");
   command->add_option("--targets", arguments->targets, "Points in the target's coordinates to predict the TRE at");
   command->add_option("--tfm", arguments->tfm, "Write the transform for ITK and Slicer");
   command->add_option("--resampled", arguments->resampled,
@@ -238,7 +298,8 @@ void add_image_register(CLI::App &parent, Context &context) {
       "The verdict is found, ambiguous or refused (exit code 1), with the reason. Only a pose that is found "
       "is\nprinted as a transform and written.\n\nExamples:\n"
       "  bregma image register mr.nii.gz ct.nii.gz --tfm mr_to_ct.tfm --picture check.png\n"
-      "  bregma image register dicom_folder/ ct.nrrd --start header --targets lesion.mrk.json --json");
+      "  bregma image register dicom_folder/ ct.nrrd --start header --targets lesion.mrk.json --json\n"
+      "  bregma image register later_mr.nii.gz mr.nii.gz --nonrigid --field bent.nrrd --resampled later_on_mr.nii.gz");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return register_image(*arguments, context); }; });
 }
