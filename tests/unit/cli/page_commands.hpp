@@ -1,6 +1,7 @@
 // The commands that a page of docs/ shows: its indented lines, those that end with a backslash joined.
 #pragma once
 
+#include <algorithm>
 #include <sstream>
 #include <string>
 #include <string_view>
