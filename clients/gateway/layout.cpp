@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <type_traits>
+#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -441,10 +442,11 @@ nlohmann::json record_json(std::span<const std::byte> record) {
   }
   if (layout->kind == RecordKind::kSlice && !ended) {
     const auto slice = read<SliceHeader>(body);
-    nlohmann::json &pixels = out["pixels"] = nlohmann::json::array();
+    nlohmann::json pixels = nlohmann::json::array();
     for (std::size_t i = 0; i < std::size_t{slice.columns} * slice.rows; ++i) {
       pixels.push_back(read<std::uint16_t>(body + sizeof(SliceHeader) + i * sizeof(std::uint16_t)));
     }
+    out["pixels"] = std::move(pixels);
   }
   return out;
 }

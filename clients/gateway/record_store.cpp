@@ -54,7 +54,7 @@ void blank_if_over(std::byte *record, std::int64_t now_ns) {
 }
 
 // Zeros up to a multiple of 8 bytes, and the length of the whole in the record's header.
-void complete(Record &record) {
+void close_record(Record &record) {
   record.bytes.resize((record.bytes.size() + 7) / 8 * 8);
   RecordHeader begin = header_of(record.bytes);
   begin.bytes = static_cast<std::uint32_t>(record.bytes.size());
@@ -66,7 +66,7 @@ void complete(Record &record) {
 Record make_slice_record(const SliceHeader &header, std::span<const std::uint16_t> pixels) {
   Record out = make_record(RecordKind::kSlice, header);
   append(out.bytes, std::as_bytes(pixels));
-  complete(out);
+  close_record(out);
   return out;
 }
 
@@ -76,7 +76,7 @@ Record make_field_record(const FieldHeader &header, std::span<const float> displ
   for (const auto &array : {displacement_mm, von_mises_Pa}) {
     append(out.bytes, std::as_bytes(array));
   }
-  complete(out);
+  close_record(out);
   return out;
 }
 
