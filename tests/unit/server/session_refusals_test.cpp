@@ -239,6 +239,32 @@ TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
          "this daemon cannot stop the robot (STOP_ROBOT): it has no part that does it");
 }
 
+TEST_F(RefusalTest, ACommandOfTheScannerIsAnsweredByItsStageOrByTheTimeOut) {
+  const auto command = harness.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, "Scanner");
+  EXPECT_FALSE(harness.send(command));
+  ASSERT_EQ(loops.to_scanner.size(), 1U);
+  EXPECT_STREQ(loops.to_scanner[0].body._u.device.device, "Scanner");
+  ScannerAnswer answer{};
+  (void)wire::set_name(answer.client, wire::view(command.client));
+  answer.id = command.id;
+  answer.sent_time_ns = command.sent_time_ns;
+  answer.kind = command.kind;
+  answer.result = bregma_wire_COMMAND_DONE;
+  wire::set_text(answer.text, "the phantom is scanned");
+  harness.session->on(answer, harness.now_ns);
+  ASSERT_FALSE(loops.replies.empty());
+  EXPECT_EQ(loops.replies.back().id, command.id);
+  EXPECT_EQ(loops.replies.back().result, bregma_wire_COMMAND_DONE);
+  EXPECT_STREQ(loops.replies.back().text, "the phantom is scanned");
+
+  const auto silent = harness.command(bregma_wire_COMMAND_CONFIRM_SCANNER_STEP, "Scanner", "swap");
+  EXPECT_FALSE(harness.send(silent));
+  harness.run(3000.0);
+  EXPECT_EQ(loops.replies.back().id, silent.id);
+  EXPECT_EQ(loops.replies.back().result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_STREQ(loops.replies.back().text, "the scanner's stage has not answered");
+}
+
 TEST_F(RefusalTest, ACommandToAnotherReceiverIsLeftToIt) {
   auto command = harness.command(bregma_wire_COMMAND_CLOSE_CASE);
   ASSERT_TRUE(wire::set_name(command.receiver, "Coils"));
