@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <variant>
 
 namespace bregma::range {
@@ -19,15 +18,14 @@ constexpr std::int64_t kIdentity_ns = 3'000'000'000; // until one must have been
 Measured measured(const PowerCurve &curve, const Identity &sensor, std::uint32_t counts) {
   const double step_V = 1e-3 * sensor.full_scale_mV / static_cast<double>((1U << sensor.bits) - 1U);
   const double voltage_V = counts * step_V;
-  const double distance_mm =
-      voltage_V > 0.0 ? curve.scale_mm * std::pow(voltage_V, curve.exponent) : std::numeric_limits<double>::infinity();
+  const double distance_mm = curve.law.distance_mm(voltage_V);
+  if (!(distance_mm <= curve.far_mm)) { // nor without a voltage
+    return {.status = bregma_wire_RANGE_TOO_FAR};
+  }
   if (distance_mm < curve.near_mm) {
     return {.status = bregma_wire_RANGE_TOO_NEAR};
   }
-  if (distance_mm > curve.far_mm) {
-    return {.status = bregma_wire_RANGE_TOO_FAR};
-  }
-  const double slope_mm_V = -curve.exponent * distance_mm / voltage_V;
+  const double slope_mm_V = -curve.law.exponent * distance_mm / voltage_V;
   // A step of the ADC is a uniform error.
   const double voltage_sigma_V = std::hypot(1e-3 * curve.noise_mV, step_V / std::sqrt(12.0));
   return {bregma_wire_RANGE_VALID, distance_mm, std::hypot(slope_mm_V * voltage_sigma_V, curve.sigma_mm)};
@@ -37,8 +35,8 @@ void RangeSensor::declare(base::ParameterSet &parameters) {
   parameters.string("address", &address_, "Of the sensor: serial:///DEVICE?baud=N or tcp://HOST:PORT")
       .string("serial_number", &serial_number_, "Of the sensor that the curve belongs to; others are not used")
       .number("period_ms", &period_ms_, "ms", 0.2, 1000.0, "Time between readings")
-      .number("curve.scale_mm", &curve_.scale_mm, "mm", 1.0, 1e5, "Distance at one volt")
-      .number("curve.exponent", &curve_.exponent, "", -5.0, -0.1, "Of the voltage")
+      .number("curve.scale_mm", &curve_.law.scale_mm, "mm", 1.0, 1e5, "Distance at one volt")
+      .number("curve.exponent", &curve_.law.exponent, "", -5.0, -0.1, "Of the voltage")
       .number("curve.near_mm", &curve_.near_mm, "mm", 0.0, 1e4, "Nearer readings are RANGE_TOO_NEAR")
       .number("curve.far_mm", &curve_.far_mm, "mm", 1.0, 1e4, "Farther readings are RANGE_TOO_FAR")
       .number("curve.noise_mV", &curve_.noise_mV, "mV", 0.0, 1000.0, "Of a reading, 1 sigma")

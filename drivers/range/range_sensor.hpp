@@ -12,6 +12,7 @@
 #include <optional>
 #include <string>
 
+#include "algorithms/range/power_law.hpp"
 #include "base/parameters.hpp"
 #include "base/result.hpp"
 #include "drivers/frame/byte_stream.hpp"
@@ -25,8 +26,7 @@ namespace bregma::range {
 // Distance of a triangulating infrared sensor as a power of its voltage, d = scale V^exponent with V in volts: about
 // -1.2 for the Sharp GP2Y0A21YK (its data sheet, 10 to 80 cm). bregma calibrate range fits both numbers.
 struct PowerCurve {
-  double scale_mm = 269.0;
-  double exponent = -1.19; // below 0
+  PowerLaw law{269.0, -1.19}; // of the voltage; the exponent is below 0
   double near_mm = 100.0, far_mm = 800.0;
   double noise_mV = 5.0; // 1 sigma of a reading
   double sigma_mm = 0.0; // 1 sigma of the curve itself

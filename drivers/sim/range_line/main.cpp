@@ -9,6 +9,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "drivers/sim/range/sharp_sensor.hpp"
 #include "drivers/sim/range_line/simulated_line.hpp"
 #include "drivers/sim/terminal/pseudo_terminal.hpp"
 
@@ -20,7 +21,9 @@ struct Options {
   bregma::range::Identity identity{.model = "GP2Y0A21", .serial = "A4"};
   bregma::sim::RangeLineFaults faults;
   std::string link;
-  double volts = 1.3, noise_mV = 5.0;
+  bregma::sim::SharpOptions sensor;
+  double distance_mm = 200.0, tilt_deg = 0.0;
+  bool moving = false;
   std::uint64_t seed = 1;
 };
 
@@ -39,10 +42,16 @@ int run(const Options &options) {
   }
   std::printf("%s\n", terminal->address().c_str());
   std::fflush(stdout);
-  bregma::sim::Random noise(options.seed, "range voltage");
+  const bregma::sim::BeamTarget target{options.distance_mm, options.tilt_deg * static_cast<double>(EIGEN_PI) / 180.0,
+                                       std::nan("")};
+  bregma::sim::SharpSensor analogue(
+      options.sensor, [&](std::int64_t /*time_ns*/) { return target; }, options.seed);
   bregma::sim::SimulatedRangeLine sensor(
       options.identity, options.faults,
-      [&](std::uint64_t /*time_us*/) { return options.volts + 1e-3 * noise.normal(options.noise_mV); }, options.seed);
+      [&](std::uint64_t time_us) {
+        return analogue.read_volts(static_cast<std::int64_t>(time_us) * 1'000, options.moving);
+      },
+      options.seed);
   terminal->write(sensor.start());
   while (stop_requested == 0) {
     terminal->write(sensor.receive(terminal->read(1ms)));
@@ -57,10 +66,12 @@ int main(int argc, char **argv) {
   CLI::App app("Simulated range sensor on a pseudo-terminal", "bregma-sim-range");
   Options options;
   app.add_option("--serial", options.identity.serial, "Serial number")->capture_default_str();
-  app.add_option("--volts", options.volts, "Voltage of the analogue sensor")
-      ->check(CLI::Range(0.0, 5.0))
+  app.add_option("--distance-mm", options.distance_mm, "Of the surface")
+      ->check(CLI::Range(1.0, 5000.0))
       ->capture_default_str();
-  app.add_option("--noise-mV", options.noise_mV, "Of the voltage, 1 sigma")
+  app.add_option("--tilt-deg", options.tilt_deg, "Of the surface")->check(CLI::Range(0.0, 89.0))->capture_default_str();
+  app.add_flag("--moving", options.moving, "With the noise of a moving robot");
+  app.add_option("--noise-mV", options.sensor.noise_mV, "Of each of the sensor's values, 1 sigma")
       ->check(CLI::Range(0.0, 1000.0))
       ->capture_default_str();
   app.add_option("--missing-every", options.faults.missing_every, "Every n-th reading is missing; 0: none")

@@ -103,7 +103,7 @@ protected:
 
 TEST(PowerCurve, HasItsDistancesErrorsAndLimits) {
   const Identity sensor{"GP2Y0A21", "A4", 12, 5000};
-  const PowerCurve curve{.scale_mm = 269.0, .exponent = -1.19, .noise_mV = 10.0, .sigma_mm = 0.0};
+  const PowerCurve curve{.law = {269.0, -1.19}, .noise_mV = 10.0, .sigma_mm = 0.0};
   const auto at = [&](double volts) {
     return measured(curve, sensor, static_cast<std::uint32_t>(std::lround(volts / 5.0 * 4095.0)));
   };
