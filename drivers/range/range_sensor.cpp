@@ -58,6 +58,10 @@ driver::Outcome<void> RangeSensor::connect(driver::Io &io) {
   if (auto opened = stream_.open(address_, io); !opened) {
     return opened;
   }
+  // What waited on the line before is old, and its end may be lost.
+  if (const auto old = stream_.read(io, 1ms); !old) {
+    return tl::unexpected(old.error());
+  }
   identified_ns_ = io.now_ns();
   return ask(io);
 }
