@@ -91,6 +91,29 @@ TEST(ImageCommand, RefusesWithAReasonAndWritesNothing) {
             std::string::npos);
 }
 
+TEST(ImageCommand, RefusesMasksThatDoNotFit) {
+  const Files files;
+  const auto error = [&](const std::string &name, const casefile::Volume &mask, const std::string &option) {
+    files.write(name, mask);
+    const auto run = files.run("image register source.nii.gz target.nii.gz " + option + " " + name);
+    EXPECT_EQ(run.exit_code, 2);
+    return run.err;
+  };
+  casefile::Volume ones = head({50, 58, 46}, false);
+  std::fill(ones.voxels.begin(), ones.voxels.end(), 1.0F);
+  EXPECT_NE(error("ones.nii.gz", ones, "--moving-mask")
+                .find("ones.nii.gz: a mask must have the voxels of its image, and this one (50 x 58 x 46) does not lie "
+                      "on those of source.nii.gz (48 x 56 x 48)"),
+            std::string::npos);
+  casefile::Volume empty = ones;
+  std::fill(empty.voxels.begin(), empty.voxels.end(), 0.0F);
+  EXPECT_NE(error("empty.nii.gz", empty, "--fixed-mask").find("every voxel is 0, so nothing remains to compare"),
+            std::string::npos);
+  casefile::Volume grey = ones;
+  grey.voxels[5] = 0.4F;
+  EXPECT_NE(error("grey.nii.gz", grey, "--fixed-mask").find("grey.nii.gz"), std::string::npos);
+}
+
 TEST(ImageCommand, ImagesThatAreNoVolumesCannotBeRead) {
   const Files files;
   std::ofstream(files.folder.path() / "four.mha")
