@@ -1,8 +1,11 @@
-// `bregma mri field`: the distortion field of a scanner from control points of a phantom in CT and MR.
+// `bregma mri field`: the distortion field of a scanner from control points of a phantom in CT and one or more MR
+// scans.
 #include <chrono>
 #include <ctime>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -12,6 +15,7 @@
 #include "algorithms/mri/frames.hpp"
 #include "casefile/volumes/displacement_file.hpp"
 #include "clients/cli/mri/control_points.hpp"
+#include "clients/cli/mri/field_of_scans.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
 #include "clients/cli/output.hpp"
 
@@ -27,7 +31,9 @@ constexpr double kMargin_mm = 24.0;
 constexpr int kThreads = 2;
 
 struct FieldArguments {
-  std::string ct, mr, output, scanner, protocol;
+  std::string ct, output, scanner, protocol;
+  std::vector<std::string> mr; // one scan, or several that separate gradients and B0
+  ScanProtocols scans;
   std::string patient_position = "HFS";
   bool any_orientation = false;
   int days = 90;
@@ -55,17 +61,72 @@ base::Result<void> save(const FieldArguments &arguments, const mri::FieldTable &
   return casefile::write_displacement_field(arguments.output, file);
 }
 
+// The field as a table, to the output file.
+base::Result<void> write_field(const FieldArguments &arguments, const mri::DistortionField &field, std::string &text,
+                               json &out) {
+  if (arguments.output.empty()) {
+    return {};
+  }
+  const mri::FieldTable table(field, kGrid_mm, kMargin_mm, kThreads);
+  if (auto saved = save(arguments, table); !saved) {
+    return saved;
+  }
+  text += "Written: " + arguments.output + " and " + casefile::error_file_of(arguments.output).string() +
+          "; the grid differs from the field by at most " + fixed(table.table_error_mm(), 3, "mm") + "\n";
+  out["output"] = arguments.output;
+  out["grid_error_mm"] = json_number(table.table_error_mm());
+  return {};
+}
+
+int run_several(const FieldArguments &arguments, const Points3 &ct, const std::vector<Points3> &scans,
+                const Context &context) {
+  mri::MatchOptions options;
+  options.same_orientation = !arguments.any_orientation;
+  const auto found = field_of_scans(ct, scans, arguments.mr, arguments.scans, options);
+  if (!found) {
+    fail(found.error());
+    return kRefused;
+  }
+  std::string text = found->text;
+  json out = found->figures;
+  if (!arguments.output.empty()) {
+    text += "The file holds the part of the gradients, which is the same for every protocol\n";
+  }
+  if (auto written = write_field(arguments, found->field.gradients, text, out); !written) {
+    return fail(written.error());
+  }
+  if (context.json) {
+    print_json(out);
+  } else {
+    print(text);
+  }
+  return kOk;
+}
+
 int run_field(const FieldArguments &arguments, const Context &context) {
   std::vector<std::string> notes;
   const auto ct = read_control_points(arguments.ct, notes);
-  const auto mr = read_control_points(arguments.mr, notes);
-  print_notes(notes);
-  if (!ct || !mr) {
-    return fail(!ct ? ct.error() : mr.error());
+  if (!ct) {
+    return fail(ct.error());
   }
-  if (auto free = check_output("--output", arguments.output, {arguments.ct, arguments.mr}); !free) {
+  std::vector<Points3> scans;
+  std::vector<std::string> inputs{arguments.ct};
+  for (const std::string &file : arguments.mr) {
+    auto points = read_control_points(file, notes);
+    if (!points) {
+      return fail(points.error());
+    }
+    scans.push_back(std::move(*points));
+    inputs.push_back(file);
+  }
+  print_notes(notes);
+  if (auto free = check_output("--output", arguments.output, inputs); !free) {
     return fail(free.error());
   }
+  if (scans.size() > 1) {
+    return run_several(arguments, *ct, scans, context);
+  }
+  const Points3 *mr = &scans.front();
   mri::MatchOptions options;
   options.same_orientation = !arguments.any_orientation;
   const mri::MatchResult match = mri::match_points(*ct, *mr, options);
@@ -94,15 +155,8 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   out["initial"] = summary_json(before);
   out["residual"] = summary_json(*after);
   out["local_spline"] = field->has_spline();
-  if (!arguments.output.empty()) {
-    const mri::FieldTable table(*field, kGrid_mm, kMargin_mm, kThreads);
-    if (auto saved = save(arguments, table); !saved) {
-      return fail(saved.error());
-    }
-    text += "Written: " + arguments.output + " and " + casefile::error_file_of(arguments.output).string() +
-            "; the grid differs from the field by at most " + fixed(table.table_error_mm(), 3, "mm") + "\n";
-    out["output"] = arguments.output;
-    out["grid_error_mm"] = json_number(table.table_error_mm());
+  if (auto written = write_field(arguments, *field, text, out); !written) {
+    return fail(written.error());
   }
   if (context.json) {
     print_json(out);
@@ -118,7 +172,29 @@ void add_mri_field(CLI::App &mri, Context &context) {
   auto *command = mri.add_subcommand("field", "Finds a scanner's distortion field from a phantom's control points");
   auto arguments = std::make_shared<FieldArguments>();
   command->add_option("ct", arguments->ct, "Control points in CT (.mrk.json, .fcsv or a table)")->required();
-  command->add_option("mr", arguments->mr, "Control points in MR; their origin is the isocentre")->required();
+  command
+      ->add_option("mr", arguments->mr,
+                   "Control points in MR; their origin is the isocentre. Several scans separate gradients and B0")
+      ->required();
+  command
+      ->add_option("--read-out", arguments->scans.read_outs,
+                   "Several scans, once per scan: where its read-out shifts a spin of higher frequency to (R, L, A, "
+                   "P, S, I)")
+      ->expected(1)
+      ->take_all();
+  command
+      ->add_option("--slice-shift", arguments->scans.slices,
+                   "The same along the normal of its slices; without it slices are not shifted")
+      ->expected(1)
+      ->take_all();
+  command->add_option("--pixel-mm", arguments->scans.pixel_mm, "Several scans: pixel along the read-out")
+      ->check(CLI::Range(0.05, 20.0));
+  command->add_option("--bandwidth-Hz", arguments->scans.bandwidth_Hz, "Several scans: bandwidth per pixel")
+      ->check(CLI::Range(1.0, 100000.0));
+  command->add_option("--thickness-mm", arguments->scans.thickness_mm, "With --slice-shift: thickness of a slice")
+      ->check(CLI::Range(0.05, 100.0));
+  command->add_option("--pulse-Hz", arguments->scans.pulse_Hz, "With --slice-shift: bandwidth of the slice's pulse")
+      ->check(CLI::Range(10.0, 100000.0));
   command->add_option("-o,--output", arguments->output, "Distortion field (.nrrd), read by ITK and Slicer");
   command->add_option("--scanner", arguments->scanner,
                       "Scanner, as its DICOM headers name it: the field is for no other");
@@ -137,7 +213,9 @@ void add_mri_field(CLI::App &mri, Context &context) {
   add_json_flag(*command, context);
   command->footer("The exit code is 1 where the correspondence is not certain.\n\nExamples:\n"
                   "  bregma mri field CT.mrk.json MR.mrk.json -o field.nrrd --scanner \"SIEMENS Vida 175614\"\n"
-                  "  bregma mri field CT.mrk.json MR.mrk.json --json");
+                  "  bregma mri field CT.mrk.json MR.mrk.json --json\n"
+                  "  bregma mri field CT.mrk.json R.mrk.json L.mrk.json --read-out R --read-out L --pixel-mm 1 "
+                  "--bandwidth-Hz 260");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return run_field(*arguments, context); }; });
 }

@@ -28,17 +28,18 @@ base::Result<std::string> check_field_use(const std::string &field_file, const c
     return base::failure(field_file + ": expired on " + field.expires +
                          "; measure the scanner again, or accept it by --expired");
   }
+  // A folder must be a DICOM series; a file may be one image of it, or another format that states nothing.
   std::error_code ignored;
-  const bool dicom = std::filesystem::is_directory(image, ignored);
-  if (!dicom) {
+  const bool folder = std::filesystem::is_directory(image, ignored);
+  const auto header = casefile::read_scan_header(image, series_uid);
+  if (!header && folder) {
+    return tl::unexpected(header.error());
+  }
+  if (!header) {
     return consent.not_corrected
                ? base::Result<std::string>(std::string())
                : base::failure(image + ": does not state whether its distortion was corrected by the vendor; "
                                        "if it was not, say so by --not-corrected");
-  }
-  const auto header = casefile::read_scan_header(image, series_uid);
-  if (!header) {
-    return tl::unexpected(header.error());
   }
   const std::string series = image + ": the series \"" + header->series_description + "\" ";
   if (header->modality != "MR") {
@@ -53,6 +54,16 @@ base::Result<std::string> check_field_use(const std::string &field_file, const c
                          "\"; accept it by --other-scanner");
   }
   return header->patient_position;
+}
+
+base::Result<void> check_phantom_image(const std::string &image, const std::string &series_uid) {
+  const auto header = casefile::read_scan_header(image, series_uid);
+  if (header && header->modality == "MR" && header->vendor_corrected()) {
+    return base::failure(image + ": the series \"" + header->series_description +
+                         "\" was corrected by the vendor (image type " + header->image_type +
+                         "): its control points do not show the scanner's distortion; scan without the correction");
+  }
+  return {};
 }
 
 } // namespace bregma::cli

@@ -1,4 +1,5 @@
 // Whether a distortion field may be applied to an image: the same answer for `mri correct` and `mri register`.
+// And whether an image of a phantom may give one.
 #pragma once
 
 #include <string>
@@ -21,5 +22,8 @@ struct FieldConsent {
                                                         const casefile::DisplacementField &field,
                                                         const std::string &image, const std::string &series,
                                                         const FieldConsent &consent);
+
+// Refused: an image of a phantom in MR that the vendor has corrected, which does not show the scanner's distortion.
+[[nodiscard]] base::Result<void> check_phantom_image(const std::string &image, const std::string &series);
 
 } // namespace bregma::cli

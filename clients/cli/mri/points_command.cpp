@@ -13,6 +13,7 @@
 #include "algorithms/mri/grid/marker_points.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/volumes/volume.hpp"
+#include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
 #include "clients/cli/output.hpp"
 
@@ -83,6 +84,10 @@ int run_points(const PointsArguments &arguments, const Context &context) {
   print_notes(notes);
   if (!image) {
     return fail(image.error());
+  }
+  if (auto fit = check_phantom_image(arguments.image, arguments.series); !fit) {
+    fail(fit.error());
+    return kRefused;
   }
   const auto found =
       arguments.separate_markers ? separate_markers(*image, arguments.markers) : grid_crossings(*image, arguments.grid);

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <string>
 #include <vector>
 
@@ -101,6 +102,95 @@ TEST(MriPoints, RealSlicesWithoutControlPointsAreRefusedByReason) {
     EXPECT_NE(reason(name, "").find("less than two cells"), std::string::npos);
     EXPECT_NE(reason(name, "--markers").find("0 separate markers of 10 mm are seen"), std::string::npos);
   }
+}
+
+// The real series as if its vendor had corrected it: the image type is replaced by one of the same length.
+void copy_as_corrected(const std::filesystem::path &from, const std::filesystem::path &to) {
+  const std::string before = "ORIGINAL\\PRIMARY\\M\\ND", after = "ORIGINAL\\PRI\\DIS2D\\ND";
+  ASSERT_EQ(before.size(), after.size());
+  std::filesystem::create_directory(to);
+  for (const auto &file : std::filesystem::directory_iterator(from)) {
+    std::ifstream in(file.path(), std::ios::binary);
+    std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+    const auto at = bytes.find(before);
+    ASSERT_NE(at, std::string::npos) << file.path();
+    bytes.replace(at, before.size(), after);
+    std::ofstream(to / file.path().filename(), std::ios::binary) << bytes;
+  }
+}
+
+TEST(MriCorrect, WhatTheVendorHasCorrectedIsNeverCorrectedAgain) {
+  BREGMA_SHARED_DATA(data, "distortion");
+  const TemporaryFolder folder;
+  casefile::DisplacementField field;
+  for (auto *grid : {static_cast<image::Grid<3> *>(&field.displacement_mm),
+                     static_cast<image::Grid<3> *>(&field.signed_error_95_mm)}) {
+    grid->size = {3, 3, 3};
+    grid->T_image_index.diagonal().head<3>().setConstant(200.0);
+    grid->T_image_index.topRightCorner<3, 1>().setConstant(-200.0);
+  }
+  field.displacement_mm.voxels.assign(27, Eigen::Vector3f(1, 0, 0));
+  field.signed_error_95_mm.voxels.assign(27, 0.3F);
+  field.max_error_95_mm = 2.0;
+  field.made = "2026-01-01";
+  ASSERT_TRUE(casefile::write_displacement_field(folder / "field.nrrd", field));
+  copy_as_corrected(data / "MR_dicom", folder / "corrected");
+
+  // A series and one file of it, with and without the operator's word; a phantom's points do not show the distortion.
+  for (const char *image : {"corrected", "corrected/MR000045.dcm"}) {
+    for (const char *word : {"", " --not-corrected"}) {
+      const auto run = run_bregma(folder, std::string("mri correct field.nrrd ") + image + " -o out.nrrd" + word);
+      EXPECT_EQ(run.exit_code, 1) << image << word << run.out;
+      EXPECT_NE(run.err.find("was corrected by the vendor"), std::string::npos) << run.err;
+      EXPECT_FALSE(std::filesystem::exists(folder / "out.nrrd"));
+    }
+  }
+  const auto points = run_bregma(folder, "mri points corrected -o points.mrk.json --markers");
+  EXPECT_EQ(points.exit_code, 1);
+  EXPECT_NE(points.err.find("do not show the scanner's distortion"), std::string::npos) << points.err;
+  // Formats that cannot state it need the operator's word.
+  casefile::Volume volume;
+  volume.size = {4, 4, 4};
+  volume.voxels.assign(64, 1.0F);
+  for (const char *file : {"a.nrrd", "a.nii.gz", "a.mha"}) {
+    ASSERT_TRUE(casefile::write_volume(folder / file, volume).has_value()) << file;
+    const auto silent = run_bregma(folder, std::string("mri correct field.nrrd ") + file + " -o out.nrrd");
+    EXPECT_EQ(silent.exit_code, 1) << file;
+    EXPECT_NE(silent.err.find("--not-corrected"), std::string::npos) << silent.err;
+    const auto said =
+        run_bregma(folder, std::string("mri correct field.nrrd ") + file + " -o out.nrrd --not-corrected");
+    EXPECT_EQ(said.exit_code, 0) << said.err;
+    std::filesystem::remove(folder / "out.nrrd");
+  }
+}
+
+TEST(MriField, TheRealRepeatsSeparateGradientsAndB0) {
+  BREGMA_SHARED_DATA(data, "distortion/repeat");
+  const TemporaryFolder folder;
+  const std::string files = "mri field " + (data / "CT.mrk.json").string() + " " + (data / "MR_AP.mrk.json").string() +
+                            " " + (data / "MR_PA.mrk.json").string();
+  const std::string protocol = " --pixel-mm 2.578 --bandwidth-Hz 260";
+  // The repeats differ along the read-out (x) and, less, along the slices' normal (z): both are reversed.
+  const auto run = run_bregma(folder, files + protocol +
+                                          " --read-out R --read-out L --slice-shift S --slice-shift I"
+                                          " --thickness-mm 4 --pulse-Hz 1200 -o gradients.nrrd --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto json = run.json();
+  ASSERT_EQ(json["scans"].size(), 2U);
+  // The first scan alone does not describe the second.
+  const auto mean = [&](const char *by) { return json["scans"][1][by]["overall"]["mean_mm"].get<double>(); };
+  EXPECT_GT(mean("by_first_scan"), 2.0 * mean("by_all_scans"));
+  EXPECT_TRUE(std::filesystem::exists(folder / "gradients.nrrd"));
+
+  const auto refused = [&](const std::string &more) {
+    const auto bad = run_bregma(folder, files + more);
+    EXPECT_EQ(bad.exit_code, 1) << more << bad.out;
+    return bad.err;
+  };
+  EXPECT_NE(refused("").find("--read-out 2 times"), std::string::npos);
+  EXPECT_NE(refused(" --read-out R --read-out L").find("--pixel-mm"), std::string::npos);
+  EXPECT_NE(refused(protocol + " --read-out R --read-out Q").find("not one of R, L, A, P, S, I"), std::string::npos);
+  EXPECT_NE(refused(protocol + " --read-out R --read-out R").find("alike"), std::string::npos);
 }
 
 TEST(MriField, FindsTheRealScannersFieldWithoutHandWork) {
