@@ -192,6 +192,27 @@ std::vector<Eigen::Vector3d> TableReader::require_vector3s(std::string_view key)
   return require(key) == nullptr ? std::vector<Eigen::Vector3d>() : vector3s(key);
 }
 
+std::vector<double> TableReader::require_numbers(std::string_view key, std::size_t count) {
+  const std::string rule = "list of " + std::to_string(count) + " numbers";
+  note(key, true, rule);
+  std::vector<double> out;
+  const toml::node *node = require(key);
+  if (node != nullptr && node->is_array() && node->as_array()->size() == count) {
+    for (const toml::node &item : *node->as_array()) {
+      const auto value = item.value<double>();
+      if (!value || !std::isfinite(*value)) {
+        break;
+      }
+      out.push_back(*value);
+    }
+  }
+  if (node != nullptr && out.size() != count) {
+    report(*node, full(key), "must be a " + rule, false);
+  }
+  out.resize(count, 0.0);
+  return out;
+}
+
 std::vector<Eigen::Vector3d> TableReader::vector3s(std::string_view key) {
   note(key, false, "list of [x, y, z]");
   std::vector<Eigen::Vector3d> out;

@@ -74,6 +74,8 @@ public:
   std::optional<Eigen::Vector3d> optional_vector3(std::string_view key);
 
   std::vector<Eigen::Vector3d> require_vector3s(std::string_view key); // may be an empty list
+  // Exactly `count` finite numbers; zeros where they are missing or wrong.
+  std::vector<double> require_numbers(std::string_view key, std::size_t count);
   // Empty where the key is absent.
   std::vector<Eigen::Vector3d> vector3s(std::string_view key);
   std::vector<std::string> strings(std::string_view key);

@@ -5,6 +5,7 @@
 
 #include "base/table_reader.hpp"
 #include "casefile/case_check.hpp"
+#include "casefile/case_images.hpp"
 #include "casefile/case_keys.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
@@ -70,14 +71,37 @@ public:
   void mesh(const std::string &key, const std::string &file, surface::TriangleMesh &out) {
     take(key, good_ ? read_mesh(path(file)) : base::Result<surface::TriangleMesh>(), out);
   }
-  void points(const std::string &key, const std::string &file, std::vector<NamedPoint> &out) {
+  // Appends. image: where points are placed that do not state it; empty: the planning image.
+  void points(const std::string &key, const std::string &file, std::vector<NamedPoint> &out,
+              const std::string &image = {}) {
+    std::vector<NamedPoint> read;
     if (!file.empty()) {
-      take(key, good_ ? read_points(path(file)) : base::Result<std::vector<NamedPoint>>(), out);
+      take(key, good_ ? read_points(path(file)) : base::Result<std::vector<NamedPoint>>(), read);
+    }
+    for (NamedPoint &point : read) {
+      point.placed_in = point.placed_in.empty() ? image : point.placed_in;
+      out.push_back(std::move(point));
     }
   }
-  void trajectories(const std::string &key, const std::string &file, std::vector<Trajectory> &out) {
+  void trajectories(const std::string &key, const std::string &file, std::vector<Trajectory> &out,
+                    const std::string &image = {}) {
+    std::vector<Trajectory> read;
     if (!file.empty()) {
-      take(key, good_ ? read_trajectories(path(file)) : base::Result<std::vector<Trajectory>>(), out);
+      take(key, good_ ? read_trajectories(path(file)) : base::Result<std::vector<Trajectory>>(), read);
+    }
+    for (Trajectory &line : read) {
+      line.entry_in = line.entry_in.empty() ? image : line.entry_in;
+      line.target_in = line.target_in.empty() ? image : line.target_in;
+      out.push_back(std::move(line));
+    }
+  }
+  // The transform of an image and, if it keeps one, its file, whose content must be that which was registered.
+  void image(const std::string &key, const detail::ImageFiles &files, RegisteredImage &out, Checksums checksums) {
+    if (good_) {
+      if (auto problem = detail::load_image(folder_, files, out, checksums)) {
+        root_.refuse(key + "." + problem->key, problem->what);
+        good_ = false;
+      }
     }
   }
 
@@ -99,6 +123,7 @@ private:
 struct PlanFiles {
   std::string scalp, brain, fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::vector<std::string> structures;
+  std::vector<detail::ImageFiles> images;
 };
 
 PlanFiles read_table(base::TableReader &root, Case &c) {
@@ -113,6 +138,7 @@ PlanFiles read_table(base::TableReader &root, Case &c) {
   if (auto surfaces = root.table("surfaces")) {
     files.scalp = surfaces->require_string("scalp");
     files.brain = surfaces->string("brain", "");
+    c.brain.segmented_in = surfaces->string("brain_image", "");
     static_cast<void>(surfaces->finish());
   } else {
     root.refuse("surfaces", "is missing");
@@ -120,7 +146,12 @@ PlanFiles read_table(base::TableReader &root, Case &c) {
   for (base::TableReader &structure : root.tables("structures")) {
     c.structures.push_back({structure.require_string("name"), {}});
     files.structures.push_back(structure.require_string("file"));
+    c.structures.back().segmented_in = structure.string("image", "");
     static_cast<void>(structure.finish());
+  }
+  for (base::TableReader &image : root.tables("images")) {
+    c.images.emplace_back();
+    files.images.push_back(detail::read_image(image, c.images.back()));
   }
   for (base::TableReader &tool : root.tables("tools")) {
     c.tools.push_back(read_tool(tool));
@@ -150,6 +181,7 @@ const ToolModel *Case::reference() const {
 const Trajectory *Case::trajectory(std::string_view name) const { return find_by_name(trajectories, name); }
 const NamedPoint *Case::fiducial(std::string_view name) const { return find_by_name(fiducials, name); }
 const NamedPoint *Case::landmark(std::string_view name) const { return find_by_name(landmarks, name); }
+const RegisteredImage *Case::registered_image(std::string_view name) const { return find_by_name(images, name); }
 
 base::Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
   const auto document = base::TomlDocument::read(file);
@@ -169,14 +201,14 @@ base::Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
 
 std::vector<base::KnownKey> case_file_keys() {
   const auto document = base::TomlDocument::parse(
-      "[surfaces]\n[[structures]]\n[[tools]]\n[limits]\n[craniotomy]\n[tissue]\n", "case.toml");
+      "[surfaces]\n[[structures]]\n[[images]]\n[[tools]]\n[limits]\n[craniotomy]\n[tissue]\n", "case.toml");
   base::TableReader root = document->root();
   Case c;
   static_cast<void>(read_table(root, c));
   return document->known_keys();
 }
 
-base::Result<Case> load_case(const fs::path &folder) {
+base::Result<Case> load_case(const fs::path &folder, Checksums checksums) {
   std::error_code error;
   if (!fs::is_directory(folder, error)) {
     return base::failure(folder.string() + ": is not a folder; a case is a folder with case.toml");
@@ -207,20 +239,60 @@ base::Result<Case> load_case(const fs::path &folder) {
   for (std::size_t i = 0; i < files.structures.size(); ++i) {
     loader.mesh("structures[" + std::to_string(i) + "].file", files.structures[i], c.structures[i].mesh);
   }
+  for (std::size_t i = 0; i < files.images.size(); ++i) {
+    loader.image("images[" + std::to_string(i) + "]", files.images[i], c.images[i], checksums);
+  }
+  if (auto changed =
+          c.images.empty() || checksums == Checksums::kIgnore ? std::nullopt : detail::changed_planning_image(c)) {
+    root.refuse(changed->key, changed->what);
+  }
   loader.points("fiducials", files.fiducials, c.fiducials);
   loader.points("landmarks", files.landmarks, c.landmarks);
   loader.points("brain_landmarks", files.brain_landmarks, c.brain_landmarks);
   loader.points("targets", files.targets, c.targets);
   loader.trajectories("trajectories", files.trajectories, c.trajectories);
+  for (std::size_t i = 0; i < files.images.size(); ++i) {
+    const std::string key = "images[" + std::to_string(i) + "].";
+    const std::string &image = c.images[i].name;
+    loader.points(key + "landmarks", files.images[i].landmarks, c.landmarks, image);
+    loader.points(key + "brain_landmarks", files.images[i].brain_landmarks, c.brain_landmarks, image);
+    loader.points(key + "targets", files.images[i].targets, c.targets, image);
+    loader.trajectories(key + "trajectories", files.images[i].trajectories, c.trajectories, image);
+  }
   if (auto loaded = root.finish(); !loaded) {
     return tl::unexpected(loaded.error());
   }
 
+  for (auto *points : {&c.landmarks, &c.brain_landmarks, &c.targets}) {
+    for (NamedPoint &point : *points) {
+      map_to_image(c, point);
+    }
+  }
+  for (Trajectory &trajectory : c.trajectories) {
+    map_to_image(c, trajectory);
+  }
   if (auto problem = detail::find_problem(c)) {
     root.refuse(problem->key, problem->what);
     return tl::unexpected(root.finish().error());
   }
   return c;
+}
+
+base::Result<std::vector<RegisteredImage>> load_images(const fs::path &folder) {
+  const auto document = base::TomlDocument::read(folder / "case.toml");
+  if (!document) {
+    return tl::unexpected(document.error());
+  }
+  base::TableReader root = document->root();
+  std::vector<RegisteredImage> out;
+  for (base::TableReader &table : root.tables("images")) {
+    const detail::ImageFiles files = detail::read_image(table, out.emplace_back());
+    if (auto problem = detail::load_image(folder, files, out.back(), Checksums::kIgnore)) {
+      table.refuse(problem->key, problem->what);
+      return tl::unexpected(table.finish().error());
+    }
+  }
+  return out;
 }
 
 } // namespace bregma::casefile

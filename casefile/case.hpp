@@ -9,6 +9,7 @@
 
 #include <Eigen/Core>
 
+#include "algorithms/geometry/pose_covariance.hpp"
 #include "algorithms/surface/triangle_mesh.hpp"
 #include "base/result.hpp"
 
@@ -17,12 +18,32 @@ namespace bregma::casefile {
 struct NamedPoint {
   std::string name; // at most wire::kNameLength bytes, unique in its list
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
+  // Name of the registered image in which it was placed, as the file states it; empty: the planning image. A case that
+  // was loaded has position_mm in Image in either case.
+  std::string placed_in = {};
+  // In Image: the error of that image's registration at the point. Zero for the planning image.
+  Eigen::Matrix3d placing_covariance_mm2 = Eigen::Matrix3d::Zero();
 };
 
 struct Trajectory {
   std::string name;
   Eigen::Vector3d entry_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d target_mm = Eigen::Vector3d::Zero();
+  std::string entry_in = {}, target_in = {}; // as NamedPoint::placed_in
+};
+
+// Another image of the same head, registered to the planning image, or a segmentation whose registration alone is kept.
+struct RegisteredImage {
+  std::string name;
+  std::filesystem::path file; // empty: only the registration is kept
+  // Maps its points to Image; the covariance is that of the registration (docs/images.md).
+  geometry::UncertainPose<geometry::frame::Image, geometry::frame::Source> T_image_source;
+  std::string measure;         // by which it was registered; may be empty
+  std::string verdict;         // "found", "ambiguous", "refused" or "unknown"
+  std::string accepted;        // why a person accepts a verdict other than found, in words
+  std::string date;            // of the registration, ISO 8601; may be empty
+  std::string sha256;          // of the file, in hexadecimal; empty without a file
+  std::string planning_sha256; // of the planning image when it was registered
 };
 
 enum class ToolRole { kReference, kPointer, kProbe };
@@ -41,6 +62,7 @@ struct ToolModel {
 struct Surface {
   std::string name;
   surface::TriangleMesh mesh;
+  std::string segmented_in = {}; // the registered image from which it was made; the mesh is in Image in either case
 };
 
 // Limits for accepting a registration, and for confirming a check.
@@ -72,8 +94,9 @@ struct Case {
   std::string id; // contains nothing about the patient
   std::filesystem::path image;
   Surface scalp;
-  Surface brain;                   // without triangles: the case has none, and there is no tissue model
-  std::vector<Surface> structures; // critical structures
+  Surface brain;                       // without triangles: the case has none, and there is no tissue model
+  std::vector<Surface> structures;     // critical structures
+  std::vector<RegisteredImage> images; // without the planning image
   std::vector<NamedPoint> fiducials;
   std::vector<NamedPoint> landmarks;       // for checks, never part of the registration
   std::vector<NamedPoint> brain_landmarks; // anatomical points that the tissue model follows; never touched
@@ -89,16 +112,32 @@ struct Case {
   [[nodiscard]] const Trajectory *trajectory(std::string_view name) const;
   [[nodiscard]] const NamedPoint *fiducial(std::string_view name) const;
   [[nodiscard]] const NamedPoint *landmark(std::string_view name) const;
+  [[nodiscard]] const RegisteredImage *registered_image(std::string_view name) const;
 };
 
-// Reads the whole folder; the result is the first error.
-[[nodiscard]] base::Result<Case> load_case(const std::filesystem::path &folder);
+// Moves a point or a line from the image in which it was placed to Image, a point with its covariance. To be called
+// once, for positions as they are in their file. One of an image that the case does not have is left as it is:
+// check_case refuses it.
+void map_to_image(const Case &c, NamedPoint &point);
+void map_to_image(const Case &c, Trajectory &trajectory);
+
+// Adds an image, or replaces that of the same name: points that were placed in it move with the new registration.
+void put_image(Case &c, RegisteredImage image);
+
+// Reads the whole folder; the result is the first error. kIgnore: also a case of which an image has changed since it
+// was registered, for registering or removing that image; never for navigation.
+enum class Checksums { kCompare, kIgnore };
+[[nodiscard]] base::Result<Case> load_case(const std::filesystem::path &folder,
+                                           Checksums checksums = Checksums::kCompare);
+
+// The tables [[images]] alone, of a case that can be loaded: for clients that need no surfaces.
+[[nodiscard]] base::Result<std::vector<RegisteredImage>> load_images(const std::filesystem::path &folder);
 
 // The [[tools]] of a TOML file that contains nothing else, in the format of case.toml. check_case checks that they form
 // a valid set.
 [[nodiscard]] base::Result<std::vector<ToolModel>> read_tools(const std::filesystem::path &file);
 
-// Writes the whole folder except the image: surfaces, plans, and then case.toml. c.image is stored relative to the
+// Writes the whole folder except the images: surfaces, plans, and then case.toml. c.image is stored relative to the
 // folder if it is inside. Existing files of these names are replaced; sessions/ is not changed.
 [[nodiscard]] base::Result<void> save_case(const Case &c);
 

@@ -8,6 +8,7 @@
 
 #include <Eigen/Geometry>
 
+#include "casefile/case_images.hpp"
 #include "casefile/mesh_file.hpp"
 #include "casefile/tissue_tables.hpp"
 
@@ -224,6 +225,8 @@ Problem surfaces_problem(const Case &c) {
   return std::nullopt;
 }
 
+Problem image_names_problem(const Case &c) { return names_problem(c.images, "images", "image"); }
+
 Problem tool_problem(const ToolModel &tool, const std::string &key) {
   const auto &markers = tool.markers_mm;
   if (!markers.empty() && (markers.size() < 3 || markers.size() > kMaxMarkers)) {
@@ -293,8 +296,8 @@ std::optional<CaseProblem> find_problem(const Case &c) {
     return CaseProblem{"id",
                        "must be 1 to " + std::to_string(kNameBytes) + " bytes without blanks, slashes and quotes"};
   }
-  for (const auto check :
-       {surfaces_problem, points_problem, trajectories_problem, tools_problem, detail::tissue_tables_problem}) {
+  for (const auto check : {surfaces_problem, image_names_problem, detail::images_problem, points_problem,
+                           trajectories_problem, tools_problem, detail::tissue_tables_problem}) {
     if (auto problem = check(c)) {
       return problem;
     }

@@ -6,6 +6,7 @@
 #include "base/toml_values.hpp"
 #include "base/write_file.hpp"
 #include "casefile/case.hpp"
+#include "casefile/case_images.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/mesh_file.hpp"
 #include "casefile/tissue_tables.hpp"
@@ -33,20 +34,6 @@ const char *role_text(ToolRole role) {
     break;
   }
   return "probe";
-}
-
-// Makes a file name that is valid on every file system from a name that the user entered.
-std::string file_stem(const std::string &name, std::set<std::string> &taken) {
-  std::string stem;
-  for (const char c : name) {
-    const bool plain = std::isalnum(static_cast<unsigned char>(c)) != 0 && static_cast<unsigned char>(c) < 128;
-    stem += plain ? static_cast<char>(std::tolower(static_cast<unsigned char>(c))) : '_';
-  }
-  std::string unique = stem;
-  for (int i = 2; !taken.insert(unique).second; ++i) {
-    unique = stem + "_" + std::to_string(i);
-  }
-  return unique;
 }
 
 std::string image_text(const Case &c) {
@@ -90,6 +77,23 @@ private:
 
 } // namespace
 
+namespace detail {
+
+std::string file_stem(const std::string &name, std::set<std::string> &taken) {
+  std::string stem;
+  for (const char c : name) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(c)) != 0 && static_cast<unsigned char>(c) < 128;
+    stem += plain ? static_cast<char>(std::tolower(static_cast<unsigned char>(c))) : '_';
+  }
+  std::string unique = stem;
+  for (int i = 2; !taken.insert(unique).second; ++i) {
+    unique = stem + "_" + std::to_string(i);
+  }
+  return unique;
+}
+
+} // namespace detail
+
 base::Result<void> save_case(const Case &c) {
   std::error_code error;
   fs::create_directories(c.folder / "surfaces", error);
@@ -100,7 +104,8 @@ base::Result<void> save_case(const Case &c) {
   Steps steps;
   const auto points = [&](const std::string &name, const std::vector<NamedPoint> &list) {
     toml += name + " = " + text(name + ".mrk.json") + "\n";
-    steps.run([&] { return write_points(c.folder / (name + ".mrk.json"), name, list); });
+    steps.run(
+        [&] { return write_points(c.folder / (name + ".mrk.json"), name, detail::placed_in_planning_image(list)); });
   };
   points("fiducials", c.fiducials);
   points("landmarks", c.landmarks);
@@ -109,20 +114,23 @@ base::Result<void> save_case(const Case &c) {
   }
   points("targets", c.targets);
   toml += "trajectories = \"trajectories.mrk.json\"\n";
-  steps.run([&] { return write_trajectories(c.folder / "trajectories.mrk.json", c.trajectories); });
+  steps.run([&] { return write_trajectories(c.folder / "trajectories.mrk.json", detail::written_with_the_plan(c)); });
 
   toml += "\n# Closed surfaces, coordinates RAS in mm.\n[surfaces]\nscalp = \"surfaces/scalp.ply\"\n";
   steps.run([&] { return write_mesh(c.folder / "surfaces/scalp.ply", c.scalp.mesh); });
   if (!c.brain.mesh.triangles.empty()) {
     toml += "brain = \"surfaces/brain.ply\"\n";
+    toml += c.brain.segmented_in.empty() ? "" : "brain_image = " + text(c.brain.segmented_in) + "\n";
     steps.run([&] { return write_mesh(c.folder / "surfaces/brain.ply", c.brain.mesh); });
   }
   std::set<std::string> taken{"scalp", "brain"};
   for (const Surface &structure : c.structures) {
-    const std::string file = "surfaces/" + file_stem(structure.name, taken) + ".ply";
+    const std::string file = "surfaces/" + detail::file_stem(structure.name, taken) + ".ply";
     toml += "\n[[structures]]\nname = " + text(structure.name) + "\nfile = " + text(file) + "\n";
+    toml += structure.segmented_in.empty() ? "" : "image = " + text(structure.segmented_in) + "\n";
     steps.run([&] { return write_mesh(c.folder / file, structure.mesh); });
   }
+  steps.run([&] { return detail::save_images(c).map([&toml](const std::string &tables) { toml += tables; }); });
   for (const ToolModel &tool : c.tools) {
     toml += tool_text(tool);
   }

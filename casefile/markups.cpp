@@ -104,6 +104,17 @@ Parsed parsed_once(const std::string &text) {
   return out;
 }
 
+// In Slicer's column "Description" of a control point: the registered image in which it was placed.
+constexpr std::string_view kImageNote = "image: ";
+
+std::string image_of(const Json &point) {
+  const auto description = point.find("description");
+  const std::string text =
+      description != point.end() && description->is_string() ? description->get<std::string>() : std::string();
+  return text.starts_with(kImageNote) ? std::string(base::trimmed(std::string_view(text).substr(kImageNote.size())))
+                                      : std::string();
+}
+
 // Reader of one file. Every message starts with the file's name.
 class JsonMarkups {
 public:
@@ -207,6 +218,7 @@ private:
     }
     NamedPoint out;
     out.name = label;
+    out.placed_in = image_of(point);
     const auto position = point.find("position");
     if (position == point.end()) {
       return base::failure(place + ": has no position");
@@ -333,11 +345,12 @@ private:
   std::vector<std::string> columns_{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
 };
 
-Json control_point(std::size_t index, const std::string &label, const Eigen::Vector3d &ras) {
+Json control_point(std::size_t index, const std::string &label, const Eigen::Vector3d &ras,
+                   const std::string &placed_in) {
   const Eigen::Vector3d lps = flipped(ras);
   return {{"id", std::to_string(index + 1)},
           {"label", label},
-          {"description", ""},
+          {"description", placed_in.empty() ? "" : std::string(kImageNote) + placed_in},
           {"associatedNodeID", ""},
           {"position", {lps.x(), lps.y(), lps.z()}},
           {"selected", true},
@@ -444,7 +457,8 @@ base::Result<std::vector<Trajectory>> read_trajectories(const fs::path &file, No
   std::vector<Trajectory> out;
   for (const Markup &line : *lines) {
     const std::string name = line.name.empty() ? file.stem().stem().string() : line.name;
-    out.push_back({name, line.points[0].position_mm, line.points[1].position_mm});
+    out.push_back({name, line.points[0].position_mm, line.points[1].position_mm, line.points[0].placed_in,
+                   line.points[1].placed_in});
   }
   return out;
 }
@@ -453,7 +467,7 @@ base::Result<void> write_points(const fs::path &file, const std::string &list_na
                                 std::span<const NamedPoint> points) {
   Json control_points = Json::array();
   for (const NamedPoint &point : points) {
-    control_points.push_back(control_point(control_points.size(), point.name, point.position_mm));
+    control_points.push_back(control_point(control_points.size(), point.name, point.position_mm, point.placed_in));
   }
   return write(file, Json::array({markup_json("Fiducial", list_name, std::move(control_points))}));
 }
@@ -462,8 +476,8 @@ base::Result<void> write_trajectories(const fs::path &file, std::span<const Traj
   Json markups = Json::array();
   for (const Trajectory &t : trajectories) {
     markups.push_back(markup_json("Line", t.name,
-                                  Json::array({control_point(0, t.name + "-entry", t.entry_mm),
-                                               control_point(1, t.name + "-target", t.target_mm)})));
+                                  Json::array({control_point(0, t.name + "-entry", t.entry_mm, t.entry_in),
+                                               control_point(1, t.name + "-target", t.target_mm, t.target_in)})));
   }
   return write(file, std::move(markups));
 }

@@ -2,7 +2,9 @@
 // .fcsv (read).
 //
 // In memory all positions are RAS, mm. Files state LPS or RAS, and their unit, and are converted; written files are LPS
-// in mm, as Slicer writes them. Errors name the file, the control point and the value.
+// in mm, as Slicer writes them. A control point whose description is "image: NAME" was placed in the registered image
+// of that name (NamedPoint::placed_in), and its position is in that image's coordinates. Errors name the file, the
+// control point and the value.
 #pragma once
 
 #include <filesystem>

@@ -14,6 +14,7 @@
 #include "casefile/volumes/label_names.hpp"
 #include "casefile/volumes/partial_folder.hpp"
 #include "casefile/volumes/patient.hpp"
+#include "casefile/volumes/second_image.hpp"
 #include "casefile/volumes/volume.hpp"
 
 namespace bregma::casefile {
@@ -32,27 +33,6 @@ Progress within(const Progress &progress, double from, double to, const std::str
   return [&progress, from, to, what](double done, std::string_view stage) {
     return progress(from + (to - from) * done, what + ": " + std::string(stage));
   };
-}
-
-// Self-contained files are copied unchanged, so that nothing is lost. Others are written as NIfTI.
-base::Result<fs::path> store_image(const fs::path &source, const Volume &volume, bool as_it_is,
-                                   const fs::path &folder) {
-  const std::string name = base::lower(source.filename().string());
-  for (const std::string extension : {".nii.gz", ".nii", ".nrrd", ".mha"}) {
-    if (!as_it_is || !name.ends_with(extension) || !fs::is_regular_file(source)) {
-      continue;
-    }
-    std::error_code error;
-    fs::copy_file(source, folder / ("image" + extension), error);
-    if (error) {
-      return base::failure((folder / ("image" + extension)).string() + ": cannot be written: " + error.message());
-    }
-    return folder / ("image" + extension);
-  }
-  if (auto written = write_volume(folder / "image.nii.gz", volume); !written) {
-    return tl::unexpected(written.error());
-  }
-  return folder / "image.nii.gz";
 }
 
 std::optional<std::int16_t> region_number(const std::string &region, const LabelNames &names) {
@@ -209,7 +189,7 @@ private:
       return tl::unexpected(image.error());
     }
     // A file that does not state its space is written anew, with the one that was taken.
-    auto stored = store_image(sources_.image, *image, states_its_space(sources_.image), created_.value.folder);
+    auto stored = store_image(sources_.image, *image, created_.value.folder / "image");
     if (!stored) {
       return tl::unexpected(stored.error());
     }

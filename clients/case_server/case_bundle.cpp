@@ -33,10 +33,25 @@ constexpr const char *kBrainColour = "#e8b4b8";
 
 json vector(const Eigen::Vector3d &v) { return {v.x(), v.y(), v.z()}; }
 
+// A point that was placed in a second image states it, and the part of its error.
 json points(const std::vector<casefile::NamedPoint> &list) {
   json out = json::array();
   for (const auto &point : list) {
     out.push_back({{"name", point.name}, {"position_mm", vector(point.position_mm)}});
+    if (!point.placed_in.empty()) {
+      out.back()["placed_in"] = point.placed_in;
+      out.back()["image_rms_mm"] = std::sqrt(point.placing_covariance_mm2.trace());
+    }
+  }
+  return out;
+}
+
+json rows(const Eigen::MatrixXd &matrix) {
+  json out = json::array();
+  for (Eigen::Index row = 0; row < matrix.rows(); ++row) {
+    for (Eigen::Index column = 0; column < matrix.cols(); ++column) {
+      out.push_back(matrix(row, column));
+    }
   }
   return out;
 }
@@ -154,6 +169,7 @@ public:
              {"side", side(c)},
              {"image", nullptr},
              {"labels", nullptr},
+             {"images", json::array()},
              {"meshes", json::array()},
              {"trajectories", trajectories(c)},
              {"targets", points(c.targets)},
@@ -164,23 +180,19 @@ public:
              {"limits", {{"max_check_mm", c.limits.max_check_mm}, {"max_target_tre_mm", c.limits.max_target_tre_mm}}}};
   }
 
-  void add_image(const casefile::Volume &volume) {
-    const auto [lowest, highest] = std::minmax_element(volume.voxels.begin(), volume.voxels.end());
-    Voxels voxels = exact_voxels(volume.voxels, *lowest, *highest);
-    json matrix = json::array();
-    for (Eigen::Index row = 0; row < 4; ++row) {
-      for (Eigen::Index column = 0; column < 4; ++column) {
-        matrix.push_back(volume.T_image_index(row, column));
-      }
-    }
-    json entry = file(std::move(voxels.bytes));
-    entry["type"] = voxels.type;
-    entry["dims"] = volume.size;
-    entry["T_ras_voxel"] = std::move(matrix);
-    entry["min"] = *lowest;
-    entry["max"] = *highest;
-    entry["percentiles"] = percentiles(volume.voxels);
-    root_["image"] = std::move(entry);
+  void add_image(const casefile::Volume &volume) { root_["image"] = voxel_entry(volume); }
+
+  // T_ras_voxel leads to Image, as for every image; T_image_source leads there from the image's own coordinates.
+  void add_registered(const casefile::RegisteredImage &image, const casefile::Volume &volume) {
+    json entry = voxel_entry(volume);
+    entry["T_ras_voxel"] = rows(image.T_image_source.pose.matrix() * volume.T_image_index);
+    entry["name"] = image.name;
+    entry["file"] = file_name(image.name);
+    entry["T_image_source"] = rows(image.T_image_source.pose.matrix());
+    entry["covariance"] = rows(image.T_image_source.covariance);
+    entry["verdict"] = image.verdict;
+    entry["accepted"] = image.accepted;
+    root_["images"].push_back(std::move(entry));
   }
 
   void add_mesh(const std::string &name, const char *kind, const char *colour, double opacity,
@@ -203,9 +215,22 @@ public:
   }
 
 private:
+  json voxel_entry(const casefile::Volume &volume) {
+    const auto [lowest, highest] = std::minmax_element(volume.voxels.begin(), volume.voxels.end());
+    Voxels voxels = exact_voxels(volume.voxels, *lowest, *highest);
+    json entry = file(std::move(voxels.bytes));
+    entry["type"] = voxels.type;
+    entry["dims"] = volume.size;
+    entry["T_ras_voxel"] = rows(volume.T_image_index);
+    entry["min"] = *lowest;
+    entry["max"] = *highest;
+    entry["percentiles"] = percentiles(volume.voxels);
+    return entry;
+  }
+
   json file(std::vector<std::byte> bytes) {
-    const casefiles::Hash hash = casefiles::sha256(std::span<const std::byte>(bytes));
-    json out{{"sha256", casefiles::to_hex(hash)}, {"bytes", bytes.size()}};
+    const casefile::Hash hash = casefile::sha256(std::span<const std::byte>(bytes));
+    json out{{"sha256", casefile::to_hex(hash)}, {"bytes", bytes.size()}};
     out_.files[hash] = std::move(bytes);
     return out;
   }
@@ -258,6 +283,16 @@ base::Result<casefiles::Bundle> bundle_of(const std::filesystem::path &folder, i
     return tl::unexpected(volume.error());
   }
   builder.add_image(*volume);
+  for (const auto &image : loaded->images) {
+    if (image.file.empty()) {
+      continue;
+    }
+    const auto second = casefile::read_volume(image.file, {}, &notes);
+    if (!second) {
+      return tl::unexpected(second.error());
+    }
+    builder.add_registered(image, *second);
+  }
   builder.add_mesh("scalp", "scalp", kScalpColour, 0.25, loaded->scalp.mesh);
   builder.add_mesh("brain", "brain", kBrainColour, 0.5, loaded->brain.mesh);
   for (std::size_t i = 0; i < loaded->structures.size(); ++i) {

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "clients/casefiles/sha256.hpp"
+#include "casefile/sha256.hpp"
 #include "idl/dds.hpp"
 
 namespace bregma::casefiles {
@@ -18,8 +18,8 @@ namespace bregma::casefiles {
 // The files of a case in memory, and the manifest that lists them.
 struct Bundle {
   std::string case_id;
-  std::string manifest;                         // JSON, see docs/gateway.md
-  std::map<Hash, std::vector<std::byte>> files; // without the manifest
+  std::string manifest;                                   // JSON, see docs/gateway.md
+  std::map<casefile::Hash, std::vector<std::byte>> files; // without the manifest
 };
 
 class CaseSender {
@@ -45,9 +45,9 @@ private:
   dds::Reader<wire::CaseRequest> requests_;
   dds::Writer<wire::CaseChunk> chunks_;
   dds::WaitSet wait_;
-  Hash manifest_{};
+  casefile::Hash manifest_{};
   std::uint64_t manifest_bytes_ = 0;
-  std::map<Hash, std::vector<std::byte>> files_; // with the manifest
+  std::map<casefile::Hash, std::vector<std::byte>> files_; // with the manifest
   std::uint64_t sent_chunks_ = 0;
 };
 

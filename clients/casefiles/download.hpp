@@ -15,9 +15,15 @@
 #include <vector>
 
 #include "base/result.hpp"
-#include "clients/casefiles/sha256.hpp"
+#include "casefile/sha256.hpp"
 
 namespace bregma::casefiles {
+
+using casefile::from_hex;
+using casefile::Hash;
+using casefile::sha256;
+using casefile::sha256_of_file;
+using casefile::to_hex;
 
 struct FileId {
   Hash hash{};

@@ -1,4 +1,5 @@
 // `bregma status | watch | alarms | target`: state of a running daemon, and commands to it.
+#include <cmath>
 #include <memory>
 #include <string>
 
@@ -88,18 +89,22 @@ int list_targets(const Context &context) {
     return fail(loaded.error());
   }
   json targets = json::array();
-  Table target_table({"Target", "R mm", "A mm", "S mm", "TRE RMS mm", "TRE 95 % mm"});
+  Table target_table({"Target", "R mm", "A mm", "S mm", "TRE RMS mm", "TRE 95 % mm", "Of it from image mm"});
   for (const auto &target : loaded->targets) {
     const auto *accuracy = accuracy_of(link.snapshot(), target.name);
     const double rms = accuracy != nullptr ? accuracy->tre_rms_mm : wire::kUnknown;
     const double bound = accuracy != nullptr ? accuracy->tre_95.semi_axes_mm[0] : wire::kUnknown;
+    const double image_rms = std::sqrt(target.placing_covariance_mm2.trace());
     const auto &p = target.position_mm;
-    target_table.row(
-        {printable(target.name), fixed(p.x(), 1), fixed(p.y(), 1), fixed(p.z(), 1), fixed(rms, 2), fixed(bound, 2)});
+    target_table.row({printable(target.name), fixed(p.x(), 1), fixed(p.y(), 1), fixed(p.z(), 1), fixed(rms, 2),
+                      fixed(bound, 2),
+                      target.placed_in.empty() ? "-" : printable(target.placed_in) + " " + fixed(image_rms, 2)});
     targets.push_back({{"target", target.name},
                        {"position_mm", json_vector(p)},
                        {"tre_rms_mm", json_number(rms)},
-                       {"tre_95_mm", json_number(bound)}});
+                       {"tre_95_mm", json_number(bound)},
+                       {"planned_in", target.placed_in},
+                       {"image_rms_mm", json_number(image_rms)}});
   }
   json trajectories = json::array();
   Table trajectory_table({"Trajectory", "Entry R A S mm", "Target R A S mm", "Length mm"});

@@ -29,6 +29,16 @@ public:
   void add(const casefile::NamedPoint &point) {
     add(std::string_view(point.name));
     add(point.position_mm);
+    add(std::string_view(point.placed_in));
+    add(point.placing_covariance_mm2);
+  }
+  void add(const Eigen::Matrix3d &matrix) { crc_.process_bytes(matrix.data(), sizeof(double) * 9); }
+  void add(const casefile::RegisteredImage &image) {
+    add(std::string_view(image.name));
+    add(std::string_view(image.sha256));
+    const Eigen::Matrix4d pose = image.T_image_source.pose.matrix();
+    crc_.process_bytes(pose.data(), sizeof(double) * 16);
+    crc_.process_bytes(image.T_image_source.covariance.data(), sizeof(double) * 36);
   }
   void add(const casefile::Trajectory &trajectory) {
     add(std::string_view(trajectory.name));
@@ -83,6 +93,7 @@ std::string case_checksum(const casefile::Case &a_case) {
   digest.add(a_case.targets);
   digest.add(a_case.trajectories);
   digest.add(a_case.tools);
+  digest.add(a_case.images);
   const casefile::Limits &limits = a_case.limits;
   for (const double limit : {limits.fle_image_mm, limits.fle_touch_mm, limits.surface_sigma_mm,
                              limits.landmark_sigma_mm, limits.max_check_mm, limits.max_target_tre_mm}) {

@@ -254,8 +254,9 @@ Answer Session::Impl::take_registration() {
   changed();
   send_all(*data_.accepted);
   const TargetTre worst = worst_target(*case_, *data_.accepted);
-  return {.text = (worst.target.empty() ? std::string("the case has no target")
-                                        : "predicted TRE at " + worst.target + " " + mm(worst.rms_mm)) +
+  return {.text = (worst.target.empty()
+                       ? std::string("the case has no target")
+                       : "predicted TRE at " + worst.target + " " + mm(worst.rms_mm) + placing_text(worst)) +
                   "; check at least " + std::to_string(config_.min_checks) + " landmarks (FRE " +
                   mm(estimate_->fre_mm) + " says nothing about accuracy)",
           .value_mm = estimate_->fre_mm};

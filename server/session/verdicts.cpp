@@ -60,6 +60,18 @@ double joint_p_value(const casefile::Case &the_case, const RegistrationAccepted 
     row += 3;
   }
   covariance += J * covariance_of(registration) * J.transpose();
+  // The error of a second image's registration is common to the landmarks that were placed in it.
+  for (const casefile::RegisteredImage &image : the_case.images) {
+    Eigen::MatrixXd K = J;
+    row = 0;
+    for (const auto &[name, check] : checks) {
+      if (the_case.landmarks[check.landmark_index].placed_in != image.name) {
+        K.middleRows<3>(row).setZero();
+      }
+      row += 3;
+    }
+    covariance += K * image.T_image_source.covariance * K.transpose();
+  }
   const double chi_square = errors.dot(covariance.ldlt().solve(errors));
   return uncertainty::chi_square_survival(chi_square, static_cast<int>(rows));
 }
@@ -69,13 +81,19 @@ double joint_p_value(const casefile::Case &the_case, const RegistrationAccepted 
 TargetTre worst_target(const casefile::Case &the_case, const RegistrationAccepted &registration) {
   TargetTre worst;
   for (const casefile::NamedPoint &target : the_case.targets) {
-    const double tre =
-        uncertainty::rms_mm(uncertainty::tre_covariance(covariance_of(registration), target.position_mm));
+    const double tre = uncertainty::rms_mm(
+        uncertainty::tre_covariance(covariance_of(registration), target.position_mm) + target.placing_covariance_mm2);
     if (worst.target.empty() || !(tre <= worst.rms_mm)) {
-      worst = {target.name, tre};
+      worst = {target.name, tre, target.placed_in, uncertainty::rms_mm(target.placing_covariance_mm2)};
     }
   }
   return worst;
+}
+
+std::string placing_text(const TargetTre &tre) {
+  return tre.placed_in.empty()
+             ? std::string()
+             : " (" + mm(tre.placing_rms_mm) + " of it from the registration of image " + tre.placed_in + ")";
 }
 
 RegistrationAccepted accept(const wire::RegistrationState &estimate) {
@@ -97,8 +115,9 @@ std::optional<std::string> refuse_acceptance(const casefile::Case &the_case, con
   }
   const TargetTre worst = worst_target(the_case, candidate);
   if (!worst.target.empty() && !(worst.rms_mm <= the_case.limits.max_target_tre_mm)) {
-    return "the predicted TRE at " + worst.target + " is " + mm(worst.rms_mm) + ", more than the limit of " +
-           mm(the_case.limits.max_target_tre_mm) + ": touch more fiducials or trace more surface";
+    return "the predicted TRE at " + worst.target + " is " + mm(worst.rms_mm) + placing_text(worst) +
+           ", more than the limit of " + mm(the_case.limits.max_target_tre_mm) +
+           ": touch more fiducials or trace more surface";
   }
   return std::nullopt;
 }
@@ -115,7 +134,7 @@ JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccept
   judged.residual_mm = shown - landmark.position_mm;
   judged.touch_covariance =
       R * matrix_of(touch.covariance_mm2) * R.transpose() + isotropic(the_case.limits.fle_touch_mm);
-  judged.landmark_covariance = isotropic(the_case.limits.landmark_sigma_mm);
+  judged.landmark_covariance = isotropic(the_case.limits.landmark_sigma_mm) + landmark.placing_covariance_mm2;
   monitoring::DriftMonitor from_registration;
   from_registration.reset(covariance_of(registration));
 

@@ -14,10 +14,15 @@ namespace bregma::server {
 struct TargetTre {
   std::string target; // empty if the case has no target
   double rms_mm = 0.0;
+  std::string placed_in = {};  // registered image in which it was planned; empty: the planning image
+  double placing_rms_mm = 0.0; // part of rms_mm: the error of that image's registration
 };
 
 // The target with the largest predicted TRE.
 [[nodiscard]] TargetTre worst_target(const casefile::Case &the_case, const RegistrationAccepted &registration);
+
+// " (0.4 mm of it from the registration of image T2)"; empty for a target of the planning image.
+[[nodiscard]] std::string placing_text(const TargetTre &tre);
 
 // Requires a candidate whose predicted TRE is at most limits.max_target_tre_mm at every target.
 [[nodiscard]] std::optional<std::string> refuse_acceptance(const casefile::Case &the_case,

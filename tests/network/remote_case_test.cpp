@@ -55,9 +55,9 @@ casefiles::Bundle bundle_of(std::uint32_t seed) {
   const auto file = [&](std::size_t size) {
     std::vector<std::byte> bytes(size);
     std::generate(bytes.begin(), bytes.end(), [&] { return static_cast<std::byte>(random()); });
-    const casefiles::Hash hash = casefiles::sha256(std::span<const std::byte>(bytes));
+    const casefile::Hash hash = casefile::sha256(std::span<const std::byte>(bytes));
     out.files[hash] = std::move(bytes);
-    return nlohmann::json{{"sha256", casefiles::to_hex(hash)}, {"bytes", size}};
+    return nlohmann::json{{"sha256", casefile::to_hex(hash)}, {"bytes", size}};
   };
   nlohmann::json meshes = nlohmann::json::array();
   for (const char *name : {"scalp", "brain", "tissue"}) {
@@ -158,7 +158,7 @@ protected:
       const auto own = wire::boot_id(); // one kernel
       std::copy(own.begin(), own.end(), std::begin(boot_id));
       fetcher.follow(boot_id);
-      const std::string wanted = casefiles::to_hex(casefiles::sha256(bundle_of(seed).manifest));
+      const std::string wanted = casefile::to_hex(casefile::sha256(bundle_of(seed).manifest));
       std::optional<std::chrono::steady_clock::time_point> began;
       for (const auto end = std::chrono::steady_clock::now() + 60s; std::chrono::steady_clock::now() < end;) {
         const CaseStatus status = fetcher.status();
@@ -191,7 +191,7 @@ protected:
       ASSERT_TRUE(file) << name;
       const auto content = base::read_file(*file);
       ASSERT_TRUE(content) << name;
-      compared += bundle.files.count(casefiles::sha256(*content));
+      compared += bundle.files.count(casefile::sha256(*content));
     }
     EXPECT_EQ(compared, bundle.files.size());
   }

@@ -8,7 +8,9 @@
 
 #include "algorithms/surface/surface_model.hpp"
 #include "casefile/volumes/label_names.hpp"
+#include "casefile/volumes/second_image.hpp"
 #include "casefile/volumes/surface.hpp"
+#include "casefile/volumes/volume.hpp"
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
@@ -29,6 +31,7 @@ constexpr double kLeastBrainShare = 0.2, kMostBrainShare = 0.65; // of the head
 constexpr double kMostOutside = 0.02;                            // fraction of the brain's surface outside of the scalp
 constexpr double kLeastInBrain = 0.8;                            // fraction of a structure's surface inside the brain's
 constexpr double kBrainTolerance_mm = 3.0;                       // both surfaces are smoothed
+constexpr double kLeastInSecondImage = 0.4;                      // fraction of the scalp in a second image's grid
 constexpr double kLongestPath_mm = 150.0;
 constexpr std::size_t kSamples = 500;
 constexpr std::size_t kChecks = 3; // of a verification, verification.min_checks of the daemon
@@ -69,6 +72,7 @@ public:
     sides();
     points();
     paths();
+    images();
     missing();
     return std::move(out_);
   }
@@ -171,6 +175,24 @@ private:
       }
       if (length > kLongestPath_mm) {
         say(name + " is " + fixed(length, 0) + " mm long: a probe reaches " + fixed(kLongestPath_mm, 0) + " mm");
+      }
+    }
+  }
+
+  void images() {
+    for (const casefile::RegisteredImage &image : c_.images) {
+      if (image.file.empty()) {
+        continue;
+      }
+      const auto volume = casefile::read_volume(image.file);
+      if (!volume) {
+        say(volume.error().message);
+        continue;
+      }
+      if (const double covered = casefile::covered_fraction(c_.scalp.mesh, *volume, image);
+          covered < kLeastInSecondImage) {
+        say("image \"" + image.name + "\" contains " + percent(covered) +
+            " of the head's surface where its registration places it: is the transform that of this image?");
       }
     }
   }

@@ -1,5 +1,6 @@
 #include "server/stages/monitoring/pipeline.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <utility>
@@ -101,7 +102,17 @@ void MonitoringPipeline::on(const MonitoringMessage &message) noexcept {
 }
 
 void MonitoringPipeline::restart_drift() noexcept {
-  drift_.reset(accepted_ ? accepted_->covariance : Matrix6d::Zero());
+  Matrix6d prior = accepted_ ? accepted_->covariance : Matrix6d::Zero();
+  // The error of a second image's registration is common to the landmarks placed in it, as that of the pose is to all.
+  for (std::size_t i = 0; accepted_ && case_ != nullptr && i < case_->data->images.size(); ++i) {
+    const casefile::RegisteredImage &image = case_->data->images[i];
+    const auto placed_here = [&image](const casefile::NamedPoint &point) { return point.placed_in == image.name; };
+    const auto &landmarks = case_->data->landmarks;
+    if (std::any_of(landmarks.begin(), landmarks.end(), placed_here)) {
+      prior += image.T_image_source.covariance;
+    }
+  }
+  drift_.reset(prior);
   accuracy_.check_count = 0;
   accuracy_.last_check_mm = accuracy_.last_check_limit_mm = wire::kUnknown;
 }
@@ -111,9 +122,10 @@ void MonitoringPipeline::add(const JudgedCheck &touch) noexcept {
     return;
   }
   const double landmark_sigma = case_->data->limits.landmark_sigma_mm;
-  drift_.add_check({static_cast<int>(touch.landmark_index), case_->data->landmarks[touch.landmark_index].position_mm,
-                    vector_of(touch.error_mm), matrix_of(touch.touch_covariance_mm2),
-                    Matrix3d::Identity() * landmark_sigma * landmark_sigma});
+  const casefile::NamedPoint &landmark = case_->data->landmarks[touch.landmark_index];
+  drift_.add_check({static_cast<int>(touch.landmark_index), landmark.position_mm, vector_of(touch.error_mm),
+                    matrix_of(touch.touch_covariance_mm2),
+                    landmark.placing_covariance_mm2 + Matrix3d::Identity() * landmark_sigma * landmark_sigma});
   ++accuracy_.check_count;
   accuracy_.last_check_mm = touch.distance_mm;
   accuracy_.last_check_limit_mm = touch.limit_mm;
@@ -149,7 +161,9 @@ void MonitoringPipeline::predict_targets() noexcept {
       out.tre_95 = unknown_ellipsoid();
       continue;
     }
-    const Matrix3d covariance = uncertainty::tre_covariance(accepted_->covariance, target.position_mm);
+    // The errors of the two registrations are independent.
+    const Matrix3d covariance =
+        uncertainty::tre_covariance(accepted_->covariance, target.position_mm) + target.placing_covariance_mm2;
     out.tre_rms_mm = uncertainty::rms_mm(covariance);
     put(covariance, out.covariance_mm2);
     out.tre_95 = to_wire(uncertainty::ellipsoid_95(covariance));

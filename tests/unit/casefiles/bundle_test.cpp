@@ -1,6 +1,8 @@
 // A case folder becomes the files that a display needs, exactly.
+#include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -8,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "casefile/case.hpp"
+#include "casefile/sha256.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/case_server/case_bundle.hpp"
 #include "clients/casefiles/manifest.hpp"
@@ -42,7 +45,7 @@ protected:
     return out ? *out : casefiles::Bundle{};
   }
   template <class T> static std::vector<T> content(const casefiles::Bundle &bundle, const json &entry) {
-    const auto &bytes = bundle.files.at(*casefiles::from_hex(entry["sha256"].get<std::string>()));
+    const auto &bytes = bundle.files.at(*casefile::from_hex(entry["sha256"].get<std::string>()));
     std::vector<T> out(bytes.size() / sizeof(T));
     std::memcpy(out.data(), bytes.data(), out.size() * sizeof(T));
     return out;
@@ -51,6 +54,50 @@ protected:
   test::TemporaryFolder folder_;
   casefile::Case case_;
 };
+
+TEST_F(BundleTest, ARegisteredImageKeepsItsGridAndStatesItsTransformAndError) {
+  ASSERT_TRUE(casefile::write_volume(folder_ / "image.nii.gz", volume({7})));
+  std::filesystem::create_directories(folder_ / "images");
+  ASSERT_TRUE(casefile::write_volume(folder_ / "images/t2.nii.gz", volume({0.5F, 2.5F})));
+  case_ = tests::sample_case(folder_.path());
+  casefile::RegisteredImage image;
+  image.name = "T2 new";
+  image.file = folder_ / "images/t2.nii.gz";
+  image.verdict = "found";
+  image.T_image_source.pose = {Eigen::Quaterniond::Identity(), {1.0, 2.0, 3.0}};
+  image.T_image_source.covariance = 0.01 * geometry::Matrix6d::Identity();
+  image.T_image_source.covariance.topLeftCorner<3, 3>() *= 1e-3;
+  image.sha256 = casefile::to_hex(*casefile::sha256_of_file(image.file));
+  image.planning_sha256 = casefile::to_hex(*casefile::sha256_of_file(case_.image));
+  casefile::put_image(case_, image);
+  case_.targets.push_back({"Cyst", {10.0, 0.0, 20.0}, "T2 new"});
+  casefile::map_to_image(case_, case_.targets.back());
+  const auto saved = casefile::save_case(case_);
+  ASSERT_TRUE(saved) << saved.error().message;
+  const auto out = bundle_of(folder_.path(), 0);
+  ASSERT_TRUE(out) << out.error().message;
+
+  const auto manifest = casefiles::read_manifest(out->manifest);
+  ASSERT_TRUE(manifest) << manifest.error().message;
+  EXPECT_EQ(manifest->files.count("image/T2_new"), 1U);
+  const json root = json::parse(manifest->json);
+  ASSERT_EQ(root["images"].size(), 1U);
+  const json &entry = root["images"][0];
+  EXPECT_EQ(entry["name"], "T2 new");
+  EXPECT_EQ(entry["url"], "/case/" + root["hash"].get<std::string>() + "/image/T2_new");
+  EXPECT_EQ(entry["type"], "float32");
+  EXPECT_EQ(content<float>(*out, entry)[1], 2.5F);
+  EXPECT_EQ(entry["dims"], json::array({3, 4, 2}));
+  EXPECT_NEAR(entry["T_ras_voxel"][3].get<double>(), -9.0, 1e-9) << "its own grid, in the planning image";
+  EXPECT_EQ(entry["T_image_source"],
+            json::array({1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 2.0, 0.0, 0.0, 1.0, 3.0, 0.0, 0.0, 0.0, 1.0}));
+  EXPECT_EQ(entry["covariance"].size(), 36U);
+  const json &cyst = root["targets"][1];
+  EXPECT_EQ(cyst["placed_in"], "T2 new");
+  EXPECT_NEAR(cyst["position_mm"][0].get<double>(), 11.0, 1e-9);
+  EXPECT_NEAR(cyst["image_rms_mm"].get<double>(), std::sqrt(case_.targets.back().placing_covariance_mm2.trace()), 1e-9);
+  EXPECT_FALSE(root["targets"][0].contains("placed_in"));
+}
 
 TEST_F(BundleTest, VoxelsAreExactInTheSmallestTypeThatHoldsThem) {
   const auto image = [](const casefiles::Bundle &bundle) { return json::parse(bundle.manifest)["image"]; };

@@ -1,8 +1,12 @@
 // The alarms of the monitoring pipeline over the whole life of a daemon.
 #include "server/stages/monitoring/pipeline.hpp"
 
+#include <cmath>
+#include <random>
 #include <set>
 
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 #include "idl/names.hpp"
@@ -16,9 +20,9 @@ constexpr int kCases = 200;
 class MonitoringTest : public ::testing::Test {
 protected:
   // A case whose tools have names of their own.
-  void load(int number) {
+  void load(int number) { load(number, tests::sample_case("/cases/sample")); }
+  void load(int number, casefile::Case a_case) {
     const std::string suffix = std::to_string(number);
-    casefile::Case a_case = tests::sample_case("/cases/sample");
     for (casefile::ToolModel &tool : a_case.tools) {
       tool.name += suffix;
     }
@@ -94,6 +98,56 @@ TEST_F(MonitoringTest, EveryAlarmIsStillRaisedInTheTwoHundredthCaseOfADaemonsLif
       break;
     }
   }
+}
+
+// A target planned on a second image errs by two registrations. Both are drawn from the covariances that are stated.
+TEST_F(MonitoringTest, ATargetOfASecondImageHasTheErrorsOfBothRegistrations) {
+  casefile::Case a_case = tests::sample_case("/cases/sample");
+  casefile::RegisteredImage image;
+  image.name = "T2";
+  image.verdict = "found";
+  image.T_image_source.pose = {Eigen::Quaterniond(Eigen::AngleAxisd(0.2, Eigen::Vector3d::UnitX())), {3.0, -7.0, 11.0}};
+  image.T_image_source.covariance.diagonal() << 9e-6, 4e-6, 16e-6, 0.03, 0.05, 0.02;
+  image.T_image_source.covariance(1, 3) = image.T_image_source.covariance(3, 1) = 1e-4;
+  put_image(a_case, image);
+  const Eigen::Vector3d in_image(20.0, -15.0, 30.0);
+  a_case.targets.push_back({"Cyst", in_image, "T2"});
+  map_to_image(a_case, a_case.targets.back());
+  const Eigen::Vector3d target = a_case.targets.back().position_mm;
+  load(0, a_case);
+  run(100.0);
+
+  const wire::AccuracyState &state = pipeline.accuracy();
+  ASSERT_EQ(state.target_count, 2U);
+  const wire::TargetAccuracy &cyst = state.targets[1];
+  geometry::Matrix6d of_patient = geometry::Matrix6d::Zero();
+  of_patient.diagonal() << 1e-6, 1e-6, 1e-6, 0.04, 0.04, 0.04;
+  const geometry::Matrix36d J = geometry::point_jacobian(target);
+  const double of_image = (J * image.T_image_source.covariance * J.transpose()).trace();
+  EXPECT_NEAR(cyst.tre_rms_mm, std::sqrt(of_image + (J * of_patient * J.transpose()).trace()), 1e-9)
+      << "the part of the image is added to that of the patient's registration";
+
+  const Eigen::LLT<Eigen::Matrix3d> region(
+      Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(cyst.covariance_mm2));
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const auto drawn = [&](const geometry::Matrix6d &covariance, const Eigen::Vector3d &point) {
+    geometry::Vector6d twist;
+    for (double &value : twist) {
+      value = normal(random);
+    }
+    twist = geometry::Matrix6d(covariance.llt().matrixL()) * twist;
+    const double angle = twist.head<3>().norm();
+    return Eigen::Vector3d(Eigen::AngleAxisd(angle, twist.head<3>() / angle) * point + twist.tail<3>());
+  };
+  int inside = 0;
+  for (int draw = 0; draw < 1000; ++draw) { // the true place of the target in the image, then of that in the room
+    const Eigen::Vector3d error = drawn(of_patient, drawn(image.T_image_source.covariance, target)) - target;
+    inside += error.dot(region.solve(error)) <= 7.815 ? 1 : 0; // chi-square, 3 degrees of freedom, 95 %
+  }
+  RecordProperty("inside_95", inside);
+  EXPECT_GE(inside, 930) << "seed 3";
+  EXPECT_LE(inside, 970) << "seed 3";
 }
 
 TEST_F(MonitoringTest, LessThanAnHourOfRecordingIsAnAlarm) {

@@ -1,4 +1,4 @@
-// SHA-256 [FIPS 180-4] by OpenSSL, the identity of a file of a case. Pure functions.
+// SHA-256 [FIPS 180-4] by OpenSSL. Pure functions.
 #pragma once
 
 #include <array>
@@ -12,7 +12,7 @@
 
 #include "base/result.hpp"
 
-namespace bregma::casefiles {
+namespace bregma::casefile {
 
 using Hash = std::array<std::uint8_t, 32>;
 
@@ -25,4 +25,4 @@ using Hash = std::array<std::uint8_t, 32>;
 // Empty for everything but 64 hexadecimal digits.
 [[nodiscard]] std::optional<Hash> from_hex(std::string_view text);
 
-} // namespace bregma::casefiles
+} // namespace bregma::casefile

@@ -1,4 +1,4 @@
-#include "clients/casefiles/sha256.hpp"
+#include "casefile/sha256.hpp"
 
 #include <fstream>
 #include <memory>
@@ -6,7 +6,7 @@
 
 #include <openssl/evp.h>
 
-namespace bregma::casefiles {
+namespace bregma::casefile {
 namespace {
 
 class Digest {
@@ -81,4 +81,4 @@ std::optional<Hash> from_hex(std::string_view text) {
   return out;
 }
 
-} // namespace bregma::casefiles
+} // namespace bregma::casefile
