@@ -91,6 +91,28 @@ TEST(ImageCommand, RefusesWithAReasonAndWritesNothing) {
             std::string::npos);
 }
 
+TEST(ImageCommand, MasksLeaveOutWhatTheTwoImagesDoNotShare) {
+  const Files files;
+  // A frame around the head of the target only, bright enough to take most of the grey values.
+  casefile::Volume framed = head({50, 58, 46}, false);
+  casefile::Volume mask = framed;
+  for (std::size_t i = 0; i < framed.voxels.size(); ++i) {
+    const Eigen::Vector3d p = framed.pixel_mm(i);
+    const bool frame = std::max(std::abs(p.x()) / 78.0, std::abs(p.y()) / 88.0) > 0.97;
+    framed.voxels[i] = frame ? static_cast<float>(60 + (i * 7919) % 90) : framed.voxels[i];
+    mask.voxels[i] = frame ? 0.0F : 1.0F;
+  }
+  files.write("framed.nii.gz", framed);
+  files.write("mask.nii.gz", mask);
+  const auto run = files.run("image register source.nii.gz framed.nii.gz --start centres --finest-mm 3.3 "
+                             "--fixed-mask mask.nii.gz --tfm out.tfm --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  const auto T = casefile::read_itk_rigid(files.folder.path() / "out.tfm");
+  ASSERT_TRUE(T.has_value());
+  const Eigen::Matrix4d truth = test::pose({5, -8, 12}, {12, -7, 9}).inverse();
+  EXPECT_LT((T->matrix() - truth).topRightCorner(3, 1).norm(), 0.7);
+}
+
 TEST(ImageCommand, RefusesMasksThatDoNotFit) {
   const Files files;
   const auto error = [&](const std::string &name, const casefile::Volume &mask, const std::string &option) {
@@ -112,6 +134,29 @@ TEST(ImageCommand, RefusesMasksThatDoNotFit) {
   casefile::Volume grey = ones;
   grey.voxels[5] = 0.4F;
   EXPECT_NE(error("grey.nii.gz", grey, "--fixed-mask").find("grey.nii.gz"), std::string::npos);
+}
+
+TEST(ImageCommand, WhatIsNotTheSameHeadIsNotFound) {
+  const Files files;
+  const auto verdict = [&](const std::string &name, const casefile::Volume &volume) {
+    files.write(name, volume);
+    const auto run = files.run("image register " + name + " target.nii.gz --finest-mm 3.3 --json");
+    EXPECT_EQ(run.exit_code, 1) << name << run.out;
+    const auto out = run.json();
+    EXPECT_FALSE(out["reason"].get<std::string>().empty());
+    EXPECT_FALSE(out.contains("T_target_source"));
+    return out["verdict"].get<std::string>() + ": " + out["reason"].get<std::string>();
+  };
+  // Another body part: smooth blobs elsewhere.
+  casefile::Volume other = head({48, 56, 48}, false);
+  for (std::size_t i = 0; i < other.voxels.size(); ++i) {
+    const Eigen::Vector3d p = other.pixel_mm(i);
+    other.voxels[i] =
+        static_cast<float>(60.0 * std::exp(-(p.head<2>() - Eigen::Vector2d(20, 10)).squaredNorm() / 500.0) +
+                           80.0 * std::exp(-(p.head<2>() - Eigen::Vector2d(-35, -20)).squaredNorm() / 300.0) +
+                           static_cast<double>((i * 7919) % 11));
+  }
+  EXPECT_NE(verdict("other.nii.gz", other), "");
 }
 
 TEST(ImageCommand, ImagesThatAreNoVolumesCannotBeRead) {
