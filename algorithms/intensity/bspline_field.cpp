@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Vector3d;
 using Eigen::Vector3f;
-using Vector4 = Eigen::Array4f;
+using Floats4 = Eigen::Array4f;
 
 std::array<float, 4> spline_values(float t) {
   const float u = 1.0F - t;
@@ -93,8 +93,8 @@ Vector3d BSplineField::spacing_mm() const {
 }
 
 std::size_t BSplineField::node(int i, int j, int k) const {
-  return (static_cast<std::size_t>(k) * static_cast<std::size_t>(cells_[1] + 3) + static_cast<std::size_t>(j)) *
-             static_cast<std::size_t>(cells_[0] + 3) +
+  return (static_cast<std::size_t>(k) * (static_cast<std::size_t>(cells_[1]) + 3) + static_cast<std::size_t>(j)) *
+             (static_cast<std::size_t>(cells_[0]) + 3) +
          static_cast<std::size_t>(i);
 }
 
@@ -112,15 +112,15 @@ SplineWeights BSplineField::weights_at(const Vector3f &index) const {
 }
 
 Vector3f BSplineField::displacement_mm(const SplineWeights &at) const noexcept {
-  const auto row = static_cast<std::size_t>(cells_[0] + 3);
-  const std::size_t slice = row * static_cast<std::size_t>(cells_[1] + 3);
-  Vector4 sum = Vector4::Zero();
+  const auto row = static_cast<std::size_t>(cells_[0]) + 3;
+  const std::size_t slice = row * (static_cast<std::size_t>(cells_[1]) + 3);
+  Floats4 sum = Floats4::Zero();
   for (std::size_t c = 0; c < 4; ++c) {
     for (std::size_t b = 0; b < 4; ++b) {
       const float *from = coefficients_.data() + 4 * (at.first + c * slice + b * row);
-      Vector4 line = Vector4::Zero();
+      Floats4 line = Floats4::Zero();
       for (std::size_t a = 0; a < 4; ++a) {
-        line += at.x[a] * Eigen::Map<const Vector4>(from + 4 * a);
+        line += at.x[a] * Eigen::Map<const Floats4>(from + 4 * a);
       }
       sum += at.y[b] * at.z[c] * line;
     }
@@ -135,15 +135,15 @@ Vector3d BSplineField::displacement_mm(const Vector3d &point_mm) const {
 
 void BSplineField::add_force(const SplineWeights &at, const Vector3f &force,
                              std::span<float> by_coefficient) const noexcept {
-  const auto row = static_cast<std::size_t>(cells_[0] + 3);
-  const std::size_t slice = row * static_cast<std::size_t>(cells_[1] + 3);
-  const Vector4 whole(force.x(), force.y(), force.z(), 0.0F);
+  const auto row = static_cast<std::size_t>(cells_[0]) + 3;
+  const std::size_t slice = row * (static_cast<std::size_t>(cells_[1]) + 3);
+  const Floats4 whole(force.x(), force.y(), force.z(), 0.0F);
   for (std::size_t c = 0; c < 4; ++c) {
     for (std::size_t b = 0; b < 4; ++b) {
       float *to = by_coefficient.data() + 4 * (at.first + c * slice + b * row);
-      const Vector4 part = at.y[b] * at.z[c] * whole;
+      const Floats4 part = at.y[b] * at.z[c] * whole;
       for (std::size_t a = 0; a < 4; ++a) {
-        Eigen::Map<Vector4>(to + 4 * a) += at.x[a] * part;
+        Eigen::Map<Floats4>(to + 4 * a) += at.x[a] * part;
       }
     }
   }
@@ -164,14 +164,14 @@ BSplineField BSplineField::refined() const {
         for (int i = 0; i < n[0]; ++i) {
           std::array<int, 3> at{i, j, k};
           const int fine = at[d];
-          const auto old = [&](int place) -> Vector4 {
+          const auto old = [&](int place) -> Floats4 {
             at[d] = place;
-            return Eigen::Map<const Vector4>(from.coefficients_.data() + 4 * from.node(at[0], at[1], at[2]));
+            return Eigen::Map<const Floats4>(from.coefficients_.data() + 4 * from.node(at[0], at[1], at[2]));
           };
           const int low = fine / 2;
-          const Vector4 value = fine % 2 == 0 ? Vector4(0.5F * (old(low) + old(low + 1)))
-                                              : Vector4(0.125F * (old(low) + old(low + 2)) + 0.75F * old(low + 1));
-          Eigen::Map<Vector4>(out.coefficients_.data() + 4 * out.node(i, j, k)) = value;
+          const Floats4 value = fine % 2 == 0 ? Floats4(0.5F * (old(low) + old(low + 1)))
+                                              : Floats4(0.125F * (old(low) + old(low + 2)) + 0.75F * old(low + 1));
+          Eigen::Map<Floats4>(out.coefficients_.data() + 4 * out.node(i, j, k)) = value;
         }
       }
     }

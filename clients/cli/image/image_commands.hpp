@@ -1,4 +1,4 @@
-// `bregma image register | profile | features`; one source file per command.
+// `bregma image register | profile | features | add | list | remove`.
 #pragma once
 
 #include "clients/cli/commands.hpp"
@@ -8,5 +8,8 @@ namespace bregma::cli {
 void add_image_register(CLI::App &parent, Context &context);
 void add_image_profile(CLI::App &parent, Context &context);
 void add_image_features(CLI::App &parent, Context &context);
+void add_image_add(CLI::App &parent, Context &context);
+void add_image_list(CLI::App &parent, Context &context);
+void add_image_remove(CLI::App &parent, Context &context);
 
 } // namespace bregma::cli

@@ -2,6 +2,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <ctime>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -16,6 +17,8 @@
 
 #include "algorithms/intensity/rigid_image.hpp"
 #include "algorithms/intensity/warp.hpp"
+#include "base/write_file.hpp"
+#include "casefile/image_registration.hpp"
 #include "casefile/itk_transform.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/case/progress_line.hpp"
@@ -23,6 +26,7 @@
 #include "clients/cli/image/image_commands.hpp"
 #include "clients/cli/image/image_input.hpp"
 #include "clients/cli/image/nonrigid_parts.hpp"
+#include "clients/cli/image/second_image.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/registration_output.hpp"
 
@@ -39,7 +43,7 @@ using nlohmann::json;
 struct RegisterImageArguments {
   ImageFile source, target;
   std::string measure = "nmi", start = "search", optimiser = "gradient";
-  std::string initial, targets, tfm, resampled, picture;
+  std::string initial, targets, tfm, resampled, picture, result, into, name;
   std::string fixed_mask, moving_mask;
   int bins = 64;
   double finest_mm = 2.0;
@@ -50,9 +54,17 @@ struct RegisterImageArguments {
 base::Result<void> check_outputs(const RegisterImageArguments &arguments) {
   const std::vector<std::string> inputs{arguments.source.path, arguments.target.path, arguments.initial,
                                         arguments.targets,     arguments.fixed_mask,  arguments.moving_mask};
+  if (arguments.into.empty() != arguments.name.empty()) {
+    return base::failure("--into names a case, and --name the image in it: give both or none");
+  }
+  if ((arguments.affine || arguments.nonrigid.wanted) && !(arguments.into.empty() && arguments.result.empty())) {
+    return base::failure("--into, --result: an image of a case has the shape of the head, so that its registration is "
+                         "rigid; leave out --affine and --nonrigid");
+  }
   for (const auto &[option, path] :
        {std::pair("--tfm", arguments.tfm), std::pair("--resampled", arguments.resampled),
-        std::pair("--picture", arguments.picture), std::pair("--field", arguments.nonrigid.field)}) {
+        std::pair("--picture", arguments.picture), std::pair("--field", arguments.nonrigid.field),
+        std::pair("--result", arguments.result)}) {
     if (auto kept = check_output(option, path, inputs); !kept) {
       return kept;
     }
@@ -163,6 +175,47 @@ base::Result<intensity::RigidImageOptions> options_of(const RegisterImageArgumen
   return options;
 }
 
+// Now, in ISO 8601, UTC.
+std::string date_text() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  char text[32];
+  return {text, std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &utc)};
+}
+
+casefile::ImageRegistration registration_of(const RigidImageResult &result, const RegisterImageArguments &arguments,
+                                            const Volume &source, const Volume &target) {
+  casefile::ImageRegistration out;
+  out.T_image_source = {result.T_reference_floating.as<geometry::frame::Image, geometry::frame::Source>(),
+                        result.covariance};
+  out.measure = arguments.measure;
+  out.verdict = intensity::name_of(result.verdict);
+  out.date = date_text();
+  out.source = casefile::identity_of(source);
+  out.target = casefile::identity_of(target);
+  return out;
+}
+
+// Writes the result, and puts the image into the case.
+base::Result<std::string> keep(const casefile::ImageRegistration &registration, const json &document,
+                               const RegisterImageArguments &arguments, const Volume &source) {
+  if (!arguments.result.empty()) {
+    if (auto written = base::write_file(arguments.result, json_text(document, 2) + "\n"); !written) {
+      return tl::unexpected(written.error());
+    }
+  }
+  if (arguments.into.empty()) {
+    return std::string();
+  }
+  SecondImage image;
+  image.source = arguments.source.path;
+  image.name = arguments.name;
+  return add_to_case(arguments.into, image, source, registration, false).map([&](const casefile::Case &c) {
+    return image_text(c, *c.registered_image(arguments.name));
+  });
+}
+
 base::Result<Volume> masked(const Volume &image, const std::string &mask, const std::string &path,
                             std::vector<std::string> &notes) {
   Volume out = image;
@@ -236,18 +289,29 @@ int register_image(const RegisterImageArguments &arguments, const Context &conte
     }
   }
   const auto errors = errors_at(targets->points.empty() ? default_points(*target) : targets->points, result.covariance);
-  if (context.json) {
-    document.update(transforms_json(result.affine, files));
-    if (!arguments.affine && !nonrigid) { // that of the rigid pose only
-      add_covariance(document, result.covariance);
-      document["targets"] = errors_json(errors);
+  document.update(transforms_json(result.affine, files));
+  std::string added;
+  if (!arguments.affine && !nonrigid) { // the covariance is that of the rigid pose only
+    const auto registration = registration_of(result, arguments, *source, *target);
+    add_covariance(document, result.covariance);
+    document["targets"] = errors_json(errors);
+    document["date"] = registration.date;
+    document["source"] = identity_json(registration.source);
+    document["target"] = identity_json(registration.target);
+    const auto kept = keep(registration, document, arguments, *source);
+    if (!kept) {
+      return fail(kept.error());
     }
+    added = kept->empty() ? "" : "\n" + *kept;
+  }
+  if (context.json) {
     print_json(document);
   } else {
     print(transforms_text(result.affine) + summary_text(result, arguments, time_ms) +
           (nonrigid           ? nonrigid_text(*nonrigid)
            : arguments.affine ? std::string()
-                              : errors_text(errors)));
+                              : errors_text(errors)) +
+          added);
   }
   const ToSource map = to_source(result.affine, nonrigid);
   if (auto written = write_images(arguments, *target, *source, map, team); !written) {
@@ -290,6 +354,12 @@ void add_image_register(CLI::App &parent, Context &context) {
                       "Labels on the source's grid: voxels that are 0 there are not compared");
   command->add_option("--targets", arguments->targets, "Points in the target's coordinates to predict the TRE at");
   command->add_option("--tfm", arguments->tfm, "Write the transform for ITK and Slicer");
+  command->add_option("--result", arguments->result,
+                      "Write the transform with its covariance and the identity of both images (JSON), for bregma "
+                      "image add");
+  command->add_option("--into", arguments->into,
+                      "Case folder, whose image is the target: the source becomes part of it");
+  command->add_option("--name", arguments->name, "With --into: name of the image in the case");
   command->add_option("--resampled", arguments->resampled,
                       "Write the source on the target's grid: .nii, .nii.gz, .nrrd, .mha");
   command->add_option("--picture", arguments->picture, "Write a checkerboard of both images (PNG)");
@@ -299,7 +369,8 @@ void add_image_register(CLI::App &parent, Context &context) {
       "is\nprinted as a transform and written.\n\nExamples:\n"
       "  bregma image register mr.nii.gz ct.nii.gz --tfm mr_to_ct.tfm --picture check.png\n"
       "  bregma image register dicom_folder/ ct.nrrd --start header --targets lesion.mrk.json --json\n"
-      "  bregma image register later_mr.nii.gz mr.nii.gz --nonrigid --field bent.nrrd --resampled later_on_mr.nii.gz");
+      "  bregma image register later_mr.nii.gz mr.nii.gz --nonrigid --field bent.nrrd --resampled later_on_mr.nii.gz\n"
+      "  bregma image register t2.nii.gz colin27/image.nii.gz --into colin27 --name T2");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return register_image(*arguments, context); }; });
 }

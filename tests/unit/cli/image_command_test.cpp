@@ -1,13 +1,18 @@
 // `bregma image` on files: what it writes, and what a person reads where images cannot be registered.
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
+#include "casefile/case.hpp"
 #include "casefile/itk_transform.hpp"
+#include "casefile/markups.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "tests/unit/algorithms/intensity/phantom.hpp"
+#include "tests/unit/casefile/sample_case.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
 
 namespace {
@@ -89,6 +94,57 @@ TEST(ImageCommand, RefusesWithAReasonAndWritesNothing) {
   EXPECT_NE(reason("--start header far.nii.gz")
                 .find("bregma: refused: the images do not overlap where their headers place them"),
             std::string::npos);
+}
+
+// From two images to a target of the second one in the case, and what does not enter.
+TEST(ImageCommand, ARegisteredImageBecomesPartOfACase) {
+  const Files files;
+  const std::filesystem::path folder = files.folder.path() / "case";
+  std::filesystem::create_directories(folder);
+  std::filesystem::copy_file(files.folder.path() / "target.nii.gz", folder / "image.nii.gz");
+  ASSERT_TRUE(casefile::save_case(tests::sample_case(folder)));
+  const geometry::Rigid3<geometry::frame::Image, geometry::frame::Source> truth(
+      test::pose({5, -8, 12}, {12, -7, 9}).inverse().topLeftCorner<3, 3>(),
+      test::pose({5, -8, 12}, {12, -7, 9}).inverse().topRightCorner<3, 1>());
+  const Eigen::Vector3d cyst(12.0, 3.0, 25.0); // in the planning image
+  const std::vector<casefile::NamedPoint> placed{{"Cyst", truth.inverse() * cyst}};
+  ASSERT_TRUE(casefile::write_points(files.folder.path() / "on_t2.mrk.json", "targets", placed));
+
+  ASSERT_EQ(files.run("image register source.nii.gz case/image.nii.gz --finest-mm 3.3 --result t2.json").exit_code, 0);
+  const auto added = files.run("image add case source.nii.gz --result t2.json --name T2 --targets on_t2.mrk.json");
+  ASSERT_EQ(added.exit_code, 0) << added.err;
+  EXPECT_NE(added.out.find("in its coordinates: target Cyst"), std::string::npos) << added.out;
+  const auto loaded = casefile::load_case(folder);
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  const casefile::NamedPoint &target = loaded->targets.back();
+  EXPECT_LT((target.position_mm - cyst).norm(), 0.5);
+  const double rms = std::sqrt(target.placing_covariance_mm2.trace());
+  EXPECT_GT(rms, 0.01);
+  EXPECT_LT(rms, 3.0);
+
+  const auto refusal = [&](const std::string &arguments, const std::string &part) {
+    const auto run = files.run("image " + arguments);
+    EXPECT_EQ(run.exit_code, 2) << arguments;
+    EXPECT_NE(run.err.find(part), std::string::npos) << run.err;
+  };
+  refusal("add case source.nii.gz --result t2.json --name T2", "the case has an image \"T2\"; --replace replaces it");
+  refusal("add case target.nii.gz --result t2.json --name PD", "is not the image that was registered");
+  refusal("add case source.nii.gz --transform t2.json --name PD", "--accept why the transform is used, in words");
+  refusal("add case source.nii.gz --result on_t2.mrk.json --name PD", "T_target_source: must be a matrix of 4 x 4");
+  refusal("register source.nii.gz target.nii.gz --into case", "give both or none");
+  refusal("remove case FLAIR", "the case has no image \"FLAIR\"");
+  refusal("remove case T2", "--with-plans removes them too");
+  EXPECT_EQ(files.run("image list case --json").json()[0]["placed_in_it"][0], "target Cyst");
+
+  ASSERT_TRUE(casefile::write_itk_transform(files.folder.path() / "other.tfm", truth.matrix()));
+  const auto words = files.run("image add case source.nii.gz --transform other.tfm --error-mm 0.8 --accept "
+                               "'compared by eye' --name T2 --replace --json");
+  ASSERT_EQ(words.exit_code, 0) << words.err;
+  EXPECT_EQ(words.json()["accepted"], "compared by eye");
+  EXPECT_NEAR(words.json()["error_rms_mm"].get<double>(), 0.8, 1e-6);
+  EXPECT_LT((casefile::load_case(folder)->targets.back().position_mm - cyst).norm(), 1e-6) << "moved with it";
+  EXPECT_EQ(files.run("image remove case T2 --with-plans").exit_code, 0);
+  EXPECT_EQ(casefile::load_case(folder)->targets.size(), 1U);
 }
 
 TEST(ImageCommand, MasksLeaveOutWhatTheTwoImagesDoNotShare) {
