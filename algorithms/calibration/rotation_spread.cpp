@@ -17,7 +17,7 @@ std::array<double, 3> rotation_ranges(std::span<const Eigen::Quaterniond> rotati
   // Mean rotation: the eigenvector of the largest eigenvalue of sum q q' [Markley 2007].
   Eigen::Matrix4d sum = Eigen::Matrix4d::Zero();
   for (const Eigen::Quaterniond &rotation : rotations) {
-    const Eigen::Vector4d q = rotation.coeffs();
+    const Eigen::Vector4d &q = rotation.coeffs();
     sum += q * q.transpose();
   }
   const Eigen::Quaterniond mean(Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(sum).eigenvectors().col(3).eval());
