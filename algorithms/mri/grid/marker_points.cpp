@@ -56,9 +56,9 @@ void smooth_along(Volume &image, std::size_t axis, double sigma_px) {
       }
       for (int i = 0; i < n; ++i) {
         float value = 0.0F;
-        for (int k = -reach; k <= reach; ++k) {
-          value +=
-              kernel[static_cast<std::size_t>(k + reach)] * line[static_cast<std::size_t>(std::clamp(i + k, 0, n - 1))];
+        int from = i - reach;
+        for (const float weight : kernel) {
+          value += weight * line[static_cast<std::size_t>(std::clamp(from++, 0, n - 1))];
         }
         image.voxels[place(i)] = value / sum;
       }
