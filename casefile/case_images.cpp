@@ -323,7 +323,7 @@ base::Result<std::string> save_images(const Case &c) {
     if (auto written = write_itk_transform(c.folder / (stem + ".tfm"), image.T_image_source.pose.matrix()); !written) {
       return tl::unexpected(written.error());
     }
-    const auto plans = save_plans(c, image.name, stem);
+    auto plans = save_plans(c, image.name, stem);
     if (!plans) {
       return plans;
     }
