@@ -56,7 +56,7 @@ base::Result<fs::path> store_image(const fs::path &source, const Volume &volume,
     return error ? base::Result<fs::path>(base::failure(out.string() + ": cannot be written: " + error.message()))
                  : out;
   }
-  const fs::path out = stem.string() + ".nii.gz";
+  fs::path out = stem.string() + ".nii.gz";
   return write_volume(out, volume).map([&out] { return out; });
 }
 
