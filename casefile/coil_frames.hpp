@@ -31,8 +31,9 @@ namespace bregma::casefile {
 // Reads back to the same frame.
 [[nodiscard]] std::string coil_frame_text(const mri::CoilFrame &frame);
 
-// Coils of a pattern, bit i for coil i: "background" (none), or groups and coils joined by "+". Otherwise a sentence with
-// the unknown word. For frames of at most 64 coils.
-[[nodiscard]] tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame, const std::string &pattern);
+// Coils of a pattern, bit i for coil i: "background" (none), or groups and coils joined by "+". Otherwise a sentence
+// with the unknown word. For frames of at most 64 coils.
+[[nodiscard]] tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame,
+                                                                const std::string &pattern);
 
 } // namespace bregma::casefile

@@ -26,7 +26,7 @@ using Matrix12d = Eigen::Matrix<double, 12, 12>;
 using Vector12d = Eigen::Matrix<double, 12, 1>;
 
 constexpr int kMaxSteps = 50;
-constexpr double kConverged = 1e-10; // rad and mm of the last step
+constexpr double kConverged = 1e-10;     // rad and mm of the last step
 constexpr double kTranslated_rad = 0.02; // less rotation is noise
 constexpr std::size_t kMinMotions = 3;
 

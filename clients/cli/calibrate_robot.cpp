@@ -76,7 +76,7 @@ std::string matrix_text(const std::string &name, const Eigen::Matrix4d &T) {
   std::string out = "\n" + name + "\n";
   for (Eigen::Index r = 0; r < 4; ++r) {
     for (Eigen::Index c = 0; c < 4; ++c) {
-      out += (c == 0 ? "  " : "  ") + fixed(T(r, c), c == 3 ? 3 : 6);
+      out += "  " + fixed(T(r, c), c == 3 ? 3 : 6);
     }
     out += "\n";
   }

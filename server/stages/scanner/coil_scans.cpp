@@ -78,7 +78,7 @@ base::Result<void> CoilPair::add(const SliceStack &slices, std::uint32_t index, 
   }
   const mri::Stack &back = *background_;
   const Eigen::Vector3d expected = back.point_mm(Eigen::Vector3d(0.0, 0.0, index));
-  const Eigen::Matrix3d axes = slices.axes();
+  const Eigen::Matrix3d &axes = slices.axes();
   if (slices.expected() != static_cast<std::uint32_t>(back.size[2]) ||
       slices.slice(index).size() != static_cast<std::size_t>(back.size[0]) * static_cast<std::size_t>(back.size[1]) ||
       std::abs(header.spacing_mm[0] - back.axes().col(0).norm()) > 1e-3 ||

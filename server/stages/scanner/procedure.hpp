@@ -161,7 +161,6 @@ private:
   std::uint32_t last_series_ = 0; // of the scanner
   std::optional<SliceStack> series_;
   wire::ImageSlice header_{}; // of the series under way, without pixels
-  std::int64_t last_slice_ns_ = 0;
 
   std::optional<image::Image<float, 3>> phantom_, phantom_again_;
   wire::ImageSlice phantom_header_{};

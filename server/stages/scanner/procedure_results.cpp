@@ -138,9 +138,9 @@ void Procedure::check(std::int64_t now_ns) {
 
 void Procedure::watch_table(const wire::ImageSlice &slice) {
   if (accepted_ && validity_ == bregma_wire_SCANNER_VALID && table_moved(accepted_->table_mm, stated_table(slice))) {
-    void_registration(bregma_wire_SCANNER_TABLE_MOVED,
-                      "the table moved by " + mm(std::abs(slice.table_mm - *accepted_->table_mm)) +
-                          " since the registration: register again");
+    void_registration(bregma_wire_SCANNER_TABLE_MOVED, "the table moved by " +
+                                                           mm(std::abs(slice.table_mm - *accepted_->table_mm)) +
+                                                           " since the registration: register again");
   }
 }
 

@@ -70,7 +70,7 @@ protected:
     EXPECT_NE(at, std::string::npos) << old_text << "\n" << toml_;
     changed.replace(at, old_text.size(), new_text);
     folder_.write("case.toml", changed);
-    const std::string error = load_error();
+    std::string error = load_error();
     folder_.write("case.toml", toml_);
     return error;
   }

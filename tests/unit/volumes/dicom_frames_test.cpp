@@ -51,7 +51,7 @@ std::uint16_t pixel(std::size_t frame, std::size_t row, std::size_t column) {
   return static_cast<std::uint16_t>(100 * frame + 10 * row + column);
 }
 
-std::string even_text(std::string text, char pad) { return text.size() % 2 == 0 ? text : text + pad; }
+std::string even_text(const std::string &text, char pad) { return text.size() % 2 == 0 ? text : text + pad; }
 std::string uid(std::uint32_t group, std::uint32_t element, const std::string &value) {
   return short_element(group, element, "UI", even_text(value, '\0'));
 }
