@@ -64,8 +64,10 @@ geometry::Points3 phantom_points() {
 }
 
 Eigen::Vector3d test_distortion(const Eigen::Vector3d &p) {
-  constexpr double k = 1.0 / 1200.0; // harmonic polynomials of degree 2
-  return {k * (p.x() * p.x() - p.y() * p.y()), k * 2.0 * p.y() * p.z(), k * 1.4 * (p.z() * p.z() - p.x() * p.x())};
+  constexpr double kPerMm = 1.0 / 1200.0;
+  const Eigen::Vector3d harmonics(p.x() * p.x() - p.y() * p.y(), 2.0 * p.y() * p.z(),
+                                  1.4 * (p.z() * p.z() - p.x() * p.x())); // of degree 2
+  return kPerMm * harmonics;
 }
 
 FakeScanner::FakeScanner(test::MemoryTopics &topics)

@@ -73,8 +73,8 @@ TEST(RobotTool, ARegistrationOfTheScannerPlacesTheTipInIt) {
   scanner.valid = true;
   (void)wire::set_name(scanner.scanner, "Scanner");
   scanner.T_base_scanner = {{1, 0, 0, 0}, {1, 2, 3}};
-  for (int i = 0; i < 3; ++i) {
-    scanner.covariance[(i + 3) * 7] = 0.25;
+  for (std::size_t i = 3; i < 6; ++i) {
+    scanner.covariance[7 * i] = 0.25;
   }
   const auto out = tool_pose(arm("Guide"), guide(), {}, scanner, {}, kNow_ns);
   ASSERT_EQ(out.scanner_status, bregma_wire_POSE_LIVE);
