@@ -78,7 +78,8 @@ TEST(Config, DeviceNamesAreChecked) {
   for (int i = 2; i <= bregma_wire_MAX_DEVICES - 1; ++i) {
     many += ",D" + std::to_string(i);
   }
-  EXPECT_EQ(problem(many, ""), "devices: 33 are named, at most 32 can be shown"); // a force and a range sensor beside
+  EXPECT_EQ(problem(many, ""), "devices: 35 are named, at most 32 can be shown")
+      << "beside a force and a range sensor, a scanner and its coils";
 }
 
 TEST(Config, NamesAreSplitAtCommas) {
