@@ -7,6 +7,8 @@
 
 #include <Eigen/LU>
 
+#include "algorithms/intensity/cubic_spline.hpp"
+
 namespace bregma::intensity {
 
 namespace {
@@ -14,21 +16,6 @@ namespace {
 using Eigen::Vector3d;
 using Eigen::Vector3f;
 using Floats4 = Eigen::Array4f;
-
-std::array<float, 4> spline_values(float t) {
-  const float u = 1.0F - t;
-  const float first = u * u * u / 6.0F;
-  const float last = t * t * t / 6.0F;
-  const float second = 2.0F / 3.0F - t * t * (1.0F - 0.5F * t);
-  return {first, second, 1.0F - first - second - last, last};
-}
-std::array<float, 4> spline_slopes(float t) {
-  const float u = 1.0F - t;
-  const float first = -0.5F * u * u;
-  const float last = 0.5F * t * t;
-  const float second = t * (1.5F * t - 2.0F);
-  return {first, second, -first - second - last, last};
-}
 
 // At a node: values, first and second derivatives of the three splines around it.
 constexpr std::array<std::array<double, 3>, 3> kAtNode{
@@ -106,7 +93,7 @@ SplineWeights BSplineField::weights_at(const Vector3f &index) const {
     const float at = std::clamp(
         index[static_cast<Eigen::Index>(d)] * cells / static_cast<float>(std::max(grid_.size[d] - 1, 1)), 0.0F, cells);
     base[d] = std::min(static_cast<int>(at), cells_[d] - 1);
-    weights[d] = spline_values(at - static_cast<float>(base[d]));
+    weights[d] = spline_weights(at - static_cast<float>(base[d]));
   }
   return {node(base[0], base[1], base[2]), weights[0], weights[1], weights[2]};
 }
@@ -213,7 +200,7 @@ double BSplineField::jacobian_at(const Vector3f &lattice) const {
     const float at = lattice[static_cast<Eigen::Index>(d)];
     base[d] = std::min(static_cast<int>(at), cells_[d] - 1);
     const float t = at - static_cast<float>(base[d]);
-    weights[d] = {spline_values(t), spline_slopes(t)};
+    weights[d] = {spline_weights(t), spline_slopes(t)};
   }
   SplineWeights at;
   at.first = node(base[0], base[1], base[2]);

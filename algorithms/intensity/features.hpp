@@ -52,12 +52,6 @@ enum class Feature { kGrey, kGradient, kSignificance, kAig, kStandardDeviation, 
 [[nodiscard]] std::vector<float> feature_of(const Volume &image, Feature feature, AigReading reading,
                                             parallel::Team &team);
 
-// Gaussian smoothing, sigma in mm; NaN counts as missing and stays NaN.
-[[nodiscard]] Volume smoothed(const Volume &image, double sigma_mm, parallel::Team &team);
-// On a grid with the same axes and about this spacing, after smoothing against aliasing. An axis that is as coarse
-// already, or has one voxel, stays.
-[[nodiscard]] Volume shrunk(const Volume &image, double spacing_mm, parallel::Team &team);
-
 // Distance of each voxel to the nearest one of the set, in units of the mean spacing; 0 everywhere where it is empty
 // [Felzenszwalb 2012].
 [[nodiscard]] std::vector<float> distance_to(const Volume &grid, const std::vector<char> &set);

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "algorithms/intensity/cubic_spline.hpp"
+
 namespace bregma::intensity {
 
 namespace {
@@ -17,22 +19,6 @@ struct Window {
 Window window_of(float column, int columns) {
   const int second = std::clamp(static_cast<int>(column), 1, columns - 3);
   return {second - 1, std::clamp(column - static_cast<float>(second), 0.0F, 1.0F)};
-}
-
-std::array<float, 4> weights(float t) {
-  const float u = 1.0F - t;
-  const float first = u * u * u / 6.0F;
-  const float last = t * t * t / 6.0F;
-  const float second = 2.0F / 3.0F - t * t * (1.0F - 0.5F * t);
-  return {first, second, 1.0F - first - second - last, last};
-}
-
-std::array<float, 4> weight_slopes(float t) {
-  const float u = 1.0F - t;
-  const float first = -0.5F * u * u;
-  const float last = 0.5F * t * t;
-  const float second = t * (1.5F * t - 2.0F);
-  return {first, second, -first - second - last, last};
 }
 
 // Sum of -p log p of counts that sum to `total`.
@@ -81,7 +67,7 @@ void JointHistogram::add_parzen(std::span<const std::uint16_t> row, std::span<co
   for (std::size_t i = 0; i < row.size(); ++i) {
     if (column[i] == column[i]) {
       const Window window = window_of(column[i], columns_);
-      const std::array<float, 4> w = weights(window.t);
+      const std::array<float, 4> w = spline_weights(window.t);
       float *bins = counts_.data() + row[i] * columns + static_cast<std::size_t>(window.first);
       for (std::size_t k = 0; k < 4; ++k) {
         bins[k] += w[k];
@@ -144,7 +130,7 @@ void JointHistogram::parzen_slopes(std::span<const std::uint16_t> row, std::span
     float sum = 0.0F;
     if (column[i] == column[i]) {
       const Window window = window_of(column[i], columns_);
-      const std::array<float, 4> w = weight_slopes(window.t);
+      const std::array<float, 4> w = spline_slopes(window.t);
       const float *bins = counts_.data() + row[i] * columns + static_cast<std::size_t>(window.first);
       sum = w[0] * bins[0] + w[1] * bins[1] + w[2] * bins[2] + w[3] * bins[3];
     }

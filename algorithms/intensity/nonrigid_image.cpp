@@ -13,6 +13,7 @@
 #include <Eigen/LU>
 
 #include "algorithms/intensity/histogram_measure.hpp"
+#include "algorithms/intensity/resolution.hpp"
 
 namespace bregma::intensity {
 

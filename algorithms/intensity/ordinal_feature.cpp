@@ -10,6 +10,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "algorithms/intensity/histogram_measure.hpp"
+#include "algorithms/intensity/resolution.hpp"
 #include "algorithms/intensity/variants.hpp"
 
 namespace bregma::intensity {

@@ -14,6 +14,7 @@
 #include <Eigen/LU>
 
 #include "algorithms/intensity/pose_optimiser.hpp"
+#include "algorithms/intensity/resolution.hpp"
 
 namespace bregma::intensity {
 

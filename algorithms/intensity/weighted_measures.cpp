@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "algorithms/intensity/pair_sampler.hpp"
+#include "algorithms/intensity/resolution.hpp"
 #include "algorithms/intensity/saliency.hpp"
 #include "algorithms/intensity/variants.hpp"
 

@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 
 #include "algorithms/geometry/angles.hpp"
+#include "algorithms/intensity/resolution.hpp"
 #include "algorithms/intensity/warp.hpp"
 #include "bench/accuracy/intensity_parts.hpp"
 #include "casefile/volumes/volume.hpp"

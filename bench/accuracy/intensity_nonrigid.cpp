@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "algorithms/intensity/nonrigid_image.hpp"
+#include "algorithms/intensity/resolution.hpp"
 #include "algorithms/intensity/warp.hpp"
 #include "bench/accuracy/intensity_elastix.hpp"
 #include "bench/accuracy/intensity_parts.hpp"

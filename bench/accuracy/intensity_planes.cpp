@@ -8,6 +8,7 @@
 #include <limits>
 #include <sstream>
 
+#include "algorithms/intensity/resolution.hpp"
 #include "bench/accuracy/intensity_parts.hpp"
 
 namespace bregma::bench {

@@ -17,6 +17,7 @@
 #include "casefile/poses.hpp"
 #include "clients/cli/calibrate_commands.hpp"
 #include "clients/cli/output.hpp"
+#include "clients/cli/registration/registration_output.hpp"
 
 namespace bregma::cli {
 
@@ -70,17 +71,6 @@ int show(json document, const std::string &verdict_text, const std::string &deta
     print(verdict_text + "\n" + details);
   }
   return accepted ? kOk : kRefused;
-}
-
-std::string matrix_text(const std::string &name, const Eigen::Matrix4d &T) {
-  std::string out = "\n" + name + "\n";
-  for (Eigen::Index r = 0; r < 4; ++r) {
-    for (Eigen::Index c = 0; c < 4; ++c) {
-      out += "  " + fixed(T(r, c), c == 3 ? 3 : 6);
-    }
-    out += "\n";
-  }
-  return out;
 }
 
 // --- hand-eye
@@ -169,10 +159,10 @@ int calibrate_hand_eye_files(HandEyeArguments arguments, const Context &context)
                      {"rms_position_mm", json_number(result.rms_position_mm)},
                      {"rms_rotation_deg", json_number(result.rms_rotation_rad / kRadiansPerDegree)},
                      {"p_value", json_number(result.p_value)}});
-    details += matrix_text("X: the tracked body in the flange, mm", result.X.matrix());
+    details += "\n" + matrix_text("X: the tracked body in the flange, mm", result.X.matrix());
     if (!arguments.motions) {
       document.update({{"Y", json_matrix(result.Y.matrix())}, {"covariance_Y", json_matrix(result.covariance_Y)}});
-      details += matrix_text("Y: the tracker in the robot's base, mm", result.Y.matrix());
+      details += "\n" + matrix_text("Y: the tracker in the robot's base, mm", result.Y.matrix());
     }
   }
   return show(std::move(document), result.text, details, result.accepted(), context);

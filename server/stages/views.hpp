@@ -45,6 +45,10 @@ struct RobotView {
   wire::RobotMode mode = bregma_wire_ROBOT_UNKNOWN;
   wire::Pose T_base_flange{};
   wire::PoseCovariance covariance{}; // all 0: not stated
+  // Of the last two frames, while the later follows the earlier closely: left perturbation in RobotBase, rad/s and
+  // mm/s.
+  bool velocity_known = false;
+  double velocity_per_s[6] = {};
 };
 struct RobotsView {
   std::uint32_t count = 0;

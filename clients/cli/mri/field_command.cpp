@@ -78,6 +78,20 @@ base::Result<void> write_field(const FieldArguments &arguments, const mri::Disto
   return {};
 }
 
+// Writes the field and prints what was found.
+int finish(const FieldArguments &arguments, const mri::DistortionField &field, std::string text, json out,
+           const Context &context) {
+  if (auto written = write_field(arguments, field, text, out); !written) {
+    return fail(written.error());
+  }
+  if (context.json) {
+    print_json(out);
+  } else {
+    print(text);
+  }
+  return kOk;
+}
+
 int run_several(const FieldArguments &arguments, const Points3 &ct, const std::vector<Points3> &scans,
                 const Context &context) {
   mri::MatchOptions options;
@@ -92,15 +106,7 @@ int run_several(const FieldArguments &arguments, const Points3 &ct, const std::v
   if (!arguments.output.empty()) {
     text += "The file holds the part of the gradients, which is the same for every protocol\n";
   }
-  if (auto written = write_field(arguments, found->field.gradients, text, out); !written) {
-    return fail(written.error());
-  }
-  if (context.json) {
-    print_json(out);
-  } else {
-    print(text);
-  }
-  return kOk;
+  return finish(arguments, found->field.gradients, std::move(text), std::move(out), context);
 }
 
 int run_field(const FieldArguments &arguments, const Context &context) {
@@ -155,15 +161,7 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   out["initial"] = summary_json(before);
   out["residual"] = summary_json(*after);
   out["local_spline"] = field->has_spline();
-  if (auto written = write_field(arguments, *field, text, out); !written) {
-    return fail(written.error());
-  }
-  if (context.json) {
-    print_json(out);
-  } else {
-    print(text);
-  }
-  return kOk;
+  return finish(arguments, *field, std::move(text), std::move(out), context);
 }
 
 } // namespace

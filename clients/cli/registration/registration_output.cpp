@@ -9,19 +9,15 @@
 
 namespace bregma::cli {
 
-namespace {
-
 using nlohmann::json;
 
-std::string matrix_text(const char *name, const Eigen::Matrix4d &m) {
+std::string matrix_text(const std::string &name, const Eigen::Matrix4d &m) {
   Table table({"", "", "", ""});
   for (Eigen::Index i = 0; i < 4; ++i) {
     table.row({fixed(m(i, 0), 6), fixed(m(i, 1), 6), fixed(m(i, 2), 6), fixed(m(i, 3), 4)});
   }
-  return std::string(name) + "\n" + table.text().substr(1); // removes the empty header
+  return name + "\n" + table.text().substr(1); // removes the empty header
 }
-
-} // namespace
 
 std::string transforms_text(const Eigen::Matrix4d &T_target_source) {
   return matrix_text("T_target_source", T_target_source) + "\n" +

@@ -16,6 +16,8 @@
 
 namespace bregma::cli {
 
+// The name and four rows.
+[[nodiscard]] std::string matrix_text(const std::string &name, const Eigen::Matrix4d &m);
 // "T_target_source" and four rows; then its inverse.
 [[nodiscard]] std::string transforms_text(const Eigen::Matrix4d &T_target_source);
 // Both directions, and their frames: the files, in RAS and mm.

@@ -24,7 +24,8 @@ void clear_poses(wire::RobotTool &out) noexcept {
 }
 
 // As stated by the arm; otherwise of the options, about the flange's origin.
-Matrix6d flange_covariance(const RobotView &robot, const Vector3d &origin_mm, const ToolPoseOptions &options) noexcept {
+Matrix6d measured_covariance(const RobotView &robot, const Vector3d &origin_mm,
+                             const ToolPoseOptions &options) noexcept {
   if (std::any_of(std::begin(robot.covariance), std::end(robot.covariance), [](float v) { return v != 0.0F; })) {
     Matrix6d out;
     for (std::size_t row = 0; row < 6; ++row) {
@@ -44,6 +45,13 @@ Matrix6d flange_covariance(const RobotView &robot, const Vector3d &origin_mm, co
   return about_origin * own * about_origin.transpose();
 }
 
+// With the way that the flange may have gone since the frame, as large as at its velocity, whichever way.
+Matrix6d flange_covariance(const RobotView &robot, const Vector3d &origin_mm, std::int64_t age_ns,
+                           const ToolPoseOptions &options) noexcept {
+  const geometry::Vector6d motion = 1e-9 * static_cast<double>(age_ns) * geometry::Vector6d::Map(robot.velocity_per_s);
+  return measured_covariance(robot, origin_mm, options) + motion * motion.transpose();
+}
+
 const RobotToolCalibration *find(std::span<const RobotToolCalibration> tools, const wire::Name &name) noexcept {
   const auto found =
       std::find_if(tools.begin(), tools.end(), [&](const RobotToolCalibration &tool) { return same(tool.name, name); });
@@ -52,7 +60,7 @@ const RobotToolCalibration *find(std::span<const RobotToolCalibration> tools, co
 
 wire::PoseStatus status_of(const RobotView &robot, const RobotToolCalibration *tool, std::int64_t age_ns,
                            std::int64_t limit_ns) noexcept {
-  if (robot.acquired_ns == 0 || robot.lost) {
+  if (robot.acquired_ns == 0 || robot.lost || !robot.velocity_known) {
     return bregma_wire_POSE_LOST;
   }
   if (tool == nullptr) {
@@ -85,7 +93,7 @@ wire::RobotTool tool_pose(const RobotView &robot, std::span<const RobotToolCalib
   }
   geometry::UncertainPose<Base, RobotFlange> T_base_flange;
   T_base_flange.pose = wire::from_wire<Base, RobotFlange>(robot.T_base_flange);
-  T_base_flange.covariance = flange_covariance(robot, T_base_flange.pose.translation(), options);
+  T_base_flange.covariance = flange_covariance(robot, T_base_flange.pose.translation(), out.age_ns, options);
   const geometry::UncertainPose<Base, Tip> T_base_tip = T_base_flange * tool->T_flange_tip;
   out.T_base_tip = wire::to_wire(T_base_tip.pose);
   put(T_base_tip.covariance, out.covariance);

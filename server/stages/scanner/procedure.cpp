@@ -143,12 +143,6 @@ ProcedureAnswer Procedure::reset(const std::string &device, std::int64_t /*now_n
 void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
   step_ = step;
   scan_ = 0;
-  const std::string protocol = step == bregma_wire_SCANNER_STEP_TOP      ? "top"
-                               : step == bregma_wire_SCANNER_STEP_BOTTOM ? "bottom"
-                                                                         : options_.verify_protocol;
-  const std::string &pattern = step == bregma_wire_SCANNER_STEP_TOP      ? options_.top
-                               : step == bregma_wire_SCANNER_STEP_BOTTOM ? options_.bottom
-                                                                         : options_.verify;
   switch (step) {
   case bregma_wire_SCANNER_STEP_SCOUT:
   case bregma_wire_SCANNER_STEP_FRAME_SCOUT:
@@ -157,10 +151,13 @@ void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
   case bregma_wire_SCANNER_STEP_PHANTOM:
     plan_ = {{Role::kPhantom, "phantom", 0, {}}, {Role::kPhantomAgain, "phantom", options_.phantom_again_slices, {}}};
     break;
-  default:
-    plan_ = {
-        {Role::kBackground, protocol, 0, kOff}, {Role::kForeground, protocol, 0, pattern}, {Role::kOff, {}, 0, kOff}};
+  default: {
+    const CoilStep coils = coil_step(step);
+    plan_ = {{Role::kBackground, coils.protocol, 0, kOff},
+             {Role::kForeground, coils.protocol, 0, coils.pattern},
+             {Role::kOff, {}, 0, kOff}};
     break;
+  }
   }
   if (step == bregma_wire_SCANNER_STEP_TOP) {
     bottom_.reset();
@@ -169,24 +166,30 @@ void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
   if (step == bregma_wire_SCANNER_STEP_TOP || step == bregma_wire_SCANNER_STEP_BOTTOM) {
     estimate_.reset();
     verifying_.clear();
-    verified_ = false;
   }
   if (step >= bregma_wire_SCANNER_STEP_TOP && step <= bregma_wire_SCANNER_STEP_VERIFY) {
-    auto on = coils_of_pattern(*options_.frame, pattern);
+    const CoilStep coils = coil_step(step);
+    auto on = coils_of_pattern(*options_.frame, coils.pattern);
     if (!on) {
       return fail(on.error().message);
     }
-    std::optional<CoilPair> &pair = step == bregma_wire_SCANNER_STEP_TOP      ? top_
-                                    : step == bregma_wire_SCANNER_STEP_BOTTOM ? bottom_
-                                                                              : tree_;
-    pair.emplace(name_of(step), std::move(*on));
+    coils.pair.emplace(name_of(step), std::move(*on));
   }
   start_scan(now_ns);
 }
 
-CoilPair &Procedure::pair_of_step() {
-  return step_ == bregma_wire_SCANNER_STEP_TOP ? *top_ : step_ == bregma_wire_SCANNER_STEP_BOTTOM ? *bottom_ : *tree_;
+Procedure::CoilStep Procedure::coil_step(wire::ScannerStep step) {
+  switch (step) {
+  case bregma_wire_SCANNER_STEP_TOP:
+    return {"top", options_.top, top_};
+  case bregma_wire_SCANNER_STEP_BOTTOM:
+    return {"bottom", options_.bottom, bottom_};
+  default:
+    return {options_.verify_protocol, options_.verify, tree_};
+  }
 }
+
+CoilPair &Procedure::pair_of_step() { return *coil_step(step_).pair; }
 
 void Procedure::order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values,
                       std::int64_t now_ns) {

@@ -131,6 +131,13 @@ private:
   [[nodiscard]] bool busy() const { return phase_ != Phase::kIdle; }
   [[nodiscard]] std::optional<std::string> refuse_device(const std::string &device) const;
   [[nodiscard]] std::optional<std::string> wrong_input(const wire::ImageSlice &slice) const;
+  // Top, bottom or verify: protocol of its scans, pattern of its coils, and where the scans are kept.
+  struct CoilStep {
+    std::string protocol;
+    const std::string &pattern;
+    std::optional<CoilPair> &pair;
+  };
+  [[nodiscard]] CoilStep coil_step(wire::ScannerStep step);
   [[nodiscard]] CoilPair &pair_of_step();
   [[nodiscard]] std::string retry_text() const;
 
@@ -170,7 +177,7 @@ private:
   std::optional<CoilPair> top_, bottom_, tree_;
   std::optional<mri::RobotRegistration> estimate_;
   std::uint32_t estimate_revision_ = 0;
-  bool estimate_corrected_ = false, verified_ = false;
+  bool estimate_corrected_ = false;
   double verified_mm_ = 0.0, duration_ms_ = 0.0;
   std::vector<mri::LocatedCoil> verifying_;
 

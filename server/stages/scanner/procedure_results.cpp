@@ -121,11 +121,11 @@ void Procedure::check(std::int64_t now_ns) {
   }
   verifying_ = std::move(result.coils);
   verified_mm_ = result.rms_mm;
-  verified_ = result.failure.empty();
-  if (of_accepted && !verified_) {
+  const bool verified = result.failure.empty();
+  if (of_accepted && !verified) {
     void_registration(bregma_wire_SCANNER_FRAME_MOVED, result.failure);
   }
-  if (!verified_) {
+  if (!verified) {
     return fail(result.failure, "look for what moved, then confirm top to register anew");
   }
   if (of_accepted) {

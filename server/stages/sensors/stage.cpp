@@ -11,7 +11,8 @@
 namespace bregma::server {
 namespace {
 
-constexpr double kShareRate_hz = 10.0; // rate of device health for monitoring and the health topic
+constexpr double kShareRate_hz = 10.0;                // rate of device health for monitoring and the health topic
+constexpr std::int64_t kLongestStep_ns = 100'000'000; // between two frames of which a velocity is taken
 
 // An arm is one device with two streams. RobotState states whether it is live; what is refused is counted of both.
 void add_motions(inputs::StreamHealth &robots, const inputs::StreamHealth &motions) noexcept {
@@ -25,6 +26,22 @@ void add_motions(inputs::StreamHealth &robots, const inputs::StreamHealth &motio
   }
   robots.unknown_device_samples += motions.unknown_device_samples;
   robots.unknown_devices.add(motions.unknown_devices);
+}
+
+// Of the frame in the view and the next one.
+void put_velocity(RobotView &view, const wire::Pose &next, std::int64_t next_acquired_ns) noexcept {
+  using geometry::frame::RobotBase;
+  using geometry::frame::RobotFlange;
+  const std::int64_t step_ns = next_acquired_ns - view.acquired_ns;
+  view.velocity_known = view.acquired_ns != 0 && step_ns > 0 && step_ns <= kLongestStep_ns;
+  if (!view.velocity_known) {
+    return;
+  }
+  const auto moved = wire::from_wire<RobotBase, RobotFlange>(next) *
+                     wire::from_wire<RobotBase, RobotFlange>(view.T_base_flange).inverse();
+  const double per_s = 1e9 / static_cast<double>(step_ns);
+  Vector3d::Map(view.velocity_per_s) = per_s * geometry::rotation_log(moved.rotation());
+  Vector3d::Map(view.velocity_per_s + 3) = per_s * moved.translation();
 }
 
 } // namespace
@@ -56,6 +73,7 @@ void SensorStage::take_robot(const wire::RobotState &sample, const inputs::Verdi
   RobotView &view = robots_view_.robots[verdict.device];
   copy_name(view.tool, sample.tool);
   view.frame = sample.frame;
+  put_velocity(view, sample.T_base_flange, verdict.acquired_time_ns);
   view.acquired_ns = verdict.acquired_time_ns;
   view.period_ns = verdict.period_ns;
   view.lost = false;

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/intensity/features.hpp"
+#include "algorithms/intensity/resolution.hpp"
 #include "tests/unit/algorithms/intensity/phantom.hpp"
 
 namespace bregma::intensity {

@@ -39,6 +39,7 @@ RobotView arm(const char *tool = "") {
   // A quarter turn about x: the flange's z points along -y of the base.
   const double h = std::sqrt(0.5);
   out.T_base_flange = {{h, h, 0.0, 0.0}, {10.0, 20.0, 30.0}};
+  out.velocity_known = true;
   return out;
 }
 
@@ -66,6 +67,28 @@ TEST(RobotTool, ComposesFlangeAndCalibration) {
   EXPECT_NEAR(P(2, 2), 0.2 * 0.2 + 0.1 * 0.1, 1e-9);
   EXPECT_EQ(out.scanner_status, bregma_wire_POSE_NOT_REGISTERED);
   EXPECT_TRUE(std::isnan(out.T_scanner_tip.translation_mm[0]));
+}
+
+// 10 ms after its frame, the flange that turns about the base's z at 1 rad/s may be 0.01 rad on: at the tip, 80 mm off
+// the axis in y and 10 mm in x.
+TEST(RobotTool, TheWaySinceTheFrameIsInTheCovariance) {
+  RobotView moving = arm("Guide");
+  moving.velocity_per_s[2] = 1.0;
+  const auto position = [](const wire::RobotTool &tool) {
+    return uncertainty::tre_covariance(RowMajor<6>::Map(tool.covariance),
+                                       Vector3d::Map(tool.T_base_tip.translation_mm));
+  };
+  const Matrix3d still = position(tool_pose(arm("Guide"), guide(), {}, {}, {}, kNow_ns));
+  const Matrix3d moved = position(tool_pose(moving, guide(), {}, {}, {}, kNow_ns));
+  EXPECT_NEAR(moved(0, 0) - still(0, 0), 0.8 * 0.8, 1e-9);
+  EXPECT_NEAR(moved(1, 1) - still(1, 1), 0.1 * 0.1, 1e-9);
+  EXPECT_NEAR(moved(2, 2) - still(2, 2), 0.0, 1e-9);
+}
+
+TEST(RobotTool, WithoutAVelocityNoPoseIsShown) {
+  RobotView first = arm("Guide");
+  first.velocity_known = false;
+  EXPECT_EQ(tool_pose(first, guide(), {}, {}, {}, kNow_ns).status, bregma_wire_POSE_LOST);
 }
 
 TEST(RobotTool, ARegistrationOfTheScannerPlacesTheTipInIt) {
@@ -161,7 +184,21 @@ TEST(RobotToolStage, PublishesThePoseOfTheSampledArm) {
   stage.step(now);
   topics.deliver();
   ASSERT_EQ(seen.size(), 1U);
+  EXPECT_EQ(seen.back().status, bregma_wire_POSE_LOST) << "of one frame the velocity is not known";
+
+  now.utc_ns += sample.period_ns;
+  now.monotonic_ns += sample.period_ns;
+  now.boot_ns += sample.period_ns;
+  sample.frame = 2;
+  sample.device_time_ns = sample.sent_time_ns = now.utc_ns;
+  sample.T_base_flange.translation_mm[0] = 1.1;
+  topics.put(sample);
+  sensors.step(now);
+  stage.step(now);
+  topics.deliver();
+  ASSERT_EQ(seen.size(), 2U);
   EXPECT_EQ(seen.back().status, bregma_wire_POSE_LIVE);
+
   EXPECT_EQ(wire::view(seen.back().tool), "Guide");
   EXPECT_NEAR(seen.back().T_base_tip.translation_mm[2], 103.0, 1e-9);
   // z of the tip's frame is the axis of the tool, y of the flange.
