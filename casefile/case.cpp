@@ -143,6 +143,10 @@ PlanFiles read_table(base::TableReader &root, Case &c) {
   } else {
     root.refuse("surfaces", "is missing");
   }
+  if (auto labels = root.table("labels")) {
+    c.labels = LabelImage{labels->require_string("file"), labels->require_string("table")};
+    static_cast<void>(labels->finish());
+  }
   for (base::TableReader &structure : root.tables("structures")) {
     c.structures.push_back({structure.require_string("name"), {}});
     files.structures.push_back(structure.require_string("file"));
@@ -201,7 +205,7 @@ base::Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
 
 std::vector<base::KnownKey> case_file_keys() {
   const auto document = base::TomlDocument::parse(
-      "[surfaces]\n[[structures]]\n[[images]]\n[[tools]]\n[limits]\n[craniotomy]\n[tissue]\n", "case.toml");
+      "[labels]\n[surfaces]\n[[structures]]\n[[images]]\n[[tools]]\n[limits]\n[craniotomy]\n[tissue]\n", "case.toml");
   base::TableReader root = document->root();
   Case c;
   static_cast<void>(read_table(root, c));
@@ -228,6 +232,14 @@ base::Result<Case> load_case(const fs::path &folder, Checksums checksums) {
   c.image = folder / c.image;
   if (!fs::exists(c.image, error)) {
     root.refuse("image", "no such file: " + c.image.string());
+  }
+  if (c.labels) {
+    for (const auto &[key, file] : {std::pair{"labels.file", &c.labels->file}, {"labels.table", &c.labels->table}}) {
+      *file = folder / *file;
+      if (!fs::exists(*file, error)) {
+        root.refuse(key, "no such file: " + file->string());
+      }
+    }
   }
   FileLoader loader(folder, root);
   c.scalp.name = "scalp";

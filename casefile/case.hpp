@@ -89,10 +89,18 @@ struct TissueChoice {
   std::optional<double> ogden_alpha; // only for materials of Ogden's law
 };
 
+// Regions of the head as an image of their numbers, and a table of their names and colours (volumes/label_regions.hpp).
+// Displays draw it; nothing is computed from it.
+struct LabelImage {
+  std::filesystem::path file;
+  std::filesystem::path table;
+};
+
 struct Case {
   std::filesystem::path folder;
   std::string id; // contains nothing about the patient
   std::filesystem::path image;
+  std::optional<LabelImage> labels;
   Surface scalp;
   Surface brain;                       // without triangles: the case has none, and there is no tissue model
   std::vector<Surface> structures;     // critical structures
@@ -138,7 +146,7 @@ enum class Checksums { kCompare, kIgnore };
 [[nodiscard]] base::Result<std::vector<ToolModel>> read_tools(const std::filesystem::path &file);
 
 // Writes the whole folder except the images: surfaces, plans, and then case.toml. c.image is stored relative to the
-// folder if it is inside. Existing files of these names are replaced; sessions/ is not changed.
+// folder if it is inside; c.labels as well. Existing files of these names are replaced; sessions/ is not changed.
 [[nodiscard]] base::Result<void> save_case(const Case &c);
 
 // The checks of load_case, for a case made in memory; the message contains the case's id.

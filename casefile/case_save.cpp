@@ -36,10 +36,17 @@ const char *role_text(ToolRole role) {
   return "probe";
 }
 
-std::string image_text(const Case &c) {
-  const fs::path relative = c.image.lexically_relative(c.folder);
+std::string file_text(const Case &c, const fs::path &file) {
+  const fs::path relative = file.lexically_relative(c.folder);
   const bool inside = !relative.empty() && *relative.begin() != "..";
-  return text((inside ? relative : c.image).generic_string());
+  return text((inside ? relative : file).generic_string());
+}
+
+std::string labels_text(const Case &c) {
+  return !c.labels ? ""
+                   : "\n# Regions as an image of their numbers, with their names and colours: for "
+                     "displays.\n[labels]\nfile = " +
+                         file_text(c, c.labels->file) + "\ntable = " + file_text(c, c.labels->table) + "\n";
 }
 
 std::string tool_text(const ToolModel &tool) {
@@ -100,7 +107,7 @@ base::Result<void> save_case(const Case &c) {
   if (error) {
     return base::failure((c.folder / "surfaces").string() + ": cannot be made: " + error.message());
   }
-  std::string toml = "id = " + text(c.id) + "\nimage = " + image_text(c) + "\n\n# Slicer markups.\n";
+  std::string toml = "id = " + text(c.id) + "\nimage = " + file_text(c, c.image) + "\n\n# Slicer markups.\n";
   Steps steps;
   const auto points = [&](const std::string &name, const std::vector<NamedPoint> &list) {
     toml += name + " = " + text(name + ".mrk.json") + "\n";
@@ -116,6 +123,7 @@ base::Result<void> save_case(const Case &c) {
   toml += "trajectories = \"trajectories.mrk.json\"\n";
   steps.run([&] { return write_trajectories(c.folder / "trajectories.mrk.json", detail::written_with_the_plan(c)); });
 
+  toml += labels_text(c);
   toml += "\n# Closed surfaces, coordinates RAS in mm.\n[surfaces]\nscalp = \"surfaces/scalp.ply\"\n";
   steps.run([&] { return write_mesh(c.folder / "surfaces/scalp.ply", c.scalp.mesh); });
   if (!c.brain.mesh.triangles.empty()) {

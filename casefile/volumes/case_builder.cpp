@@ -12,6 +12,7 @@
 #include "casefile/markups.hpp"
 #include "casefile/volumes/label_check.hpp"
 #include "casefile/volumes/label_names.hpp"
+#include "casefile/volumes/label_regions.hpp"
 #include "casefile/volumes/partial_folder.hpp"
 #include "casefile/volumes/patient.hpp"
 #include "casefile/volumes/second_image.hpp"
@@ -60,8 +61,8 @@ public:
   base::Result<CreatedCase> make(const fs::path &folder) {
     created_.value.id = sources_.id;
     created_.value.folder = folder;
-    for (const auto stage : {&CaseMaker::read_plans, &CaseMaker::make_scalp, &CaseMaker::make_brain,
-                             &CaseMaker::make_structures, &CaseMaker::snap}) {
+    for (const auto stage : {&CaseMaker::read_plans, &CaseMaker::keep_labels, &CaseMaker::make_scalp,
+                             &CaseMaker::make_brain, &CaseMaker::make_structures, &CaseMaker::snap}) {
       if (auto done = (this->*stage)(); !done) {
         return with_notes(done.error());
       }
@@ -160,6 +161,21 @@ private:
     return patient ? write_patient(created_.value.folder, *patient) : base::Result<void>();
   }
 
+  base::Result<void> keep_labels() {
+    const LabelRegions regions = regions_in(labels_, names_, colours_);
+    if (regions.empty()) {
+      return {};
+    }
+    const fs::path &folder = created_.value.folder;
+    const Volume volume{{labels_.size, labels_.T_image_index}, {labels_.voxels.begin(), labels_.voxels.end()}};
+    auto stored = store_image(sources_.labels, volume, folder / "labels");
+    if (!stored) {
+      return tl::unexpected(stored.error());
+    }
+    created_.value.labels = LabelImage{std::move(*stored), folder / "labels.txt"};
+    return write_label_regions(created_.value.labels->table, regions);
+  }
+
   // Of a known atlas, of the file that is given, or of one beside the labels.
   base::Result<void> read_names() {
     if (auto known = known_label_names(sources_.label_names.string())) {
@@ -179,6 +195,7 @@ private:
       return tl::unexpected(names.error());
     }
     names_ = std::move(*names);
+    colours_ = read_label_colours(file);
     return {};
   }
 
@@ -276,6 +293,7 @@ private:
   LabelVolume labels_;
   Volume image_grid_; // without voxels
   LabelNames names_;
+  LabelColours colours_;
   std::string names_from_;
   std::vector<std::pair<std::string, std::vector<std::int16_t>>> structures_;
 };
@@ -365,6 +383,10 @@ base::Result<CreatedCase> create_case(const fs::path &folder, const CaseSources 
   }
   created->value.folder = partial->final_path();
   created->value.image = partial->final_path() / created->value.image.filename();
+  if (auto &labels = created->value.labels) {
+    labels->file = partial->final_path() / labels->file.filename();
+    labels->table = partial->final_path() / labels->table.filename();
+  }
   return created;
 }
 

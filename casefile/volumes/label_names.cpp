@@ -30,10 +30,13 @@ std::string_view unquoted(std::string_view cell) {
 
 // The name of a line whose first word or cell is the number; empty if there is none.
 std::string name_in(std::string_view line) {
-  const char separator = line.find('\t') != std::string_view::npos  ? '\t'
-                         : line.find(';') != std::string_view::npos ? ';'
-                         : line.find(',') != std::string_view::npos ? ','
-                                                                    : ' ';
+  const std::string_view numbers = line.substr(0, line.find_first_not_of("0123456789. \t"));
+  const bool quoted = line.substr(numbers.size()).starts_with('"'); // ITK-SNAP: the name may contain every separator
+  const char separator = quoted                                      ? ' '
+                         : line.find('\t') != std::string_view::npos ? '\t'
+                         : line.find(';') != std::string_view::npos  ? ';'
+                         : line.find(',') != std::string_view::npos  ? ','
+                                                                     : ' ';
   if (separator != ' ') {
     const auto cells = base::cells(line, separator);
     for (const std::size_t at : {2U, 1U}) { // a third cell in words is the long form of the second

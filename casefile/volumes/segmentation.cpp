@@ -15,6 +15,7 @@
 #include <itkSignedMaurerDistanceMapImageFilter.h>
 #include <itkSmoothingRecursiveGaussianImageFilter.h>
 
+#include "casefile/volumes/crop.hpp"
 #include "casefile/volumes/itk_grid.hpp"
 
 namespace bregma::casefile {
@@ -65,32 +66,6 @@ Mask::Pointer padded_mask(const image::Image<Voxel, 3> &volume, const Padding &p
     }
   }
   return mask;
-}
-
-// The bounding box of the selected voxels, of which there is at least one. A structure is a small part of its image.
-template <class Wanted> LabelVolume cropped(const LabelVolume &volume, const Wanted &wanted) {
-  Eigen::Array3i first = Eigen::Array3i::Constant(std::numeric_limits<int>::max());
-  Eigen::Array3i last = Eigen::Array3i::Constant(-1);
-  for (int k = 0; k < volume.size[2]; ++k) {
-    for (int j = 0; j < volume.size[1]; ++j) {
-      for (int i = 0; i < volume.size[0]; ++i) {
-        if (wanted(volume.at(i, j, k))) {
-          first = first.min(Eigen::Array3i(i, j, k));
-          last = last.max(Eigen::Array3i(i, j, k));
-        }
-      }
-    }
-  }
-  const Eigen::Array3i size = last - first + 1;
-  LabelVolume part{{{size[0], size[1], size[2]}, volume.T_image_index}, {}};
-  part.T_image_index.topRightCorner<3, 1>() = volume.point_mm(first.cast<double>());
-  for (int k = first[2]; k <= last[2]; ++k) {
-    for (int j = first[1]; j <= last[1]; ++j) {
-      const auto row = volume.voxels.begin() + static_cast<std::ptrdiff_t>(volume.offset(first[0], j, k));
-      part.voxels.insert(part.voxels.end(), row, row + size[0]);
-    }
-  }
-  return part;
 }
 
 double otsu_threshold(const Volume &volume) {

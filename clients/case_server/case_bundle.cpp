@@ -4,6 +4,7 @@
 #include <array>
 #include <cctype>
 #include <cmath>
+#include <cstdio>
 #include <cstring>
 #include <limits>
 #include <set>
@@ -18,6 +19,8 @@
 #include "algorithms/tissue/mesh/tet_mesh.hpp"
 #include "case_model/brain.hpp"
 #include "casefile/case.hpp"
+#include "casefile/volumes/crop.hpp"
+#include "casefile/volumes/label_regions.hpp"
 #include "casefile/volumes/volume.hpp"
 
 namespace bregma::case_server {
@@ -120,9 +123,9 @@ std::vector<std::byte> mesh_bytes(const surface::TriangleMesh &mesh) {
   return out;
 }
 
-template <class T> std::vector<std::byte> voxels_as(const std::vector<float> &voxels) {
+template <class T, class Voxel> std::vector<std::byte> voxels_as(const std::vector<Voxel> &voxels) {
   std::vector<T> values(voxels.size());
-  std::transform(voxels.begin(), voxels.end(), values.begin(), [](float v) { return static_cast<T>(v); });
+  std::transform(voxels.begin(), voxels.end(), values.begin(), [](Voxel v) { return static_cast<T>(v); });
   std::vector<std::byte> out;
   append(out, values.data(), values.size());
   return out;
@@ -181,6 +184,27 @@ public:
   }
 
   void add_image(const casefile::Volume &volume) { root_["image"] = voxel_entry(volume); }
+
+  // The part with regions, in bytes where their numbers permit.
+  void add_labels(const casefile::LabelVolume &volume, const casefile::LabelRegions &regions) {
+    const casefile::LabelVolume part = casefile::cropped(volume, [](std::int16_t v) { return v != 0; });
+    if (part.voxels.empty()) {
+      return;
+    }
+    const auto [lowest, highest] = std::minmax_element(part.voxels.begin(), part.voxels.end());
+    const bool small = *lowest >= 0 && *highest <= std::numeric_limits<std::uint8_t>::max();
+    json entry = file(small ? voxels_as<std::uint8_t>(part.voxels) : voxels_as<std::int16_t>(part.voxels));
+    entry["type"] = small ? "uint8" : "int16";
+    entry["dims"] = part.size;
+    entry["T_ras_voxel"] = rows(part.T_image_index);
+    entry["regions"] = json::array();
+    for (const auto &[value, region] : regions) {
+      std::array<char, 8> colour{};
+      std::snprintf(colour.data(), colour.size(), "#%06x", region.colour & 0xFFFFFFU);
+      entry["regions"].push_back({{"value", value}, {"name", region.name}, {"colour", colour.data()}});
+    }
+    root_["labels"] = std::move(entry);
+  }
 
   // T_ras_voxel leads to Image, as for every image; T_image_source leads there from the image's own coordinates.
   void add_registered(const casefile::RegisteredImage &image, const casefile::Volume &volume) {
@@ -283,6 +307,14 @@ base::Result<casefiles::Bundle> bundle_of(const std::filesystem::path &folder, i
     return tl::unexpected(volume.error());
   }
   builder.add_image(*volume);
+  if (loaded->labels) {
+    const auto labels = casefile::read_labels(loaded->labels->file, {}, &notes);
+    const auto regions = casefile::read_label_regions(loaded->labels->table);
+    if (!labels || !regions) {
+      return tl::unexpected(labels ? regions.error() : labels.error());
+    }
+    builder.add_labels(*labels, *regions);
+  }
   for (const auto &image : loaded->images) {
     if (image.file.empty()) {
       continue;

@@ -6,6 +6,7 @@
 
 #include "algorithms/planning/critical_structures.hpp"
 #include "casefile/tissue_material.hpp"
+#include "casefile/volumes/label_regions.hpp"
 #include "casefile/volumes/surface.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/case/case_consistency.hpp"
@@ -164,6 +165,7 @@ json facts_json(const Case &c, const CaseFacts &facts) {
   json out{{"id", c.id},
            {"folder", c.folder.string()},
            {"image", c.image.string()},
+           {"labels", c.labels ? json(c.labels->file.string()) : json()},
            {"surfaces", json::array()},
            {"points", json::array()},
            {"trajectories", json::array()},
@@ -202,6 +204,14 @@ std::vector<std::string> find_warnings(const Case &c, const CaseFacts &facts) {
     warnings.push_back(image.error().message);
   } else if (!image_holds(*image, c.scalp.mesh)) {
     warnings.push_back("the scalp reaches beyond the image " + c.image.string() + ": do they belong together?");
+  }
+  if (c.labels) {
+    if (const auto labels = casefile::read_labels(c.labels->file, {}, &said_when_made); !labels) {
+      warnings.push_back(labels.error().message);
+    }
+    if (const auto regions = casefile::read_label_regions(c.labels->table); !regions) {
+      warnings.push_back(regions.error().message);
+    }
   }
   for (const PointFacts &point : facts.points) {
     const bool touched = point.list == "fiducial" || point.list == "landmark";

@@ -1,4 +1,5 @@
 // A case folder becomes the files that a display needs, exactly.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -97,6 +98,43 @@ TEST_F(BundleTest, ARegisteredImageKeepsItsGridAndStatesItsTransformAndError) {
   EXPECT_NEAR(cyst["position_mm"][0].get<double>(), 11.0, 1e-9);
   EXPECT_NEAR(cyst["image_rms_mm"].get<double>(), std::sqrt(case_.targets.back().placing_covariance_mm2.trace()), 1e-9);
   EXPECT_FALSE(root["targets"][0].contains("placed_in"));
+}
+
+TEST_F(BundleTest, LabelsAreTheirBoundingBoxWithNamesAndColours) {
+  for (const auto &[value, type] : {std::pair{255.0F, "uint8"}, {256.0F, "int16"}}) {
+    casefile::Volume labels = volume({});
+    std::fill(labels.voxels.begin(), labels.voxels.end(), 0.0F);
+    labels.voxels[labels.offset(1, 2, 1)] = 4.0F;
+    labels.voxels[labels.offset(2, 2, 1)] = value;
+    ASSERT_TRUE(casefile::write_volume(folder_ / "image.nii.gz", volume({3})));
+    ASSERT_TRUE(casefile::write_volume(folder_ / "labels.nii.gz", labels));
+    folder_.write("labels.txt", "4 1 2 3 1 1 1 \"Cuneus_L\"\n" + std::to_string(static_cast<int>(value)) +
+                                    " 171 205 239 1 1 1 \"Tumour\"\n");
+    case_ = tests::sample_case(folder_.path());
+    case_.labels = casefile::LabelImage{folder_ / "labels.nii.gz", folder_ / "labels.txt"};
+    ASSERT_TRUE(casefile::save_case(case_));
+    const auto out = bundle_of(folder_.path(), 0);
+    ASSERT_TRUE(out) << out.error().message;
+    const auto manifest = casefiles::read_manifest(out->manifest);
+    ASSERT_TRUE(manifest) << manifest.error().message;
+    EXPECT_EQ(manifest->files.count("labels"), 1U);
+    const json entry = json::parse(manifest->json)["labels"];
+    EXPECT_EQ(entry["type"], type);
+    EXPECT_EQ(entry["dims"], json::array({2, 1, 1}));
+    EXPECT_EQ(entry["T_ras_voxel"],
+              json::parse("[2.0, 0.0, 0.0, -8.0,  0.0, 1.0, 0.0, 7.0,  0.0, 0.0, 3.0, 10.0,  0.0, 0.0, 0.0, 1.0]"));
+    EXPECT_EQ(entry["regions"][0], (json{{"value", 4}, {"name", "Cuneus_L"}, {"colour", "#010203"}}));
+    EXPECT_EQ(entry["regions"][1]["colour"], "#abcdef");
+    if (std::string(type) == "uint8") {
+      EXPECT_EQ(content<std::uint8_t>(*out, entry), (std::vector<std::uint8_t>{4, 255}));
+    } else {
+      EXPECT_EQ(content<std::int16_t>(*out, entry), (std::vector<std::int16_t>{4, 256}));
+    }
+  }
+  folder_.write("labels.txt", "no table\n");
+  const auto broken = bundle_of(folder_.path(), 0);
+  ASSERT_FALSE(broken);
+  EXPECT_NE(broken.error().message.find("labels.txt"), std::string::npos);
 }
 
 TEST_F(BundleTest, VoxelsAreExactInTheSmallestTypeThatHoldsThem) {

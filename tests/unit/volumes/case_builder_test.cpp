@@ -9,6 +9,7 @@
 
 #include "casefile/markups.hpp"
 #include "casefile/volumes/case_picture.hpp"
+#include "casefile/volumes/label_regions.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "files.hpp"
 
@@ -131,6 +132,43 @@ TEST(CreateCase, MakesAFolderThatLoads) {
   EXPECT_EQ(std::nullopt, loaded->craniotomy->radius_mm) << "is for the configuration to say";
   EXPECT_FALSE(loaded->tissue);
   EXPECT_EQ(0, head.hidden_entries());
+}
+
+TEST(CreateCase, TheLabelsAreKeptWithNamesAndColours) {
+  const SmallHead head;
+  const fs::path folder = head.scratch / "case";
+  const auto created = create_case(folder, head.sources(), false);
+  ASSERT_TRUE(created) << created.error().message;
+  ASSERT_TRUE(created->value.labels);
+  EXPECT_TRUE(fs::exists(created->value.labels->file)) << "its place is that of the finished folder";
+  const auto loaded = load_case(folder);
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  ASSERT_TRUE(loaded->labels);
+  const auto before = read_labels(head.scratch / "labels.nii.gz");
+  const auto kept = read_labels(loaded->labels->file);
+  ASSERT_TRUE(before && kept);
+  EXPECT_EQ(before->voxels, kept->voxels);
+  EXPECT_EQ(before->T_image_index, kept->T_image_index);
+  const auto regions = read_label_regions(loaded->labels->table);
+  ASSERT_TRUE(regions) << regions.error().message;
+  ASSERT_EQ(regions->size(), 2U);
+  EXPECT_EQ(regions->at(3).name, "Cuneus_L");
+  EXPECT_NE(regions->at(3).colour, regions->at(4).colour);
+
+  // A case that is written again, as `bregma image add` does, keeps them.
+  ASSERT_TRUE(save_case(*loaded));
+  EXPECT_TRUE(load_case(folder)->labels);
+
+  fs::remove(loaded->labels->file);
+  const auto without = load_case(folder);
+  ASSERT_FALSE(without);
+  EXPECT_NE(without.error().message.find("labels.file: no such file"), std::string::npos) << without.error().message;
+
+  CaseSources sources = head.sources();
+  sources.labels.clear();
+  sources.structures.clear();
+  ASSERT_TRUE(create_case(head.scratch / "plain", sources, false));
+  EXPECT_FALSE(load_case(head.scratch / "plain")->labels);
 }
 
 TEST(CreateCase, WithoutATrajectoryThereIsNoCraniotomy) {

@@ -65,6 +65,14 @@ export function sampleLinear(volume: Volume, index: Vec3): number | null {
   return sum;
 }
 
+// The voxel that a point of Image lies in; null outside.
+export function sampleNearest(volume: Volume, point: Vec3): number | null {
+  const { size, voxels } = volume;
+  const [i, j, k] = apply(indexFromImage(volume), point).map(Math.round);
+  const inside = [i, j, k].every((index, d) => index >= 0 && index < size[d]);
+  return inside ? voxels[i + size[0] * (j + size[1] * k)] : null;
+}
+
 // Window and level: the values between level - window/2 and level + window/2 are spread over 0 to 255.
 export interface Window {
   readonly window: number;

@@ -1,6 +1,7 @@
 // The large figures: what a surgeon reads from two metres.
 import { rms_mm } from "../geometry/ellipsoid.ts";
 import { norm, type Vec3 } from "../geometry/vector.ts";
+import { regionAt } from "../state/case_data.ts";
 import { PoseStatus } from "../state/constants.ts";
 import type { RecordOf } from "../state/layout.ts";
 import { figure, implausibleText, poseText } from "../state/text.ts";
@@ -96,7 +97,8 @@ export class Figures implements Part {
       // Both of now: tre_rms_mm holds for the publication.
       this.region.set(figure(tool.region_95.semi_axes_mm[0], 1), `RMS ${figure(rms_mm(tool.region_95), 2)}`);
     }
-    setText(this.coordinates, coordinatesText(tool?.tip ?? null, view.cursor));
+    const region = view.labels && data.labels ? `\nRegion  ${regionAt(data.labels, view.cursor) || "–"}` : "";
+    setText(this.coordinates, coordinatesText(tool?.tip ?? null, view.cursor) + region);
   }
 }
 

@@ -1,7 +1,7 @@
 // The loaded case, as the gateway serves it under /case (docs/gateway.md).
 import { type Mesh, MeshCutter } from "../geometry/mesh_cut.ts";
 import type { Vec3 } from "../geometry/vector.ts";
-import type { Volume, Voxels, Window } from "../image/volume.ts";
+import { sampleNearest, type Volume, type Voxels, type Window } from "../image/volume.ts";
 import type { Colour } from "../render/mesh_renderer.ts";
 
 export type MeshKind = "scalp" | "brain" | "structure" | "tissue";
@@ -47,6 +47,8 @@ export interface CaseImage {
   readonly name: string;
   readonly volume: Volume;
   readonly window: Window;
+  readonly covariance: readonly number[]; // 6x6, row by row, of its registration: rotation (rad), translation (mm)
+  readonly accepted: string; // why a person uses a registration that was not found to be good; empty: it was
 }
 
 export interface CaseData {
@@ -96,7 +98,7 @@ interface StatedMesh {
 interface StatedCase extends Omit<CaseData, "image" | "presets" | "air" | "labels" | "images" | "meshes"> {
   readonly image: StatedImage;
   readonly labels: (StatedVolume & { regions: { value: number; name: string; colour: string }[] }) | null;
-  readonly images?: (StatedImage & { name: string })[];
+  readonly images?: (StatedImage & Pick<CaseImage, "name" | "covariance" | "accepted">)[];
   readonly meshes: StatedMesh[];
 }
 
@@ -123,6 +125,8 @@ export async function loadCase(base = ""): Promise<CaseData> {
       name: other.name,
       volume: images[i],
       window: presetsOf(other)[0],
+      covariance: other.covariance,
+      accepted: other.accepted,
     })),
     meshes,
   };
@@ -176,6 +180,12 @@ function labelsOf(volume: Volume, regions: { value: number; name: string; colour
     names: new Map(regions.map((r) => [r.value, r.name])),
     colours: new Map(regions.map((r) => [r.value, colourOf(r.colour)])),
   };
+}
+
+// Name of the region at a point of Image; empty: none.
+export function regionAt(labels: CaseLabels, point: Vec3): string {
+  const value = sampleNearest(labels.volume, point) ?? 0;
+  return value > 0 ? (labels.names.get(value) ?? `region ${value}`) : "";
 }
 
 export function colourOf(css: string): Colour {

@@ -2,6 +2,7 @@
 import { cut, outline } from "../geometry/ellipsoid.ts";
 import { edgeLetters } from "../geometry/letters.ts";
 import { intersection, kOrthogonalKinds, type Plane } from "../geometry/planes.ts";
+import { rmsAt } from "../geometry/pose_error.ts";
 import { add, along, distance, scale, type Vec3 } from "../geometry/vector.ts";
 import type { CaseData } from "../state/case_data.ts";
 import { figure } from "../state/text.ts";
@@ -215,7 +216,7 @@ function drawMeasurements(pen: Pen, { view, pending }: OverlayInput): void {
 }
 
 // Title, letters, scale bar, and what the tool is if it is not verified.
-function drawFrame(pen: Pen, { kind, view, scene }: OverlayInput): void {
+function drawFrame(pen: Pen, { kind, view, scene, data }: OverlayInput): void {
   const { rect } = pen;
   const letters = edgeLetters(pen.plane);
   const size = Math.max(17, Math.min(26, rect.height / 18));
@@ -228,14 +229,26 @@ function drawFrame(pen: Pen, { kind, view, scene }: OverlayInput): void {
   const title = kind === "look_ahead" ? `${kPanelNames[kind]} ${figure(view.ahead_mm, 0, "mm")}` : kPanelNames[kind];
   const colour = isOrthogonal(kind) ? kColours[kind] : kColours.letter;
   pen.text(title, rect.x + 10, rect.y + 18, 16, colour, "left", true);
-  if (isOrthogonal(kind) && view.oblique) pen.text("oblique", rect.x + 10, rect.y + 38, 13, kColours.muted);
-  if (!isOrthogonal(kind) && !scene.followed.line && kind !== "along_plan" && kind !== "scanner") {
-    pen.text("no pose: the plane is where it was", rect.x + 10, rect.y + 38, 13, kColours.unverified);
-  }
+  const oblique = isOrthogonal(kind) && view.oblique;
+  const held = !isOrthogonal(kind) && !scene.followed.line && kind !== "along_plan" && kind !== "scanner";
+  if (oblique) pen.text("oblique", rect.x + 10, rect.y + 38, 13, kColours.muted);
+  if (held) pen.text("no pose: the plane is where it was", rect.x + 10, rect.y + 38, 13, kColours.unverified);
+  if (kind !== "scanner") drawSecondText(pen, view, data, oblique || held ? 1 : 0);
   if (scene.followedTool && !scene.followedTool.verified) {
     pen.text("NOT VERIFIED", rect.x + rect.width - 12, rect.y + 18, 16, kColours.unverified, "right", true);
   }
   drawScaleBar(pen);
+}
+
+// Which image is blended over the case's, and the error of its registration at the cross hair; below the title.
+function drawSecondText(pen: Pen, view: ViewState, data: CaseData, row: number): void {
+  const image = data.images.find((one) => one.name === view.second);
+  if (!image) return;
+  const line = (at: number, text: string, colour: string) =>
+    pen.text(text, pen.rect.x + 10, pen.rect.y + 38 + 18 * at, 13, colour);
+  const error = rmsAt(image.covariance, view.cursor);
+  line(row, `${image.name}: ±${figure(error, 1, "mm")} RMS at the cross hair`, kColours.letter);
+  if (image.accepted) line(row + 1, `not confirmed: ${image.accepted}`, kColours.unverified);
 }
 
 function drawScaleBar(pen: Pen): void {

@@ -5,7 +5,7 @@ import type { App } from "../../src/page/app.ts";
 import { kColours } from "../../src/view/colours.ts";
 import { insertion } from "../support/fake_gateway.ts";
 import { record, type TestRecord } from "../support/frames.ts";
-import { countColour, drawn, type OpenPage, openPage, until, untilTool } from "../support/page_probe.ts";
+import { countColour, drawn, type OpenPage, openPage, textOf, until, untilTool } from "../support/page_probe.ts";
 
 declare const bregma: App; // in the page
 
@@ -54,7 +54,17 @@ test("labels are drawn in their colours, when chosen", async () => {
   const [red, green, blue] = await colourAt(kAxial, kInside);
   assert.ok(red === 0 && blue === 0 && Math.abs(green - 255 * 0.35) <= 1, `${green}`);
   assert.deepEqual(await colourAt(kAxial, kBeside), [0, 0, 0]);
+  assert.match(await textOf(open.page, ".coordinates"), /Region {2}–/);
+  await open.page.evaluate((point) => {
+    bregma.view.setCursor(point);
+    bregma.changed();
+  }, kInside);
+  await drawn(open.page);
+  assert.match(await textOf(open.page, ".coordinates"), /Region {2}Left half/);
+  await open.page.evaluate(() => bregma.view.setCursor([0, 0, 0]));
   await open.page.getByRole("button", { name: "Labels" }).click();
+  await drawn(open.page);
+  assert.doesNotMatch(await textOf(open.page, ".coordinates"), /Region/);
 });
 
 test("a second image on another grid is blended over the first", async () => {
@@ -65,12 +75,15 @@ test("a second image on another grid is blended over the first", async () => {
     for (const value of await colourAt(kAxial, point)) assert.ok(Math.abs(value - 127.5) <= 1, `${value}`);
   }
   assert.deepEqual(await colourAt(kAxial, kOutside), [0, 0, 0]);
+  // Its registration was not found to be good, and that is stated in each panel.
+  const warned = await countColour(open.page, "overlay", kColours.unverified, kAxial);
   await open.page.getByLabel("blend of both").fill("1");
   await drawn(open.page);
   assert.deepEqual(await colourAt(kAxial, kInside), [255, 255, 255]);
   await open.page.getByLabel("second image", { exact: true }).selectOption("");
   await drawn(open.page);
   assert.deepEqual(await colourAt(kAxial, kInside), [0, 0, 0]);
+  assert.ok(warned > (await countColour(open.page, "overlay", kColours.unverified, kAxial)) + 100, `${warned}`);
 });
 
 // 30 x 20 pixels of 2 mm, bright on the left; its plane is oblique.

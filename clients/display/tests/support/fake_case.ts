@@ -63,7 +63,7 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
     },
     labels: {
       url: url("labels"),
-      type: "int16",
+      type: "uint8",
       dims: [kSecond, kSecond, kSecond],
       T_ras_voxel: secondGrid,
       regions: [{ value: 7, name: "Left half", colour: "#00ff00" }],
@@ -75,6 +75,9 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
         type: "uint8",
         dims: [kSecond, kSecond, kSecond],
         T_ras_voxel: secondGrid,
+        covariance: Array.from({ length: 36 }, (_, i) => (i % 7 === 0 ? (i < 21 ? 1e-4 : 0.03) : 0)),
+        verdict: "ambiguous",
+        accepted: "compared by eye",
         min: 200,
         max: 200,
         percentiles: [
@@ -112,8 +115,8 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
   return { json, files };
 }
 
-function leftHalf(): Int16Array {
-  return new Int16Array(kSecond ** 3).map((_, n) => (n % kSecond < kSecond / 2 ? 7 : 0));
+function leftHalf(): Uint8Array {
+  return new Uint8Array(kSecond ** 3).map((_, n) => (n % kSecond < kSecond / 2 ? 7 : 0));
 }
 
 // Skin, skull, brain with a pattern, and air.

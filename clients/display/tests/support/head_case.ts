@@ -6,7 +6,7 @@ const kHead = "/usr/share/mricron/templates";
 
 export function headCase(build: string, source: string): string {
   const folder = `${build}/display_cases/colin27`; // a case is named after its folder
-  if (existsSync(`${folder}/case.toml`)) return folder;
+  if (existsSync(`${folder}/labels.txt`)) return folder;
   const plan = `${source}/demo/colin27`;
   const unfinished = `${build}/display_cases/unfinished/colin27`;
   rmSync(unfinished, { recursive: true, force: true });
@@ -23,6 +23,7 @@ export function headCase(build: string, source: string): string {
     ["--tools", `${plan}/tools.toml`],
   ];
   execFileSync(`${build}/bin/bregma`, ["case", "create", unfinished, ...files.flat()], { stdio: "ignore" });
+  rmSync(folder, { recursive: true, force: true }); // one of an earlier version
   renameSync(unfinished, folder);
   return folder;
 }

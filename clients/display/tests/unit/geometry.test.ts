@@ -4,6 +4,7 @@ import * as ellipsoid from "../../src/geometry/ellipsoid.ts";
 import { edgeLetters, lettersOf } from "../../src/geometry/letters.ts";
 import { MeshCutter } from "../../src/geometry/mesh_cut.ts";
 import * as planes from "../../src/geometry/planes.ts";
+import { rmsAt } from "../../src/geometry/pose_error.ts";
 import { add, along, distance, dot, multiply, norm, rotate, scale, sub, type Vec3 } from "../../src/geometry/vector.ts";
 import { Random } from "../support/random.ts";
 
@@ -297,3 +298,22 @@ function sphere(radius_mm: number, rings: number) {
   }
   return { vertices_mm: new Float32Array(vertices), triangles: new Uint32Array(triangles) };
 }
+
+test("the error of a registration at a point is that of points moved by draws of it", () => {
+  // Of a factor L: covariance L L^T, small angles.
+  const L = Array.from({ length: 6 }, (_, i) =>
+    Array.from({ length: 6 }, (_, j) => (j > i ? 0 : random.normal() * (i < 3 ? 2e-3 : 0.3))),
+  );
+  const covariance = L.flatMap((row) => L.map((other) => row.reduce((sum, value, k) => sum + value * other[k], 0)));
+  const p = [40, -70, 55] as const;
+  let sum = 0;
+  const draws = 20_000;
+  for (let n = 0; n < draws; ++n) {
+    const z = Array.from({ length: 6 }, () => random.normal());
+    const [a, b, c, x, y, w] = L.map((row) => row.reduce((s, value, k) => s + value * z[k], 0));
+    const moved = [b * p[2] - c * p[1] + x, c * p[0] - a * p[2] + y, a * p[1] - b * p[0] + w]; // rotation x point + t
+    sum += moved.reduce((s, v) => s + v * v, 0);
+  }
+  const ratio = rmsAt(covariance, p) / Math.sqrt(sum / draws);
+  assert.ok(Math.abs(ratio - 1) < 0.02, `${ratio}`);
+});

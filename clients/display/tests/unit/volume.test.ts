@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { apply, grey, indexFromImage, sampleLinear, type Volume } from "../../src/image/volume.ts";
+import { apply, grey, indexFromImage, sampleLinear, sampleNearest, type Volume } from "../../src/image/volume.ts";
 import { Random } from "../support/random.ts";
 
 const random = new Random(3);
@@ -29,6 +29,16 @@ test("linear interpolation is exact for a linear image, and reaches half a voxel
   assert.equal(sampleLinear(volume, [4.4, 3, 2]), 8 - 9 + 14);
   assert.equal(sampleLinear(volume, [-0.51, 0, 0]), null);
   assert.equal(sampleLinear(volume, [0, 0, 2.51]), null);
+});
+
+test("the nearest voxel is that in which a point lies", () => {
+  const voxels = new Uint8Array([1, 2, 3, 4, 5, 6]);
+  const volume: Volume = { size: [3, 2, 1], T_image_index: [2, 0, 0, -10, 0, 4, 0, 5, 0, 0, 3, 7], voxels };
+  assert.equal(sampleNearest(volume, [-10, 5, 7]), 1);
+  assert.equal(sampleNearest(volume, [-5.1, 7.1, 8.4]), 6);
+  assert.equal(sampleNearest(volume, [-8.9, 6.9, 5.6]), 2);
+  assert.equal(sampleNearest(volume, [-11.1, 5, 7]), null);
+  assert.equal(sampleNearest(volume, [-10, 5, 8.6]), null);
 });
 
 test("window and level", () => {
