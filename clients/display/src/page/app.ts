@@ -336,6 +336,9 @@ export class App {
       set sound(on: boolean) {
         app.alarms.tone.on = on;
       },
+      get audible() {
+        return app.alarms.tone.ready;
+      },
       changed: () => app.changed(),
       screenshot: () => void app.takeScreenshot(),
     };

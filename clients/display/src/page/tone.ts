@@ -1,25 +1,25 @@
-// The tone of alarms. A browser plays sound only after the first click or key on the page.
+// The tone of alarms. A browser plays sound only after the first click or key on the page, unless it was started
+// otherwise, as that of a display on the whole screen is (deploy/bregma-kiosk.service).
 const kRepeat_ms = 4000;
 
 export class Tone {
   on = true;
-  private context: AudioContext | null = null;
+  private readonly context = new AudioContext();
   private timer: ReturnType<typeof setInterval> | null = null;
 
   // Whether a tone could be heard now.
   get ready(): boolean {
-    return this.context?.state === "running";
+    return this.context.state === "running";
   }
 
   // To be called from a click or key.
   unlock(): void {
-    this.context ??= new AudioContext();
     void this.context.resume();
   }
 
   play(critical: boolean): void {
     const context = this.context;
-    if (!this.on || !context) return;
+    if (!this.on || !this.ready) return; // what could not be heard now is not played later
     const beeps = critical ? [880, 660, 880] : [660];
     beeps.forEach((frequency, i) => {
       const from = context.currentTime + 0.22 * i;

@@ -9,6 +9,7 @@ export interface ToolBarHost {
   readonly view: ViewState;
   tool: DragTool;
   sound: boolean;
+  readonly audible: boolean; // false: the browser waits for a click before it plays sound
   changed(): void;
   screenshot(): void;
 }
@@ -20,6 +21,7 @@ const kLayouts: readonly [Layout, string][] = [
 ];
 const kTools: readonly [DragTool, string][] = [
   ["window", "Window"],
+  ["step", "Slice"],
   ["pan", "Pan"],
   ["measure", "Measure"],
 ];
@@ -103,13 +105,7 @@ export class ToolBar {
       this.second,
       this.surfaces(),
       group(
-        this.button(
-          "Sound",
-          () => host.sound,
-          () => {
-            host.sound = !host.sound;
-          },
-        ),
+        this.soundButton(),
         this.button(
           "Screenshot",
           () => false,
@@ -150,6 +146,26 @@ export class ToolBar {
   private button(text: string, pressed: () => boolean, action: () => void, label = text): HTMLButtonElement {
     const button = h("button", { type: "button", "aria-label": label, click: () => this.act(action) }, text);
     this.updates.push(() => setClass(button, "on", pressed()));
+    return button;
+  }
+
+  // The click that lets the browser play sound, on the button itself, does not end the sound.
+  private soundButton(): HTMLButtonElement {
+    const { host } = this;
+    let heard = false;
+    const button = this.button(
+      "Sound",
+      () => host.sound && host.audible,
+      () => {
+        host.sound = !(host.sound && heard);
+      },
+    );
+    for (const before of ["pointerdown", "keydown"]) {
+      button.addEventListener(before, () => {
+        heard = host.audible;
+      });
+    }
+    this.updates.push(() => setText(button, host.sound && !host.audible ? "Sound: click" : "Sound"));
     return button;
   }
 

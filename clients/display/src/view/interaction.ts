@@ -6,7 +6,8 @@
 //                   it turns the planes obliquely     right button   zooms
 //   two fingers     zoom and pan
 //
-// A tool chosen in the bar (pan, measure) takes the place of window and level.
+// A tool chosen in the bar (slice, pan, measure) takes the place of window and level. Slice is the wheel of a screen
+// that has none: a drag up or down moves the plane.
 import { intersection, kOrthogonalKinds, type OrthogonalKind, type Plane, toPlane } from "../geometry/planes.ts";
 import { orbit, panned } from "../render/camera.ts";
 import { type Rect, within } from "./layout.ts";
@@ -14,7 +15,7 @@ import type { Pen } from "./pen.ts";
 import type { Followed, Measurement, ViewState } from "./view_state.ts";
 import { isOrthogonal } from "./view_state.ts";
 
-export type DragTool = "window" | "pan" | "measure";
+export type DragTool = "window" | "step" | "pan" | "measure";
 
 export interface InteractionHost {
   readonly view: ViewState;
@@ -29,6 +30,8 @@ type Drag = (x: number, y: number, dx: number, dy: number) => void;
 
 const kClick_px = 4; // a shorter movement is a click
 const kLine_px = 7; // catches a plane's line
+const kFingerLine_px = 18;
+const kStep_px = 4; // of a drag, per mm that a plane moves
 const kTurn_fraction = 0.55; // of the half panel: beyond it a line turns the planes
 
 export class Interaction {
@@ -134,10 +137,15 @@ export class Interaction {
     if (panning) return this.panPicture(index);
     if (e.button === 2) return this.zoomPicture(index, x, y);
     if (this.tool === "measure") return this.measure(index, x, y);
-    const caught = isOrthogonal(kind) ? this.lineAt(index, kind, x, y) : null;
+    const catch_px = e.pointerType === "touch" ? kFingerLine_px : kLine_px;
+    const caught = isOrthogonal(kind) ? this.lineAt(index, kind, x, y, catch_px) : null;
     if (caught)
       return caught.turns ? this.turnPlanes(index, kind as OrthogonalKind) : this.movePlane(index, caught.plane);
-    return this.windowLevel();
+    return this.tool === "step" ? this.stepPlane(index) : this.windowLevel();
+  }
+
+  private stepPlane(index: number): Drag {
+    return (_x, _y, _dx, dy) => this.host.view.step(this.host.view.panels[index].kind, -dy / kStep_px);
   }
 
   private windowLevel(): Drag {
@@ -224,6 +232,7 @@ export class Interaction {
     kind: OrthogonalKind,
     x: number,
     y: number,
+    catch_px = kLine_px,
   ): { plane: OrthogonalKind; turns: boolean } | null {
     const { view, followed } = this.host;
     const pen = this.host.penOf(index);
@@ -237,7 +246,7 @@ export class Interaction {
       if (other === kind) continue;
       const plane = view.planeOf(other, followed) as Plane;
       if (!intersection(pen.plane, plane)) continue;
-      if (Math.abs(toPlane(plane, point).height_mm) > kLine_px * pen.mm_per_pixel) continue;
+      if (Math.abs(toPlane(plane, point).height_mm) > catch_px * pen.mm_per_pixel) continue;
       return { plane: other, turns: fromCentre > (kTurn_fraction * Math.min(rect.width, rect.height)) / 2 };
     }
     return null;
@@ -245,7 +254,8 @@ export class Interaction {
 
   private showCursor(index: number, x: number, y: number): void {
     const kind = index >= 0 ? this.host.view.panels[index].kind : "space";
-    const line = isOrthogonal(kind) && this.tool === "window" ? this.lineAt(index, kind, x, y) : null;
+    const line =
+      isOrthogonal(kind) && (this.tool === "window" || this.tool === "step") ? this.lineAt(index, kind, x, y) : null;
     this.element.dataset.cursor = line ? (line.turns ? "turn" : "line") : this.tool;
   }
 

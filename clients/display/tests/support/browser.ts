@@ -1,17 +1,24 @@
 // Debian's Chromium, without a window, drawing with software: what every machine that runs the tests has.
 import { existsSync, readFileSync } from "node:fs";
-import { type Browser, chromium, type Page } from "playwright-core";
+import { type Browser, type BrowserContext, chromium, type Page } from "playwright-core";
 
 const kPrograms = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"];
 
-function options() {
-  const executablePath = process.env.BREGMA_BROWSER ?? kPrograms.find((path) => existsSync(path));
+function options(program?: string) {
+  const executablePath = program ?? process.env.BREGMA_BROWSER ?? kPrograms.find((path) => existsSync(path));
   if (!executablePath) throw new Error("no Chromium: ./dev setup installs it");
   const args = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
   return { executablePath, args };
 }
 
-export const launchBrowser = (): Promise<Browser> => chromium.launch(options());
+// program: instead of the one that is installed.
+export const launchBrowser = (program?: string): Promise<Browser> => chromium.launch(options(program));
+
+// With further arguments, and a folder for all that it keeps.
+export function launchWithProfile(folder: string, args: string[]): Promise<BrowserContext> {
+  const { executablePath, args: always } = options();
+  return chromium.launchPersistentContext(folder, { executablePath, args: [...always, ...args] });
+}
 
 // With the id of its process, for measurements.
 export async function launchServer(): Promise<{ browser: Browser; pid: number; close(): Promise<void> }> {
