@@ -56,6 +56,8 @@ private:
     state.published_boot_ns = wire::boot_now_ns();
     state.T_image_tip = {{1, 0, 0, 0}, {mark_, 2, 3}};
     state.tre_rms_mm = 0.7;
+    std::copy_n(std::array{1.9, 1.0, 0.6}.begin(), 3, state.tre_95.semi_axes_mm);
+    std::copy_n(std::array{1.0, 0.0, 0.0, 0.0, 0.8, 0.6, 0.0, -0.6, 0.8}.begin(), 9, state.tre_95.axes);
     state.acceleration_sigma_mm_s2 = wire::kUnknown;
     return state;
   }
