@@ -1,11 +1,15 @@
 // Answers requests for the files of the case that is offered: the side of bregma-case-server.
 //
+// Chunks are sent one at a time with pauses, because on their way to the network they share queues with the states of
+// the daemon, which must not wait behind a burst.
+//
 // Threads: one object, one thread.
 #pragma once
 
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <string>
 #include <vector>
@@ -31,14 +35,21 @@ public:
   void offer_failed(const std::string &case_id, const std::string &why);
   void offer(Bundle bundle);
 
-  // Sends what was asked for; waits up to timeout for a request.
+  // Takes requests and sends what was asked for, for this time.
   void serve(std::chrono::nanoseconds timeout);
 
   [[nodiscard]] std::uint64_t sent_chunks() const { return sent_chunks_; }
 
 private:
   void publish(wire::CaseOfferState state, const std::string &case_id, const std::string &text);
-  void answer(const wire::CaseRequest &request);
+  struct Wanted {
+    casefile::Hash file{};
+    std::uint64_t chunk = 0;
+    wire::Name client{}; // the first that asked for it
+  };
+  using Clock = std::chrono::steady_clock;
+  void enqueue(const wire::CaseRequest &request);
+  void send(const Wanted &wanted);
 
   std::string server_;
   dds::Writer<wire::CaseOffer> offers_;
@@ -48,6 +59,8 @@ private:
   casefile::Hash manifest_{};
   std::uint64_t manifest_bytes_ = 0;
   std::map<casefile::Hash, std::vector<std::byte>> files_; // with the manifest
+  std::deque<Wanted> queue_;
+  Clock::time_point next_{}; // when the next chunk may be sent
   std::uint64_t sent_chunks_ = 0;
 };
 

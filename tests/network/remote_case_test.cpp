@@ -34,14 +34,23 @@ using casefiles::CaseStatus;
 
 enum Host : std::size_t { kDaemonHost, kDisplayHost, kOtherHost, kHosts };
 
-constexpr std::uint32_t kFirstInstance = 1000;                    // each host is a domain instance of this process
-constexpr std::size_t kImageBytes = std::size_t{181} * 217 * 181; // the demo's, 8 bits
+// Each host is a domain instance of this process; the daemon's has a second one, since its case server is a process of
+// its own.
+constexpr std::uint32_t kFirstInstance = 1000;
+constexpr std::uint32_t kDaemonInstance = kFirstInstance + kHosts;
+// As the demo's case has them: 8-bit voxels of image and labels, and surfaces.
+constexpr std::size_t kImageBytes = std::size_t{181} * 217 * 181;
+constexpr std::size_t kLabelBytes = std::size_t{145} * 180 * 155;
 constexpr std::size_t kMeshBytes = 400'000;
+
+constexpr auto kStatePeriod = 5ms;
+constexpr int kRounds = 8; // transfers per fault: more than 1,000 states during them
+constexpr double kMaxSeconds = 3.0;
 
 void configure() {
   const std::uint32_t domain = 100 + static_cast<std::uint32_t>(getpid()) % 100;
   std::string uri = "file://" BREGMA_SOURCE_DIR "/deploy/cyclonedds-network.xml";
-  for (std::uint32_t instance = kFirstInstance; instance < kFirstInstance + kHosts; ++instance) {
+  for (std::uint32_t instance = kFirstInstance; instance <= kDaemonInstance; ++instance) {
     uri += ",<CycloneDDS><Domain Id=\"" + std::to_string(instance) + "\"><Discovery><ExternalDomainId>" +
            std::to_string(domain) + "</ExternalDomainId></Discovery></Domain></CycloneDDS>";
   }
@@ -64,7 +73,12 @@ casefiles::Bundle bundle_of(std::uint32_t seed) {
     meshes.push_back(file(kMeshBytes));
     meshes.back()["file"] = name;
   }
-  out.manifest = nlohmann::json{{"id", out.case_id}, {"image", file(kImageBytes)}, {"meshes", meshes}}.dump();
+  out.manifest = nlohmann::json{
+      {"id", out.case_id},
+      {"image", file(kImageBytes)},
+      {"labels", file(kLabelBytes)},
+      {"meshes",
+       meshes}}.dump();
   return out;
 }
 
@@ -96,7 +110,7 @@ protected:
     lan_.emplace(kHosts, 7);
   }
 
-  // Serves the offer, and publishes states of a tool at 60 Hz from another participant of the daemon's host.
+  // Serves the offer, and publishes states of a tool from another participant of the daemon's host.
   void start_daemon_host() {
     server_.emplace(*lan_, kDaemonHost, [this](const std::atomic<bool> &stopping) {
       const dds::Participant participant(kFirstInstance + kDaemonHost);
@@ -109,14 +123,14 @@ protected:
       }
     });
     states_.emplace(*lan_, kDaemonHost, [](const std::atomic<bool> &stopping) {
-      const dds::Participant participant(kFirstInstance + kDaemonHost);
+      const dds::Participant participant(kDaemonInstance);
       const dds::Writer<wire::NavigationState> writer(participant);
       while (!stopping) {
         wire::NavigationState state{};
         (void)wire::set_name(state.tool, "Probe");
         state.published_boot_ns = wire::boot_now_ns();
         (void)writer.write(state);
-        std::this_thread::sleep_for(16667us);
+        std::this_thread::sleep_for(kStatePeriod);
       }
     });
     watch_.emplace(*lan_, kOtherHost, [this](const std::atomic<bool> &stopping) {
@@ -135,40 +149,51 @@ protected:
     });
   }
 
-  double p99_ms() {
+  // Moves the delays of the states since the last call to the end of `to`.
+  void take_delays(std::vector<double> &to) {
     const std::lock_guard lock(mutex_);
-    std::vector<double> delays = std::exchange(delays_ms_, {});
-    if (delays.empty()) {
+    to.insert(to.end(), delays_ms_.begin(), delays_ms_.end());
+    delays_ms_.clear();
+  }
+
+  static double p99(std::vector<double> values) {
+    if (values.empty()) {
       return 0.0;
     }
-    std::sort(delays.begin(), delays.end());
-    return delays[static_cast<std::size_t>(0.99 * static_cast<double>(delays.size() - 1))];
+    std::sort(values.begin(), values.end());
+    return values[static_cast<std::size_t>(0.99 * static_cast<double>(values.size() - 1))];
   }
 
   // A new display on its host, with an empty folder: seconds until it has the case, or nothing after a minute.
-  std::optional<double> fetch(std::uint32_t seed) {
+  // during: receives the delays of the states from the first chunk to the last.
+  std::optional<double> fetch(std::uint32_t seed, std::vector<double> &during) {
     const TemporaryFolder folder;
+    const casefiles::Bundle bundle = bundle_of(seed);
+    std::vector<double> before;
     const auto cases = *CaseFetcher::make_folder(folder / "cases");
     std::optional<double> seconds;
     offer_ = seed;
     lan_->run_on(kDisplayHost, [&] {
       const dds::Participant participant(kFirstInstance + kDisplayHost);
+      const dds::Reader<wire::NavigationState> states(participant); // as every gateway has
       CaseFetcher fetcher(participant, cases);
       wire::BootId boot_id;
       const auto own = wire::boot_id(); // one kernel
       std::copy(own.begin(), own.end(), std::begin(boot_id));
       fetcher.follow(boot_id);
-      const std::string wanted = casefile::to_hex(casefile::sha256(bundle_of(seed).manifest));
+      const std::string wanted = casefile::to_hex(casefile::sha256(bundle.manifest));
       std::optional<std::chrono::steady_clock::time_point> began;
       for (const auto end = std::chrono::steady_clock::now() + 60s; std::chrono::steady_clock::now() < end;) {
         const CaseStatus status = fetcher.status();
         if (status.state == CaseStatus::State::kOnItsWay && !began) {
           began = std::chrono::steady_clock::now();
+          take_delays(before);
         }
         if (status.hash == wanted) {
           const auto now = std::chrono::steady_clock::now();
+          take_delays(during);
           seconds = std::chrono::duration<double>(now - began.value_or(now)).count();
-          compare(fetcher, bundle_of(seed));
+          compare(fetcher, bundle);
           return;
         }
         std::this_thread::sleep_for(2ms);
@@ -181,7 +206,7 @@ protected:
   // What the display serves is what the daemon's host has, byte for byte.
   static void compare(const CaseFetcher &fetcher, const casefiles::Bundle &bundle) {
     const auto json = nlohmann::json::parse(*fetcher.json());
-    std::vector<std::string> names{"image"};
+    std::vector<std::string> names{"image", "labels"};
     for (const auto &mesh : json["meshes"]) {
       names.push_back("mesh/" + mesh["file"].get<std::string>());
     }
@@ -208,17 +233,25 @@ protected:
 TEST_F(RemoteCase, TheCaseArrivesWholeAlsoWithLossAndStatesGoOn) {
   start_daemon_host();
   std::this_thread::sleep_for(2s);
-  std::printf("%-12s %10s %22s %22s\n", "loss", "case s", "states p99 ms before", "states p99 ms during");
+  std::printf("%-6s %10s %12s %28s %28s\n", "loss", "case s", "longest s", "states p99 ms without it",
+              "states p99 ms during it");
   std::uint32_t seed = 1;
   for (const double loss : {0.0, 0.01}) {
     lan_->set_fault(kDisplayHost, {.loss = loss});
-    (void)p99_ms();
-    std::this_thread::sleep_for(3s);
-    const double before_ms = p99_ms();
-    const auto seconds = fetch(seed++);
-    const double during_ms = p99_ms();
-    ASSERT_TRUE(seconds);
-    std::printf("%-12.2f %10.2f %22.2f %22.2f\n", loss, *seconds, before_ms, during_ms);
+    std::vector<double> without, during, seconds, ignored;
+    // Both in turns, because the machine does not stay the same.
+    for (int round = 0; round < kRounds; ++round) {
+      take_delays(ignored);
+      std::this_thread::sleep_for(1s);
+      take_delays(without);
+      const auto took = fetch(seed++, during);
+      ASSERT_TRUE(took);
+      seconds.push_back(*took);
+    }
+    std::sort(seconds.begin(), seconds.end());
+    std::printf("%-6.2f %10.2f %12.2f %18.2f (n %6zu) %18.2f (n %6zu)\n", loss, seconds[seconds.size() / 2],
+                seconds.back(), p99(without), without.size(), p99(during), during.size());
+    EXPECT_LT(seconds[seconds.size() / 2], kMaxSeconds);
   }
 }
 
