@@ -2,15 +2,23 @@
 //
 // A publisher of two tools at 50 Hz, the gateway, and clients that acknowledge every frame at once are threads of this
 // process; samples cross DDS and a socket on loopback. Blocks without and with the bad clients alternate.
+//
+// --memory: instead, what a gateway process keeps, over minutes with all these clients, and after a thousand
+// connections.
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <memory>
 #include <mutex>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
@@ -22,6 +30,8 @@
 #include "bench/record.hpp"
 #include "clients/gateway/gateway.hpp"
 #include "idl/boot_clock.hpp"
+#include "tests/support/process.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tests/unit/gateway/socket_client.hpp"
 #include "tests/unit/live/fake_daemon.hpp"
 
@@ -37,8 +47,8 @@ constexpr double kMaxShare_ms = 2.0;
 constexpr double kMaxRatio = 1.2;
 constexpr double kMaxGrowth_MiB = 1.0;
 
-double resident_MiB() {
-  std::ifstream file("/proc/self/statm");
+double resident_MiB(const std::string &process = "self") {
+  std::ifstream file("/proc/" + process + "/statm");
   double size = 0.0;
   double resident = 0.0;
   file >> size >> resident;
@@ -207,18 +217,122 @@ void measure(bench::Report &report, bool quick) {
   report.add(bench::at_most("growth of the memory, gateway and clients", growth_MiB, "MiB", kMaxGrowth_MiB));
 }
 
+// What the process holds: open files, sockets among them, and threads.
+std::size_t entries(const std::string &process, const char *folder) {
+  const std::filesystem::directory_iterator all("/proc/" + process + "/" + folder);
+  return static_cast<std::size_t>(std::distance(begin(all), end(all)));
+}
+
+// The program beside this one, on the domain of the small daemon of this process.
+class GatewayProcess {
+public:
+  GatewayProcess()
+      : process_({(std::filesystem::read_symlink("/proc/self/exe").parent_path() / "bregma-gateway").string(),
+                  "--domain", std::to_string(test::own_domain()), "--port", "0", "--cache", folder_.path() / "cache"},
+                 folder_ / "gateway.log") {
+    for (int i = 0; i < 200 && port_ == 0; ++i) {
+      std::this_thread::sleep_for(50ms);
+      const std::string log = process_.log();
+      const std::size_t at = log.rfind(':');
+      port_ = at == std::string::npos ? 0 : static_cast<std::uint16_t>(std::strtoul(log.c_str() + at + 1, nullptr, 10));
+    }
+    if (port_ == 0) {
+      throw std::runtime_error("bregma-gateway did not start: " + process_.log());
+    }
+  }
+  [[nodiscard]] std::uint16_t port() const { return port_; }
+  [[nodiscard]] std::string pid() const { return std::to_string(process_.pid()); }
+
+private:
+  test::TemporaryFolder folder_;
+  test::Process process_;
+  std::uint16_t port_ = 0;
+};
+
+// Connections of every kind, most of which end badly.
+void connect_often(std::uint16_t port, int count) {
+  for (int i = 0; i < count; ++i) {
+    boost::asio::io_context io;
+    switch (i % 4) {
+    case 0:
+      (void)test::get(port, "/metrics");
+      break;
+    case 1:
+      (void)test::connect_to(io, port); // and closed at once
+      break;
+    case 2: {
+      auto socket = test::connect_to(io, port);
+      boost::asio::write(socket, boost::asio::buffer("GET / HT", 8)); // half a request
+      break;
+    }
+    default:
+      (void)test::StateClient(port).next();
+    }
+  }
+}
+
+void measure_memory(bench::Report &report, double seconds) {
+  constexpr int kConnections = 1000;
+  test::FakeDaemon daemon;
+  daemon.period_ms = kPeriod_ms;
+  const GatewayProcess gateway;
+  const std::string pid = gateway.pid();
+  {
+    std::vector<std::unique_ptr<Client>> clients;
+    for (int i = 0; i < kClients; ++i) {
+      clients.push_back(std::make_unique<Client>(gateway.port()));
+    }
+    const BadClients bad(gateway.port());
+    std::this_thread::sleep_for(20s); // until every buffer has had its size once
+    std::vector<double> all;
+    bench::Progress progress("memory of the gateway", static_cast<int>(seconds));
+    for (int i = 0; i < static_cast<int>(seconds); ++i) {
+      all.push_back(resident_MiB(pid));
+      for (const auto &client : clients) {
+        (void)client->take();
+      }
+      std::this_thread::sleep_for(1s);
+      progress.step();
+    }
+    const auto [least, most] = std::minmax_element(all.begin(), all.end());
+    report.add(bench::figure("memory of the gateway with 20 clients", all.front(), "MiB"));
+    report.add(bench::at_most("change of it, largest minus smallest", *most - *least, "MiB", 2.0 * kMaxGrowth_MiB));
+    report.add(bench::at_most("its end minus its begin", all.back() - all.front(), "MiB", kMaxGrowth_MiB));
+  }
+  connect_often(gateway.port(), kConnections); // the first ones fill the allocator's lists
+  std::this_thread::sleep_for(3s);
+  const double before_MiB = resident_MiB(pid);
+  const auto files = entries(pid, "fd");
+  const auto threads = entries(pid, "task");
+  connect_often(gateway.port(), kConnections);
+  std::this_thread::sleep_for(3s);
+  const auto left = [&](const char *folder, std::size_t before) {
+    return static_cast<double>(entries(pid, folder)) - static_cast<double>(before);
+  };
+  report.add(bench::at_most("1,000 connections: memory left", resident_MiB(pid) - before_MiB, "MiB", 0.1));
+  report.add(bench::at_most("1,000 connections: files left open", left("fd", files), "", 0.0));
+  report.add(bench::at_most("1,000 connections: threads left", left("task", threads), "", 0.0));
+}
+
 } // namespace
 
 int main(int argc, char **argv) {
   CLI::App app("The gateway between DDS and the sockets of displays", "bench_gateway");
   bench::Options options;
   bench::add_options(app, options);
+  double memory_s = 0.0;
+  app.add_option("--memory", memory_s,
+                 "Watch the memory of a gateway process for these seconds instead (600: ten minutes)");
   CLI11_PARSE(app, argc, argv);
   try {
     bench::Report report(options.json);
     report.note("Two tools at 50 Hz from a publisher over DDS on loopback, " + std::to_string(kClients) +
                 " clients that acknowledge every frame at once, at most 60 frames per second each.");
-    measure(report, options.quick);
+    if (memory_s > 0.0) {
+      measure_memory(report, memory_s);
+    } else {
+      measure(report, options.quick);
+    }
     return report.all_hold() ? 0 : 1;
   } catch (const std::exception &error) {
     std::fprintf(stderr, "bench_gateway: %s\n", error.what());
