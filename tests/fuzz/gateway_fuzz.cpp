@@ -36,9 +36,10 @@ std::shared_ptr<Shared> make_shared_state() {
   return out;
 }
 
-// A connection on which these bytes arrive at once, and then its end.
+// A connection on which these bytes arrive at once, and then its end. Its session ends with it: nothing is left that
+// waits for a timer.
 void connect(const std::shared_ptr<Shared> &shared, std::string_view bytes) {
-  asio::io_context io;
+  static asio::io_context io(1); // one for all: its files take longer to open than an input to be read
   TestStream client(io);
   {
     TestStream stream(io, {bytes.data(), bytes.size()});
@@ -46,8 +47,11 @@ void connect(const std::shared_ptr<Shared> &shared, std::string_view bytes) {
     client.close();
     std::make_shared<HttpSession<TestStream>>(std::move(stream), shared)->run();
   }
-  // Timers are not waited for: sessions end with the io_context.
+  io.restart();
   while (io.poll() > 0) {
+  }
+  if (!shared->watchers.empty() || shared->metrics.open_connections.Value() != 0.0) {
+    std::abort();
   }
 }
 
@@ -76,5 +80,5 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
   default:
     (void)bregma::casefiles::read_manifest(rest);
   }
-  return shared->watchers.empty() ? 0 : (std::abort(), 0); // no session is left behind
+  return 0;
 }
