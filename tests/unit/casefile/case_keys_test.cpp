@@ -92,7 +92,9 @@ TEST(CaseKeys, TheToolsOfThePageAndOfTheDemoAreRead) {
   }
   const bregma::test::TemporaryFolder folder;
   folder.write("case.toml", example);
-  folder.write("image.nii.gz", "");
+  for (const char *file : {"image.nii.gz", "labels.nii.gz", "labels.txt"}) {
+    folder.write(file, "");
+  }
   const auto read = bregma::casefile::load_case(folder.path());
   ASSERT_FALSE(read);
   EXPECT_NE(read.error().message.find("surfaces.scalp = \"surfaces/scalp.ply\""), std::string::npos)
