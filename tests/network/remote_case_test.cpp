@@ -40,12 +40,14 @@ constexpr std::uint32_t kFirstInstance = 1000;
 constexpr std::uint32_t kDaemonInstance = kFirstInstance + kHosts;
 // As the demo's case has them: 8-bit voxels of image and labels, and surfaces.
 constexpr std::size_t kImageBytes = std::size_t{181} * 217 * 181;
-constexpr std::size_t kLabelBytes = std::size_t{145} * 180 * 155;
-constexpr std::size_t kMeshBytes = 400'000;
+constexpr std::size_t kLabelBytes = std::size_t{146} * 180 * 146;
+constexpr std::size_t kMeshBytes = 550'000; // of each of three
 
 constexpr auto kStatePeriod = 5ms;
 constexpr int kRounds = 8; // transfers per fault: more than 1,000 states during them
 constexpr double kMaxSeconds = 3.0;
+constexpr double kMaxRatio = 1.2; // of the states' p99 during transfers to that without
+constexpr double kBusy_ms = 1.0;  // by which both differ on a machine with other work
 
 void configure() {
   const std::uint32_t domain = 100 + static_cast<std::uint32_t>(getpid()) % 100;
@@ -252,6 +254,7 @@ TEST_F(RemoteCase, TheCaseArrivesWholeAlsoWithLossAndStatesGoOn) {
     std::printf("%-6.2f %10.2f %12.2f %18.2f (n %6zu) %18.2f (n %6zu)\n", loss, seconds[seconds.size() / 2],
                 seconds.back(), p99(without), without.size(), p99(during), during.size());
     EXPECT_LT(seconds[seconds.size() / 2], kMaxSeconds);
+    EXPECT_LT(p99(during), kMaxRatio * p99(without) + kBusy_ms);
   }
 }
 
