@@ -34,10 +34,13 @@ WindowFilter::WindowFilter(const WindowOptions &options) : options_(options), ri
 
 void WindowFilter::reset() { next_ = count_ = 0; }
 
-std::optional<FilteredReading> WindowFilter::push(const TimedReading &reading) {
+void WindowFilter::add(const TimedReading &reading) {
   ring_[next_] = reading;
   next_ = (next_ + 1) % ring_.size();
   count_ = std::min(count_ + 1, ring_.size());
+}
+
+std::optional<FilteredReading> WindowFilter::value() {
   if (count_ < ring_.size()) {
     return std::nullopt;
   }
@@ -50,6 +53,7 @@ std::optional<FilteredReading> WindowFilter::push(const TimedReading &reading) {
   if (scratch_.empty()) {
     return std::nullopt;
   }
+  const std::int64_t newest_ns = ring_[(next_ + ring_.size() - 1) % ring_.size()].time_ns;
   const bool median = options_.kind == WindowKind::kMedian;
   const double middle = median ? median_in_place(scratch_) : 0.0;
   const Bounds kept = bounds(); // of all where the median is the value: it belongs to the window's mean time
@@ -59,13 +63,13 @@ std::optional<FilteredReading> WindowFilter::push(const TimedReading &reading) {
   for (const TimedReading &r : ring_) {
     if (r.value >= kept.low && r.value <= kept.high) { // false for NaN
       sum += r.value;
-      after_ns += static_cast<double>(r.time_ns - reading.time_ns);
+      after_ns += static_cast<double>(r.time_ns - newest_ns);
       ++out.used;
     }
   }
   const auto used = static_cast<double>(out.used);
   out.delay_ns = options_.sensor_delay_ns - std::llround(after_ns / used);
-  out.time_ns = reading.time_ns - out.delay_ns;
+  out.time_ns = newest_ns - out.delay_ns;
   out.value = median ? middle : sum / used;
   return out;
 }
@@ -104,17 +108,22 @@ RangeChain::RangeChain(const ChainOptions &options, const PowerLaw &calibration)
 }
 
 std::optional<FilteredReading> RangeChain::push(const TimedReading &reading) {
-  const bool wanted = index_++ % options_.every == 0;
-  const auto raw = raw_.push(reading);
-  if (!raw) {
+  raw_.add(reading);
+  const std::size_t until_wanted = (options_.every - index_++ % options_.every) % options_.every;
+  if (until_wanted >= options_.smoothing) {
     return std::nullopt;
   }
-  auto smooth = smooth_.push({raw->time_ns, calibration_.distance_mm(raw->value)});
-  if (!smooth || !wanted) {
+  const auto raw = raw_.value();
+  smooth_.add(raw ? TimedReading{raw->time_ns, calibration_.distance_mm(raw->value)}
+                  : TimedReading{reading.time_ns, std::nan("")});
+  if (until_wanted > 0) {
     return std::nullopt;
   }
-  smooth->delay_ns = reading.time_ns - smooth->time_ns;
-  smooth->used = raw->used;
+  auto smooth = smooth_.value();
+  if (smooth) {
+    smooth->delay_ns = reading.time_ns - smooth->time_ns;
+    smooth->used = raw ? raw->used : 0;
+  }
   return smooth;
 }
 

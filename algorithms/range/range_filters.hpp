@@ -44,8 +44,14 @@ class WindowFilter {
 public:
   // Throws std::invalid_argument for a window of zero readings, or sigmas that are not positive.
   explicit WindowFilter(const WindowOptions &options);
+  // Takes a reading without computing a value.
+  void add(const TimedReading &reading);
   // The value of the last `window` readings. nullopt: the window is not full yet, or all of its readings are missing.
-  [[nodiscard]] std::optional<FilteredReading> push(const TimedReading &reading);
+  [[nodiscard]] std::optional<FilteredReading> value();
+  [[nodiscard]] std::optional<FilteredReading> push(const TimedReading &reading) {
+    add(reading);
+    return value();
+  }
   void reset();
 
 private:
@@ -77,7 +83,7 @@ class RangeChain {
 public:
   RangeChain(const ChainOptions &options, const PowerLaw &calibration);
   // A distance in mm, with the time at which it held; nullopt for all readings but every n-th, and while a window
-  // fills.
+  // fills. The first filter computes only those values that the second one needs.
   [[nodiscard]] std::optional<FilteredReading> push(const TimedReading &reading);
 
 private:

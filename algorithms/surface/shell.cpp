@@ -106,4 +106,15 @@ TriangleMesh shell_of(const TriangleMesh &mesh, const std::function<bool(const V
   return out;
 }
 
+TriangleMesh face_shell(const TriangleMesh &scalp, double thickness_mm) {
+  Eigen::AlignedBox3d box;
+  for (const Vector3d &vertex : scalp.vertices_mm) {
+    box.extend(vertex);
+  }
+  const double front_mm = box.center().y() + 0.15 * box.sizes().y();
+  const double top_mm = box.max().z() - 0.2 * box.sizes().z();
+  return shell_of(
+      scalp, [=](const Vector3d &p) { return p.y() > front_mm && p.z() < top_mm; }, thickness_mm);
+}
+
 } // namespace bregma::surface

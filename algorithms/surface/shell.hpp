@@ -13,4 +13,7 @@ namespace bregma::surface {
 [[nodiscard]] TriangleMesh shell_of(const TriangleMesh &mesh,
                                     const std::function<bool(const Eigen::Vector3d &)> &wanted, double thickness_mm);
 
+// The shell of a head's face: in front of the head's middle and below its top quarter. The scalp in RAS.
+[[nodiscard]] TriangleMesh face_shell(const TriangleMesh &scalp, double thickness_mm);
+
 } // namespace bregma::surface

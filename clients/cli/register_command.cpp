@@ -145,7 +145,8 @@ void add_register_command(CLI::App &app, Context &context) {
                   "  bregma register trace start    (move over the skin, then)\n  bregma register trace stop\n"
                   "  bregma register status\n  bregma register accept\n  bregma register check Bregma\n"
                   "  bregma register confirm\n  bregma register points touched.csv fiducials.mrk.json\n"
-                  "  bregma register surface trace.csv scalp.ply");
+                  "  bregma register surface trace.csv scalp.ply\n"
+                  "  bregma register scan scan.txt scalp.ply --curve curve.json");
   auto *status = add_live(*command, "status", "The current estimate, and the residual of each fiducial", context);
   status->callback([&context] { context.run = [&context] { return show_status(context); }; });
 
@@ -158,6 +159,7 @@ void add_register_command(CLI::App &app, Context &context) {
   on_run(confirm, context, [] { return live::make_command(bregma_wire_COMMAND_CONFIRM_VERIFICATION); });
   add_register_points(*command, context);
   add_register_surface(*command, context);
+  add_register_scan(*command, context);
   add_register_cloud(*command, context);
   add_register_curves(*command, context);
 }

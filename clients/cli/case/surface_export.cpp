@@ -10,7 +10,6 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
-#include <Eigen/Geometry>
 
 #include "algorithms/surface/shell.hpp"
 #include "base/text.hpp"
@@ -39,18 +38,6 @@ const surface::TriangleMesh *find_surface(const casefile::Case &c, const std::st
   return found != c.structures.end() ? &found->mesh : nullptr;
 }
 
-// The face: in front of the head's middle, and below its top quarter.
-surface::TriangleMesh face_of(const surface::TriangleMesh &scalp, double thickness_mm) {
-  Eigen::AlignedBox3d box;
-  for (const Eigen::Vector3d &vertex : scalp.vertices_mm) {
-    box.extend(vertex);
-  }
-  const double front_mm = box.center().y() + 0.15 * box.sizes().y();
-  const double top_mm = box.max().z() - 0.2 * box.sizes().z();
-  return surface::shell_of(
-      scalp, [=](const Eigen::Vector3d &p) { return p.y() > front_mm && p.z() < top_mm; }, thickness_mm);
-}
-
 int export_surface(const SurfaceExport &options, const Context &context) {
   const auto loaded = casefile::load_case(options.folder);
   if (!loaded) {
@@ -74,7 +61,7 @@ int export_surface(const SurfaceExport &options, const Context &context) {
   if (!options.force && std::filesystem::exists(options.file, ignored)) {
     return fail(options.file + ": exists already; --force replaces it");
   }
-  const surface::TriangleMesh mesh = options.face ? face_of(*found, options.thickness_mm) : *found;
+  const surface::TriangleMesh mesh = options.face ? surface::face_shell(*found, options.thickness_mm) : *found;
   if (const auto closed = casefile::check_closed(mesh); !closed) {
     return fail(options.surface + ": " + closed.error().message);
   }

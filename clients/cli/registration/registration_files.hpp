@@ -35,6 +35,10 @@ struct RegistrationFiles {
   }
 };
 
+// One positional argument with the options of its side; --tfm.
+void add_input_file(CLI::App &command, InputFile &input, const std::string &name, const std::string &help);
+void add_tfm_option(CLI::App &command, RegistrationFiles &files);
+
 // The two positional arguments and the options above. source_name, target_name: names in the help text.
 void add_registration_files(CLI::App &command, RegistrationFiles &files, const std::string &source_name,
                             const std::string &source_help, const std::string &target_name,

@@ -172,7 +172,7 @@ arm::Answer SimulatedArm::execute(const arm::MoveCp &move) {
   return {move.number, true, ""};
 }
 
-std::string SimulatedArm::problem_of(const StraightPath &path, double speed_mm_s) const {
+std::string SimulatedArm::problem_of(const robot::StraightPath &path, double speed_mm_s) const {
   robot::JointAngles last = setpoint_;
   const auto steps = static_cast<int>(std::ceil(path.length_mm() / kCheckStep_mm));
   const double step_mm = path.length_mm() / std::max(1, steps);

@@ -16,14 +16,14 @@
 #include <vector>
 
 #include "algorithms/robot/inverse_kinematics.hpp"
+#include "algorithms/robot/straight_path.hpp"
 #include "drivers/arm/arm_line.hpp"
 #include "drivers/frame/line_splitter.hpp"
-#include "drivers/sim/arm/straight_path.hpp"
 
 namespace bregma::sim {
 
 struct ArmSettings {
-  double max_speed_mm_s = 250.0; // along the path (StraightPath)
+  double max_speed_mm_s = 250.0; // along the path (robot::StraightPath)
   double acceleration_mm_s2 = 500.0;
   double stop_mm_s2 = 2000.0; // deceleration of a stop
   double max_joint_rad_s = 3.0;
@@ -72,7 +72,7 @@ private:
   [[nodiscard]] arm::Answer execute(const arm::MoveCp &move);
   void alive(std::uint32_t motion, std::int64_t now_ns);
   // Why the planned path cannot be followed; empty: it can.
-  [[nodiscard]] std::string problem_of(const StraightPath &path, double speed_mm_s) const;
+  [[nodiscard]] std::string problem_of(const robot::StraightPath &path, double speed_mm_s) const;
   void fault(arm::FaultReason reason);
   void tick();
   void drive();
@@ -92,10 +92,10 @@ private:
   robot::JointAngles setpoint_, joints_;
   robot::JointAngles velocity_ = robot::JointAngles::Zero();
 
-  std::optional<StraightPath> planned_; // its waypoints are arriving
-  std::optional<StraightPath> path_;    // accepted; nullopt: no motion
-  std::uint32_t motion_ = 0;            // of planned_, path_ or the last one
-  std::uint32_t expected_ = 0;          // index of the next waypoint
+  std::optional<robot::StraightPath> planned_; // its waypoints are arriving
+  std::optional<robot::StraightPath> path_;    // accepted; nullopt: no motion
+  std::uint32_t motion_ = 0;                   // of planned_, path_ or the last one
+  std::uint32_t expected_ = 0;                 // index of the next waypoint
   double commanded_mm_s_ = 0.0;
   double at_mm_ = 0.0;
   std::uint32_t waypoint_ = 0; // that it leads to; their number at the end

@@ -1,11 +1,13 @@
 // The driver's conditions of motion and the simulated arm, line by line in virtual time: what ends a motion, what
-// refuses it, and random commands with random failures. BREGMA_ARM_COMMANDS sets the number of random commands.
+// refuses it, and random commands with random failures, beside a head that the paths must not meet.
+// BREGMA_ARM_COMMANDS sets the number of random commands.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <limits>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -13,12 +15,14 @@
 #include <variant>
 #include <vector>
 
+#include "algorithms/planning/arm_collision.hpp"
 #include "drivers/arm/motion_control.hpp"
 #include "drivers/frame/line_splitter.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 #include "drivers/sim/random.hpp"
 #include "idl/commands.hpp"
 #include "idl/names.hpp"
+#include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/robot/arms.hpp"
 
 namespace bregma::arm {
@@ -42,6 +46,38 @@ sim::ArmSettings settings() {
 robot::FlangePose beside(const robot::FlangePose &pose, double x, double y, double z) {
   return {pose.rotation(), robot::Vector3d(pose.translation() + robot::Vector3d(x, y, z))};
 }
+
+// A ball as the head, in front of a guide on the flange.
+struct BallHead {
+  robot::Vector3d middle_mm = robot::Vector3d::Zero();
+  double radius_mm = 90.0;
+  double guide_mm = 100.0, guide_radius_mm = 6.0;
+
+  [[nodiscard]] planning::ArmBodies bodies() const {
+    planning::ArmBodies out;
+    out.tools.push_back({"guide", robot::Vector3d::Zero(), guide_mm * robot::Vector3d::UnitZ(), guide_radius_mm});
+    return out;
+  }
+  // Distance of the arm from the ball, in closed form: not the planner's code.
+  [[nodiscard]] double distance_mm(const robot::JointAngles &joints) const {
+    const auto axes = model().axes(joints);
+    const robot::FlangePose flange = model().forward(joints);
+    const auto radii = bodies().radius_mm;
+    double out = from_line(flange.translation(), flange * robot::Vector3d(0.0, 0.0, guide_mm)) - guide_radius_mm;
+    for (std::size_t i = 0; i < robot::kJoints; ++i) {
+      const robot::Vector3d &end = i + 1 < robot::kJoints ? axes[i + 1].point_mm : flange.translation();
+      out = std::min(out, from_line(axes[i].point_mm, end) - radii[i]);
+    }
+    return out;
+  }
+
+private:
+  [[nodiscard]] double from_line(const robot::Vector3d &a, const robot::Vector3d &b) const {
+    const robot::Vector3d along = b - a;
+    const double t = std::clamp((middle_mm - a).dot(along) / std::max(along.squaredNorm(), 1e-12), 0.0, 1.0);
+    return (a + t * along - middle_mm).norm() - radius_mm;
+  }
+};
 
 // Driver, arm, client and daemon on a clock of the test.
 class World {
@@ -174,6 +210,8 @@ public:
   double worst_stop = 0.0;          // way after a stop, as a part of the stated distance
   double moved_after_stop_mm = 0.0; // beyond that distance
   std::uint64_t stops_in_motion = 0;
+  std::optional<BallHead> head;
+  double least_head_mm = std::numeric_limits<double>::infinity();
 
 private:
   struct Stop {
@@ -237,6 +275,9 @@ private:
   }
   void watch() {
     least_margin_rad = std::min(least_margin_rad, model().limit_margin(arm.joints()));
+    if (head) {
+      least_head_mm = std::min(least_head_mm, head->distance_mm(arm.joints()));
+    }
     const robot::Vector3d at_mm = flange();
     const double step_mm = has_last_ ? (at_mm - last_).norm() : 0.0;
     most_mm_s = std::max(most_mm_s, step_mm / 4e-3);
@@ -527,6 +568,23 @@ void recover(World &world) {
   world.run(60 * kMs);
 }
 
+// Whether the guide of a flange on this path meets the ball somewhere.
+bool touches(const std::vector<robot::FlangePose> &path, const BallHead &ball) {
+  robot::StraightPath line(path.front());
+  for (const robot::FlangePose &pose : path) {
+    line.add(pose);
+  }
+  for (double at = 0.0; at <= line.length_mm(); at += 1.0) {
+    const robot::FlangePose pose = line.pose(at);
+    for (double depth = 0.0; depth <= ball.guide_mm; depth += 5.0) {
+      if ((pose * robot::Vector3d(0.0, 0.0, depth) - ball.middle_mm).norm() < ball.radius_mm + ball.guide_radius_mm) {
+        return true;
+      }
+    }
+  }
+  return false;
+}
+
 TEST_F(Motion, RandomCommandsWithRandomFailures) {
   const char *wanted = std::getenv("BREGMA_ARM_COMMANDS");
   const int commands = wanted != nullptr ? std::atoi(wanted) : 300;
@@ -538,14 +596,36 @@ TEST_F(Motion, RandomCommandsWithRandomFailures) {
     }
     return model().forward(joints);
   };
+  // The head lies in front of the guide; one path in eight leads into it or behind it.
+  const robot::FlangePose start = model().forward(settings().start);
+  const robot::Vector3d ahead = start.rotation() * robot::Vector3d::UnitZ();
+  BallHead ball;
+  ball.middle_mm = start.translation() + (ball.guide_mm + ball.radius_mm + 70.0) * ahead;
+  world.head = ball;
+  planning::ArmScene scene;
+  scene.obstacles.push_back({"head", test::make_sphere(3, ball.radius_mm + 0.5, ball.middle_mm)});
+  const planning::ArmCollision collision(model(), ball.bodies(), scene);
+  const robot::InverseKinematics inverse(model());
   int executed = 0;
   int refused = 0;
+  int refused_by_plan = 0;
+  int would_collide = 0;
   for (int i = 0; i < commands && !HasFailure(); ++i) {
     const double kind = random.uniform(0.0, 1.0);
     std::vector<robot::FlangePose> path;
     for (int w = static_cast<int>(random.uniform(0.0, 2.99)); w >= 0; --w) {
       path.push_back(kind < 0.1 ? beside(pose(2.5), random.uniform(-600, 600), random.uniform(-600, 600), 0)
                                 : pose(0.04));
+    }
+    if (kind >= 0.1 && kind < 0.22) {
+      const robot::Vector3d into = random.uniform(100.0, 420.0) * ahead + random.normal3(60.0);
+      path.insert(path.begin(), beside(start, into.x(), into.y(), into.z()));
+    }
+    const auto plan = planning::check_path(collision, inverse, world.arm.joints(), path);
+    if (plan.verdict == planning::PathVerdict::kTooClose || plan.verdict == planning::PathVerdict::kBranch) {
+      ++refused_by_plan;
+      would_collide += touches(path, ball) ? 1 : 0;
+      continue; // the client does not command it
     }
     const std::uint64_t done = world.arm.motions_done();
     const auto reply = world.move(path, random.uniform(0.0, 1.0) < 0.5, random.uniform(40.0, 100.0));
@@ -566,9 +646,13 @@ TEST_F(Motion, RandomCommandsWithRandomFailures) {
   }
   std::printf("%d motions commanded, %d executed to their end, %d refused; %llu stops in motion\n", commands, executed,
               refused, static_cast<unsigned long long>(world.stops_in_motion));
+  std::printf("%d refused by the plan, of which %d touch the head; nearest to the head %.1f mm\n", refused_by_plan,
+              would_collide, world.least_head_mm);
   std::printf("smallest distance from a joint limit %.3f rad, longest stop %.2f of the stated distance\n",
               world.least_margin_rad, world.worst_stop);
   EXPECT_GE(2 * executed, commands) << "at least half of the motions are executed";
+  EXPECT_GT(world.least_head_mm, 0.0) << "the arm went into the head";
+  EXPECT_GT(would_collide, commands / 40) << "paths through the head were tried";
   EXPECT_GT(world.stops_in_motion, static_cast<std::uint64_t>(commands) / 40);
   expect_sound();
 }

@@ -10,6 +10,9 @@ using bregma::tests::run_bregma;
 TEST(Usage, HelpIsAnAnswerAndNotAnError) {
   const TemporaryFolder folder;
   for (const char *arguments : {"--help",
+                                "arm --help",
+                                "arm scan --help",
+                                "arm move --help",
                                 "calibrate --help",
                                 "calibrate pivot --help",
                                 "calibrate hand-eye --help",
@@ -18,6 +21,7 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
                                 "register --help",
                                 "register points --help",
                                 "register surface --help",
+                                "register scan --help",
                                 "register cloud --help",
                                 "register curves --help",
                                 "register capture --help",

@@ -9,7 +9,9 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/range/range_filters.hpp"
+#include "algorithms/range/surface_scan.hpp"
 #include "drivers/sim/range/sharp_sensor.hpp"
+#include "drivers/sim/range/surface_under_beam.hpp"
 
 namespace bregma::range {
 namespace {
@@ -80,6 +82,66 @@ TEST(RangeChain, GivesEveryNthValueInMillimetres) {
   ASSERT_TRUE(last);
   EXPECT_DOUBLE_EQ(last->value, 100.0);
   EXPECT_EQ(last->delay_ns, 50'500'000); // 49.5 ms of the window and 1 ms of the smoothing
+}
+
+TEST(SurfacePoints, LieWhereTheSensorWasWhenTheDistanceHeld) {
+  // A slope that is scanned at 5 mm/s: the delay of the chain would shift every point along the path.
+  const PowerLaw curve{200.0, -1.0};
+  ScanOptions options{.chain = {{WindowKind::kHampel, 200, 3.0, 38 * kMs}, 1, 100}, .curve = curve};
+  const auto distance_mm = [](double x_mm) { return 150.0 + 0.8 * x_mm; };
+  std::vector<ScanRecord> records;
+  for (int i = 0; i < 3000; ++i) {
+    const double seen_x_mm = 5e-3 * (i - 38); // the sensor holds a value of 38 ms ago
+    records.push_back({5e-3 * i, 7.0, i % 50 == 3 ? kMissing : curve.reading(distance_mm(seen_x_mm))});
+  }
+  records[1500].x_mm = kMissing;
+  const SurfaceScan scan = surface_points(records, options);
+  ASSERT_EQ(scan.points_mm.size(), 28U);
+  EXPECT_EQ(scan.missing, 60U);
+  EXPECT_NEAR(scan.delay_ms, 99.5 + 38.0, 0.5);
+  for (const Eigen::Vector3d &p : scan.points_mm) {
+    EXPECT_NEAR(p.z(), 200.0 - distance_mm(p.x()), 0.01);
+    EXPECT_EQ(p.y(), 7.0);
+  }
+  options.at_newest = true;
+  const SurfaceScan late = surface_points(records, options);
+  EXPECT_GT(std::abs(late.points_mm.back().z() - (200.0 - distance_mm(late.points_mm.back().x()))), 0.5);
+}
+
+TEST(SurfacePoints, CountsWhatItLeavesOut) {
+  ScanOptions options{.chain = {{WindowKind::kMean, 1, 1.0, 0}, 1, 1}, .curve = {1.0, 1.0}};
+  options.near_mm = 100.0;
+  options.far_mm = 300.0;
+  options.lowest_mm = 5.0;
+  const std::vector<ScanRecord> records{{0, 0, 50.0},  {1, 0, 400.0}, {2, 0, 198.0},       {3, 0, 150.0},
+                                        {4, 0, 150.0}, {5, 0, -1.0},  {kMissing, 0, 150.0}};
+  const SurfaceScan scan = surface_points(records, options);
+  EXPECT_EQ(scan.points_mm.size(), 2U);
+  EXPECT_EQ(scan.too_near, 1U); // a reading below zero is no distance
+  EXPECT_EQ(scan.too_far, 1U);
+  EXPECT_EQ(scan.too_low, 1U);
+  EXPECT_EQ(scan.without_position, 1U);
+  EXPECT_TRUE(surface_points({}, options).points_mm.empty());
+  options.period_ms = 0.0;
+  EXPECT_THROW(static_cast<void>(surface_points(records, options)), std::invalid_argument);
+}
+
+TEST(SurfaceUnderBeam, MeetsTheUppermostTriangleItsTiltAndItsEdge) {
+  surface::TriangleMesh mesh; // a slope of 45 degrees from x = 0 to 20, above a plate at z = 1
+  mesh.vertices_mm = {{0, 0, 20}, {20, 0, 40}, {20, 20, 40}, {0, 20, 20},
+                      {0, 0, 1},  {40, 0, 1},  {40, 20, 1},  {0, 20, 1}};
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}, {4, 5, 6}, {4, 6, 7}};
+  const sim::SurfaceUnderBeam surface(mesh);
+  EXPECT_NEAR(surface.top(10.0, 10.0)->z_mm, 30.0, 1e-9);
+  EXPECT_NEAR(surface.top(30.0, 10.0)->z_mm, 1.0, 1e-9);
+  EXPECT_FALSE(surface.top(-1.0, 10.0));
+  const sim::BeamTarget slope = surface.target(10.0, 10.0, 200.0);
+  EXPECT_NEAR(slope.distance_mm, 170.0, 1e-9);
+  EXPECT_NEAR(slope.tilt_rad, std::numbers::pi / 4.0, 1e-9);
+  EXPECT_TRUE(std::isnan(slope.other_mm));
+  EXPECT_NEAR(surface.target(19.0, 10.0, 200.0).other_mm, 199.0, 1e-9); // its spot reaches the plate
+  EXPECT_NEAR(surface.target(-10.0, 10.0, 200.0).distance_mm, 200.0, 1e-9);
+  EXPECT_THROW(sim::SurfaceUnderBeam(surface::TriangleMesh{}), std::invalid_argument);
 }
 
 TEST(PowerLaw, RecoversItsParametersWithinTheirCovariance) {

@@ -9,14 +9,14 @@
 
 #include "algorithms/robot/arm_model.hpp"
 
-namespace bregma::sim {
+namespace bregma::robot {
 
 class StraightPath {
 public:
   static constexpr double kLever_mm = 250.0;
 
-  explicit StraightPath(const robot::FlangePose &start) : poses_{start}, ends_mm_{0.0} {}
-  void add(const robot::FlangePose &waypoint);
+  explicit StraightPath(const FlangePose &start) : poses_{start}, ends_mm_{0.0} {}
+  void add(const FlangePose &waypoint);
 
   [[nodiscard]] double length_mm() const { return ends_mm_.back(); }
   [[nodiscard]] std::size_t waypoints() const { return poses_.size() - 1; }
@@ -24,11 +24,11 @@ public:
   [[nodiscard]] std::size_t leads_to(double at_mm) const;
   // Where the segment ends that holds this position.
   [[nodiscard]] double segment_end_mm(double at_mm) const { return ends_mm_[leads_to(at_mm) + 1]; }
-  [[nodiscard]] robot::FlangePose pose(double at_mm) const;
+  [[nodiscard]] FlangePose pose(double at_mm) const;
 
 private:
-  std::vector<robot::FlangePose> poses_; // the start, then the waypoints
-  std::vector<double> ends_mm_;          // position of each
+  std::vector<FlangePose> poses_; // the start, then the waypoints
+  std::vector<double> ends_mm_;   // position of each
 };
 
-} // namespace bregma::sim
+} // namespace bregma::robot

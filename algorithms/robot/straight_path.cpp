@@ -1,11 +1,11 @@
-#include "drivers/sim/arm/straight_path.hpp"
+#include "algorithms/robot/straight_path.hpp"
 
 #include <algorithm>
 
-namespace bregma::sim {
+namespace bregma::robot {
 
-void StraightPath::add(const robot::FlangePose &waypoint) {
-  const robot::FlangePose &last = poses_.back();
+void StraightPath::add(const FlangePose &waypoint) {
+  const FlangePose &last = poses_.back();
   const double straight_mm = (waypoint.translation() - last.translation()).norm();
   const double turned_mm = kLever_mm * last.rotation().angularDistance(waypoint.rotation());
   poses_.push_back(waypoint);
@@ -18,17 +18,17 @@ std::size_t StraightPath::leads_to(double at_mm) const {
   return waypoints() == 0 ? 0 : std::min(found, waypoints() - 1);
 }
 
-robot::FlangePose StraightPath::pose(double at_mm) const {
+FlangePose StraightPath::pose(double at_mm) const {
   if (waypoints() == 0) {
     return poses_.front();
   }
   const std::size_t to = leads_to(at_mm);
   const double length_mm = ends_mm_[to + 1] - ends_mm_[to];
   const double part = length_mm > 0.0 ? std::clamp((at_mm - ends_mm_[to]) / length_mm, 0.0, 1.0) : 1.0;
-  const robot::FlangePose &from = poses_[to];
-  const robot::FlangePose &target = poses_[to + 1];
+  const FlangePose &from = poses_[to];
+  const FlangePose &target = poses_[to + 1];
   return {from.rotation().slerp(part, target.rotation()),
-          robot::Vector3d((1.0 - part) * from.translation() + part * target.translation())};
+          Vector3d((1.0 - part) * from.translation() + part * target.translation())};
 }
 
-} // namespace bregma::sim
+} // namespace bregma::robot
