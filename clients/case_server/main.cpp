@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cinttypes>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -103,6 +104,7 @@ int serve(int argc, char **argv) {
   live::DaemonLink link(domain, live::DaemonLink::Role::kReads);
   casefiles::CaseSender sender(link.participant(), host_name());
   Shown last;
+  std::uint64_t dropped = 0;
   while (!stopped) {
     (void)link.update(0ns);
     if (const Shown now = shown_case(link, last); now != last) {
@@ -110,6 +112,14 @@ int serve(int argc, char **argv) {
       offer(sender, now, tissue_elements);
     }
     sender.serve(20ms);
+    if (sender.dropped_chunks() != dropped) {
+      dropped = sender.dropped_chunks();
+      std::fprintf(
+          stderr,
+          "bregma-case-server: %" PRIu64
+          " chunks were asked for beyond the queue: many displays fetch the case at once, and wait longer for it\n",
+          dropped);
+    }
   }
   return 0;
 }

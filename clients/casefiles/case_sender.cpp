@@ -15,7 +15,7 @@ constexpr std::uint32_t kMaxChunks = 64; // per request
 // Between two chunks, per reader: 16 MB/s. At most one chunk, 0.3 ms of a gigabit link, is before a state in the queue
 // of the network card. Chunks as fast as they are asked for would be 4 ms of it.
 constexpr std::chrono::microseconds kPeriod{2000};
-constexpr std::size_t kMaxQueue = 4096;
+constexpr std::size_t kMaxQueue = 1024; // 16 displays that have asked for all they may at once
 
 } // namespace
 
@@ -92,9 +92,14 @@ void CaseSender::enqueue(const wire::CaseRequest &request) {
   const std::uint64_t chunks = (found->second.size() + kSentChunkBytes - 1) / kSentChunkBytes;
   const std::uint64_t first = std::min<std::uint64_t>(request.first_chunk, chunks);
   const std::uint64_t last = std::min<std::uint64_t>(first + std::min(request.count, kMaxChunks), chunks);
-  for (std::uint64_t i = first; i < last && queue_.size() < kMaxQueue; ++i) {
+  for (std::uint64_t i = first; i < last; ++i) {
     const auto same = [&](const Wanted &one) { return one.chunk == i && one.file == hash; };
-    if (std::none_of(queue_.begin(), queue_.end(), same)) {
+    if (std::any_of(queue_.begin(), queue_.end(), same)) {
+      continue;
+    }
+    if (queue_.size() == kMaxQueue) {
+      ++dropped_chunks_;
+    } else {
       Wanted &wanted = queue_.emplace_back();
       wanted.file = hash;
       wanted.chunk = i;

@@ -39,6 +39,8 @@ public:
   void serve(std::chrono::nanoseconds timeout);
 
   [[nodiscard]] std::uint64_t sent_chunks() const { return sent_chunks_; }
+  // Asked for when the queue was full. A display asks again for what does not arrive.
+  [[nodiscard]] std::uint64_t dropped_chunks() const { return dropped_chunks_; }
 
 private:
   void publish(wire::CaseOfferState state, const std::string &case_id, const std::string &text);
@@ -62,6 +64,7 @@ private:
   std::deque<Wanted> queue_;
   Clock::time_point next_{}; // when the next chunk may be sent
   std::uint64_t sent_chunks_ = 0;
+  std::uint64_t dropped_chunks_ = 0;
 };
 
 } // namespace bregma::casefiles

@@ -123,6 +123,7 @@ TEST_F(Transfer, ACaseArrivesIsKeptAndChanges) {
   ASSERT_TRUE(reaches(fetcher_, State::kComplete));
   EXPECT_EQ(*base::read_file(*fetcher_.file(fetcher_.status().hash, "image")), "small");
   EXPECT_TRUE(fetcher_.file(first.hash, "image")) << "a page may still be loading it";
+  std::this_thread::sleep_for(100ms); // the server states what it sent after serve()
   const std::uint64_t sent = server.sent();
   server.offer(bundle("c1", content));
   for (int i = 0; i < 1000 && fetcher_.status().hash != first.hash; ++i) {
@@ -155,6 +156,28 @@ TEST_F(Transfer, TheCaseOfAnotherHostIsNotUsed) {
   server.offer(bundle("c1", "content"));
   std::this_thread::sleep_for(500ms);
   EXPECT_EQ(fetcher_.status().state, State::kNoServer);
+}
+
+TEST(CaseSender, WhatIsAskedForBeyondItsQueueIsCounted) {
+  dds::Participant participant(own_domain());
+  CaseSender sender(participant, "host");
+  const Bundle large = bundle("c1", std::string(1280 * std::size_t{bregma_wire_CASE_CHUNK_BYTES}, 'x'));
+  sender.offer(large);
+  dds::Writer<wire::CaseRequest> requests(participant);
+  for (int i = 0; i < 200 && requests.matched_readers() == 0; ++i) {
+    std::this_thread::sleep_for(10ms);
+  }
+  wire::CaseRequest request{};
+  std::copy(large.files.begin()->first.begin(), large.files.begin()->first.end(), std::begin(request.file));
+  request.count = 64;
+  for (; request.first_chunk < 1280; request.first_chunk += request.count) {
+    ASSERT_TRUE(requests.write(request));
+  }
+  for (int i = 0; i < 200 && sender.dropped_chunks() == 0; ++i) {
+    sender.serve(10ms);
+  }
+  EXPECT_GT(sender.dropped_chunks(), 0U);
+  EXPECT_LE(sender.dropped_chunks(), 1280U - 1024U);
 }
 
 TEST_F(Transfer, TheFolderIsForItsOwnerOnly) {
