@@ -3,6 +3,7 @@
 #include <atomic>
 #include <chrono>
 #include <csignal>
+#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -10,9 +11,13 @@
 #include <sstream>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -126,6 +131,56 @@ TEST_F(Sdk, AllFilesAreInstalled) {
   Process doctor({program("bregmad"), "--config", (prefix() / "share/bregma/bregmad.toml").string(), "--print-config"},
                  log("config").string());
   EXPECT_EQ(doctor.wait(30.0), 0) << doctor.log();
+}
+
+// The whole answer of a server on this host, headers included.
+std::string answer_of(std::uint16_t port, const std::string &path) {
+  const int socket = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(port);
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  std::string out;
+  if (connect(socket, reinterpret_cast<const sockaddr *>(&address), sizeof address) == 0) {
+    const std::string request =
+        "GET " + path + " HTTP/1.1\r\nHost: localhost:" + std::to_string(port) + "\r\nConnection: close\r\n\r\n";
+    (void)send(socket, request.data(), request.size(), MSG_NOSIGNAL);
+    char part[4096];
+    for (ssize_t n = 0; (n = recv(socket, part, sizeof part, 0)) > 0;) {
+      out.append(part, static_cast<std::size_t>(n));
+    }
+  }
+  close(socket);
+  return out;
+}
+
+TEST_F(Sdk, TheInstalledGatewayServesTheInstalledPage) {
+  const fs::path page = prefix() / "share/bregma/display";
+  if (!fs::exists(page)) {
+    GTEST_SKIP() << "built without the page of the display";
+  }
+  Process gateway({program("bregma-gateway"), "--port", "0", "--domain", std::to_string(100 + getpid() % 100),
+                   "--cache", (prefix() / "cache").string()},
+                  log("gateway").string());
+  unsigned long port = 0;
+  for (int i = 0; i < 200 && port == 0; ++i) {
+    std::this_thread::sleep_for(50ms);
+    const std::string text = gateway.log();
+    const std::size_t at = text.rfind("localhost:");
+    port = at == std::string::npos ? 0 : std::strtoul(text.c_str() + at + 10, nullptr, 10);
+  }
+  ASSERT_NE(port, 0U) << gateway.log();
+  for (const auto &[path, file] :
+       {std::pair{"/", "index.html"}, {"/main.js", "main.js"}, {"/style.css", "style.css"}}) {
+    const std::string answer = answer_of(static_cast<std::uint16_t>(port), path);
+    const std::string content = read_file(page / file);
+    EXPECT_TRUE(answer.starts_with("HTTP/1.1 200")) << path << ": " << answer.substr(0, 80);
+    EXPECT_FALSE(content.empty()) << file;
+    EXPECT_TRUE(answer.ends_with(content)) << file;
+  }
+  const std::string unit = read_file(prefix() / "lib/systemd/system/bregma-gateway.service");
+  EXPECT_TRUE(holds(unit, "ExecStart=" + program("bregma-gateway") + " ")) << unit;
+  EXPECT_TRUE(fs::is_regular_file(prefix() / "lib/systemd/system/bregma-kiosk.service"));
 }
 
 // The manual pages are made from --help during the installation. The test checks that they are complete.
