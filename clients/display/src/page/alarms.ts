@@ -17,7 +17,12 @@ export class Alarms implements Part {
       .all("alarm")
       .filter((a) => a.state !== AlarmState.CLEARED)
       .sort((a, b) => b.severity - a.severity || b.changed_ms - a.changed_ms);
-    fill(this.element, `${store.revision("alarm")}`, () => raised.map(row));
+    const notes = raised.filter((a) => a.severity === Severity.INFO);
+    const grave = raised.filter((a) => a.severity !== Severity.INFO);
+    fill(this.element, `${store.revision("alarm")}`, () => [
+      ...grave.map(row),
+      ...(notes.length > 0 ? [line(notes)] : []),
+    ]);
     this.announce(raised);
   }
 
@@ -31,10 +36,18 @@ export class Alarms implements Part {
   }
 }
 
+const titleOf = (a: RecordOf<"alarm">): string => [a.alarm.replaceAll("_", " "), a.subject].filter(Boolean).join(" · ");
+
+// All that only informs, on one line: it must not take the place of what is read during the operation.
+function line(notes: readonly RecordOf<"alarm">[]): HTMLElement {
+  const all = notes.map(titleOf).join(", ");
+  return h("div", { class: "alarm info", title: all }, h("strong", {}, all));
+}
+
 function row(a: RecordOf<"alarm">): HTMLElement {
   const kind = kWords[a.severity] ?? "critical"; // unknown is never good
   const acknowledged = a.state === AlarmState.ACKNOWLEDGED;
-  const title = [a.alarm.replaceAll("_", " "), a.subject].filter(Boolean).join(" · ");
+  const title = titleOf(a);
   return h(
     "div",
     { class: `alarm ${kind} ${acknowledged ? "acknowledged" : ""}` },

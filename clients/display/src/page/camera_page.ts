@@ -15,6 +15,7 @@ type Volume = Pick<
 >;
 
 const kSize = 200;
+const kName_px = 13; // height of a name
 const kDepthMargin_mm = 50;
 
 export class CameraPage implements Part {
@@ -148,13 +149,25 @@ function drawVolume(
   const [x, y] = at(0, 0);
   c.fillRect(x - 14, y, 28, 6);
   c.font = '12px system-ui, "DejaVu Sans", sans-serif';
-  for (const tool of tools) {
-    if (!isSeen(tool)) continue;
+  const seen = tools.filter(isSeen).map((tool) => {
     const [px, py] = at(tool.translation_mm[axis], tool.translation_mm[2]);
-    c.fillStyle = tool.status === ToolStatus.VISIBLE ? "#45e0a0" : "#ffab2e";
+    return { tool, px, py };
+  });
+  seen.sort((a, b) => a.py - b.py);
+  const right = Math.max(...seen.map((s) => s.px)) + 12;
+  let row = Number.NEGATIVE_INFINITY; // of the last name: names of tools that are close stand below each other
+  for (const { tool, px, py } of seen) {
+    row = Math.max(py, row + kName_px);
+    c.fillStyle = c.strokeStyle = tool.status === ToolStatus.VISIBLE ? "#45e0a0" : "#ffab2e";
     c.beginPath();
-    c.arc(px, py, 5, 0, 2 * Math.PI);
+    c.arc(px, py, 4, 0, 2 * Math.PI);
     c.fill();
-    c.fillText(tool.tool, px + 8, py + 4);
+    c.globalAlpha = 0.5;
+    c.beginPath();
+    c.moveTo(px, py);
+    c.lineTo(right - 2, row);
+    c.stroke();
+    c.globalAlpha = 1;
+    c.fillText(tool.tool, right, row + 4);
   }
 }
