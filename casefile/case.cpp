@@ -169,7 +169,36 @@ PlanFiles read_table(base::TableReader &root, Case &c) {
   if (auto tissue = root.table("tissue")) {
     c.tissue = detail::read_tissue(*tissue);
   }
+  if (auto robot = root.table("robot")) {
+    c.robot.emplace();
+    c.robot->device = robot->require_string("device");
+    c.robot->equipment_file = robot->require_string("tools");
+    static_cast<void>(robot->finish());
+  }
   return files;
+}
+
+// Reads the arm's equipment; its base is the reference, and what it carries are the tools.
+void read_robot(base::TableReader &root, Case &c) {
+  if (!c.tools.empty()) {
+    root.refuse("tools", "a case with [robot] has no [[tools]]: the arm's are in the file of robot.tools");
+  }
+  CaseRobot &robot = *c.robot;
+  robot.equipment_file = c.folder / robot.equipment_file;
+  auto equipment = read_robot_equipment(robot.equipment_file);
+  if (!equipment) {
+    root.refuse("robot.tools", equipment.error().message);
+    return;
+  }
+  robot.equipment = std::move(*equipment);
+  c.tools.push_back({.name = kRobotBase, .role = ToolRole::kReference, .markers_mm = {}});
+  for (const RobotToolModel &tool : robot.equipment.tools) {
+    c.tools.push_back({.name = tool.name,
+                       .role = ToolRole::kPointer,
+                       .markers_mm = {},
+                       .axis = tool.axis,
+                       .nominal_tip_mm = tool.tip_mm});
+  }
 }
 
 } // namespace
@@ -205,7 +234,8 @@ base::Result<std::vector<ToolModel>> read_tools(const fs::path &file) {
 
 std::vector<base::KnownKey> case_file_keys() {
   const auto document = base::TomlDocument::parse(
-      "[labels]\n[surfaces]\n[[structures]]\n[[images]]\n[[tools]]\n[limits]\n[craniotomy]\n[tissue]\n", "case.toml");
+      "[labels]\n[surfaces]\n[[structures]]\n[[images]]\n[[tools]]\n[limits]\n[craniotomy]\n[tissue]\n[robot]\n",
+      "case.toml");
   base::TableReader root = document->root();
   Case c;
   static_cast<void>(read_table(root, c));
@@ -240,6 +270,9 @@ base::Result<Case> load_case(const fs::path &folder, Checksums checksums) {
         root.refuse(key, "no such file: " + file->string());
       }
     }
+  }
+  if (c.robot) {
+    read_robot(root, c);
   }
   FileLoader loader(folder, root);
   c.scalp.name = "scalp";

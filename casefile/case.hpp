@@ -12,6 +12,7 @@
 #include "algorithms/geometry/pose_covariance.hpp"
 #include "algorithms/surface/triangle_mesh.hpp"
 #include "base/result.hpp"
+#include "casefile/robot_tools.hpp"
 
 namespace bregma::casefile {
 
@@ -96,6 +97,15 @@ struct LabelImage {
   std::filesystem::path table;
 };
 
+// An arm that registers and navigates without a tracker. The patient is then registered in the arm's base, the tool
+// kRobotBase with the role of the reference, and the case's other tools are those that the arm carries.
+inline constexpr const char *kRobotBase = "RobotBase";
+struct CaseRobot {
+  std::string device; // as RobotState::device
+  std::filesystem::path equipment_file;
+  RobotEquipment equipment;
+};
+
 struct Case {
   std::filesystem::path folder;
   std::string id; // contains nothing about the patient
@@ -114,6 +124,7 @@ struct Case {
   Limits limits;
   std::optional<CraniotomyPlan> craniotomy;
   std::optional<TissueChoice> tissue;
+  std::optional<CaseRobot> robot; // the case has no tracker
 
   [[nodiscard]] const ToolModel *tool(std::string_view name) const;
   [[nodiscard]] const ToolModel *reference() const;

@@ -36,6 +36,7 @@ const char *role_text(ToolRole role) {
   return "probe";
 }
 
+// Relative to the case's folder if it is inside.
 std::string file_text(const Case &c, const fs::path &file) {
   const fs::path relative = file.lexically_relative(c.folder);
   const bool inside = !relative.empty() && *relative.begin() != "..";
@@ -47,6 +48,11 @@ std::string labels_text(const Case &c) {
                    : "\n# Regions as an image of their numbers, with their names and colours: for "
                      "displays.\n[labels]\nfile = " +
                          file_text(c, c.labels->file) + "\ntable = " + file_text(c, c.labels->table) + "\n";
+}
+
+std::string robot_text(const Case &c) {
+  return "\n# An arm instead of a tracker, and the file of what it carries.\n[robot]\ndevice = " +
+         text(c.robot->device) + "\ntools = " + file_text(c, c.robot->equipment_file) + "\n";
 }
 
 std::string tool_text(const ToolModel &tool) {
@@ -139,8 +145,12 @@ base::Result<void> save_case(const Case &c) {
     steps.run([&] { return write_mesh(c.folder / file, structure.mesh); });
   }
   steps.run([&] { return detail::save_images(c).map([&toml](const std::string &tables) { toml += tables; }); });
-  for (const ToolModel &tool : c.tools) {
-    toml += tool_text(tool);
+  if (c.robot) { // its tools are in their own file
+    toml += robot_text(c);
+  } else {
+    for (const ToolModel &tool : c.tools) {
+      toml += tool_text(tool);
+    }
   }
   toml += limits_text(c.limits) + detail::tissue_tables_text(c);
   steps.run([&] { return base::write_file(c.folder / "case.toml", toml); });

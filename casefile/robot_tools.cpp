@@ -1,7 +1,11 @@
 #include "casefile/robot_tools.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <fstream>
 #include <utility>
+
+#include <nlohmann/json.hpp>
 
 #include "algorithms/geometry/angles.hpp"
 #include "base/table_reader.hpp"
@@ -13,15 +17,117 @@ namespace {
 constexpr std::size_t kMaxName = 31; // bytes, as on the wire
 constexpr double kMinAxisLength = 1e-6;
 
+using nlohmann::json;
+
+// A calibration as `bregma calibrate ... --json` prints it. What was refused there is refused here.
+base::Result<json> read_calibration(const std::filesystem::path &file, std::string_view verb) {
+  std::ifstream stream(file);
+  json out = json::parse(stream, nullptr, false);
+  if (!stream.is_open() || !out.is_object() || !out.contains("accepted")) {
+    return base::failure(file.string() + ": is no result of `bregma calibrate " + std::string(verb) + " --json`");
+  }
+  if (out["accepted"] != true) {
+    return base::failure(file.string() + ": this calibration was refused" +
+                         (out["text"].is_string() ? ": " + out["text"].get<std::string>() : std::string()));
+  }
+  return out;
+}
+
+template <int Rows, int Columns> Eigen::Matrix<double, Rows, Columns> numbers_of(const json &value) {
+  Eigen::Matrix<double, Rows, Columns> out;
+  for (int row = 0; row < Rows; ++row) {
+    for (int column = 0; column < Columns; ++column) {
+      const json &cell = value.at(static_cast<std::size_t>(row));
+      out(row, column) = (Columns == 1 ? cell : cell.at(static_cast<std::size_t>(column))).get<double>();
+    }
+  }
+  return out;
+}
+
+base::Result<void> read_beam(const std::filesystem::path &file, RangeSensorModel &sensor) {
+  const auto document = read_calibration(file, "beam");
+  if (!document) {
+    return tl::unexpected(document.error());
+  }
+  try {
+    sensor.origin_mm = numbers_of<3, 1>(document->at("origin_mm"));
+    sensor.direction = numbers_of<3, 1>(document->at("direction"));
+    sensor.covariance = numbers_of<6, 6>(document->at("covariance"));
+  } catch (const json::exception &) {
+    return base::failure(file.string() + ": origin_mm, direction or covariance is missing");
+  }
+  if (!sensor.origin_mm.allFinite() || !sensor.covariance.allFinite() ||
+      !(std::abs(sensor.direction.norm() - 1.0) < 1e-3) || sensor.covariance.diagonal().minCoeff() < 0.0) {
+    return base::failure(file.string() + ": is no beam: the direction has no unit length, or a number is invalid");
+  }
+  sensor.direction.normalize();
+  return {};
+}
+
+base::Result<void> read_curve(const std::filesystem::path &file, RangeSensorModel &sensor) {
+  const auto document = read_calibration(file, "range");
+  if (!document) {
+    return tl::unexpected(document.error());
+  }
+  RangeCurveModel curve;
+  try {
+    curve.scale_mm = document->at("scale_mm").get<double>();
+    curve.exponent = document->at("exponent").get<double>();
+    curve.covariance = numbers_of<2, 2>(document->at("covariance"));
+  } catch (const json::exception &) {
+    return base::failure(file.string() + ": scale_mm, exponent or covariance is missing");
+  }
+  if (!(curve.exponent > 0.0)) {
+    return base::failure(file.string() + ": is the curve of a voltage: it belongs to the driver (curve.scale_mm, "
+                                         "curve.exponent); here the readings are the driver's distances");
+  }
+  if (!(curve.scale_mm > 0.0) || !curve.covariance.allFinite()) {
+    return base::failure(file.string() + ": is no curve: scale_mm must be above 0");
+  }
+  sensor.curve = curve;
+  return {};
+}
+
+RangeSensorModel read_sensor(base::TableReader &table, const std::filesystem::path &folder) {
+  RangeSensorModel sensor;
+  sensor.name = table.require_string("name");
+  const std::string beam = table.require_string("beam");
+  const std::string curve = table.string("curve", "");
+  sensor.window = table.integer("window", sensor.window, "readings", 1, 1000);
+  sensor.delay_ms = table.number("delay_ms", sensor.delay_ms, "ms", 0.0, 1000.0);
+  sensor.sigma_mm = table.number("sigma_mm", sensor.sigma_mm, "mm", 0.0, 100.0);
+  sensor.near_mm = table.number("near_mm", sensor.near_mm, "mm", 0.0, 1e4);
+  sensor.far_mm = table.number("far_mm", sensor.far_mm, "mm", 1.0, 1e4);
+  if (sensor.near_mm >= sensor.far_mm) {
+    table.refuse("near_mm", "must be below far_mm");
+  }
+  if (const auto read = beam.empty() ? base::Result<void>() : read_beam(folder / beam, sensor); !read) {
+    table.refuse("beam", read.error().message);
+  }
+  if (const auto read = curve.empty() ? base::Result<void>() : read_curve(folder / curve, sensor); !read) {
+    table.refuse("curve", read.error().message);
+  }
+  return sensor;
+}
+
+template <class Item> void check_name(base::TableReader &table, const Item &item, const std::vector<Item> &others) {
+  if (item.name.empty() || item.name.size() > kMaxName) {
+    table.refuse("name", "must have 1 to 31 bytes");
+  }
+  if (std::any_of(others.begin(), others.end(), [&](const Item &other) { return other.name == item.name; })) {
+    table.refuse("name", "appears twice");
+  }
+}
+
 } // namespace
 
-base::Result<std::vector<RobotToolModel>> read_robot_tools(const std::filesystem::path &file) {
+base::Result<RobotEquipment> read_robot_equipment(const std::filesystem::path &file) {
   const auto document = base::TomlDocument::read(file);
   if (!document) {
     return tl::unexpected(document.error());
   }
   base::TableReader root = document->root();
-  std::vector<RobotToolModel> out;
+  RobotEquipment out;
   for (base::TableReader &table : root.tables("tools")) {
     RobotToolModel tool;
     tool.name = table.require_string("name");
@@ -29,12 +135,7 @@ base::Result<std::vector<RobotToolModel>> read_robot_tools(const std::filesystem
     tool.axis = table.vector3("axis", tool.axis);
     tool.sigma_mm = table.require_number("sigma_mm", "mm", 0.001, 10.0);
     tool.sigma_rad = table.number("sigma_deg", 0.0, "deg", 0.0, 10.0) * geometry::kRadiansPerDegree;
-    if (tool.name.empty() || tool.name.size() > kMaxName) {
-      table.refuse("name", "must have 1 to 31 bytes");
-    }
-    if (std::any_of(out.begin(), out.end(), [&](const RobotToolModel &other) { return other.name == tool.name; })) {
-      table.refuse("name", "appears twice");
-    }
+    check_name(table, tool, out.tools);
     if (tool.axis.norm() < kMinAxisLength) {
       table.refuse("axis", "has no length");
     }
@@ -42,9 +143,17 @@ base::Result<std::vector<RobotToolModel>> read_robot_tools(const std::filesystem
     if (auto ok = table.finish(); !ok) {
       return tl::unexpected(ok.error());
     }
-    out.push_back(std::move(tool));
+    out.tools.push_back(std::move(tool));
   }
-  if (out.empty()) {
+  for (base::TableReader &table : root.tables("sensors")) {
+    RangeSensorModel sensor = read_sensor(table, file.parent_path());
+    check_name(table, sensor, out.sensors);
+    if (auto ok = table.finish(); !ok) {
+      return tl::unexpected(ok.error());
+    }
+    out.sensors.push_back(std::move(sensor));
+  }
+  if (out.tools.empty()) {
     root.refuse("tools", "at least one is needed");
   }
   if (auto ok = root.finish(); !ok) {

@@ -1,4 +1,4 @@
-// Tools that an arm carries, with their calibration in the flange (TOML).
+// What an arm carries, with its calibration in the flange (TOML): tools, and range sensors.
 //
 //   [[tools]]
 //   name = "Guide"
@@ -7,10 +7,22 @@
 //   sigma_mm = 0.1            # of each coordinate of the tip
 //   sigma_deg = 0.1           # of the axis; optional
 //
-// Errors name file, line, key and value.
+//   [[sensors]]
+//   name = "Range"            # of the device
+//   beam = "beam.json"        # as `bregma calibrate beam --json` writes it
+//   curve = "curve.json"      # as `bregma calibrate range --json` writes it, from the device's distances; optional
+//   window = 100              # readings of the filter
+//   delay_ms = 38.3           # age of a value when the sensor gives it
+//   sigma_mm = 0.5            # of a filtered value; optional: as the sensor states
+//   near_mm = 100
+//   far_mm = 400
+//
+// Files are named relative to this one. Errors name file, line, key and value.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,7 +40,32 @@ struct RobotToolModel {
   double sigma_rad = 0.0;
 };
 
-// Refused: no tools, names that repeat or are too long for the wire, an axis without length.
-[[nodiscard]] base::Result<std::vector<RobotToolModel>> read_robot_tools(const std::filesystem::path &file);
+// True distance = scale * stated distance ^ exponent.
+struct RangeCurveModel {
+  double scale_mm = 1.0;
+  double exponent = 1.0;
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero(); // of scale (mm) and exponent
+};
+
+struct RangeSensorModel {
+  std::string name;                                     // as RangeSample::device
+  Eigen::Vector3d origin_mm = Eigen::Vector3d::Zero();  // of the beam, in the flange, where the reading is zero
+  Eigen::Vector3d direction = Eigen::Vector3d::UnitZ(); // unit length
+  Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero(); // rotation of the direction, origin
+  std::optional<RangeCurveModel> curve;
+  std::int64_t window = 100;
+  double delay_ms = 0.0;
+  double sigma_mm = 0.0; // 1 sigma of a filtered value; 0: as the sensor states
+  double near_mm = 0.0, far_mm = 1e4;
+};
+
+struct RobotEquipment {
+  std::vector<RobotToolModel> tools;
+  std::vector<RangeSensorModel> sensors;
+};
+
+// Refused: no tools, names that repeat or are too long for the wire, an axis without length, and a calibration that was
+// refused itself or is that of voltages.
+[[nodiscard]] base::Result<RobotEquipment> read_robot_equipment(const std::filesystem::path &file);
 
 } // namespace bregma::casefile

@@ -22,7 +22,7 @@ function(bregma_install)
   set_target_properties(bregma_idl PROPERTIES EXPORT_NAME wire)
   set_target_properties(bregma_wire PROPERTIES EXPORT_NAME wire_types)
 
-  install(TARGETS bregmad bregma bregma-sim-room bregma-gateway bregma-case-server)
+  install(TARGETS bregmad bregma bregma-sim-room bregma-gateway bregma-case-server bregma-arm bregma-range)
   install(TARGETS ${BREGMA_PACKAGE_TARGETS} EXPORT BregmaTargets)
   foreach(folder IN LISTS BREGMA_PACKAGE_HEADERS)
     install(DIRECTORY ${folder}/ DESTINATION ${BREGMA_INCLUDE_DIR}/${folder} FILES_MATCHING PATTERN "*.hpp")

@@ -31,11 +31,15 @@ pages bregmad "the real-time core of neurosurgical navigation"
 pages bregma-sim-room "a simulated operating room"
 pages bregma-gateway "the state of bregmad for browsers of this host"
 pages bregma-case-server "sends the files of bregmad's case to displays"
+pages bregma-arm "driver of an arm behind a socket"
+pages bregma-range "driver of an infrared range sensor"
 
 "$bin/bregma" completion bash >"$share/bash-completion/completions/bregma"
 "$bin/bregma" completion zsh >"$share/zsh/site-functions/_bregma"
 "$bin/bregmad" --print-config >"$share/bregma/bregmad.toml"
-for unit in bregmad bregma-gateway bregma-case-server; do
+"$bin/bregma-arm" --print-config >"$share/bregma/arm.toml"
+"$bin/bregma-range" --print-config >"$share/bregma/range.toml"
+for unit in bregmad bregma-gateway bregma-case-server bregma-arm bregma-range; do
   sed -e "s|/usr/bin/|$prefix/bin/|; s|/usr/share/|$prefix/share/|" "$here/$unit.service" \
     >"$destdir$prefix/lib/systemd/system/$unit.service"
 done

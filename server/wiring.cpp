@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "algorithms/geometry/angles.hpp"
 #include "server/inputs/device_names.hpp"
 #include "server/stages/deformation/stage.hpp"
 #include "server/stages/echo/stage.hpp"
@@ -17,14 +18,18 @@
 #include "server/stages/scanner/stage.hpp"
 #include "server/stages/sensors/stage.hpp"
 #include "server/stages/session/stage.hpp"
+#include "server/stages/surface_scan/stage.hpp"
 #include "server/stages/table.hpp"
 #include "server/stages/tissue_model/stage.hpp"
 
 namespace bregma::server {
 
 using Stages = StageTable< //
-    Reads<NavigationStage, &SessionStage::to_navigation, &SessionStage::cases, &DeformationStage::predicted>,
-    Reads<SensorStage>, Reads<RobotToolStage, &SensorStage::robots, &ScannerStage::pose>,
+    Reads<NavigationStage, &SessionStage::to_navigation, &SessionStage::cases, &DeformationStage::predicted,
+          &SensorStage::flanges_to_navigation>,
+    Reads<SensorStage>,
+    Reads<SurfaceScanStage, &SessionStage::to_scan, &SensorStage::flanges_to_scan, &SensorStage::readings>,
+    Reads<RobotToolStage, &SensorStage::robots, &ScannerStage::pose>,
     Reads<ScannerStage, &SessionStage::to_scanner, &RobotToolStage::tools>,
     Reads<RegistrationStage, &SessionStage::to_registration, &SessionStage::cases, &PoseSearchStage::answer>,
     Reads<PoseSearchStage, &SessionStage::cases, &RegistrationStage::search>,
@@ -34,7 +39,7 @@ using Stages = StageTable< //
     Reads<DeformationStage, &SessionStage::cases, &TissueModelStage::model, &NavigationStage::probe,
           &SensorStage::force>,
     Reads<SessionStage, &NavigationStage::events, &MonitoringStage::conditions, &RegistrationStage::estimate,
-          &ScannerStage::answers, &ScannerStage::conditions>,
+          &ScannerStage::answers, &ScannerStage::conditions, &SurfaceScanStage::events, &SurfaceScanStage::conditions>,
     Reads<EchoStage, &NavigationStage::probe>,
     Reads<HealthStage, &NavigationStage::devices, &SensorStage::devices, &ScannerStage::devices, &SessionStage::view,
           &NavigationStage::events, &MonitoringStage::conditions, &MonitoringStage::clock>>;
@@ -48,8 +53,8 @@ void declare_stages(base::ParameterSet &set, StageParameters &parameters) { Stag
 base::Result<void> check_stages(StageParameters &parameters) {
   const auto &trackers = parameters.of<NavigationParameters>().trackers;
   const auto &sensors = parameters.of<SensorParameters>();
-  if (inputs::split_names(trackers).empty()) {
-    return base::failure("devices.trackers = \"\": at least one tracker is needed");
+  if (inputs::split_names(trackers).empty() && inputs::split_names(sensors.robots).empty()) {
+    return base::failure("devices.trackers = \"\": at least one tracker or one robot is needed");
   }
   const auto &scanner = parameters.of<ScannerParameters>();
   return inputs::check_device_names({{"devices.trackers", trackers},
@@ -64,6 +69,11 @@ Wiring::Wiring(StageParameters &parameters, Topics &topics, Host &host) {
   if (const auto ok = check_stages(parameters); !ok) {
     throw std::invalid_argument(ok.error().message);
   }
+  // The error of an arm that states none is the same wherever its poses are used.
+  const auto &robot = parameters.of<RobotToolParameters>();
+  const ToolPoseOptions arm{robot.flange_sigma_mm, robot.flange_sigma_deg * geometry::kRadiansPerDegree};
+  parameters.of<NavigationParameters>().arm = arm;
+  parameters.of<SurfaceScanParameters>().arm = arm;
   table_ = std::make_unique<Table>(parameters, topics, host);
   std::set<std::string_view> names;
   for (Stage *stage : table_->all()) {

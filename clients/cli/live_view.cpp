@@ -63,7 +63,7 @@ std::string_view missing_for_live(const wire::NavigationState &state) {
   case bregma_wire_POSE_REFERENCE_HIDDEN:
     return "the tracker does not see the reference";
   case bregma_wire_POSE_TOOL_HIDDEN:
-    return "the tracker does not see it";
+    return state.source_kind == bregma_wire_DEVICE_ROBOT ? "the arm does not carry it" : "the tracker does not see it";
   case bregma_wire_POSE_STALE:
   case bregma_wire_POSE_LOST:
     return "no recent frame of its source";
@@ -111,6 +111,11 @@ std::string consistency_text(const live::Snapshot &snapshot) {
 }
 
 } // namespace
+
+bool patient_not_tracked(const live::Snapshot &snapshot) {
+  return std::any_of(snapshot.tools.begin(), snapshot.tools.end(),
+                     [](const auto &item) { return item.second.patient == bregma_wire_PATIENT_NOT_TRACKED; });
+}
 
 DaemonView view_daemon(const live::Snapshot &snapshot, const live::Now &now) {
   DaemonView out;
@@ -263,7 +268,9 @@ std::string watch_table(const live::Snapshot &snapshot, std::string_view tool, c
   const DaemonView daemon = view_daemon(snapshot, now);
   std::string out = "Session " + step_text(snapshot, daemon) + "\n";
   const std::string consistency = consistency_text(snapshot);
-  out += "R" + consistency.substr(1) + "\n\n" + tools_table(snapshot, tool, now);
+  out += "R" + consistency.substr(1) + "\n";
+  out += patient_not_tracked(snapshot) ? std::string(kNotTracked) + "\n" : "";
+  out += "\n" + tools_table(snapshot, tool, now);
   const std::string reasons = reasons_text(snapshot, tool, now);
   out += reasons.empty() ? "" : "\n" + reasons;
   for (const auto &[point, state] : snapshot.deformation) {
@@ -284,6 +291,7 @@ std::string watch_table(const live::Snapshot &snapshot, std::string_view tool, c
 
 std::string watch_line(const live::Snapshot &snapshot, std::string_view tool, const live::Now &now) {
   std::string out = step_text(snapshot, view_daemon(snapshot, now));
+  out += patient_not_tracked(snapshot) ? " | patient not tracked" : "";
   each_tool(snapshot, tool, now, [&](const ToolView &view) {
     out += " | " + view.tool + " " + view.status;
     if (view.fresh) {
@@ -314,6 +322,7 @@ nlohmann::json watch_json(const live::Snapshot &snapshot, std::string_view tool,
                      {"daemon_alive", alive},
                      {"silent_s", json_number(daemon.silent_s)},
                      {"session", alive ? nlohmann::json(daemon.text) : nlohmann::json()},
+                     {"patient_not_tracked", patient_not_tracked(snapshot)},
                      {"other_daemons", snapshot.other_daemons},
                      {"daemon_changes", snapshot.changes},
                      {"other_wire", snapshot.other_wire},

@@ -57,6 +57,11 @@ struct ToolView {
 [[nodiscard]] std::vector<wire::Alarm> standing_alarms(const live::Snapshot &snapshot);
 
 // `bregma status`: the whole state as text and as JSON. NaN is null in JSON.
+// The case is navigated by an arm: nothing measures whether the patient has moved.
+inline constexpr std::string_view kNotTracked =
+    "PATIENT NOT TRACKED: poses hold while the patient lies still; check touches expire";
+[[nodiscard]] bool patient_not_tracked(const live::Snapshot &snapshot);
+
 [[nodiscard]] std::string status_text(const live::Snapshot &snapshot, std::uint32_t domain, const live::Now &now);
 [[nodiscard]] nlohmann::json status_json(const live::Snapshot &snapshot, std::uint32_t domain, const live::Now &now);
 

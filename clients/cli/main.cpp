@@ -18,7 +18,7 @@ constexpr void (*kCommands[])(CLI::App &, Context &) = {
     bregma::cli::add_live_commands,  bregma::cli::add_case_command,      bregma::cli::add_register_command,
     bregma::cli::add_arm_command,    bregma::cli::add_calibrate_command, bregma::cli::add_mri_command,
     bregma::cli::add_image_command,  bregma::cli::add_tissue_command,    bregma::cli::add_report_command,
-    bregma::cli::add_export_command, bregma::cli::add_doctor_command,
+    bregma::cli::add_export_command, bregma::cli::add_doctor_command,    bregma::cli::add_robot_command,
 };
 
 // The first word that names no command where one is expected; empty if there is none.

@@ -215,7 +215,9 @@ std::string status_text(const live::Snapshot &snapshot, std::uint32_t domain, co
     out += "NOT CURRENT: these are the last values of a daemon that is silent.\n";
   }
   out += connection_text(snapshot) + wire_text(snapshot);
-  out += "\n" + registration_text(snapshot) + accuracy_text(snapshot) + "\n";
+  out += "\n" + registration_text(snapshot);
+  out += patient_not_tracked(snapshot) ? "  " + std::string(kNotTracked) + "\n" : "";
+  out += accuracy_text(snapshot) + "\n";
   if (!snapshot.tools.empty()) {
     out += tools_table(snapshot, {}, now) + "\n";
   }

@@ -6,6 +6,7 @@
 #include <iterator>
 #include <variant>
 
+#include "algorithms/geometry/pose_covariance.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::arm {
@@ -175,14 +176,29 @@ void ArmDriver::publish_state(const MeasuredCp &pose, driver::Io &io) const {
             out.T_base_flange.translation_mm);
   std::copy(pose.T_base_flange.rotation_wxyz.begin(), pose.T_base_flange.rotation_wxyz.end(),
             out.T_base_flange.rotation_wxyz);
-  for (std::size_t i = 0; i < 6; ++i) {
-    const double sigma = i < 3 ? 1e-3 * sigma_mrad_ : sigma_mm_;
-    out.covariance[wire::upper_index(i, i)] = static_cast<float>(sigma * sigma);
-  }
+  put_covariance(pose.T_base_flange, out.covariance);
   (void)wire::set_name(out.tool, tool_); // its length was checked
   (void)wire::set_name(out.motion_client, control_->motion_client());
   out.motion_id = control_->motion_id();
   (void)io.publish(out);
+}
+
+// Independent errors of position and orientation of the flange, stated about the origin of its base: a turn about the
+// flange displaces the points there by the lever.
+void ArmDriver::put_covariance(const LinePose &T_base_flange, wire::PoseCovariance &out) const {
+  const double turn = 1e-6 * sigma_mrad_ * sigma_mrad_;
+  const Eigen::Matrix3d lever = geometry::skew(Eigen::Vector3d::Map(T_base_flange.translation_mm.data()));
+  geometry::Matrix6d covariance = geometry::Matrix6d::Zero();
+  covariance.topLeftCorner<3, 3>() = turn * Eigen::Matrix3d::Identity();
+  covariance.topRightCorner<3, 3>() = turn * lever.transpose();
+  covariance.bottomRightCorner<3, 3>() =
+      sigma_mm_ * sigma_mm_ * Eigen::Matrix3d::Identity() + turn * lever * lever.transpose();
+  for (std::size_t row = 0; row < 6; ++row) {
+    for (std::size_t column = row; column < 6; ++column) {
+      const double entry = covariance(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(column));
+      out[wire::upper_index(row, column)] = static_cast<float>(entry);
+    }
+  }
 }
 
 void ArmDriver::publish_motion(driver::Io &io) {

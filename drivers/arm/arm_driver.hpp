@@ -37,6 +37,7 @@ private:
   driver::Outcome<void> pass_on(driver::Io &io);
   void publish_state(const MeasuredCp &pose, driver::Io &io) const;
   void publish_motion(driver::Io &io);
+  void put_covariance(const LinePose &T_base_flange, wire::PoseCovariance &out) const;
 
   std::string address_ = "tcp://127.0.0.1:4700";
   std::string serial_number_;

@@ -53,6 +53,22 @@ public:
     add(tool.axis);
     add(tool.nominal_tip_mm);
   }
+  void add(const casefile::RobotToolModel &tool) { // name, tip and axis are those of the case's tools
+    add(tool.sigma_mm);
+    add(tool.sigma_rad);
+  }
+  void add(const casefile::RangeSensorModel &sensor) {
+    add(std::string_view(sensor.name));
+    add(sensor.origin_mm);
+    add(sensor.direction);
+    crc_.process_bytes(sensor.covariance.data(), sizeof(double) * 36);
+    const casefile::RangeCurveModel curve = sensor.curve.value_or(casefile::RangeCurveModel{});
+    for (const double value :
+         {curve.scale_mm, curve.exponent, curve.covariance(0, 0), curve.covariance(0, 1), curve.covariance(1, 1),
+          static_cast<double>(sensor.window), sensor.delay_ms, sensor.sigma_mm, sensor.near_mm, sensor.far_mm}) {
+      add(value);
+    }
+  }
   void add(const casefile::Surface &surface) {
     add(std::string_view(surface.name));
     add(surface.mesh.vertices_mm);
@@ -112,6 +128,11 @@ std::string case_checksum(const casefile::Case &a_case) {
          {a_case.tissue->young_Pa, a_case.tissue->poisson, a_case.tissue->density_kg_m3, a_case.tissue->ogden_alpha}) {
       digest.add(value);
     }
+  }
+  if (a_case.robot) {
+    digest.add(std::string_view(a_case.robot->device));
+    digest.add(a_case.robot->equipment.tools);
+    digest.add(a_case.robot->equipment.sensors);
   }
   return digest.text();
 }

@@ -118,6 +118,8 @@ struct SurfaceSample {
   std::int64_t acquired_time_ns;
   Array3 position_mm;
   Array9 covariance_mm2;
+  // Error that all samples of one scan have in common (beam and curve of the sensor); not part of covariance_mm2.
+  Array9 common_mm2;
 };
 
 // ---- to the monitoring loop ----
@@ -141,6 +143,26 @@ struct JudgedCheck {
 // Restarts the sequential drift test: the operator has acknowledged the alarm, or the checks were voided.
 struct DriftRestart {
   std::int64_t time_ns;
+};
+
+// ---- to the stage surface scan ----
+
+// While on: a SurfaceSample event, with the sensor as its tool, whenever the point that the beam meets is spacing_mm
+// away from the last one. The other fields are the sensor's calibration, valid if on (casefile/robot_tools.hpp).
+struct ScanRequest {
+  bool on;
+  wire::Name arm;
+  wire::Name sensor;
+  double spacing_mm;
+  Array3 origin_mm, direction;
+  Array36 beam_covariance;
+  bool curved;
+  double curve_scale_mm, curve_exponent;
+  std::array<double, 4> curve_covariance; // of scale and exponent
+  std::int64_t window;                    // readings
+  std::int64_t delay_ns;
+  double sigma_mm; // 0: as the sensor states
+  double near_mm, far_mm;
 };
 
 // ---- from the navigation loop ----
@@ -175,6 +197,12 @@ struct PivotPose {
   wire::Pose T_tracker_tool;
   bool reference_visible;
   wire::Pose T_reference_tool; // only with reference_visible
+};
+
+// In a case without a tracker: another driver sends for the arm, or the arm counts anew. It may be another arm, or one
+// that stands elsewhere: samples taken before belong to another base.
+struct ArmReplaced {
+  std::int64_t time_ns;
 };
 
 // ---- from the scanner's stage ----
@@ -215,16 +243,22 @@ using RegistrationMessage = std::variant<SessionChanged, FiducialSample, Fiducia
                                          RegistrationAccepted, RegistrationReset>;
 using MonitoringMessage =
     std::variant<SessionChanged, JudgedCheck, SurfaceSample, DriftRestart, RegistrationAccepted, RegistrationReset>;
-using NavigationEvent = std::variant<CaptureResult, SurfaceSample, PivotPose>;
+using NavigationEvent = std::variant<CaptureResult, SurfaceSample, PivotPose, ArmReplaced>;
 
 static_assert(std::is_trivially_copyable_v<NavigationMessage> && std::is_trivially_copyable_v<RegistrationMessage> &&
               std::is_trivially_copyable_v<MonitoringMessage> && std::is_trivially_copyable_v<NavigationEvent> &&
-              std::is_trivially_copyable_v<AlarmCondition> && std::is_trivially_copyable_v<ScannerAnswer>);
+              std::is_trivially_copyable_v<AlarmCondition> && std::is_trivially_copyable_v<ScanRequest> &&
+              std::is_trivially_copyable_v<ScannerAnswer>);
 
 // Names of alarms, common to the senders, the session and the command line.
 namespace alarm {
-inline constexpr const char *kTrackerLost = "tracker_lost"; // degrades
-inline constexpr const char *kDeviceLost = "device_lost";   // another device
+inline constexpr const char *kTrackerLost = "tracker_lost";   // degrades
+inline constexpr const char *kDeviceLost = "device_lost";     // another device
+inline constexpr const char *kRobotLost = "robot_lost";       // the arm of a case without a tracker; degrades
+inline constexpr const char *kCheckExpired = "check_expired"; // demotes: the patient is not tracked
+inline constexpr const char *kScanStalled = "scan_stalled";
+inline constexpr const char *kScanLost = "scan_lost"; // readings without a place
+inline constexpr const char *kScanInterrupted = "scan_interrupted";
 inline constexpr const char *kReferenceHidden = "reference_hidden";
 inline constexpr const char *kToolHidden = "tool_hidden";
 inline constexpr const char *kDrift = "drift";              // demotes

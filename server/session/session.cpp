@@ -169,6 +169,7 @@ void Session::Impl::poll() {
     accept_.reset();
     answer(ticket, refused("the registration loop has not answered: no estimate of the latest samples"));
   }
+  poll_checks();
   poll_scanner();
   poll_storage();
 }
@@ -195,6 +196,8 @@ void Session::on(const NavigationEvent &event, std::int64_t now_ns) {
     impl_->on_surface(*surface);
   } else if (const auto *pose = std::get_if<PivotPose>(&event)) {
     impl_->on_pivot_pose(*pose);
+  } else {
+    impl_->on_arm_replaced();
   }
 }
 

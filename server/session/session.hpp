@@ -41,6 +41,7 @@ public:
   virtual void send(const MonitoringMessage &message) = 0;
   // A command of the scanner's procedure; its stage answers by a ScannerAnswer.
   virtual void send(const wire::Command &command) = 0;
+  virtual void send(const ScanRequest &request) = 0;
 
   virtual void publish(const wire::CommandReply &reply) = 0;
   virtual void publish(const wire::Alarm &alarm) = 0;
@@ -59,7 +60,9 @@ struct SessionConfig {
   std::size_t pivot_max_samples = 3000;
   double tracker_sigma_mm =
       0.3; // standard deviation of a tool's position per coordinate, compared with a pivot's residual
-  std::size_t min_checks = 3;        // check touches at different landmarks, required for a verification
+  std::size_t min_checks = 3; // check touches at different landmarks, required for a verification
+  // In a case without a tracker a verification ends when the last check touch is older.
+  double check_valid_min = 15.0;
   double answer_timeout_ms = 2000.0; // the command fails if a loop has not answered within this time
   double load_timeout_ms = 30'000.0; // a case that is not loaded within this time is refused
 };

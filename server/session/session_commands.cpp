@@ -28,6 +28,10 @@ Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &
     return start_trace(wire::text(of.tool.tool));
   case bregma_wire_COMMAND_STOP_TRACE:
     return stop_trace(wire::text(of.tool.tool));
+  case bregma_wire_COMMAND_START_SURFACE_SCAN:
+    return start_scan(of.scan);
+  case bregma_wire_COMMAND_STOP_SURFACE_SCAN:
+    return stop_scan(wire::text(of.device.device));
   case bregma_wire_COMMAND_ACCEPT_REGISTRATION:
     return accept_registration(ticket);
   case bregma_wire_COMMAND_CONFIRM_VERIFICATION:
@@ -130,10 +134,34 @@ Answer Session::Impl::take_case(const LoadedFolder &folder) {
   data_.case_id = case_->id;
   data_.case_checksum = folder.checksum;
   clear_samples();
+  take_tips_of_arm();
   return {.text = "case " + case_->id + ": " + std::to_string(case_->fiducials.size()) + " fiducials, " +
                   std::to_string(case_->landmarks.size()) + " check landmarks, " +
                   std::to_string(case_->targets.size()) + " targets, " + std::to_string(case_->trajectories.size()) +
                   " trajectories, tools " + names_of(case_->tools)};
+}
+
+void Session::Impl::send_tip(const std::string &tool, const CalibratedTip &tip) {
+  ToolTip message{{}, tip.tip_mm, tip.covariance_mm2};
+  (void)wire::set_name(message.tool, tool);
+  ports_.send(NavigationMessage(message));
+}
+
+// The tools of an arm are calibrated in its flange; a pivot replaces that.
+void Session::Impl::take_tips_of_arm() {
+  if (!case_->robot) {
+    return;
+  }
+  for (const casefile::RobotToolModel &tool : case_->robot->equipment.tools) {
+    CalibratedTip tip{};
+    Eigen::Map<geometry::Vector3d>(tip.tip_mm.data()) = tool.tip_mm;
+    Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(tip.covariance_mm2.data()) =
+        tool.sigma_mm * tool.sigma_mm * geometry::Matrix3d::Identity();
+    tip.rms_mm = tool.sigma_mm;
+    tip.time_ns = now_ns;
+    data_.tips[tool.name] = tip;
+    send_tip(tool.name, tip);
+  }
 }
 
 Answer Session::Impl::start_pivot(const std::string &tool) {
@@ -194,9 +222,7 @@ Answer Session::Impl::take_pivot(const calibration::PivotResult &result) {
   tip.time_ns = now_ns;
   data_.tips[tool] = tip;
   changed();
-  ToolTip message{{}, tip.tip_mm, tip.covariance_mm2};
-  (void)wire::set_name(message.tool, tool);
-  ports_.send(NavigationMessage(message));
+  send_tip(tool, tip);
 
   std::string text = tool + ": " + pivot.text;
   // Checks made with the old tip are not valid for the new one.

@@ -58,6 +58,7 @@ public:
   void on_capture(const CaptureResult &result);
   void on_surface(SurfaceSample sample);
   void on_pivot_pose(const PivotPose &pose);
+  void on_arm_replaced();
   void on_estimate(const wire::RegistrationState &estimate);
   // session_commands.cpp
   void on_scanner(const ScannerAnswer &answer);
@@ -134,6 +135,8 @@ private:
   void poll_scanner();
   [[nodiscard]] Outcome load_case(const Ticket &ticket, const std::string &folder);
   [[nodiscard]] Answer take_case(const LoadedFolder &folder);
+  void take_tips_of_arm();
+  void send_tip(const std::string &tool, const CalibratedTip &tip);
   [[nodiscard]] Answer start_pivot(const std::string &tool);
   [[nodiscard]] Outcome finish_pivot(const Ticket &ticket, const std::string &tool);
   [[nodiscard]] Answer take_pivot(const calibration::PivotResult &result);
@@ -146,6 +149,12 @@ private:
   [[nodiscard]] Answer remove_fiducial(const std::string &point);
   [[nodiscard]] Answer start_trace(const std::string &tool);
   [[nodiscard]] Answer stop_trace(const std::string &tool);
+  [[nodiscard]] Answer start_scan(const bregma_wire_ScanBody &body);
+  [[nodiscard]] Answer stop_scan(const std::string &device);
+  // Why no trace or scan can begin.
+  [[nodiscard]] std::optional<Answer> refuse_surface() const;
+  // In a case without a tracker: the last check touch is too old.
+  void poll_checks();
   [[nodiscard]] Outcome accept_registration(const Ticket &ticket);
   [[nodiscard]] Answer take_registration();
   [[nodiscard]] Answer confirm_verification();
@@ -195,6 +204,8 @@ private:
   std::optional<PlanSelected> plan_;   // plan of the navigated tool
   std::string tracing_;                // the tracing tool; empty if there is none
   std::size_t traced_ = 0;             // samples of the current trace
+  std::optional<ScanRequest> scan_;    // the trace is a scan by an arm
+  bool arm_replaced_ = false;          // since the samples were taken
   int missed_checks_ = 0;              // since the last check touch at its landmark
   std::set<std::string> shown_tools_;  // with captured points on the bus
 };

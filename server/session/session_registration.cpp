@@ -135,6 +135,7 @@ void Session::Impl::clear_missed_checks() {
   missed_checks_ = 0;
   if (case_ != nullptr && case_->reference() != nullptr) {
     condition(alarm::kCheckMissed, case_->reference()->name, false, bregma_wire_SEVERITY_CRITICAL, "");
+    condition(alarm::kCheckExpired, case_->reference()->name, false, bregma_wire_SEVERITY_CRITICAL, "");
   }
 }
 
@@ -160,16 +161,10 @@ Answer Session::Impl::start_trace(const std::string &tool) {
   if (const auto found = find_tool_with_tip(tool); !found) {
     return found.error();
   }
-  if (!tracing_.empty()) {
-    return refused("a trace with " + tracing_ + " is running: stop it first");
-  }
-  if (accept_) {
-    return refused("a registration is being accepted");
+  if (const auto refusal = refuse_surface()) {
+    return *refusal;
   }
   const bool registering = machine_.stage() == bregma_wire_SESSION_REGISTERING;
-  if (registering && data_.surface.size() >= config_.trace_max_samples) {
-    return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the maximum");
-  }
   tracing_ = tool;
   traced_ = 0;
   TraceRequest request{{}, true, config_.trace_spacing_mm};
@@ -178,7 +173,112 @@ Answer Session::Impl::start_trace(const std::string &tool) {
   return {.text = "lead the tip of " + tool + " over the skin" + (registering ? "" : "; it checks for drift")};
 }
 
+std::optional<Answer> Session::Impl::refuse_surface() const {
+  if (!tracing_.empty()) {
+    return refused("a trace with " + tracing_ + " is running: stop it first");
+  }
+  if (accept_) {
+    return refused("a registration is being accepted");
+  }
+  if (machine_.stage() == bregma_wire_SESSION_REGISTERING && data_.surface.size() >= config_.trace_max_samples) {
+    return refused("there are " + std::to_string(data_.surface.size()) + " surface samples, the maximum");
+  }
+  return std::nullopt;
+}
+
+// The points of the scan are samples like those of a trace, made by the sensor instead of a tip. Its motion is
+// commanded separately, from the arm.
+Answer Session::Impl::start_scan(const bregma_wire_ScanBody &body) {
+  const std::string device = wire::text(body.device);
+  const std::string name = wire::text(body.sensor);
+  if (!case_->robot) {
+    return refused("case " + case_->id + " has no arm: [robot] in its case.toml names one");
+  }
+  if (device != case_->robot->device) {
+    return refused("arm \"" + device + "\" is not that of case " + case_->id + ", " + case_->robot->device);
+  }
+  const auto &sensors = case_->robot->equipment.sensors;
+  const auto sensor = std::find_if(sensors.begin(), sensors.end(), [&](const auto &one) { return one.name == name; });
+  if (sensor == sensors.end()) {
+    return refused(not_in_case(*case_, "sensor", name, sensors));
+  }
+  if (const auto refusal = refuse_surface()) {
+    return *refusal;
+  }
+  ScanRequest request{};
+  request.on = true;
+  std::copy(std::begin(body.device), std::end(body.device), request.arm);
+  std::copy(std::begin(body.sensor), std::end(body.sensor), request.sensor);
+  request.spacing_mm = body.spacing_mm > 0.0 ? body.spacing_mm : config_.trace_spacing_mm;
+  Eigen::Map<geometry::Vector3d>(request.origin_mm.data()) = sensor->origin_mm;
+  Eigen::Map<geometry::Vector3d>(request.direction.data()) = sensor->direction;
+  Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(request.beam_covariance.data()) = sensor->covariance;
+  request.curved = sensor->curve.has_value();
+  if (sensor->curve) {
+    request.curve_scale_mm = sensor->curve->scale_mm;
+    request.curve_exponent = sensor->curve->exponent;
+    Eigen::Map<Eigen::Matrix2d>(request.curve_covariance.data()) = sensor->curve->covariance;
+  }
+  request.window = sensor->window;
+  request.delay_ns = std::llround(sensor->delay_ms * kNanosecondsPerMs);
+  request.sigma_mm = sensor->sigma_mm;
+  request.near_mm = sensor->near_mm;
+  request.far_mm = sensor->far_mm;
+  scan_ = request;
+  tracing_ = name;
+  traced_ = 0;
+  ports_.send(request);
+  const bool registering = machine_.stage() == bregma_wire_SESSION_REGISTERING;
+  return {.text = "lead the beam of " + name + " over the skin" + (registering ? "" : "; it checks for drift")};
+}
+
+Answer Session::Impl::stop_scan(const std::string &device) {
+  if (!scan_ || wire::view(scan_->arm) != device) {
+    return refused("no scan with arm \"" + device + "\" is running");
+  }
+  return stop_trace(tracing_);
+}
+
+void Session::Impl::on_arm_replaced() {
+  if (machine_.stage() == bregma_wire_SESSION_REGISTERING && !(data_.fiducials.empty() && data_.surface.empty())) {
+    arm_replaced_ = true;
+    ports_.log("the arm was restarted or replaced: the samples of this registration are void");
+  }
+}
+
+// Nothing measures whether the patient still lies where the registration was made: only a touch does.
+void Session::Impl::poll_checks() {
+  if (!case_ || !case_->robot || !machine_.verified()) {
+    return;
+  }
+  std::int64_t newest_ns = 0;
+  for (const auto &[name, check] : data_.checks) {
+    newest_ns = std::max(newest_ns, check.acquired_time_ns);
+  }
+  if (static_cast<double>(now_ns - newest_ns) <= config_.check_valid_min * 60e3 * kNanosecondsPerMs) {
+    return;
+  }
+  AlarmCondition expired{};
+  (void)wire::set_name(expired.kind, alarm::kCheckExpired);
+  (void)wire::set_name(expired.subject, case_->reference()->name);
+  expired.active = true;
+  expired.severity = bregma_wire_SEVERITY_CRITICAL;
+  expired.effect = SessionEffect::kDemote;
+  expired.time_ns = now_ns;
+  wire::set_text(expired.text, "the patient is not tracked, and the last check touch is more than " +
+                                   std::to_string(std::lround(config_.check_valid_min)) +
+                                   " minutes old: check the landmarks and confirm");
+  on_condition(expired);
+}
+
 void Session::Impl::end_trace() {
+  if (scan_) {
+    scan_->on = false;
+    ports_.send(*scan_);
+    scan_.reset();
+    tracing_.clear();
+    return;
+  }
   TraceRequest request{{}, false, config_.trace_spacing_mm};
   (void)wire::set_name(request.tool, tracing_);
   tracing_.clear();
@@ -227,6 +327,9 @@ Outcome Session::Impl::accept_registration(const Ticket &ticket) {
   }
   if (data_.fiducials.empty() && data_.surface.empty()) {
     return refused("there are no samples: touch the fiducials first");
+  }
+  if (arm_replaced_) {
+    return refused("the arm was restarted or replaced since the first samples: start the registration anew");
   }
   if (estimate_ && estimate_->revision == data_.revision) {
     return take_registration();
@@ -284,6 +387,7 @@ void Session::Impl::clear_samples() {
   data_.fiducials.clear();
   data_.surface.clear();
   data_.checks.clear();
+  arm_replaced_ = false;
   clear_missed_checks();
   data_.accepted.reset();
   estimate_.reset();

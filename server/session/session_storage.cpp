@@ -206,9 +206,7 @@ base::Result<void> Session::Impl::bring_back(SessionData data, const LoadedFolde
 
   send_all(RegistrationReset{data_.revision});
   for (const auto &[name, tip] : data_.tips) {
-    ToolTip message{{}, tip.tip_mm, tip.covariance_mm2};
-    (void)wire::set_name(message.tool, name);
-    ports_.send(NavigationMessage(message));
+    send_tip(name, tip);
   }
   for (auto &[name, sample] : data_.fiducials) {
     sample.revision = data_.revision;

@@ -64,6 +64,23 @@ template <class Sample> Sample read_sample(const json &from) {
   return out;
 }
 
+// The common error is 0 for a trace, and then not written.
+json write_surface(const SurfaceSample &sample) {
+  json out = write_sample(sample);
+  if (sample.common_mm2 != Array9{}) {
+    out["common_mm2"] = sample.common_mm2;
+  }
+  return out;
+}
+
+SurfaceSample read_surface(const json &from) {
+  auto out = read_sample<SurfaceSample>(from);
+  if (from.contains("common_mm2")) {
+    from.at("common_mm2").get_to(out.common_mm2);
+  }
+  return out;
+}
+
 json write(const JudgedCheck &check) {
   json out = write_sample(check);
   out["landmark_index"] = check.landmark_index;
@@ -122,7 +139,7 @@ SessionData read_session(const json &from) {
     read_name({{"point", point}}, "point", fiducial.point);
   }
   for (const json &sample : from.at("surface")) {
-    data.surface.push_back(read_sample<SurfaceSample>(sample));
+    data.surface.push_back(read_surface(sample));
   }
   if (from.contains("accepted")) {
     data.accepted = read_accepted(from.at("accepted"));
@@ -148,7 +165,7 @@ std::string to_json(const SessionData &data) {
     session["fiducials"][point] = write_sample(sample);
   }
   for (const SurfaceSample &sample : data.surface) {
-    session["surface"].push_back(write_sample(sample));
+    session["surface"].push_back(write_surface(sample));
   }
   if (data.accepted) {
     session["accepted"] = write(*data.accepted);

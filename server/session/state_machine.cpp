@@ -38,6 +38,8 @@ constexpr Row kTable[] = {
     {bregma_wire_COMMAND_REMOVE_FIDUCIAL, kRegistering, kRegistering, kSame, false, "start a new registration first"},
     {bregma_wire_COMMAND_START_TRACE, kRegistering, kNavigating, kSame, true, ""},
     {bregma_wire_COMMAND_STOP_TRACE, kRegistering, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_START_SURFACE_SCAN, kRegistering, kNavigating, kSame, true, ""},
+    {bregma_wire_COMMAND_STOP_SURFACE_SCAN, kRegistering, kNavigating, kSame, false, ""},
     {bregma_wire_COMMAND_ACCEPT_REGISTRATION, kRegistering, kRegistering, kRegistered, false,
      "one is accepted; start a new registration to replace it"},
     {bregma_wire_COMMAND_CHECK_TOUCH, kRegistered, kNavigating, kSame, true, ""},

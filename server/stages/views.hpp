@@ -6,6 +6,7 @@
 
 #include "idl/topics.hpp"
 #include "server/runtime/mailbox.hpp"
+#include "server/runtime/spsc_ring.hpp"
 #include "server/stages/plausibility/body_judge.hpp"
 
 namespace bregma::tissue {
@@ -55,6 +56,37 @@ struct RobotsView {
   RobotView robots[kMaxRobots];
 };
 
+// Every measurement of an arm, for the stages that need each one: navigation without a tracker, and the surface scan.
+struct FlangeSample {
+  wire::Name device{};
+  wire::Name tool{}; // as stated by the arm
+  std::uint64_t frame = 0;
+  std::int64_t acquired_ns = 0;
+  std::int64_t age_sigma_ns = 0;
+  std::int64_t period_ns = 0;
+  std::int64_t written_ns = 0;
+  // Changes when another driver writes or the count of the samples begins again: it may be another arm.
+  std::uint32_t incarnation = 0;
+  // Some measured value (joints, velocities, efforts, pose) differs from the last sample's. An arm that stands still
+  // measures with noise; one whose values all repeat to the bit is frozen.
+  bool measured_anew = false;
+  wire::Pose T_base_flange{};
+  wire::PoseCovariance covariance{}; // all 0: not stated
+};
+using FlangeRing = runtime::SpscRing<FlangeSample, 512>;
+
+// Every accepted sample of a range sensor.
+struct RangeReading {
+  wire::Name device{};
+  std::uint64_t frame = 0;
+  std::int64_t acquired_ns = 0;
+  std::int64_t period_ns = 0;
+  std::uint32_t incarnation = 0; // as above
+  double range_mm = 0.0;         // NaN: no reading
+  double sigma_mm = 0.0;         // 0: not stated
+};
+using RangeRing = runtime::SpscRing<RangeReading, 4096>;
+
 // Poses of the arms' tools, in the same order.
 struct RobotToolsView {
   std::uint32_t count = 0;
@@ -74,6 +106,7 @@ using ScannerInbox = runtime::Mailbox<wire::Command, 16>;
 
 // The latest navigation states, for monitoring.
 struct TrackingView {
+  bool by_arm = false; // the case is navigated by an arm: the patient is not tracked
   bool reference_visible = false;
   wire::Name tracker{}; // empty before its first frame
   BodyReport reference;

@@ -7,8 +7,6 @@
 #include <utility>
 #include <variant>
 
-#include "drivers/sim/random.hpp"
-
 namespace bregma::sim {
 namespace {
 
@@ -318,13 +316,23 @@ arm::OperatingState SimulatedArm::operating_state() const {
   return out;
 }
 
+robot::JointAngles SimulatedArm::measured() {
+  robot::JointAngles out = joints_;
+  for (double &joint : out) {
+    joint += encoders_.normal(settings_.encoder_rad);
+  }
+  return out;
+}
+
 std::string SimulatedArm::telemetry() {
   ++ticks_;
   const auto time_us = static_cast<std::uint64_t>(now_ns_ / 1'000);
   std::string out;
   if (ticks_ % kTicksPerMeasurement == 0) {
-    out += arm::line_of(arm::FromArm(arm::MeasuredJs{ticks_, time_us, axes_of(joints_), axes_of(velocity_), {}}));
-    out += arm::line_of(arm::FromArm(arm::MeasuredCp{ticks_, time_us, line_pose(stated_flange())}));
+    const robot::JointAngles joints = measured();
+    const std::uint64_t number = ticks_ / kTicksPerMeasurement; // no gaps: the daemon counts them as losses
+    out += arm::line_of(arm::FromArm(arm::MeasuredJs{number, time_us, axes_of(joints), axes_of(velocity_), {}}));
+    out += arm::line_of(arm::FromArm(arm::MeasuredCp{number, time_us, line_pose(inverse_.model().forward(joints))}));
   }
   if (std::exchange(tell_state_, false) || ticks_ % kTicksPerState == 0) {
     out += arm::line_of(arm::FromArm(operating_state()));

@@ -19,6 +19,7 @@
 #include "algorithms/robot/straight_path.hpp"
 #include "drivers/arm/arm_line.hpp"
 #include "drivers/frame/line_splitter.hpp"
+#include "drivers/sim/random.hpp"
 
 namespace bregma::sim {
 
@@ -29,6 +30,7 @@ struct ArmSettings {
   double max_joint_rad_s = 3.0;
   double follow_s = 0.012;        // the joints trail their setpoints by this time
   double max_following_rad = 0.1; // more is a fault
+  double encoder_rad = 1e-6; // noise of each measured joint, 1 sigma: a standing arm does not repeat itself to the bit
   robot::JointAngles start = robot::JointAngles::Zero();
   std::string serial = "SIM1";
 };
@@ -79,12 +81,14 @@ private:
   void end_motion();
   [[nodiscard]] double following_rad() const { return (setpoint_ - joints_).cwiseAbs().maxCoeff(); }
   [[nodiscard]] std::string telemetry();
+  [[nodiscard]] robot::JointAngles measured();
   [[nodiscard]] arm::OperatingState operating_state() const;
 
   robot::InverseKinematics inverse_; // of the nominal links
   robot::ArmModel actual_;
   ArmSettings settings_;
   driver::LineSplitter lines_{arm::kMaxLine};
+  Random encoders_{0, "arm encoders"};
 
   arm::ArmState state_ = arm::ArmState::kDisabled;
   arm::FaultReason reason_ = arm::FaultReason::kNone;

@@ -196,15 +196,7 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
     for (std::uint32_t i = 0; i < stream->device_count && index < std::size(rejected_seen_); ++i, ++index) {
       const wire::DeviceHealth &device = stream->devices[i];
       const std::string_view name = wire::view(device.device);
-      const bool tracker = device.kind == bregma_wire_DEVICE_TRACKER;
-      Sentence lost;
-      lost << name << (tracker ? " is silent: no pose is shown" : " is silent");
-      // A device counts as lost only after its deadline, so half of the hysteresis is enough for a step of its clock.
-      alarms_.update({tracker ? alarm::kTrackerLost : alarm::kDeviceLost,
-                      tracker ? bregma_wire_SEVERITY_CRITICAL : bregma_wire_SEVERITY_WARNING,
-                      tracker ? SessionEffect::kDegrade : SessionEffect::kNone,
-                      ns_of_ms(0.5 * parameters_.raise_after_ms), ns_of_ms(parameters_.clear_after_ms)},
-                     name, device.status == bregma_wire_DEVICE_LOST, lost.text, now_ns);
+      watch_loss(device, now_ns);
 
       Sentence refused;
       refused << name << " sends samples that are rejected: see bregma status for the reasons";
@@ -232,6 +224,28 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
   }
 }
 
+// Without a tracker the arm of the case takes its place, and a tracker is a device like others.
+void MonitoringPipeline::watch_loss(const wire::DeviceHealth &device, std::int64_t now_ns) noexcept {
+  const std::string_view name = wire::view(device.device);
+  const auto *robot = case_ != nullptr && case_->data->robot ? &*case_->data->robot : nullptr;
+  const bool tracker = robot == nullptr && device.kind == bregma_wire_DEVICE_TRACKER;
+  const bool arm = robot != nullptr && device.kind == bregma_wire_DEVICE_ROBOT && name == robot->device;
+  Sentence text;
+  text << name << (tracker || arm ? " is silent: no pose is shown" : " is silent");
+  const bool lost = device.status == bregma_wire_DEVICE_LOST;
+  // Each kind at every step: with another case the same device is of another one. A device counts as lost only after
+  // its deadline, so half of the hysteresis is enough for a step of its clock.
+  const auto update = [&](const char *kind, bool critical, bool holds) {
+    alarms_.update({kind, critical ? bregma_wire_SEVERITY_CRITICAL : bregma_wire_SEVERITY_WARNING,
+                    critical ? SessionEffect::kDegrade : SessionEffect::kNone,
+                    ns_of_ms(0.5 * parameters_.raise_after_ms), ns_of_ms(parameters_.clear_after_ms)},
+                   name, holds, text.text, now_ns);
+  };
+  update(alarm::kTrackerLost, true, lost && tracker);
+  update(alarm::kRobotLost, true, lost && arm);
+  update(alarm::kDeviceLost, false, lost && !tracker && !arm);
+}
+
 void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept {
   const bool navigating = session_.state == bregma_wire_SESSION_NAVIGATING;
   bool tracked = false; // frames arrive: a missing body is hidden, not silent like all others
@@ -241,7 +255,7 @@ void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64
     tracked = tracked || (tool.status != bregma_wire_POSE_LOST && tool.status != bregma_wire_POSE_STALE);
     const bool shown = tool.status == bregma_wire_POSE_LIVE || tool.status == bregma_wire_POSE_UNVERIFIED;
     Sentence hidden;
-    hidden << name << " is not seen by the tracker";
+    hidden << name << (tracking.by_arm ? " is not the tool that the arm carries" : " is not seen by the tracker");
     alarms_.update(kind(alarm::kToolHidden, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
                    navigating && tool.planned && tool.status == bregma_wire_POSE_TOOL_HIDDEN, hidden.text, now_ns);
     const bool stale = tool.status == bregma_wire_POSE_STALE;

@@ -35,6 +35,12 @@ void describe(const BodyReport &report, const BodyName &name, char (&text)[256])
   char *const rest = text + used;
   const std::size_t left = sizeof text - static_cast<std::size_t>(used);
   const Judgement &judgement = report.judgement;
+  if (judgement.reason == bregma_wire_IMPLAUSIBLE_DISPLACED && !(judgement.statistic >= 0.0)) { // not measured
+    (void)std::snprintf(rest, left,
+                        "the arm was restarted or replaced, or its tool changed; check a landmark, to show "
+                        "that tip and base are where they were");
+    return;
+  }
   if (judgement.reason == bregma_wire_IMPLAUSIBLE_MARKERS) {
     const std::string_view fault = inputs::describe(report.fault);
     (void)std::snprintf(rest, left, "used_markers = 0x%x, %.*s", report.used_markers, length(fault), fault.data());

@@ -34,7 +34,10 @@ void NavigationPipeline::end_states(std::int64_t now_ns) noexcept {
 }
 
 void NavigationPipeline::on(const CaseChanged &change) noexcept {
+  const bool was_by_arm = by_arm();
   case_ = change.loaded;
+  any_frame_ = any_frame_ && was_by_arm == by_arm(); // the last frame was of another kind of source
+  arm_ = {};
   generation_ = change.generation;
   registration_.reset();
   reference_ = {};
@@ -131,14 +134,36 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposur
     for (std::size_t i = 0; i < tool_count_; ++i) {
       locate(frame, *tools_[i].model, tools_[i].body);
     }
-    judge();
-    malformed_bodies_ += reference_.malformed() ? 1 : 0;
-    for (std::size_t i = 0; i < tool_count_; ++i) {
-      malformed_bodies_ += tools_[i].body.malformed() ? 1 : 0;
-      record(tools_[i], now_ns);
-    }
+    evaluate(now_ns);
   }
   update_states(now_ns);
+}
+
+void NavigationPipeline::on_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept {
+  if (!by_arm() || wire::view(sample.device) != case_->data->robot->device) {
+    return;
+  }
+  any_frame_ = true;
+  frame_ = sample.frame;
+  frame_sent_ns_ = sample.written_ns;
+  copy_name(source_, sample.device);
+  exposure_ = {std::min(sample.acquired_ns, now_ns), sample.age_sigma_ns, sample.period_ns, sample.written_ns};
+  watch_arm(sample, now_ns);
+  place_base();
+  for (std::size_t i = 0; i < tool_count_; ++i) {
+    carry(sample, tools_[i]);
+  }
+  evaluate(now_ns);
+  update_states(now_ns);
+}
+
+void NavigationPipeline::evaluate(std::int64_t now_ns) noexcept {
+  judge();
+  malformed_bodies_ += reference_.malformed() ? 1 : 0;
+  for (std::size_t i = 0; i < tool_count_; ++i) {
+    malformed_bodies_ += tools_[i].body.malformed() ? 1 : 0;
+    record(tools_[i], now_ns);
+  }
 }
 
 void NavigationPipeline::on_tick(std::int64_t now_ns) noexcept { update_states(now_ns); }

@@ -10,6 +10,9 @@
 // velocity, and its covariance grows by that of the velocity and by an unknown acceleration of the hand
 // (docs/navigation.md). A pose is live until its age reaches wire::live_limit_ns, then stale, then lost.
 //
+// A case without a tracker is navigated by an arm: Reference is the arm's base, and the tool that the arm states to
+// carry is a body at its flange (on_arm()). The base does not follow the patient. All other rules are the same.
+//
 // One thread at a time. No allocation, exceptions, locks or logging. The caller passes the time: ns UTC, host clock.
 #pragma once
 
@@ -30,6 +33,7 @@
 #include "server/stages/navigation/turn_rate.hpp"
 #include "server/stages/plausibility/frame_judge.hpp"
 #include "server/stages/plausibility/tracker_volume.hpp"
+#include "server/stages/robot_tool/tool_pose.hpp"
 #include "server/stages/views.hpp"
 
 namespace bregma::server {
@@ -50,6 +54,7 @@ struct NavigationParameters {
   double hand_acceleration_mm_s2 = 1500.0;    // of a motion that the filter does not know yet: 1 sigma of a coordinate
   double filter_hz = 3.0;                     // bandwidth of the tip filter; 0: no filter
   std::int64_t priority = 70;
+  ToolPoseOptions arm; // for an arm that states no covariance; set by the wiring from the parameters of robot tool
 };
 
 // When a frame was exposed, by the input check.
@@ -68,6 +73,10 @@ public:
   void handle(const NavigationInput &input) noexcept;
   // A frame that has passed the input check.
   void on_frame(const wire::TrackerFrame &frame, const Exposure &exposure, std::int64_t now_ns) noexcept;
+  // A measurement of an arm; ignored unless the case is navigated by this arm.
+  void on_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept;
+  // The case has an arm instead of a tracker.
+  [[nodiscard]] bool by_arm() const noexcept { return case_ != nullptr && case_->data->robot.has_value(); }
   // Predicted positions of the targets; predictions older than 0.25 s are not shown.
   void on(const PredictedTargets &predicted) noexcept { predicted_ = predicted; }
   // Turns the states into the last ones of their instances: the case is closed or replaced.
@@ -122,6 +131,12 @@ private:
   [[nodiscard]] Tool *find(const wire::Name &name) noexcept;
   void locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model, BodyInTracker &body) const noexcept;
   void locate(const wire::TrackedTool &seen, const casefile::ToolModel &model, BodyInTracker &body) const noexcept;
+  // The arm's base as the reference, and the tool that it carries.
+  void place_base() noexcept;
+  void carry(const FlangeSample &sample, Tool &tool) noexcept;
+  void watch_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept;
+  // The bodies of the last frame are set: tests and records them.
+  void evaluate(std::int64_t now_ns) noexcept;
   void judge() noexcept;
   [[nodiscard]] std::size_t index_of(const Tool &tool) const noexcept {
     return static_cast<std::size_t>(&tool - tools_.data());
@@ -169,6 +184,13 @@ private:
   SurfaceTrace trace_;
   PivotRequest pivot_{};
 
+  struct Arm { // of this case, as far as it was seen
+    bool seen = false;
+    std::uint32_t incarnation = 0;
+    wire::Name tool{};
+    bool replaced = false; // the session does not know it yet
+  };
+  Arm arm_;
   std::uint64_t malformed_bodies_ = 0;
   bool any_frame_ = false;
   std::uint64_t frame_ = 0;

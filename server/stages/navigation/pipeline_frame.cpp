@@ -99,6 +99,52 @@ void NavigationPipeline::locate(const wire::TrackedTool &seen, const casefile::T
   }
 }
 
+// Another arm under this name, or another tool at its flange: what is known of the place of tip and base is void until
+// a landmark was touched.
+void NavigationPipeline::watch_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept {
+  const bool replaced = arm_.seen && sample.incarnation != arm_.incarnation;
+  if (replaced || (arm_.seen && !same(sample.tool, arm_.tool))) {
+    judge_.require_touch();
+  }
+  arm_.replaced = arm_.replaced || replaced;
+  arm_.seen = true;
+  arm_.incarnation = sample.incarnation;
+  copy_name(arm_.tool, sample.tool);
+  if (arm_.replaced && events_.try_push(ArmReplaced{now_ns})) { // a full ring: with the next sample
+    arm_.replaced = false;
+  }
+}
+
+void NavigationPipeline::place_base() noexcept {
+  reference_.visible = true;
+  // Exact, but for the filters of the plausibility, which cannot divide by a variance of zero.
+  constexpr double kExact = 1e-12;
+  reference_.T_tracker_body = {{}, kExact * Matrix6d::Identity()};
+  reference_.acquired_ns = exposure_.acquired_ns;
+  reference_.in_frame = {};
+  reference_.in_frame.content = BodyFrame::Content::kNew;
+}
+
+void NavigationPipeline::carry(const FlangeSample &sample, Tool &tool) noexcept {
+  BodyInTracker &body = tool.body;
+  const bool was_carried = body.visible;
+  body.visible = same(sample.tool, tool.name);
+  body.in_frame = {};
+  if (!body.visible) {
+    return;
+  }
+  const auto T = wire::from_wire<frame::Tracker, frame::Tool>(sample.T_base_flange);
+  body.T_tracker_body = {T, flange_covariance(sample.covariance, T.translation(), parameters_.arm)};
+  body.pose = sample.T_base_flange;
+  if (!was_carried || sample.measured_anew) {
+    body.in_frame.content = BodyFrame::Content::kNew;
+    body.acquired_ns = exposure_.acquired_ns;
+  } else {
+    body.in_frame.content = BodyFrame::Content::kRepeated;
+    body.in_frame.repeated_ns = exposure_.acquired_ns - body.acquired_ns;
+  }
+}
+
 // Tests the bodies of the last frame, and inflates the covariances of those whose markers fit badly.
 void NavigationPipeline::judge() noexcept {
   if (reference_.visible) {

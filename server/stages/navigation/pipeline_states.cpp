@@ -67,7 +67,10 @@ void NavigationPipeline::publish(Tool &tool, wire::NavigationState &state, std::
   state.age_sigma_ns = exposure_.sigma_ns;
   state.status = status_of(tool, now_ns);
   state.session = session_.state;
-  state.source_kind = any_frame_ ? bregma_wire_DEVICE_TRACKER : bregma_wire_DEVICE_UNKNOWN;
+  state.source_kind = !any_frame_ ? bregma_wire_DEVICE_UNKNOWN
+                      : by_arm()  ? bregma_wire_DEVICE_ROBOT
+                                  : bregma_wire_DEVICE_TRACKER;
+  state.patient = by_arm() ? bregma_wire_PATIENT_NOT_TRACKED : bregma_wire_PATIENT_TRACKED;
   copy_name(state.source, source_);
   (void)wire::set_name(state.trajectory, tool.plan != nullptr ? std::string_view(tool.plan->name) : std::string_view());
   if (is_shown(state.status) && !fill_pose(tool, state)) {

@@ -13,6 +13,7 @@ namespace bregma::server {
 namespace {
 
 constexpr std::int64_t kShareInterval_ns = 50'000'000;
+constexpr std::int64_t kArmInterval_ns = 4'000'000; // between looks for an arm's measurements
 
 inputs::DeviceOptions tracker_options(const NavigationParameters &parameters) {
   inputs::DeviceOptions out;
@@ -67,7 +68,9 @@ NavigationStage::NavigationStage(const NavigationParameters &parameters, const S
       guard_(inputs::split_names(parameters.trackers), tracker_options(parameters)), pipeline_(parameters, events),
       volume_(parameters.volume), frames_(context.link), states_(context.link), boot_id_(context.host.boot_id()) {}
 
-void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted) {
+void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted,
+                              FlangeRing &flanges) {
+  flanges_ = &flanges;
   inbox_ = &inbox;
   lease_.connect(cases);
   predicted_.connect(predicted);
@@ -75,7 +78,25 @@ void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::Lat
 
 std::int64_t NavigationStage::wake_ns(const Moment &now) const noexcept {
   const std::int64_t change_utc_ns = pipeline_.next_change_ns();
-  return change_utc_ns == kNever ? kNever : now.monotonic_ns + (change_utc_ns - now.utc_ns);
+  const std::int64_t change_ns = change_utc_ns == kNever ? kNever : now.monotonic_ns + (change_utc_ns - now.utc_ns);
+  return pipeline_.by_arm() ? std::min(change_ns, looked_ns_ + kArmInterval_ns) : change_ns;
+}
+
+// The arm's measurements come from the stage sensors, which is not disturbed by a flood, and disturbs nobody here.
+void NavigationStage::take_flanges(const Moment &now) noexcept {
+  looked_ns_ = now.monotonic_ns;
+  bool taken = false;
+  FlangeSample sample;
+  while (flanges_->try_pop(sample)) {
+    if (pipeline_.by_arm()) {
+      frame_period_ns_ = sample.period_ns;
+      pipeline_.on_arm(sample, now.utc_ns);
+      taken = true;
+    }
+  }
+  if (taken) {
+    publish(now);
+  }
 }
 
 void NavigationStage::step(const Moment &now) noexcept {
@@ -87,7 +108,7 @@ void NavigationStage::step(const Moment &now) noexcept {
   const std::size_t taken =
       frames_.take_each(now.utc_ns, [&](const wire::TrackerFrame &frame, std::uint64_t writer) noexcept {
         const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);
-        if (verdict.accepted && navigates(verdict.device, now.utc_ns)) {
+        if (verdict.accepted && !pipeline_.by_arm() && navigates(verdict.device, now.utc_ns)) {
           frame_period_ns_ = frame.period_ns;
           const std::uint64_t malformed = pipeline_.malformed_bodies();
           pipeline_.on_frame(
@@ -97,6 +118,7 @@ void NavigationStage::step(const Moment &now) noexcept {
           publish(now);
         }
       });
+  take_flanges(now);
   if (taken == 0) {
     guard_.set_writers_alive(frames_.writers_alive());
   }
@@ -162,6 +184,7 @@ void NavigationStage::share(const Moment &now) noexcept {
   }
   devices.store(health);
   TrackingView view;
+  view.by_arm = pipeline_.by_arm();
   view.reference_visible = pipeline_.reference_visible();
   copy_name(view.tracker, pipeline_.tracker());
   view.reference = pipeline_.reference_report();

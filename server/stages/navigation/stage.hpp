@@ -26,7 +26,8 @@ public:
   using Inbox = runtime::Mailbox<NavigationInput, 256>;
 
   NavigationStage(const NavigationParameters &parameters, const StageContext &context);
-  void connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted);
+  void connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted,
+               FlangeRing &flanges);
 
   void step(const Moment &now) noexcept override;
   [[nodiscard]] std::int64_t wake_ns(const Moment &now) const noexcept override;
@@ -39,6 +40,7 @@ public:
 
 private:
   void take_messages(const Moment &now) noexcept;
+  void take_flanges(const Moment &now) noexcept;
   // With the publisher's clock and host.
   [[nodiscard]] wire::NavigationState stamped(wire::NavigationState state, const Moment &now) const noexcept;
   [[nodiscard]] bool navigates(int tracker, std::int64_t now_ns) noexcept;
@@ -53,6 +55,8 @@ private:
   Inbox *inbox_ = nullptr;
   CaseLease lease_;
   runtime::LatestInput<PredictedTargets> predicted_;
+  FlangeRing *flanges_ = nullptr;
+  std::int64_t looked_ns_ = 0; // monotonic, for an arm's measurements
   wire::BootIdentity boot_id_;
   int tracker_ = -1; // index of the one that navigates; -1: none has sent yet
   std::int64_t frame_period_ns_ = 0;

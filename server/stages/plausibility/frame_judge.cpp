@@ -91,6 +91,14 @@ void FrameJudge::judge(const BodyFrame &reference, std::span<const BodyFrame> to
   }
 }
 
+void FrameJudge::require_touch() noexcept {
+  if (guarded_ && !latched_) {
+    latched_ = true;
+    latched_for_ = {bregma_wire_PLAUSIBILITY_REFUSED, bregma_wire_IMPLAUSIBLE_DISPLACED, wire::kUnknown,
+                    wire::kUnknown};
+  }
+}
+
 void FrameJudge::confirm(std::size_t tool) noexcept {
   latched_ = false;
   reference_.confirm();

@@ -44,6 +44,10 @@ public:
   // tools: in the order of the case. limit_ns: maximal age of a live pose.
   void judge(const BodyFrame &reference, std::span<const BodyFrame> tools, std::int64_t limit_ns) noexcept;
 
+  // Something that nothing measured has changed the reference, such as another arm: like a refusal, once a registration
+  // is accepted.
+  void require_touch() noexcept;
+
   // A touch of a landmark was where it is expected.
   void confirm(std::size_t tool) noexcept;
 

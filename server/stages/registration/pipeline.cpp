@@ -42,6 +42,7 @@ RegistrationPipeline::RegistrationPipeline() {
 void RegistrationPipeline::clear() noexcept {
   sample_count_ = 0;
   surface_.clear();
+  common_sum_mm2_.setZero();
   previous_.reset();
   located_.reset();
   search_text_ = {};
@@ -106,6 +107,7 @@ void RegistrationPipeline::on(const RegistrationMessage &message) noexcept {
     void operator()(const SurfaceSample &sample) const noexcept {
       if (self.surface_.size() < self.surface_.capacity()) {
         self.surface_.push_back({vector_of(sample.position_mm), matrix_of(sample.covariance_mm2)});
+        self.common_sum_mm2_ += matrix_of(sample.common_mm2);
       }
       self.revision_ = sample.revision;
       self.changed_ = true;
@@ -219,6 +221,17 @@ void RegistrationPipeline::estimate() noexcept {
   show_fiducials(result);
 }
 
+// A displacement of all samples by d in Reference displaces the estimate by -R d in Image, wherever a target lies. Its
+// mean over the samples is taken: fiducials beside them reduce its part, which is not counted.
+Matrix6d RegistrationPipeline::with_common(const registration::RegistrationResult &result) const noexcept {
+  Matrix6d out = result.covariance;
+  if (!surface_.empty()) {
+    const Matrix3d R = result.T_image_reference.rotation_matrix();
+    out.bottomRightCorner<3, 3>() += R * common_sum_mm2_ * R.transpose() / static_cast<double>(surface_.size());
+  }
+  return out;
+}
+
 void RegistrationPipeline::show(const registration::RegistrationResult &result) noexcept {
   state_.revision = revision_;
   state_.fiducial_count = static_cast<std::uint32_t>(sample_count_);
@@ -251,7 +264,7 @@ void RegistrationPipeline::show(const registration::RegistrationResult &result) 
     put_unknown(state_.covariance);
   } else {
     state_.T_image_reference = wire::to_wire(result.T_image_reference);
-    server::put(result.covariance, state_.covariance);
+    server::put(with_common(result), state_.covariance);
   }
   state_.fre_mm = result.has_estimate ? result.fre_mm : wire::kUnknown;
   state_.fre_expected_mm = result.has_estimate ? result.fre_expected_mm : wire::kUnknown;

@@ -50,6 +50,8 @@ private:
   void remove(const wire::Name &point) noexcept;
   void estimate() noexcept;
   void show(const registration::RegistrationResult &result) noexcept;
+  // The covariance of the estimate with the error that all samples of a scan have in common.
+  [[nodiscard]] geometry::Matrix6d with_common(const registration::RegistrationResult &result) const noexcept;
   // Their names, NUL-terminated and truncated to the size of out.
   void list_suspects(const registration::RegistrationResult &result, std::span<char> out) const noexcept;
   void show_fiducials(const registration::RegistrationResult &result) noexcept;
@@ -64,7 +66,8 @@ private:
   std::array<FiducialSample, registration::kMaxFiducials> samples_{};
   std::size_t sample_count_ = 0;
   std::array<registration::FiducialObservation, registration::kMaxFiducials> observations_{};
-  std::vector<registration::SurfaceSample> surface_; // reserved once
+  std::vector<registration::SurfaceSample> surface_;               // reserved once
+  geometry::Matrix3d common_sum_mm2_ = geometry::Matrix3d::Zero(); // of SurfaceSample::common_mm2
   std::array<Eigen::Vector3d, bregma_wire_MAX_TARGETS> targets_;
   std::size_t target_count_ = 0;
   std::optional<registration::ImageFromReference> previous_;

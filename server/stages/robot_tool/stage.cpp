@@ -49,11 +49,11 @@ RobotToolStage::RobotToolStage(const RobotToolParameters &parameters, const Stag
       options_{parameters.flange_sigma_mm, parameters.flange_sigma_deg * geometry::kRadiansPerDegree},
       states_(context.link), boot_id_(context.host.boot_id()) {
   if (!parameters.tools.empty()) {
-    const auto models = casefile::read_robot_tools(parameters.tools);
-    if (!models) {
-      throw std::invalid_argument("robot.tools: " + models.error().message);
+    const auto equipment = casefile::read_robot_equipment(parameters.tools);
+    if (!equipment) {
+      throw std::invalid_argument("robot.tools: " + equipment.error().message);
     }
-    for (const casefile::RobotToolModel &model : *models) {
+    for (const casefile::RobotToolModel &model : equipment->tools) {
       calibrations_.push_back(calibration_of(model));
     }
   }

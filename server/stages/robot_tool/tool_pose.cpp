@@ -23,33 +23,11 @@ void clear_poses(wire::RobotTool &out) noexcept {
   out.scanner_error_95_mm = wire::kUnknown;
 }
 
-// As stated by the arm; otherwise of the options, about the flange's origin.
-Matrix6d measured_covariance(const RobotView &robot, const Vector3d &origin_mm,
-                             const ToolPoseOptions &options) noexcept {
-  if (std::any_of(std::begin(robot.covariance), std::end(robot.covariance), [](float v) { return v != 0.0F; })) {
-    Matrix6d out;
-    for (std::size_t row = 0; row < 6; ++row) {
-      for (std::size_t column = row; column < 6; ++column) {
-        const auto i = static_cast<Eigen::Index>(row);
-        const auto j = static_cast<Eigen::Index>(column);
-        out(i, j) = out(j, i) = double{robot.covariance[wire::upper_index(row, column)]};
-      }
-    }
-    return out;
-  }
-  Matrix6d own = Matrix6d::Zero();
-  own.diagonal().head<3>().setConstant(options.flange_sigma_rad * options.flange_sigma_rad);
-  own.diagonal().tail<3>().setConstant(options.flange_sigma_mm * options.flange_sigma_mm);
-  Matrix6d about_origin = Matrix6d::Identity(); // from a perturbation about the flange to one about Base's origin
-  about_origin.bottomLeftCorner<3, 3>() = geometry::skew(origin_mm);
-  return about_origin * own * about_origin.transpose();
-}
-
 // With the way that the flange may have gone since the frame, as large as at its velocity, whichever way.
-Matrix6d flange_covariance(const RobotView &robot, const Vector3d &origin_mm, std::int64_t age_ns,
-                           const ToolPoseOptions &options) noexcept {
+Matrix6d moved_covariance(const RobotView &robot, const Vector3d &origin_mm, std::int64_t age_ns,
+                          const ToolPoseOptions &options) noexcept {
   const geometry::Vector6d motion = 1e-9 * static_cast<double>(age_ns) * geometry::Vector6d::Map(robot.velocity_per_s);
-  return measured_covariance(robot, origin_mm, options) + motion * motion.transpose();
+  return flange_covariance(robot.covariance, origin_mm, options) + motion * motion.transpose();
 }
 
 const RobotToolCalibration *find(std::span<const RobotToolCalibration> tools, const wire::Name &name) noexcept {
@@ -70,6 +48,27 @@ wire::PoseStatus status_of(const RobotView &robot, const RobotToolCalibration *t
 }
 
 } // namespace
+
+Matrix6d flange_covariance(const wire::PoseCovariance &stated, const Vector3d &origin_mm,
+                           const ToolPoseOptions &options) noexcept {
+  if (std::any_of(std::begin(stated), std::end(stated), [](float v) { return v != 0.0F; })) {
+    Matrix6d out;
+    for (std::size_t row = 0; row < 6; ++row) {
+      for (std::size_t column = row; column < 6; ++column) {
+        const auto i = static_cast<Eigen::Index>(row);
+        const auto j = static_cast<Eigen::Index>(column);
+        out(i, j) = out(j, i) = double{stated[wire::upper_index(row, column)]};
+      }
+    }
+    return out;
+  }
+  Matrix6d own = Matrix6d::Zero();
+  own.diagonal().head<3>().setConstant(options.flange_sigma_rad * options.flange_sigma_rad);
+  own.diagonal().tail<3>().setConstant(options.flange_sigma_mm * options.flange_sigma_mm);
+  Matrix6d about_origin = Matrix6d::Identity(); // from a perturbation about the flange to one about Base's origin
+  about_origin.bottomLeftCorner<3, 3>() = geometry::skew(origin_mm);
+  return about_origin * own * about_origin.transpose();
+}
 
 wire::RobotTool tool_pose(const RobotView &robot, std::span<const RobotToolCalibration> tools,
                           const wire::Name &default_tool, const ScannerPoseView &scanner,
@@ -93,7 +92,7 @@ wire::RobotTool tool_pose(const RobotView &robot, std::span<const RobotToolCalib
   }
   geometry::UncertainPose<Base, RobotFlange> T_base_flange;
   T_base_flange.pose = wire::from_wire<Base, RobotFlange>(robot.T_base_flange);
-  T_base_flange.covariance = flange_covariance(robot, T_base_flange.pose.translation(), out.age_ns, options);
+  T_base_flange.covariance = moved_covariance(robot, T_base_flange.pose.translation(), out.age_ns, options);
   const geometry::UncertainPose<Base, Tip> T_base_tip = T_base_flange * tool->T_flange_tip;
   out.T_base_tip = wire::to_wire(T_base_tip.pose);
   put(T_base_tip.covariance, out.covariance);

@@ -28,6 +28,11 @@ struct ToolPoseOptions {
   double flange_sigma_rad = 0.001;
 };
 
+// Covariance of a flange in Base: as stated by the arm; otherwise that of the options, about the flange's origin.
+[[nodiscard]] geometry::Matrix6d flange_covariance(const wire::PoseCovariance &stated,
+                                                   const geometry::Vector3d &origin_mm,
+                                                   const ToolPoseOptions &options) noexcept;
+
 // tools: all calibrated ones. default_tool: for an arm that states none; empty: none. An arm in another mode is shown
 // as well: its kinematics are measured.
 [[nodiscard]] wire::RobotTool tool_pose(const RobotView &robot, std::span<const RobotToolCalibration> tools,

@@ -44,6 +44,15 @@ void put_velocity(RobotView &view, const wire::Pose &next, std::int64_t next_acq
   Vector3d::Map(view.velocity_per_s + 3) = per_s * moved.translation();
 }
 
+// Whether an arm has measured anything anew.
+bool differs(const wire::RobotState &a, const wire::RobotState &b) noexcept {
+  return a.joint_count != b.joint_count || !std::ranges::equal(a.joint_position_rad, b.joint_position_rad) ||
+         !std::ranges::equal(a.joint_velocity_rad_s, b.joint_velocity_rad_s) ||
+         !std::ranges::equal(a.joint_effort_Nm, b.joint_effort_Nm) ||
+         !std::ranges::equal(a.T_base_flange.rotation_wxyz, b.T_base_flange.rotation_wxyz) ||
+         !std::ranges::equal(a.T_base_flange.translation_mm, b.T_base_flange.translation_mm);
+}
+
 } // namespace
 
 void declare(base::ParameterSet &set, SensorParameters &p) {
@@ -64,6 +73,52 @@ SensorStage::SensorStage(const SensorParameters &parameters, const StageContext 
       copy_name(robots_view_.robots[robots_view_.count++].device, robot.name());
     }
   }
+}
+
+std::uint32_t SensorStage::Origin::take(std::uint64_t new_writer, std::uint64_t new_frame) noexcept {
+  incarnation += seen && (new_writer != writer || new_frame < frame) ? 1 : 0;
+  seen = true;
+  writer = new_writer;
+  frame = new_frame;
+  return incarnation;
+}
+
+void SensorStage::take_range(const wire::RangeSample &sample, const inputs::Verdict &verdict,
+                             std::uint64_t writer) noexcept {
+  const auto device = static_cast<std::size_t>(verdict.device);
+  if (device >= range_origins_.size()) {
+    return;
+  }
+  RangeReading out;
+  copy_name(out.device, sample.device);
+  out.frame = sample.frame;
+  out.acquired_ns = verdict.acquired_time_ns;
+  out.period_ns = verdict.period_ns;
+  out.incarnation = range_origins_[device].take(writer, sample.frame);
+  const bool valid = sample.status == bregma_wire_RANGE_VALID;
+  out.range_mm = valid ? sample.range_mm : wire::kUnknown;
+  out.sigma_mm = valid ? sample.sigma_mm : wire::kUnknown;
+  (void)readings.try_push(out); // a full ring counts dropped values
+}
+
+void SensorStage::pass_on(const wire::RobotState &sample, const inputs::Verdict &verdict,
+                          std::uint64_t writer) noexcept {
+  Arm &arm = arms_[static_cast<std::size_t>(verdict.device)];
+  FlangeSample out;
+  copy_name(out.device, sample.device);
+  copy_name(out.tool, sample.tool);
+  out.frame = sample.frame;
+  out.acquired_ns = verdict.acquired_time_ns;
+  out.age_sigma_ns = verdict.age_sigma_ns;
+  out.period_ns = verdict.period_ns;
+  out.written_ns = verdict.written_time_ns;
+  out.measured_anew = !arm.origin.seen || differs(sample, arm.last);
+  out.incarnation = arm.origin.take(writer, sample.frame);
+  out.T_base_flange = sample.T_base_flange;
+  std::copy(std::begin(sample.covariance), std::end(sample.covariance), out.covariance);
+  arm.last = sample;
+  (void)flanges_to_navigation.try_push(out);
+  (void)flanges_to_scan.try_push(out);
 }
 
 void SensorStage::take_robot(const wire::RobotState &sample, const inputs::Verdict &verdict) noexcept {
@@ -106,13 +161,18 @@ void SensorStage::step(const Moment &now) noexcept {
     const inputs::Verdict verdict = robot_guard_.check(sample, writer, now.utc_ns);
     if (verdict.accepted) {
       take_robot(sample, verdict);
+      if (static_cast<std::size_t>(verdict.device) < arms_.size()) {
+        pass_on(sample, verdict, writer);
+      }
     }
   });
   taken += motions_.take_each(now.utc_ns, [&](const wire::RobotMotionState &sample, std::uint64_t writer) noexcept {
     (void)motion_guard_.check(sample, writer, now.utc_ns);
   });
   taken += ranges_.take_each(now.utc_ns, [&](const wire::RangeSample &sample, std::uint64_t writer) noexcept {
-    (void)range_guard_.check(sample, writer, now.utc_ns);
+    if (const inputs::Verdict verdict = range_guard_.check(sample, writer, now.utc_ns); verdict.accepted) {
+      take_range(sample, verdict, writer);
+    }
   });
   taken += forces_.take_each(now.utc_ns, [&](const wire::ForceSample &sample, std::uint64_t writer) noexcept {
     const inputs::Verdict verdict = force_guard_.check(sample, writer, now.utc_ns);

@@ -2,6 +2,8 @@
 // the navigation stage.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <string>
 
 #include "base/parameters.hpp"
@@ -33,12 +35,33 @@ public:
   runtime::LatestValue<ForceView> force;              // per sample
   runtime::LatestValue<RobotsView> robots;            // per sample, and when one is lost
   runtime::LatestValue<inputs::StreamHealth> devices; // robots, ranges, forces; per tick
+  // Every sample: one ring per reader. What does not fit is counted by the ring.
+  FlangeRing flanges_to_navigation;
+  FlangeRing flanges_to_scan;
+  RangeRing readings;
 
 private:
+  // Who sends as a device.
+  struct Origin {
+    bool seen = false;
+    std::uint64_t writer = 0;
+    std::uint64_t frame = 0;
+    std::uint32_t incarnation = 0;
+    // Of this sample: see FlangeSample.
+    std::uint32_t take(std::uint64_t new_writer, std::uint64_t new_frame) noexcept;
+  };
+  struct Arm {
+    Origin origin;
+    wire::RobotState last{};
+  };
+  void pass_on(const wire::RobotState &sample, const inputs::Verdict &verdict, std::uint64_t writer) noexcept;
+  void take_range(const wire::RangeSample &sample, const inputs::Verdict &verdict, std::uint64_t writer) noexcept;
   void take_robot(const wire::RobotState &sample, const inputs::Verdict &verdict) noexcept;
   void watch_robots(const Moment &now) noexcept;
 
   RobotsView robots_view_;
+  std::array<Arm, kMaxRobots> arms_;
+  std::array<Origin, bregma_wire_MAX_DEVICES> range_origins_;
   inputs::InputGuard<wire::RobotState> robot_guard_;
   inputs::InputGuard<wire::RobotMotionState> motion_guard_;
   inputs::InputGuard<wire::RangeSample> range_guard_;

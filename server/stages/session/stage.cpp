@@ -33,6 +33,7 @@ SessionConfig config_of(const SessionParameters &parameters) {
   out.pivot_min_rotation_rad = parameters.pivot_min_rotation_deg * geometry::kRadiansPerDegree;
   out.pivot_max_samples = static_cast<std::size_t>(parameters.pivot_max_samples);
   out.min_checks = static_cast<std::size_t>(parameters.min_checks);
+  out.check_valid_min = parameters.check_valid_min;
   return out;
 }
 
@@ -71,6 +72,8 @@ void declare(base::ParameterSet &set, SessionParameters &p) {
               "Maximum number of poses of one pivot calibration; later ones are ignored.");
   set.integer("verification.min_checks", &p.min_checks, "", 1, 64,
               "Number of landmarks to check after a registration was accepted, before it can be confirmed.");
+  set.number("verification.valid_min", &p.check_valid_min, "min", 1, 240,
+             "In a case without a tracker: the verification ends when the last check touch is older.");
   set.string("state.directory", &p.state_directory,
              "Where the session is kept for a restart. Empty: $STATE_DIRECTORY, else $XDG_STATE_HOME/bregma, else "
              "~/.local/state/bregma.");
@@ -88,8 +91,11 @@ SessionStage::SessionStage(const SessionParameters &parameters, const StageConte
 
 void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
                            const runtime::LatestValue<wire::RegistrationState> &estimate,
-                           ScannerStage::Answers &scanner_answers, AlarmEvents &scanner_conditions) {
+                           ScannerStage::Answers &scanner_answers, AlarmEvents &scanner_conditions,
+                           NavigationEvents &scan_events, AlarmEvents &scan_conditions) {
   events_ = &events;
+  scan_events_ = &scan_events;
+  scan_conditions_ = &scan_conditions;
   scanner_answers_ = &scanner_answers;
   scanner_conditions_ = &scanner_conditions;
   conditions_ = &conditions;
@@ -115,6 +121,7 @@ void SessionStage::step(const Moment &now) noexcept {
   to_registration.flush();
   to_monitoring.flush();
   to_scanner.flush();
+  to_scan.flush();
   cases.free_unused();
   share_view();
 }
@@ -155,15 +162,17 @@ void SessionStage::watch_commands() {
 
 void SessionStage::take_in() {
   NavigationEvent event;
-  while (events_->try_pop(event)) {
-    session_.on(event, now_ns_);
+  for (NavigationEvents *events : {events_, scan_events_}) {
+    while (events->try_pop(event)) {
+      session_.on(event, now_ns_);
+    }
   }
   AlarmCondition condition;
   ScannerAnswer answer;
   while (scanner_answers_->try_pop(answer)) {
     session_.on(answer, now_ns_);
   }
-  for (AlarmEvents *conditions : {conditions_, scanner_conditions_, host_.conditions()}) {
+  for (AlarmEvents *conditions : {conditions_, scanner_conditions_, scan_conditions_, host_.conditions()}) {
     while (conditions != nullptr && conditions->try_pop(condition)) {
       session_.on(condition, now_ns_);
     }

@@ -20,6 +20,7 @@
 #include "server/stages/registration/stage.hpp"
 #include "server/stages/scanner/stage.hpp"
 #include "server/stages/stage.hpp"
+#include "server/stages/surface_scan/stage.hpp"
 #include "server/stages/views.hpp"
 
 namespace bregma::server {
@@ -33,6 +34,7 @@ struct SessionParameters {
   std::int64_t pivot_max_samples = static_cast<std::int64_t>(SessionConfig{}.pivot_max_samples);
   std::int64_t min_checks = static_cast<std::int64_t>(SessionConfig{}.min_checks);
   std::string state_directory; // empty: $STATE_DIRECTORY (systemd), $XDG_STATE_HOME/bregma or ~/.local/state/bregma
+  double check_valid_min = SessionConfig{}.check_valid_min;
   double correlation_length_mm = 12.0; // correlation of the surface error between neighbouring samples
 };
 void declare(base::ParameterSet &set, SessionParameters &parameters);
@@ -45,7 +47,7 @@ public:
   SessionStage(const SessionParameters &parameters, const StageContext &context);
   void connect(NavigationEvents &events, AlarmEvents &conditions,
                const runtime::LatestValue<wire::RegistrationState> &estimate, ScannerStage::Answers &scanner_answers,
-               AlarmEvents &scanner_conditions);
+               AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions);
 
   // Restores the last session, so that what the other stages take from their first step on belongs to it.
   void begin(const Moment &now) override;
@@ -58,6 +60,7 @@ public:
   RegistrationStage::Inbox to_registration;
   MonitoringStage::Inbox to_monitoring;
   ScannerInbox to_scanner;
+  SurfaceScanStage::Inbox to_scan;
   runtime::LatestValue<SessionView> view;
 
 private:
@@ -67,6 +70,7 @@ private:
   void send(const RegistrationMessage &message) override { to_registration.send(message); }
   void send(const MonitoringMessage &message) override { to_monitoring.send(message); }
   void send(const wire::Command &command) override { to_scanner.send(command); }
+  void send(const ScanRequest &request) override { to_scan.send(request); }
   void publish(const wire::CommandReply &reply) override;
   void publish(const wire::Alarm &alarm) override;
   void publish(const wire::CapturedPoint &point) override { captures_(point, now_ns_); }
@@ -88,6 +92,8 @@ private:
   Publisher<wire::Alarm> alarms_;
   Publisher<wire::CapturedPoint> captures_;
   NavigationEvents *events_ = nullptr;
+  NavigationEvents *scan_events_ = nullptr;
+  AlarmEvents *scan_conditions_ = nullptr;
   AlarmEvents *conditions_ = nullptr;
   ScannerStage::Answers *scanner_answers_ = nullptr;
   AlarmEvents *scanner_conditions_ = nullptr;

@@ -67,7 +67,8 @@ TEST(Config, DeviceNamesAreChecked) {
     return checked ? std::string() : checked.error().message;
   };
   EXPECT_EQ(problem("Tracker", ""), "");
-  EXPECT_EQ(problem(" ", "Robot"), "devices.trackers = \"\": at least one tracker is needed");
+  EXPECT_EQ(problem(" ", "Robot"), "");
+  EXPECT_EQ(problem(" ", " "), "devices.trackers = \"\": at least one tracker or one robot is needed");
   EXPECT_EQ(problem("A,,B", ""), "devices.trackers = \"A,,B\": has an empty name between commas");
   EXPECT_EQ(problem("A", "B, A"), "devices.robots = \"B, A\": \"A\" is named twice");
   const std::string longest(31, 'x');

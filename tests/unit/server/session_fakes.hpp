@@ -41,6 +41,7 @@ public:
   void send(const RegistrationMessage &message) override;
   void send(const MonitoringMessage &message) override { monitoring.push_back(message); }
   void send(const wire::Command &command) override { to_scanner.push_back(command); }
+  void send(const ScanRequest &request) override { to_scan.push_back(request); }
   void publish(const wire::CommandReply &reply) override { replies.push_back(reply); }
   void publish(const wire::Alarm &alarm) override { alarms.push_back(alarm); }
   void publish(const wire::CapturedPoint &point) override { captured.push_back(point); }
@@ -75,6 +76,7 @@ public:
   std::vector<RegistrationMessage> registration;
   std::vector<MonitoringMessage> monitoring;
   std::vector<wire::Command> to_scanner;
+  std::vector<ScanRequest> to_scan;
   std::vector<wire::CommandReply> replies;
   std::vector<wire::Alarm> alarms;
   std::vector<wire::CapturedPoint> captured;

@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "idl/commands.hpp"
 #include "idl/names.hpp"
 #include "idl/version.hpp"
 
@@ -237,6 +238,20 @@ TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
   expect(command, "command kind 0 is not known: this daemon speaks wire " + kOwnWire);
   expect(harness.command(bregma_wire_COMMAND_STOP_ROBOT, "Arm"),
          "this daemon cannot stop the robot (STOP_ROBOT): it has no part that does it");
+}
+
+TEST_F(RefusalTest, AScanNeedsACaseWithAnArm) {
+  harness.done(bregma_wire_COMMAND_START_REGISTRATION);
+  const auto reply = harness.send(harness.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, "Robot"));
+  ASSERT_TRUE(reply);
+  EXPECT_STREQ(reply->text, "no scan with arm \"Robot\" is running");
+  wire::Command start = harness.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, "Robot");
+  ASSERT_EQ(wire::fill_command(start, bregma_wire_COMMAND_START_SURFACE_SCAN, {"Robot", "Range", "0", "3"}), "");
+  const auto refused = harness.send(start);
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_STREQ(refused->text, "case ball has no arm: [robot] in its case.toml names one");
+  EXPECT_TRUE(loops.to_scan.empty());
 }
 
 TEST_F(RefusalTest, ACommandOfTheScannerIsAnsweredByItsStageOrByTheTimeOut) {

@@ -1,7 +1,7 @@
 // Case and side, session state, what to do next, and the time.
 
 import type { CaseData } from "../state/case_data.ts";
-import { Session } from "../state/constants.ts";
+import { DeviceKind, Session } from "../state/constants.ts";
 import type { Store } from "../state/store.ts";
 import { sessionText } from "../state/text.ts";
 import { h, setText } from "./dom.ts";
@@ -15,6 +15,7 @@ export class TopBar {
   private readonly patient = h("span", { class: "patient" });
   private readonly side = h("span", { class: "side" });
   private readonly session = h("span", { class: "session" });
+  private readonly untracked = h("span", { class: "untracked" });
   private readonly next = h("span", { class: "next" });
   private readonly time = h("time", { class: "time" });
   readonly element = h(
@@ -24,6 +25,7 @@ export class TopBar {
     this.side,
     this.patient,
     this.session,
+    this.untracked,
     this.next,
     this.time,
   );
@@ -40,13 +42,17 @@ export class TopBar {
     this.side.hidden = !data?.side;
     setText(this.session, sessionText(state));
     this.session.className = `session ${kGood.includes(state) ? "good" : kBad.includes(state) ? "bad" : ""}`;
+    // An arm in the place of a tracker does not follow the patient.
+    const untracked = store.all("tool").some((tool) => tool.source_kind === DeviceKind.ROBOT);
+    setText(this.untracked, untracked ? "PATIENT NOT TRACKED" : "");
+    this.untracked.hidden = !untracked;
     setText(this.next, record?.next ?? "");
     setText(this.time, new Date().toLocaleTimeString("en-GB"));
   }
 
   // For a screenshot.
   get text(): string {
-    return [this.id, this.side, this.patient, this.session, this.next]
+    return [this.id, this.side, this.patient, this.session, this.untracked, this.next]
       .map((e) => e.textContent)
       .filter(Boolean)
       .join("  ·  ");

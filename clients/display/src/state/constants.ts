@@ -31,4 +31,5 @@ export const AlarmState = { RAISED: 1, ACKNOWLEDGED: 2, CLEARED: 3 } as const;
 export const Severity = { INFO: 1, WARNING: 2, CRITICAL: 3 } as const;
 export const ToolStatus = { VISIBLE: 1, PARTLY_VISIBLE: 2, HIDDEN: 3, OUT_OF_VOLUME: 4 } as const;
 export const DeformationStatus = { NO_MODEL: 1, VALID: 2, EXTRAPOLATING: 3, INVALID: 4 } as const;
+export const DeviceKind = { TRACKER: 1, ROBOT: 2 } as const;
 export const DeviceStatus = { NEVER_SEEN: 1, LIVE: 2, STALE: 3, LOST: 4 } as const;

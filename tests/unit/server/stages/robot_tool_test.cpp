@@ -136,7 +136,7 @@ TEST(RobotTool, TheStatedCovarianceOfTheArmIsUsed) {
 TEST(RobotToolFile, RefusesWhatIsNoTool) {
   const test::TemporaryFolder folder;
   const auto error = [&](const std::string &text) {
-    const auto read = casefile::read_robot_tools(write_tools(folder, text));
+    const auto read = casefile::read_robot_equipment(write_tools(folder, text));
     return read ? std::string() : read.error().message;
   };
   EXPECT_EQ(error(kGuide), "");

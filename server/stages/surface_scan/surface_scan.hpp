@@ -1,0 +1,112 @@
+// Points on the skin from an arm that carries a range sensor: p = T_base_flange (o + d u), with the flange interpolated
+// at the time at which the filtered reading held, and the calibrated beam (o, u) and curve of the sensor.
+//
+// The filter is Hampel's over the sensor's window; its delay and that of the sensor are removed from the time
+// (algorithms/range/range_filters.hpp). One value per window is used, so that the values are independent.
+//
+// The error of a point has two parts. The reading, the flange and the time give an independent one per point. Beam and
+// curve give one that all points of a scan have in common; it does not average out, and goes into the registration as a
+// whole.
+//
+// A reading is dropped, and counted, where no flange is known at its time: the arm is silent, or repeats its values to
+// the bit. The scan is interrupted until it is started anew when another driver sends for arm or sensor, or the arm
+// jumps: a person has to see what has changed.
+//
+// Units mm, rad, ns UTC of the host. One thread; tables are bounded; a step may allocate.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <optional>
+
+#include "algorithms/calibration/beam.hpp"
+#include "algorithms/range/range_filters.hpp"
+#include "server/session/messages.hpp"
+#include "server/stages/robot_tool/tool_pose.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+class SurfaceScan {
+public:
+  static constexpr std::size_t kMaxFlanges = 512;
+  static constexpr std::size_t kMaxWaiting = 256;        // values whose flange has not come yet
+  static constexpr std::int64_t kWait_ns = 500'000'000;  // for a flange
+  static constexpr double kMaxFlangeSpeed_mm_s = 2000.0; // faster is a jump
+
+  struct Point {
+    std::uint64_t frame = 0; // of the newest reading in it
+    std::int64_t time_ns = 0;
+    geometry::Vector3d position_mm = geometry::Vector3d::Zero(); // in the arm's base
+    geometry::Matrix3d independent_mm2 = geometry::Matrix3d::Zero();
+    geometry::Matrix3d common_mm2 = geometry::Matrix3d::Zero();
+  };
+  // Of the present or last scan.
+  struct Counts {
+    std::uint64_t readings = 0;     // that arrived
+    std::uint64_t missing = 0;      // without a value
+    std::uint64_t out_of_range = 0; // nearer or farther than the calibration allows
+    std::uint64_t without_flange = 0;
+    std::uint64_t overflown = 0; // a table was full
+    std::uint64_t placed = 0;    // values that became a position, used or not
+  };
+  enum class Interruption : std::uint8_t { kNone, kArmReplaced, kSensorReplaced, kArmJumped };
+
+  explicit SurfaceScan(const ToolPoseOptions &options) : options_(options) {}
+
+  // on: begins anew with this calibration; else the scan ends.
+  void request(const ScanRequest &request);
+  void add(const FlangeSample &sample);
+  void add(const RangeReading &reading, std::int64_t now_ns);
+  // The next point that is spacing_mm from the last one; nullopt: none yet. Call it until then.
+  [[nodiscard]] std::optional<Point> next(std::int64_t now_ns);
+
+  [[nodiscard]] bool on() const { return request_.on; }
+  [[nodiscard]] const ScanRequest &request() const { return request_; }
+  [[nodiscard]] const Counts &counts() const { return counts_; }
+  [[nodiscard]] Interruption interruption() const { return interruption_; }
+  // When a value was placed last, or the scan began.
+  [[nodiscard]] std::int64_t placed_ns() const { return placed_ns_; }
+
+private:
+  struct Flange {
+    std::int64_t time_ns = 0;
+    std::int64_t sigma_ns = 0;
+    std::int64_t period_ns = 0;
+    calibration::BeamFlange T_base_flange;
+    wire::PoseCovariance covariance{};
+  };
+  struct Value {
+    std::uint64_t frame = 0;
+    std::int64_t time_ns = 0;
+    double range_mm = 0.0; // as the sensor states
+    double sigma_mm = 0.0;
+  };
+  struct Pair { // of flanges about a time
+    const Flange *before;
+    const Flange *after;
+  };
+  [[nodiscard]] std::optional<Pair> around(std::int64_t time_ns) const;
+  [[nodiscard]] Point point_of(const Value &value, const Pair &flanges) const;
+  [[nodiscard]] bool in_range(double range_mm) const;
+
+  ToolPoseOptions options_;
+  ScanRequest request_{};
+  std::optional<range::WindowFilter> filter_;
+  calibration::BeamResult beam_;  // with its covariance
+  calibration::BeamResult exact_; // without
+  std::deque<Flange> flanges_;    // times increase
+  std::deque<Value> waiting_;     // in the order of their times
+  double sigma_sum_mm_ = 0.0;     // of the readings since the last value
+  std::int64_t since_value_ = 0;  // readings since the last value
+  std::int64_t valid_ = 0;        // of them with a value
+  std::int64_t last_reading_ns_ = 0;
+  std::optional<std::uint32_t> arm_, sensor_; // incarnations
+  std::optional<geometry::Vector3d> last_point_mm_;
+  Interruption interruption_ = Interruption::kNone;
+  Counts counts_;
+  std::int64_t placed_ns_ = 0;
+};
+
+} // namespace bregma::server

@@ -1,0 +1,280 @@
+// A case without a tracker, end to end at the level of the wire: the arm carries the range sensor over the face, the
+// daemon registers its base to the image without a start estimate, check touches with the arm's tip verify, and the tip
+// is navigated. Then what goes wrong with arm and sensor.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <string>
+
+#include "idl/commands.hpp"
+#include "idl/names.hpp"
+#include "idl/validity.hpp"
+#include "server/session/messages.hpp"
+#include "tests/component/robot/robot_room.hpp"
+
+namespace bregma::test {
+namespace {
+
+using geometry::Vector3d;
+
+constexpr std::uint64_t kSeed = 5;
+constexpr std::int64_t kLimit_ns = 100'000'000; // of a live pose, as no arm's period is longer than a third of it
+
+void expect_done(const wire::CommandReply &reply) { EXPECT_EQ(reply.result, bregma_wire_COMMAND_DONE) << reply.text; }
+
+class RobotScan : public testing::Test {
+protected:
+  void begin() {
+    ASSERT_TRUE(room.run(
+        3.0, [&] { return !room.states.empty() && room.device("Range") != nullptr && room.health.loop_count > 0; }));
+    room.run(0.5);
+    expect_done(room.command(bregma_wire_COMMAND_LOAD_CASE, {the_case.loaded().folder.string()}));
+    expect_done(room.command(bregma_wire_COMMAND_START_REGISTRATION));
+  }
+  // The whole raster, and the search of the pose.
+  void scan(double spacing_mm = 8.0, double speed_mm_s = 50.0) {
+    const auto path = room.raster(48.0, 56.0, spacing_mm);
+    ASSERT_TRUE(room.move({path.front()}, 80.0));
+    expect_done(room.command(bregma_wire_COMMAND_START_SURFACE_SCAN, {"Robot", "Range", "0", "3"}));
+    ASSERT_TRUE(room.move(path, speed_mm_s));
+    expect_done(room.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, {"Robot"}));
+    room.run(1.0);
+  }
+  // Touches a point with the tip, from 30 mm before it, and returns the reply to the command.
+  wire::CommandReply touch(wire::CommandKind kind, const casefile::NamedPoint &point) {
+    EXPECT_TRUE(room.move({room.touching(point.position_mm, 30.0), room.touching(point.position_mm)}, 80.0))
+        << point.name;
+    const wire::CommandReply reply = room.command(kind, {"Pointer", point.name});
+    EXPECT_TRUE(room.move({room.touching(point.position_mm, 30.0)}, 80.0)) << point.name;
+    return reply;
+  }
+  void touch_fiducials() {
+    for (const casefile::NamedPoint &fiducial : the_case.loaded().fiducials) {
+      expect_done(touch(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, fiducial));
+    }
+  }
+  void verify() {
+    for (const casefile::NamedPoint &landmark : the_case.loaded().landmarks) {
+      expect_done(touch(bregma_wire_COMMAND_CHECK_TOUCH, landmark));
+    }
+    expect_done(room.command(bregma_wire_COMMAND_CONFIRM_VERIFICATION));
+  }
+  // Registered by touches, verified, and navigating.
+  void navigate() {
+    begin();
+    touch_fiducials();
+    expect_done(room.command(bregma_wire_COMMAND_ACCEPT_REGISTRATION));
+    verify();
+    expect_done(room.command(bregma_wire_COMMAND_START_NAVIGATION, {"Pointer", ""}));
+    ASSERT_TRUE(room.run(1.0, [&] { return live(); }));
+  }
+  [[nodiscard]] bool live() const { return !room.states.empty() && room.states.back().status == bregma_wire_POSE_LIVE; }
+  [[nodiscard]] static bool shown(const wire::NavigationState &state) {
+    return state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
+  }
+  // Lets the fault act for this time; no pose is shown later than the limit after its begin, and its age never is
+  // above.
+  void expect_not_live(double seconds = 1.0) {
+    const std::int64_t begin_ns = room.now();
+    room.states.clear();
+    room.run(seconds);
+    for (const wire::NavigationState &state : room.states) {
+      if (shown(state)) {
+        ASSERT_LE(state.published_time_ns - begin_ns, kLimit_ns) << "shown too late";
+        ASSERT_LE(state.valid_for_ns + state.age_ns, kLimit_ns);
+      } else {
+        ASSERT_TRUE(std::isnan(state.T_image_tip.translation_mm[0]) && std::isnan(state.covariance[0]));
+        ASSERT_EQ(state.valid_for_ns, 0);
+      }
+    }
+    ASSERT_FALSE(room.states.empty());
+    ASSERT_FALSE(shown(room.states.back()));
+  }
+  [[nodiscard]] double target_error_mm() const {
+    const auto T = wire::from_wire<geometry::frame::Image, geometry::frame::RobotBase>(
+        room.registration.accepted_T_image_reference);
+    const Vector3d target = the_case.loaded().targets.front().position_mm;
+    return (T * (room.T_base_image() * target) - target).norm();
+  }
+
+  RobotCase the_case{kSeed};
+  RobotRoom room{the_case, kSeed};
+};
+
+TEST_F(RobotScan, RegistersByTheScanAloneAndNavigates) {
+  begin();
+  scan();
+  ASSERT_GT(room.registration.surface_count, 150U) << room.registration.text;
+  EXPECT_GE(room.points.size(), room.registration.surface_count);
+  // The published points lie on the face.
+  double sum = 0.0;
+  const sim::Head head(the_case.loaded().scalp.mesh, 0.0, 15.0, 1);
+  for (const Vector3d &point : room.points) {
+    const double distance = head.clearance_mm(room.T_base_image().inverse() * point);
+    sum += distance * distance;
+  }
+  const double rms_mm = std::sqrt(sum / static_cast<double>(room.points.size()));
+  EXPECT_LT(rms_mm, 2.0);
+  const wire::CommandReply accepted = room.command(bregma_wire_COMMAND_ACCEPT_REGISTRATION);
+  ASSERT_EQ(accepted.result, bregma_wire_COMMAND_DONE) << accepted.text;
+  EXPECT_NE(std::string(accepted.text).find("predicted TRE"), std::string::npos) << accepted.text;
+  verify();
+  room.run(0.2);
+  const double predicted_mm = room.accuracy.targets[0].tre_rms_mm;
+  const double bound_mm = room.accuracy.targets[0].tre_95.semi_axes_mm[0];
+  std::printf(
+      "scan: %u points, RMS from the skin %.2f mm, error at the target %.2f mm, predicted RMS %.2f mm, 95 %% %.2f mm\n",
+      room.registration.surface_count, rms_mm, target_error_mm(), predicted_mm, bound_mm);
+  EXPECT_LT(target_error_mm(), 2.0);
+  EXPECT_LT(target_error_mm(), 1.5 * bound_mm);
+
+  expect_done(room.command(bregma_wire_COMMAND_START_NAVIGATION, {"Pointer", "Biopsy"}));
+  ASSERT_TRUE(room.run(1.0, [&] { return live(); }));
+  const wire::NavigationState state = room.states.back();
+  EXPECT_EQ(state.source_kind, bregma_wire_DEVICE_ROBOT);
+  EXPECT_EQ(state.patient, bregma_wire_PATIENT_NOT_TRACKED);
+  EXPECT_EQ(wire::view(state.source), "Robot");
+  EXPECT_TRUE(std::isfinite(state.tre_rms_mm) && std::isfinite(state.covariance[35]));
+  EXPECT_LT((Vector3d::Map(state.T_image_tip.translation_mm) - room.tip_in_image()).norm(), 2.0);
+}
+
+TEST_F(RobotScan, TheArmRegistersByTouchesAsAStylusDoes) {
+  navigate();
+  EXPECT_EQ(room.registration.fiducial_count, the_case.loaded().fiducials.size());
+  EXPECT_LT(target_error_mm(), 1.0);
+  std::printf("touches: error at the target %.2f mm, FRE %.2f mm, predicted RMS %.2f mm\n", target_error_mm(),
+              room.registration.fre_mm, room.accuracy.targets[0].tre_rms_mm);
+}
+
+TEST_F(RobotScan, AnArmThatStopsSendingInAMotionIsNotShown) {
+  navigate();
+  room.start_move({room.touching(the_case.loaded().fiducials[0].position_mm, 30.0)}, 50.0);
+  ASSERT_FALSE(room.run(0.5));
+  ASSERT_TRUE(live());
+  room.deliver_arm = false;
+  expect_not_live();
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kRobotLost, "Robot"));
+  EXPECT_EQ(room.session().state(), bregma_wire_SESSION_DEGRADED);
+  const auto lost = room.device("Robot")->lost;
+  room.deliver_arm = true;
+  ASSERT_TRUE(room.run(2.0, [&] { return live(); })) << "the same arm is trusted again";
+  room.run(0.5);
+  EXPECT_NEAR(static_cast<double>(room.device("Robot")->lost - lost), 125.0, 3.0) << "every loss is counted";
+  EXPECT_EQ(room.session().state(), bregma_wire_SESSION_NAVIGATING);
+}
+
+TEST_F(RobotScan, AnArmThatJumpsIsRefused) {
+  navigate();
+  room.tamper = [](wire::RobotState &state) { state.T_base_flange.translation_mm[0] += 30.0; };
+  expect_not_live();
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kImplausible, "Pointer"));
+  EXPECT_EQ(room.states.back().status, bregma_wire_POSE_IMPLAUSIBLE);
+}
+
+TEST_F(RobotScan, AnArmThatFreezesWithNumbersGoingOnIsRefused) {
+  navigate();
+  room.start_move({room.touching(the_case.loaded().fiducials[0].position_mm, 30.0)}, 50.0);
+  ASSERT_FALSE(room.run(0.5));
+  std::optional<wire::RobotState> frozen;
+  room.tamper = [&frozen](wire::RobotState &state) {
+    frozen = frozen.value_or(state);
+    wire::RobotState repeated = *frozen;
+    repeated.frame = state.frame;
+    repeated.device_time_ns = state.device_time_ns;
+    repeated.sent_time_ns = state.sent_time_ns;
+    repeated.sent_boot_ns = state.sent_boot_ns;
+    state = repeated;
+  };
+  expect_not_live();
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kImplausible, "Pointer"));
+}
+
+TEST_F(RobotScan, AnotherToolOrAnotherArmNeedsACheckTouch) {
+  navigate();
+  room.tamper = [](wire::RobotState &state) { (void)wire::set_name(state.tool, "Drill"); };
+  expect_not_live();
+  EXPECT_EQ(room.states.back().status, bregma_wire_POSE_TOOL_HIDDEN);
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kImplausible, "RobotBase"));
+  room.tamper = [](wire::RobotState &) {};
+  room.run(0.5);
+  EXPECT_EQ(room.states.back().status, bregma_wire_POSE_IMPLAUSIBLE) << "mounted again: nobody has checked it";
+  expect_done(touch(bregma_wire_COMMAND_CHECK_TOUCH, the_case.loaded().landmarks[0]));
+  ASSERT_TRUE(room.run(0.5, [&] { return live(); }));
+
+  room.deliver_arm = false;
+  room.run(1.0);
+  room.deliver_arm = true;
+  room.arm_writer = MemoryTopics::kWriter + 1;
+  room.states.clear();
+  room.run(1.0);
+  EXPECT_EQ(room.states.back().status, bregma_wire_POSE_IMPLAUSIBLE) << "another driver: it may be another arm";
+  EXPECT_TRUE(std::none_of(room.states.begin(), room.states.end(), shown));
+  expect_done(touch(bregma_wire_COMMAND_CHECK_TOUCH, the_case.loaded().landmarks[0]));
+  ASSERT_TRUE(room.run(0.5, [&] { return live(); }));
+}
+
+TEST_F(RobotScan, CheckTouchesExpireBecauseThePatientIsNotTracked) {
+  navigate();
+  room.run(15.0 * 60.0 + 30.0, [&] { return room.alarm_raised(server::alarm::kCheckExpired, "RobotBase"); });
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kCheckExpired, "RobotBase"));
+  EXPECT_EQ(room.session().state(), bregma_wire_SESSION_REGISTERED);
+  room.run(0.1);
+  EXPECT_EQ(room.states.back().status, bregma_wire_POSE_UNVERIFIED);
+  verify();
+  EXPECT_FALSE(room.alarm_active(server::alarm::kCheckExpired));
+  EXPECT_EQ(room.session().state(), bregma_wire_SESSION_VERIFIED);
+}
+
+TEST_F(RobotScan, ASensorThatIsUnpluggedOrSwappedGivesNoPoints) {
+  begin();
+  const auto path = room.raster(40.0, 50.0, 8.0);
+  ASSERT_TRUE(room.move({path.front()}, 80.0));
+  expect_done(room.command(bregma_wire_COMMAND_START_SURFACE_SCAN, {"Robot", "Range", "0", "3"}));
+  room.start_move(path, 20.0);
+  ASSERT_TRUE(room.run(10.0, [&] { return room.points.size() > 20; }));
+  const auto lost = room.device("Range")->lost;
+  room.unplug_sensor();
+  room.run(0.3);
+  const std::size_t before = room.points.size();
+  room.run(2.0);
+  EXPECT_EQ(room.points.size(), before);
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kDeviceLost, "Range"));
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kScanStalled, "Range"));
+
+  room.plug_sensor("B7"); // another one
+  room.run(3.0);
+  EXPECT_EQ(room.points.size(), before);
+  EXPECT_NE(room.range_error.find("B7"), std::string::npos) << room.range_error;
+
+  room.plug_sensor("A4"); // the right one, which counts anew
+  room.run(3.0);
+  EXPECT_EQ(room.points.size(), before) << "a person has not said that it is the same";
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kScanInterrupted, "Range"));
+  EXPECT_GE(room.device("Range")->connections, 2U);
+  EXPECT_GE(room.device("Range")->lost, lost);
+  expect_done(room.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, {"Robot"}));
+  expect_done(room.command(bregma_wire_COMMAND_START_SURFACE_SCAN, {"Robot", "Range", "0", "3"}));
+  ASSERT_TRUE(room.run(10.0, [&] { return room.points.size() > before + 5; }));
+  EXPECT_FALSE(room.alarm_active(server::alarm::kScanInterrupted));
+}
+
+TEST_F(RobotScan, CommandsThatDoNotFitAreRefusedWithTheReason) {
+  begin();
+  const auto text = [&](std::initializer_list<std::string_view> values) {
+    return std::string(room.command(bregma_wire_COMMAND_START_SURFACE_SCAN, values).text);
+  };
+  EXPECT_NE(text({"Arm2", "Range", "0", "3"}).find("is not that of case robot, Robot"), std::string::npos);
+  EXPECT_NE(text({"Robot", "Laser", "0", "3"}).find("it has Range"), std::string::npos);
+  expect_done(room.command(bregma_wire_COMMAND_START_SURFACE_SCAN, {"Robot", "Range", "0", "3"}));
+  EXPECT_NE(text({"Robot", "Range", "0", "3"}).find("stop it first"), std::string::npos);
+  EXPECT_EQ(std::string(room.command(bregma_wire_COMMAND_ACCEPT_REGISTRATION).text),
+            "a trace with Range is running: stop it first");
+  expect_done(room.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, {"Robot"}));
+  EXPECT_EQ(std::string(room.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, {"Robot"}).text),
+            "no scan with arm \"Robot\" is running");
+}
+
+} // namespace
+} // namespace bregma::test
