@@ -29,7 +29,7 @@ using nlohmann::json;
 constexpr std::int64_t kStart_ns = 1'800'000'000'000'000'000;
 constexpr double kScan_mm = 180.0; // height of the beam's origin over the face
 constexpr double kSigmaBeam_mm = 0.15, kSigmaBeam_rad = 0.0015, kSigmaTip_mm = 0.1;
-constexpr double kCurveFrom_mm = 140.0, kCurveTo_mm = 250.0;
+constexpr double kCurveFrom_mm = 150.0, kCurveTo_mm = 235.0;
 
 json rows_of(const Eigen::MatrixXd &matrix) {
   json out = json::array();
@@ -80,6 +80,7 @@ server::Config config_for(const std::filesystem::path &state) {
   server::Config out;
   out.stages.of<server::TissueModelParameters>().elements = 0;
   out.stages.of<server::SessionParameters>().state_directory = state.string();
+  out.stages.of<server::SessionParameters>().check_valid_min = RobotRoom::kCheckValid_min;
   return out;
 }
 
@@ -123,7 +124,7 @@ void RobotCase::write_equipment(std::uint64_t seed) {
       << "[[tools]]\nname = \"Pointer\"\ntip_mm = [-5, 3, 150]\nsigma_mm = 0.1\n"
          "[[tools]]\nname = \"Drill\"\ntip_mm = [0, 0, 100]\nsigma_mm = 0.1\n"
          "[[sensors]]\nname = \"Range\"\nbeam = \"beam.json\"\ncurve = \"curve.json\"\nwindow = 100\ndelay_ms = 38.3\n"
-         "sigma_mm = 0.8\nnear_mm = 140\nfar_mm = 260\n";
+         "sigma_mm = 0.8\nnear_mm = 150\nfar_mm = 240\n";
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6, 6);
   covariance.diagonal() << Eigen::Vector3d::Constant(kSigmaBeam_rad * kSigmaBeam_rad),
       Eigen::Vector3d::Constant(kSigmaBeam_mm * kSigmaBeam_mm);

@@ -56,6 +56,7 @@ class RobotRoom final : private server::Host, private driver::Host {
 public:
   using Flange = robot::FlangePose;
   static constexpr std::int64_t kStep_ns = 8'000'000; // of the arm's measurements
+  static constexpr double kCheckValid_min = 3.0;      // verification.valid_min
 
   RobotRoom(const RobotCase &a_case, std::uint64_t seed);
   ~RobotRoom() override;
@@ -115,7 +116,7 @@ private:
   bool wait_until(std::int64_t /*time_ns*/) override { return true; }
   [[nodiscard]] bool stopping() const override { return false; }
   [[nodiscard]] wire::BootIdentity boot_id() const override { return kDaemonBoot; }
-  void complete(wire::SystemHealth &health) override { health.run_id = 77; }
+  void complete(wire::SystemHealth &sample) override { sample.run_id = 77; }
 
   void step();
   void serve_arm();

@@ -241,7 +241,7 @@ TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
 }
 
 TEST_F(RefusalTest, AScanNeedsACaseWithAnArm) {
-  harness.done(bregma_wire_COMMAND_START_REGISTRATION);
+  harness.up_to(kRegistering, ball);
   const auto reply = harness.send(harness.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, "Robot"));
   ASSERT_TRUE(reply);
   EXPECT_STREQ(reply->text, "no scan with arm \"Robot\" is running");

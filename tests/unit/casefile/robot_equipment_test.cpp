@@ -1,0 +1,84 @@
+// The file of what an arm carries: calibrations as `bregma calibrate` writes them, and what is refused of them.
+#include <fstream>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "casefile/robot_tools.hpp"
+#include "tests/support/temporary_folder.hpp"
+
+namespace bregma::casefile {
+namespace {
+
+constexpr const char *kTool = "[[tools]]\nname = \"Pointer\"\ntip_mm = [0, 0, 150]\nsigma_mm = 0.1\n";
+constexpr const char *kSensor = "[[sensors]]\nname = \"Range\"\nbeam = \"beam.json\"\ncurve = \"curve.json\"\n";
+
+class RobotEquipmentFile : public testing::Test {
+protected:
+  void write(const std::string &name, const std::string &text) const { std::ofstream(folder_.path() / name) << text; }
+  void write_beam(const std::string &accepted, const std::string &direction) const {
+    std::string rows;
+    for (int i = 0; i < 6; ++i) {
+      rows += std::string(i > 0 ? ", " : "") + "[0.01, 0, 0, 0, 0, 0]";
+    }
+    write("beam.json", "{\"accepted\": " + accepted +
+                           ", \"text\": \"refused: a fixed orientation\", \"origin_mm\": "
+                           "[12, -8, 60], \"direction\": " +
+                           direction + ", \"covariance\": [" + rows + "]}");
+  }
+  void write_curve(double exponent) const {
+    write("curve.json", "{\"accepted\": true, \"text\": \"accepted\", \"scale_mm\": 1.1, \"exponent\": " +
+                            std::to_string(exponent) + ", \"covariance\": [[0.0001, 0], [0, 0.0001]]}");
+  }
+  [[nodiscard]] base::Result<RobotEquipment> read(const std::string &text) const {
+    write("robot.toml", text);
+    return read_robot_equipment(folder_.path() / "robot.toml");
+  }
+  [[nodiscard]] std::string error(const std::string &text) const {
+    const auto equipment = read(text);
+    return equipment ? std::string() : equipment.error().message;
+  }
+
+private:
+  test::TemporaryFolder folder_;
+};
+
+TEST_F(RobotEquipmentFile, ReadsTheCalibrationsOfASensor) {
+  write_beam("true", "[0, 0, 1]");
+  write_curve(0.98);
+  const auto equipment = read(std::string(kTool) + kSensor + "window = 200\ndelay_ms = 38.3\nfar_mm = 300\n");
+  ASSERT_TRUE(equipment) << equipment.error().message;
+  ASSERT_EQ(equipment->sensors.size(), 1U);
+  const RangeSensorModel &sensor = equipment->sensors.front();
+  EXPECT_EQ(sensor.name, "Range");
+  EXPECT_EQ(sensor.origin_mm, Eigen::Vector3d(12, -8, 60));
+  EXPECT_EQ(sensor.direction, Eigen::Vector3d::UnitZ());
+  EXPECT_EQ(sensor.covariance(3, 0), 0.01);
+  ASSERT_TRUE(sensor.curve);
+  EXPECT_EQ(sensor.curve->exponent, 0.98);
+  EXPECT_EQ(sensor.window, 200);
+  EXPECT_EQ(sensor.far_mm, 300.0);
+}
+
+TEST_F(RobotEquipmentFile, RefusesCalibrationsThatWereRefusedOrAreOthers) {
+  write_curve(1.0);
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("is no result of `bregma calibrate beam --json`"),
+            std::string::npos);
+  write_beam("false", "[0, 0, 1]");
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("this calibration was refused: refused: a fixed orientation"),
+            std::string::npos);
+  write_beam("true", "[0, 0, 2]");
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("is no beam"), std::string::npos);
+  write_beam("true", "[0, 0, 1]");
+  EXPECT_EQ(error(std::string(kTool) + kSensor), "");
+  write_curve(-1.19);
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("is the curve of a voltage: it belongs to the driver"),
+            std::string::npos);
+  write_curve(1.0);
+  EXPECT_NE(error(std::string(kTool) + kSensor + "near_mm = 900\nfar_mm = 300\n").find("must be below far_mm"),
+            std::string::npos);
+  EXPECT_NE(error(std::string(kTool) + kSensor + kSensor).find("name = \"Range\": appears twice"), std::string::npos);
+}
+
+} // namespace
+} // namespace bregma::casefile
