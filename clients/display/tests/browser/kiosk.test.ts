@@ -7,7 +7,7 @@ import { after, before, test } from "node:test";
 import type { BrowserContext, Page } from "playwright-core";
 import { launchWithProfile } from "../support/browser.ts";
 import { FakeGateway, insertion } from "../support/fake_gateway.ts";
-import { until, untilTool } from "../support/page_probe.ts";
+import { toolsShown, until, untilTool } from "../support/page_probe.ts";
 
 const unit = readFileSync(`${process.env.BREGMA_SOURCE}/deploy/bregma-kiosk.service`, "utf8");
 const words = (/^ExecStart=((?:.*\\\n)*.*)$/m.exec(unit)?.[1] ?? "").replaceAll("\\\n", " ").split(/\s+/);
@@ -59,12 +59,8 @@ test("a browser that was faster than its gateway loads the page when that is the
   const { port } = new URL(page.url());
   await gateway.stop();
   await page.goto(`http://127.0.0.1:${port}/`).catch(() => {}); // refused
-  assert.equal(await page.evaluate(() => "bregma" in globalThis), false);
+  const tools = () => toolsShown(page).catch(() => -1); // no page yet, or it is being loaded
+  assert.equal(await tools(), -1);
   await gateway.start(Number(port));
-  await until(
-    () => page.evaluate(() => "bregma" in globalThis).catch(() => false),
-    (here) => here,
-    "the page, without a reload by hand",
-  );
-  await untilTool(page);
+  await until(tools, (n) => n > 0, "the page, without a reload by hand");
 });
