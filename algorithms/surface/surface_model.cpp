@@ -180,7 +180,8 @@ void SurfaceModel::build_normals(const TriangleMesh &mesh) {
   }
 }
 
-// [Ericson 2005, section 5.1.5]: by the Voronoi regions of the corners, edges and the face.
+// [Ericson 2005, section 5.1.5]: by the Voronoi regions of the corners, edges and the face. A triangle without area,
+// as at the poles of a surface of quads, is its longest edge.
 SurfaceModel::Closest SurfaceModel::closest_on_triangle(const Corners &t, const Vector3d &p) noexcept {
   const Vector3d ab = t.b - t.a;
   const Vector3d ac = t.c - t.a;
@@ -197,7 +198,7 @@ SurfaceModel::Closest SurfaceModel::closest_on_triangle(const Corners &t, const 
     return {t.b, kVertexB};
   }
   const double vc = d1 * d4 - d3 * d2;
-  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) {
+  if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 && d1 > d3) { // else a and b coincide
     return {t.a + d1 / (d1 - d3) * ab, kEdgeAB};
   }
   const Vector3d cp = p - t.c;
@@ -214,7 +215,11 @@ SurfaceModel::Closest SurfaceModel::closest_on_triangle(const Corners &t, const 
   if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0) {
     return {t.b + (d4 - d3) / ((d4 - d3) + (d5 - d6)) * (t.c - t.b), kEdgeBC};
   }
-  const double scale = 1.0 / (va + vb + vc);
+  const double sum = va + vb + vc;
+  if (!(sum > 0.0)) { // by rounding, in a sliver
+    return {t.a, kVertexA};
+  }
+  const double scale = 1.0 / sum;
   return {t.a + vb * scale * ab + vc * scale * ac, kFace};
 }
 

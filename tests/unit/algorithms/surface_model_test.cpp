@@ -1,3 +1,4 @@
+#include <array>
 #include <cmath>
 #include <stdexcept>
 
@@ -150,6 +151,21 @@ TEST(SurfaceModel, ErrorsOfAMeshAreReported) {
   mesh.triangles = {{0, 1, 2}};
   mesh.vertices_mm[1].y() = std::nan("");
   expect_refused(mesh, "vertex 1 of the surface is not finite");
+}
+
+// Corners that coincide, as at the poles of a surface of quads, and corners on a line.
+TEST(SurfaceModel, ATriangleWithoutAreaIsItsLongestEdge) {
+  const Vector3d a(0, 0, 0), b(10, 0, 0), middle(4, 0, 0), p(3, 7, 2);
+  for (const std::array<Vector3d, 3> &corners : {std::array{a, a, b}, std::array{a, b, a}, std::array{a, b, b},
+                                                 std::array{a, middle, b}, std::array{b, a, middle}}) {
+    surface::TriangleMesh mesh;
+    mesh.vertices_mm.assign(corners.begin(), corners.end());
+    mesh.vertices_mm.emplace_back(0, 0, 50);
+    mesh.triangles = {{0, 1, 2}, {0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+    const SurfaceModel surface(mesh);
+    EXPECT_LT((surface.closest_on(0, p).point_mm - Vector3d(3, 0, 0)).norm(), 1e-9);
+    EXPECT_LT((surface.closest_on(0, Vector3d(-5, 1, 1)).point_mm - a).norm(), 1e-9);
+  }
 }
 
 TEST(SurfaceModel, APointThatIsNotFiniteIsInfinitelyFar) {
