@@ -195,8 +195,9 @@ Result<CsvTable> read_csv(const std::filesystem::path &file) {
   std::vector<std::string_view> lines;
   std::vector<int> numbers;
   int number = 0;
+  const char line_end = text->find('\n') == std::string::npos ? '\r' : '\n'; // spreadsheets of old write CR alone
   for (std::string_view rest = *text; !rest.empty();) {
-    const std::size_t end = std::min(rest.find('\n'), rest.size());
+    const std::size_t end = std::min(rest.find(line_end), rest.size());
     const std::string_view line = trimmed(rest.substr(0, end));
     rest.remove_prefix(std::min(end + 1, rest.size()));
     ++number;

@@ -97,6 +97,9 @@ base::Result<Content> read_text(const std::string &file, std::string_view all) {
         return base::failure(place + std::string(key) + ": " + numbers.error());
       }
       const bool fixed = key == "FixedParameters";
+      if ((fixed ? out.fixed_line : out.parameters_line) > 0) {
+        return base::failure(place + std::string(key) + ": is stated a second time");
+      }
       (fixed ? out.fixed : out.parameters) = std::move(*numbers);
       (fixed ? out.fixed_line : out.parameters_line) = number;
     } else {

@@ -135,6 +135,8 @@ public:
 
   std::optional<double> next(PlyType type) { return ascii_ ? next_word() : next_bytes(type); }
   [[nodiscard]] std::size_t left() const { return content_.size(); }
+  // Nothing but white space follows.
+  [[nodiscard]] bool at_end() const { return content_.find_first_not_of(" \t\r\n") == std::string_view::npos; }
 
 private:
   std::optional<double> next_word() {
@@ -145,7 +147,7 @@ private:
     content_.remove_prefix(start);
     double value = 0.0;
     const auto parsed = std::from_chars(content_.data(), content_.data() + content_.size(), value);
-    if (parsed.ec == std::errc::invalid_argument) {
+    if (parsed.ec != std::errc()) { // not a number, or one that no double holds
       return std::nullopt;
     }
     content_.remove_prefix(static_cast<std::size_t>(parsed.ptr - content_.data()));
@@ -290,6 +292,9 @@ tl::expected<TriangleMesh, std::string> parse_ply(std::string_view content) {
         append_strips(item->corners, mesh);
       }
     }
+  }
+  if (!body.at_end()) {
+    return wrong("holds more than its header states: is it the header of another surface?");
   }
   return mesh.vertices_mm.empty() ? Parsed<TriangleMesh>(wrong("holds no vertices")) : mesh;
 }

@@ -199,8 +199,8 @@ class Layout {
 public:
   Layout(std::vector<Column> columns, std::string place) : columns_(std::move(columns)), place_(std::move(place)) {}
 
-  // Each meaning once, and three coordinates.
-  [[nodiscard]] base::Result<void> check() {
+  // Each meaning once, and three coordinates. unstated: the unit where no column states it.
+  [[nodiscard]] base::Result<void> check(LengthUnit unstated) {
     for (std::size_t i = 0; i < columns_.size(); ++i) {
       const Column &column = columns_[i];
       if (column.meaning == Meaning::kNotUsed) {
@@ -221,7 +221,7 @@ public:
     if (stated(Meaning::kX) != stated(Meaning::kY) || stated(Meaning::kX) != stated(Meaning::kZ)) {
       return base::failure(place_ + "mixes columns x, y, z with columns that state their direction");
     }
-    return {};
+    return check_units(unstated);
   }
 
   [[nodiscard]] bool has(Meaning meaning) const { return at_.contains(meaning); }
@@ -231,6 +231,20 @@ public:
   [[nodiscard]] std::optional<LengthUnit> unit() const { return columns_[at_.at(Meaning::kX)].unit; }
 
 private:
+  // The coordinates have one unit, and their errors the same where they state one.
+  [[nodiscard]] base::Result<void> check_units(LengthUnit unstated) const {
+    for (const Column &column : columns_) {
+      const bool coordinate = column.meaning <= Meaning::kZ;
+      const bool error = column.meaning >= Meaning::kSigma && column.meaning <= Meaning::kCzz;
+      if ((coordinate && column.unit != unit()) ||
+          (error && column.unit && *column.unit != unit().value_or(unstated))) {
+        return base::failure(place_ + "column \"" + column.word + "\" has another unit than \"" +
+                             columns_[at_.at(Meaning::kX)].word + "\"");
+      }
+    }
+    return {};
+  }
+
   std::vector<Column> columns_;
   std::string place_; // "file:line: "
   std::map<Meaning, std::size_t> at_;
@@ -368,7 +382,7 @@ base::Result<Layout> layout_of(const CsvTable &table, const std::optional<CsvRow
     }
   }
   Layout layout(std::move(columns), header ? table.place(*header) : table.file + ": ");
-  if (auto checked = table.rows.empty() && !header ? base::Result<void>() : layout.check(); !checked) {
+  if (auto checked = table.rows.empty() && !header ? base::Result<void>() : layout.check(options.unit); !checked) {
     return tl::unexpected(checked.error());
   }
   return layout;

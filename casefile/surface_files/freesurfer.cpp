@@ -55,6 +55,10 @@ Parsed<RawSurface> ascii_freesurfer(std::string_view content) {
     }
     out.mesh.triangles.push_back(corners);
   }
+  if (const auto more = cursor.word(); !more.empty()) {
+    return wrong_line(cursor.line(), in_quotes(more) + " follows the triangles that it states: is it the header of "
+                                                       "another surface?");
+  }
   note_open_end(content, out);
   return out;
 }

@@ -33,7 +33,8 @@ Parsed<RawSurface> parse_obj(std::string_view content) {
     if (line.starts_with('#')) {
       comments += std::string(line) + "\n";
     }
-    if (!line.starts_with("v ") && !line.starts_with("f ")) {
+    const bool geometry = line.size() > 1 && (line[0] == 'v' || line[0] == 'f') && (line[1] == ' ' || line[1] == '\t');
+    if (!geometry) {
       continue;
     }
     TextCursor words(line.substr(2), number);

@@ -5,6 +5,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "base/text.hpp"
 #include "casefile/surface_files/number_bytes.hpp"
 #include "casefile/surface_files/raw_surface.hpp"
 #include "casefile/surface_files/text_cursor.hpp"
@@ -47,7 +48,7 @@ private:
 
 Parsed<void> expect_word(TextCursor &cursor, std::string_view expected) {
   const std::string_view found = cursor.word();
-  if (found != expected) {
+  if (base::lower(found) != expected) {
     return wrong_line(cursor.line(), found.empty()
                                          ? "the file ends where \"" + std::string(expected) + "\" must stand"
                                          : in_quotes(found) + " where \"" + std::string(expected) + "\" is expected");
@@ -93,10 +94,11 @@ Parsed<RawSurface> ascii_stl(std::string_view content) {
   TextCursor cursor(content);
   bool ended = false;
   while (true) {
-    std::string_view word = cursor.word();
-    if (word.empty()) {
+    const std::string_view found = cursor.word();
+    if (found.empty()) {
       break;
     }
+    const std::string word = base::lower(found); // some programs write capitals
     ended = word == "endsolid";
     if (word == "solid" || word == "endsolid") {
       const auto space = stated_space(cursor.rest_of_line());
@@ -107,7 +109,7 @@ Parsed<RawSurface> ascii_stl(std::string_view content) {
       continue;
     }
     if (word != "facet") {
-      return wrong_line(cursor.line(), in_quotes(word) + " where \"facet\" or \"endsolid\" is expected");
+      return wrong_line(cursor.line(), in_quotes(found) + " where \"facet\" or \"endsolid\" is expected");
     }
     const auto corners = ascii_facet(cursor, "triangle " + std::to_string(out.mesh.triangles.size()), vertices);
     if (!corners) {
@@ -129,7 +131,15 @@ Parsed<RawSurface> binary_stl(std::string_view content) {
     return wrong_byte(content.size(),
                       "the file ends in triangle " + std::to_string(there) + " of " + std::to_string(count));
   }
+  if (there > count) {
+    return wrong_byte(kStlStart + count * kStlTriangle, "holds " + std::to_string(there - count) +
+                                                            " triangles more than its header states: is it the header "
+                                                            "of another surface?");
+  }
   RawSurface out;
+  if (const std::size_t behind = content.size() - kStlStart - count * kStlTriangle; behind > 0) {
+    out.notes.push_back(std::to_string(behind) + " bytes behind its triangles are not read");
+  }
   const auto space = stated_space(content.substr(0, kStlHeader));
   if (!space) {
     return tl::unexpected(space.error());
@@ -159,7 +169,7 @@ Parsed<RawSurface> binary_stl(std::string_view content) {
 
 // An ASCII file begins with "solid", but some programs begin the header of binary files with it as well.
 bool is_binary_stl(std::string_view content) {
-  if (!content.starts_with("solid")) {
+  if (base::lower(content.substr(0, 5)) != "solid") {
     return true;
   }
   return content.size() >= kStlStart &&

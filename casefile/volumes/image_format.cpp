@@ -54,6 +54,9 @@ base::Result<ImageHeader> read_image_header(const std::filesystem::path &path, I
   case ImageFormat::kUnknown:
     break;
   }
+  if (const FileHead head = read_file_head(path, 1024); head.compressed && head.bytes.empty()) {
+    return base::failure(path.string() + ": is not whole: its compressed data are damaged at their begin");
+  }
   return base::failure(path.string() + ": is not a NIfTI, NRRD, MetaImage or MGH file that can be read");
 }
 

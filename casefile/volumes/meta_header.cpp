@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <utility>
 
 #include "base/text.hpp"
 #include "casefile/length_unit.hpp"
@@ -25,6 +26,17 @@ std::string first_of(const Tags &tags, std::initializer_list<std::string_view> n
 base::Result<void> refuse_tag(const fs::path &path, const std::string &tag, const std::string &value,
                               const std::string &what) {
   return base::failure(path.string() + ": " + tag + " = \"" + value.substr(0, 80) + "\": " + what);
+}
+
+// Some tags have several names.
+std::string tag_name(std::string name) {
+  for (const auto &[other, usual] : {std::pair("Position", "Offset"),
+                                     {"Origin", "Offset"},
+                                     {"Rotation", "TransformMatrix"},
+                                     {"Orientation", "TransformMatrix"}}) {
+    name = name == other ? usual : name;
+  }
+  return name;
 }
 
 bool is_true(const std::string &value) {
@@ -70,8 +82,8 @@ base::Result<double> unit_of_meta(const fs::path &path, const Tags &tags, ImageH
 
 // The rows of TransformMatrix are the directions of the axes; LPS, as ITK writes it.
 base::Result<void> place_meta(const fs::path &path, const Tags &tags, std::optional<Space> space, ImageHeader &out) {
-  const std::string matrix_text = first_of(tags, {"TransformMatrix", "Rotation", "Orientation"});
-  const std::string offset_text = first_of(tags, {"Offset", "Position", "Origin"});
+  const std::string matrix_text = first_of(tags, {"TransformMatrix"});
+  const std::string offset_text = first_of(tags, {"Offset"});
   const std::string spacing_text = first_of(tags, {"ElementSpacing", "ElementSize"});
   const std::string centre_text = first_of(tags, {"CenterOfRotation"});
   const std::vector<double> matrix = header_numbers(matrix_text);
@@ -185,7 +197,7 @@ base::Result<ImageHeader> read_meta_header(const fs::path &path, std::optional<S
   Tags tags;
   for (const std::string &line : text->lines) {
     if (const std::size_t equals = line.find('='); equals != std::string::npos) {
-      const std::string name(base::trimmed(line.substr(0, equals)));
+      const std::string name = tag_name(std::string(base::trimmed(line.substr(0, equals))));
       const std::string value(base::trimmed(line.substr(equals + 1)));
       if (const auto [tag, fresh] = tags.emplace(name, value); !fresh && tag->second != value) {
         return tl::unexpected(refuse_tag(path, name, value, "is stated before as \"" + tag->second + "\"").error());

@@ -7,6 +7,7 @@
 #include <map>
 #include <numeric>
 #include <system_error>
+#include <utility>
 
 #include "base/text.hpp"
 #include "casefile/length_unit.hpp"
@@ -36,6 +37,17 @@ std::string problem(const fs::path &path, std::string_view field, std::string_vi
 std::string value_of(const Fields &fields, std::string_view name) {
   const auto found = fields.find(name);
   return found != fields.end() ? found->second : "";
+}
+
+// Some fields have two names.
+std::string field_name(std::string name) {
+  for (const auto &[other, usual] : {std::pair("datafile", "data file"),
+                                     {"lineskip", "line skip"},
+                                     {"byteskip", "byte skip"},
+                                     {"axismins", "axis mins"}}) {
+    name = name == other ? usual : name;
+  }
+  return name;
 }
 
 // Bytes of a value; 0: an unknown type.
@@ -173,12 +185,10 @@ private:
 
   // Places of axes without a space are stated by "axis mins", which few programs write or read.
   base::Result<void> check_axis_mins() const {
-    for (const std::string_view field : {"axis mins", "axismins"}) {
-      const std::vector<double> mins = header_numbers(value_of(fields_, field));
-      if (std::any_of(mins.begin(), mins.end(), [](double min) { return std::isfinite(min) && min != 0.0; }) &&
-          !fields_.contains("space origin")) {
-        return refuse(field, "is not read; state the place of the first voxel as space origin");
-      }
+    const std::vector<double> mins = header_numbers(value_of(fields_, "axis mins"));
+    if (std::any_of(mins.begin(), mins.end(), [](double min) { return std::isfinite(min) && min != 0.0; }) &&
+        !fields_.contains("space origin")) {
+      return refuse("axis mins", "is not read; state the place of the first voxel as space origin");
     }
     return {};
   }
@@ -230,9 +240,7 @@ private:
     }
     const double values = std::accumulate(sizes_.begin(), sizes_.end(), 1.0, std::multiplies<>());
     StoredData data{path_, header_bytes_, false};
-    if (const std::string detached =
-            fields_.contains("data file") ? value_of(fields_, "data file") : value_of(fields_, "datafile");
-        !detached.empty()) {
+    if (const std::string detached = value_of(fields_, "data file"); !detached.empty()) {
       if (detached.starts_with("LIST") || detached.find('%') != std::string::npos) {
         return refuse("data file", "several data files are not read");
       }
@@ -254,8 +262,7 @@ private:
   }
 
   // The number of a field, 0 without it; at least `least`.
-  base::Result<std::int64_t> count_of(std::string_view field, std::string_view other_name, double least) const {
-    const std::string_view name = fields_.contains(field) ? field : other_name;
+  base::Result<std::int64_t> count_of(std::string_view name, double least) const {
     const std::string stated = value_of(fields_, name);
     const std::vector<double> numbers = header_numbers(stated);
     if (stated.empty()) {
@@ -269,7 +276,7 @@ private:
 
   // Lines before the data, which are not compressed.
   base::Result<void> skip_lines(StoredData &data) const {
-    const auto lines = count_of("line skip", "lineskip", 0);
+    const auto lines = count_of("line skip", 0);
     if (!lines) {
       return tl::unexpected(lines.error());
     }
@@ -279,8 +286,7 @@ private:
       in.ignore(std::numeric_limits<std::streamsize>::max(), '\n');
       data.begin += static_cast<std::uint64_t>(in.gcount());
       if (!in || in.eof()) {
-        return refuse(fields_.contains("line skip") ? "line skip" : "lineskip",
-                      "the file has " + std::to_string(line) + " lines before its data");
+        return refuse("line skip", "the file has " + std::to_string(line) + " lines before its data");
       }
     }
     return {};
@@ -288,7 +294,7 @@ private:
 
   // Bytes before the voxels, after inflating where they are compressed; -1: the voxels are at the end of the file.
   base::Result<void> skip_bytes(StoredData &data, std::uint64_t needed) {
-    const auto bytes = count_of("byte skip", "byteskip", data.compressed ? 0 : -1);
+    const auto bytes = count_of("byte skip", data.compressed ? 0 : -1);
     if (!bytes) {
       return tl::unexpected(bytes.error());
     }
@@ -347,8 +353,13 @@ base::Result<ImageHeader> read_nrrd_header(const fs::path &path, std::optional<S
   for (const std::string &line : header->lines) {
     const std::size_t colon = line.find(':');
     // "key:=value" is a note of the file.
-    if (!line.starts_with('#') && colon != std::string::npos && line.compare(colon, 2, ":=") != 0) {
-      fields[base::lower(base::trimmed(line.substr(0, colon)))] = base::trimmed(line.substr(colon + 1));
+    if (line.starts_with('#') || colon == std::string::npos || line.compare(colon, 2, ":=") == 0) {
+      continue;
+    }
+    const std::string name = field_name(base::lower(base::trimmed(line.substr(0, colon))));
+    const std::string value(base::trimmed(line.substr(colon + 1)));
+    if (const auto [field, fresh] = fields.emplace(name, value); !fresh && field->second != value) {
+      return base::failure(problem(path, name, value, "is stated before as \"" + field->second + "\""));
     }
   }
   return Nrrd(path, std::move(fields), header->bytes).read(space);

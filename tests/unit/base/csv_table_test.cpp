@@ -35,6 +35,7 @@ TEST_F(CsvTableTest, CellsAreBetweenCommasSemicolonsTabsOrBlanks) {
   const Cells expected{{"a", "1", "2"}, {"b", "3", "4"}};
   EXPECT_EQ(cells("a,1,2\nb,3,4\n"), expected);
   EXPECT_EQ(cells("a;1;2\r\nb;3;4\r\n"), expected);
+  EXPECT_EQ(cells("a,1,2\rb,3,4\r"), expected);
   EXPECT_EQ(cells("a\t1\t2\nb\t3\t4"), expected);
   EXPECT_EQ(cells("  a   1 2 \n b 3  4\n"), expected);
   EXPECT_EQ(cells("\xEF\xBB\xBF"

@@ -83,6 +83,8 @@ TEST(ItkTransform, UnreadableContentIsRefusedWithLineAndValue) {
             "a.tfm:4: Parameters: 11 numbers that are no AffineTransform");
   EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 0 nan 0 0 0 1 0 0 0\n"),
             "a.tfm:4: Parameters: \"nan\" is not a finite number");
+  EXPECT_EQ(transform_error(kHead + affine + parameters + "Parameters: 1 0 0 0 1 0 0 0 1 5 0 0\n"),
+            "a.tfm:5: Parameters: is stated a second time");
   EXPECT_EQ(transform_error(kHead + affine + parameters), "a.tfm: is not whole: it has no FixedParameters");
   EXPECT_EQ(transform_error(kHead + affine + parameters + "FixedParameters:\n"),
             "a.tfm:5: FixedParameters: 0 numbers, the centre has 3");

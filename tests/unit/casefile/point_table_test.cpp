@@ -63,6 +63,8 @@ TEST_F(PointTableTest, AStatedErrorTurnsWithTheSpace) {
   Eigen::Matrix3d expected;
   expected << 4, 1, -2, 1, 5, 0, -2, 0, 6;
   EXPECT_TRUE(table->points[0].covariance_mm2->isApprox(expected));
+  EXPECT_NEAR((*read("x,y,z,sigma [mm]\n1,2,3,0.5\n")->points[0].covariance_mm2)(2, 2), 0.25, 1e-12);
+  EXPECT_NEAR((*read("x_cm,y_cm,z_cm,sigma_cm\n1,2,3,0.05\n")->points[0].covariance_mm2)(2, 2), 0.25, 1e-12);
   EXPECT_NEAR((*read("name,x,y,z,sigma\nA,1,2,3,0.5\n")->points[0].covariance_mm2)(2, 2), 0.25, 1e-12);
 }
 
@@ -82,6 +84,9 @@ TEST_F(PointTableTest, WhatCannotBeReadIsRefusedByLineAndCell) {
   EXPECT_EQ(refusal("name,x,y\nA,1,2\n"), "p.csv:1: has no column z, s or i");
   EXPECT_EQ(refusal("name,x,r,y,z\nA,1,1,2,3\n"), "p.csv:1: the columns \"x\" and \"r\" mean the same");
   EXPECT_EQ(refusal("r,y,s\n1,2,3\n"), "p.csv:1: mixes columns x, y, z with columns that state their direction");
+  EXPECT_EQ(refusal("x [mm],y [cm],z [mm]\n1,2,3\n"), "p.csv:1: column \"y [cm]\" has another unit than \"x [mm]\"");
+  EXPECT_EQ(refusal("x,y,z [cm]\n1,2,3\n"), "p.csv:1: column \"z [cm]\" has another unit than \"x\"");
+  EXPECT_EQ(refusal("x,y,z,sigma [um]\n1,2,3,400\n"), "p.csv:1: column \"sigma [um]\" has another unit than \"x\"");
   EXPECT_EQ(refusal("A,1,2,3\nB,1,2\n"), "p.csv:2: has 3 cells, there are 4 columns");
   EXPECT_EQ(refusal("A,1,2,inf\n"), "p.csv:1: point A: z = \"inf\": must be a finite number");
   EXPECT_EQ(

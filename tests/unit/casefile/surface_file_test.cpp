@@ -3,12 +3,15 @@
 
 #include <algorithm>
 #include <bit>
+#include <cctype>
 #include <vector>
 
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
 #include "casefile/mesh_file.hpp"
+#include "casefile/ply.hpp"
+#include "casefile/surface_files/raw_surface.hpp"
 #include "tests/unit/casefile/files.hpp"
 #include "tests/unit/casefile/sample_case.hpp"
 
@@ -231,6 +234,14 @@ TEST(SurfaceFile, WrongUnitsAreRefusedWithTheWidthAndAdvice) {
   EXPECT_LT((metres->mesh.vertices_mm[1] - Vector3d(100, 0, 0)).norm(), 1e-9);
 }
 
+TEST(SurfaceFile, AnObjWithTabsLosesNoLine) {
+  const auto blanks = detail::parse_surface("v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 2 4\n", "a.obj");
+  const auto tabs = detail::parse_surface("v\t0\t0\t0\nv\t9\t0\t0\nv\t0 9 0\nv 0 0 9\nf\t1 2 3\nf\t1\t2\t4\n", "a.obj");
+  ASSERT_TRUE(blanks && tabs);
+  EXPECT_EQ(tabs->mesh.triangles, blanks->mesh.triangles);
+  EXPECT_EQ(tabs->mesh.vertices_mm, blanks->mesh.vertices_mm);
+}
+
 TEST(SurfaceFile, WrongTextsAreRefusedWithLineAndValue) {
   const std::string fs = kFreeSurferText;
   EXPECT_EQ(error_of("a.asc", replaced(fs, "100 0 0 0", "100 nan 0 0")),
@@ -286,6 +297,33 @@ TEST(SurfaceFile, WrongBytesAreRefusedWithTheirPlace) {
   EXPECT_EQ(error_of("notes.txt", "hello"),
             "notes.txt: is not a surface that is read: PLY, STL, OBJ, VTK (.vtk, .vtp), GIFTI or FreeSurfer");
   EXPECT_EQ(read_surface("/nowhere/a.stl").error().message, "/nowhere/a.stl: No such file or directory");
+}
+
+// As whole slices behind those of an image: the header is that of another surface.
+TEST(SurfaceFile, MoreThanTheHeaderStatesIsRefused) {
+  EXPECT_NE(error_of("a.stl", binary_stl("x", kTwoTriangles, 1)).find("holds 1 triangles more than its header states"),
+            std::string::npos);
+  const std::string fs = kFreeSurferText;
+  EXPECT_NE(error_of("a.asc", replaced(fs, "4 4", "4 3")).find("follows the triangles that it states"),
+            std::string::npos);
+  const std::string ply = detail::to_ply(bregma::tests::sphere({0, 0, 0}, 80, 1));
+  EXPECT_NE(error_of("a.ply", replaced(ply, "element face 32", "element face 30")).find("holds more than its header"),
+            std::string::npos);
+  const TemporaryFolder folder;
+  const auto padded = read_surface(folder.write("a.stl", binary_stl("x", kTwoTriangles, 2) + "zzz"));
+  ASSERT_TRUE(padded) << padded.error().message;
+  EXPECT_NE(padded->notes.at(0).find("3 bytes behind its triangles are not read"), std::string::npos);
+}
+
+TEST(SurfaceFile, AnAsciiStlMayHaveCapitals) {
+  std::string capitals = kStlText;
+  for (char &c : capitals) {
+    c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+  }
+  const auto upper = detail::parse_surface(capitals, "a.STL");
+  const auto lower = detail::parse_surface(kStlText, "a.stl");
+  ASSERT_TRUE(upper && lower);
+  EXPECT_EQ(upper->mesh.vertices_mm, lower->mesh.vertices_mm);
 }
 
 // A cube of quads, of strips and of triangles has one area, in every format that has them.

@@ -88,6 +88,9 @@ TEST(FaultInput, AMetaImageThatContradictsItselfIsRefused) {
                                    {"Offset = 1 2 3\n", ""},
                                    {"HeaderSize = 0\n", ""},
                                    {"Offset = 0 0 0\n", "Offset = \"0 0 0\": is stated before as \"1 2 3\""},
+                                   {"Position = 1 2 3\n", ""},
+                                   {"Position = 0 0 0\n", "Offset = \"0 0 0\": is stated before as \"1 2 3\""},
+                                   {"Rotation = 1 0 0 0 -1 0 0 0 1\n", "TransformMatrix = \"1 0 0 0 -1 0 0 0 1\": is"},
                                    {"HeaderSize = 3\n", "HeaderSize = \"3\": must be 0 where the voxels follow"}}) {
     test::write_bytes(folder / "v.mha", meta + more + "ElementDataFile = LOCAL\n12345678");
     const auto volume = read_volume(folder / "v.mha");

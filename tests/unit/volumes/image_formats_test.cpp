@@ -400,6 +400,13 @@ TEST(NrrdImage, WhatWouldBeLeftOutIsRefusedByName) {
                     nrrd("spacings: 1 2 3\naxis mins: 5 6 7\nencoding: raw\nspace: RAS") + voxels<std::int16_t>());
   Notes notes;
   EXPECT_NE(message_of(folder / "a.nrrd", &notes).find("axis mins = \"5 6 7\": is not read"), std::string::npos);
+  for (const std::string twice : {"space: LPS", "space origin: (0,0,0)", "byteskip: 4"}) {
+    test::write_bytes(folder / "a.nrrd", nrrd("encoding: raw\nspace: RAS\nspace directions: (1,0,0) (0,2,0) (0,0,3)\n"
+                                              "space origin: (1,2,3)\nbyte skip: 0\n" +
+                                              twice) +
+                                             voxels<std::int16_t>());
+    EXPECT_NE(message_of(folder / "a.nrrd", &notes).find("is stated before as"), std::string::npos) << twice;
+  }
 }
 
 } // namespace
