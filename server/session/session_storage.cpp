@@ -114,6 +114,10 @@ void Session::Impl::restore() {
     data_.revision = (*last)->revision;
   }
   ports_.log(last ? "no session to restore" : "the last session is not restored: " + last.error().message);
+  if (!last) {
+    condition(kRestore, "", true, bregma_wire_SEVERITY_WARNING,
+              "The last session is not restored: " + last.error().message);
+  }
   settle();
   save();
 }

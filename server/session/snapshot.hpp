@@ -50,7 +50,8 @@ public:
 
   // If it fails, the last successfully written file remains.
   [[nodiscard]] base::Result<void> save(const SessionData &data) const;
-  // Empty if there is no file. A damaged file is renamed to session.json.bad, and the error states the reason.
+  // Empty if there is no file. One that is damaged or cannot be read is renamed to session.json.bad, and the error
+  // states the reason.
   [[nodiscard]] base::Result<std::optional<SessionData>> load() const;
   // Renames a valid file that is not used (its case has changed, or another one is loaded) to session.json.bad.
   void set_aside() const;

@@ -79,7 +79,9 @@ base::Result<std::optional<SessionData>> SnapshotFile::load() const {
   }
   std::ifstream stream(path_, std::ios::binary);
   if (!stream) {
-    return system_failure(path_, "read");
+    const auto failure = system_failure(path_, "read");
+    set_aside(); // else the next save replaces it
+    return failure;
   }
   const std::string text{std::istreambuf_iterator<char>(stream), {}};
   auto data = from_json(text, path_.string());

@@ -271,7 +271,23 @@ TEST_F(RestartTest, ADamagedSnapshotStartsIdleWithTheReason) {
   EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_IDLE);
   EXPECT_NE(log().find("the last session is not restored: " + snapshot.string() + ": "), std::string::npos) << log();
   EXPECT_EQ(read(snapshot.string() + ".bad"), text);
+  ASSERT_FALSE(loops_after.alarms.empty());
+  EXPECT_EQ(wire::view(loops_after.alarms.back().kind), "restore");
+  EXPECT_EQ(loops_after.alarms.back().state, bregma_wire_ALARM_RAISED);
   restarted.up_to(bregma_wire_SESSION_CASE_LOADED, ball);
+  EXPECT_EQ(loops_after.alarms.back().state, bregma_wire_ALARM_CLEARED);
+}
+
+TEST_F(RestartTest, ASnapshotThatCannotBeReadIsKept) {
+  fs::create_directory(folder.path() / "state");
+  const fs::path snapshot = folder.path() / "state/session.json";
+  fs::create_symlink(snapshot, snapshot); // cannot be opened, not even by root
+  SessionHarness restarted(folder.path(), loops_after);
+  restarted.session->restore(restarted.now_ns);
+  EXPECT_EQ(restarted.session->state(), bregma_wire_SESSION_IDLE);
+  EXPECT_TRUE(fs::is_symlink(snapshot.string() + ".bad"));
+  ASSERT_FALSE(loops_after.alarms.empty());
+  EXPECT_EQ(wire::view(loops_after.alarms.back().kind), "restore");
 }
 
 TEST_F(RestartTest, AnotherCaseInTheFolderStartsIdle) {
