@@ -1,5 +1,6 @@
 #include "base/read_file.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <system_error>
@@ -48,13 +49,15 @@ Result<std::string> read_file(const std::filesystem::path &file, std::size_t max
   if (static_cast<std::uintmax_t>(status.st_size) > max_bytes) {
     return too_large();
   }
+  // One byte more than the stated size shows the end of a file that does not grow meanwhile.
+  constexpr std::size_t kMinChunk = std::size_t{1} << 12;
   std::string out;
-  constexpr std::size_t kChunk = std::size_t{1} << 20;
-  out.reserve(static_cast<std::size_t>(status.st_size) + kChunk);
+  std::size_t chunk = static_cast<std::size_t>(status.st_size) + 1;
+  out.reserve(chunk + kMinChunk);
   for (;;) {
     const std::size_t before = out.size();
-    out.resize(before + kChunk);
-    const ssize_t count = ::read(descriptor.get(), out.data() + before, out.size() - before);
+    out.resize(before + chunk);
+    const ssize_t count = ::read(descriptor.get(), out.data() + before, chunk);
     if (count < 0 && errno == EINTR) {
       out.resize(before);
       continue;
@@ -69,6 +72,7 @@ Result<std::string> read_file(const std::filesystem::path &file, std::size_t max
     if (out.size() > max_bytes) {
       return too_large();
     }
+    chunk = std::max(chunk - static_cast<std::size_t>(count), kMinChunk);
   }
 }
 

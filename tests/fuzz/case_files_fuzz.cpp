@@ -1,14 +1,20 @@
 // Arbitrary bytes as the case.toml of a complete folder, as a list of tools, or as a program's configuration: nothing
-// crashes, what is accepted satisfies the checks, and a refused configuration changes nothing.
-#include <cmath>
+// crashes, what is accepted satisfies the checks, and a refused configuration changes nothing. A surface or a plan of
+// the folder that is cut is refused; TOML states no size.
+#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
+#include <filesystem>
+#include <functional>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "base/parameters.hpp"
 #include "casefile/case.hpp"
 #include "tests/support/temporary_folder.hpp"
+#include "tests/unit/casefile/files.hpp"
 #include "tests/unit/casefile/sample_case.hpp"
 
 namespace {
@@ -21,24 +27,40 @@ void require(bool condition) {
   }
 }
 
-// The folder of a small case, whose case.toml each input replaces.
+// The folder of a small case. Its surfaces are as coarse as they can be: each input reads them all.
 class CaseFolder {
 public:
   CaseFolder() {
     casefile::Case c = tests::sample_case(folder_.path());
     for (auto &structure : c.structures) {
-      structure.mesh = tests::sphere({-30, 0, 30}, 25, 1);
+      structure.mesh = tests::sphere({-30, 0, 30}, 25, 0);
     }
-    c.scalp.mesh = tests::sphere({0, 0, 0}, 90, 1);
-    c.brain.mesh = tests::sphere({0, 0, 5}, 70, 1);
+    c.scalp.mesh = tests::sphere({0, 0, 0}, 90, 0);
+    c.brain.mesh = tests::sphere({0, 0, 5}, 70, 0);
     static_cast<void>(folder_.write("image.nii.gz", ""));
     require(casefile::save_case(c).has_value());
+    for (const auto &entry : std::filesystem::directory_iterator(folder_.path())) {
+      if (const auto name = entry.path().filename(); name.extension() == ".ply" || name.extension() == ".json") {
+        parts_.emplace_back(name, tests::read_file(entry.path()));
+      } else if (name == "case.toml") {
+        toml_ = tests::read_file(entry.path());
+      }
+    }
+    std::sort(parts_.begin(), parts_.end());
+    require(parts_.size() > 6 && load());
   }
   void load(std::string_view toml) const {
     static_cast<void>(folder_.write("case.toml", toml));
-    const auto loaded = casefile::load_case(folder_.path());
-    require(loaded || !loaded.error().message.empty());
-    require(!loaded || casefile::check_case(*loaded).has_value());
+    static_cast<void>(load());
+    static_cast<void>(folder_.write("case.toml", toml_));
+  }
+  // One part of the folder, cut before the end of what it states.
+  void cut(std::size_t number) const {
+    const auto &[name, whole] = parts_[number % parts_.size()];
+    const std::size_t end = name.extension() == ".json" ? whole.find_last_of('}') : whole.size() - 1;
+    static_cast<void>(folder_.write(name, std::string_view(whole).substr(0, number / parts_.size() % (end + 1))));
+    require(!load());
+    static_cast<void>(folder_.write(name, whole));
   }
   void tools(std::string_view toml) const {
     const auto read = casefile::read_tools(folder_.write("tools.toml", toml));
@@ -49,7 +71,16 @@ public:
   }
 
 private:
+  bool load() const {
+    const auto loaded = casefile::load_case(folder_.path());
+    require(loaded || !loaded.error().message.empty());
+    require(!loaded || casefile::check_case(*loaded).has_value());
+    return loaded.has_value();
+  }
+
   test::TemporaryFolder folder_;
+  std::string toml_;
+  std::vector<std::pair<std::filesystem::path, std::string>> parts_; // name and content
 };
 
 void configure(std::string_view toml) {
@@ -80,15 +111,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
   }
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
   const std::string_view content(reinterpret_cast<const char *>(data) + 1, size - 1);
-  switch (static_cast<unsigned>(data[0] - '0') % 3) { // the seeds begin with the digits 0 to 2
+  switch (static_cast<unsigned>(data[0] - '0') % 4) { // the seeds begin with the digits 0 to 3
   case 0:
     folder.load(content);
     break;
   case 1:
     folder.tools(content);
     break;
-  default:
+  case 2:
     configure(content);
+    break;
+  default:
+    folder.cut(std::hash<std::string_view>()(content));
     break;
   }
   return 0;

@@ -1,9 +1,11 @@
 // Arbitrary bytes as a session file, and a whole one with changed bytes: nothing crashes, every part is read or
-// refused, and a whole file is refused, at the latest while it is read, where it is cut.
+// refused, and a whole file is refused, at the latest while it is read, where it is cut. The tests cut a file at 200
+// places as well (SessionFile).
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <span>
 #include <string>
@@ -49,16 +51,16 @@ std::filesystem::path write(const std::filesystem::path &folder, const std::stri
   return folder / name;
 }
 
-// Attachments and frames, over some pages.
+// Attachments and frames, over some pages: small, since every input writes it.
 std::string whole_file(const test::TemporaryFolder &folder) {
   const auto file = folder / "whole.session";
   {
     auto writer = casefile::SessionWriter::create(file);
     require(writer.has_value());
-    const std::string body(3'000, 'b');
+    const std::string body(5'000, 'b'); // more than a page
     require(writer->set_meta("case", "colin27") && writer->set_meta("started", "2026-01-01") &&
             writer->attach("scalp.ply", std::as_bytes(std::span(body))));
-    for (int i = 0; i < 8; ++i) {
+    for (int i = 0; i < 2; ++i) {
       require(writer->write(i, wire::TrackerFrame{}) && writer->write(i, wire::NavigationState{}));
     }
     require(writer->commit().has_value());
@@ -74,22 +76,30 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
   static const std::string whole = whole_file(scratch);
   static const bool readable = read_all(write(scratch.path(), "a.session", whole));
   require(readable);
-  if (size % 2 == 0) {
-    // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
-    const std::string_view content(reinterpret_cast<const char *>(data), size);
-    static_cast<void>(read_all(write(scratch.path(), "a.session", content)));
+  if (size == 0) {
     return 0;
   }
-  // Bytes of the whole file, each as place and value, and then a cut.
-  std::string changed = whole;
-  std::size_t cut = 0;
-  for (std::size_t at = 0; at + 4 < size; at += 4) {
-    const std::size_t place =
-        std::size_t{data[at]} | std::size_t{data[at + 1]} << 8U | std::size_t{data[at + 2]} << 16U;
-    changed[place % changed.size()] = static_cast<char>(data[at + 3]);
-    cut = cut * 31U + place + data[at + 3];
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
+  const std::string_view content(reinterpret_cast<const char *>(data), size);
+  const auto number = [&content](std::size_t at) { return std::size_t{static_cast<unsigned char>(content[at])}; };
+  switch (number(0) % 3) {
+  case 0: // the file
+    static_cast<void>(read_all(write(scratch.path(), "a.session", content.substr(1))));
+    break;
+  case 1: { // bytes of the whole file, each as place and value
+    std::string changed = whole;
+    for (std::size_t at = 1; at + 3 < size; at += 4) {
+      const std::size_t place = number(at) | number(at + 1) << 8U | number(at + 2) << 16U;
+      changed[place % changed.size()] = content[at + 3];
+    }
+    static_cast<void>(read_all(write(scratch.path(), "a.session", changed)));
+    break;
   }
-  static_cast<void>(read_all(write(scratch.path(), "a.session", changed)));
-  require(!read_all(write(scratch.path(), "a.session", std::string_view(whole).substr(0, cut % whole.size()))));
+  default: { // the whole file, cut
+    const std::size_t size_of_cut = std::hash<std::string_view>()(content) % whole.size();
+    require(!read_all(write(scratch.path(), "a.session", std::string_view(whole).substr(0, size_of_cut))));
+    break;
+  }
+  }
   return 0;
 }

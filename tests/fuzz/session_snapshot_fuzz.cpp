@@ -43,7 +43,7 @@ std::string with_checksum(const json &session) {
   crc.process_bytes(content.data(), content.size());
   char sum[16];
   (void)std::snprintf(sum, sizeof sum, "%08x", static_cast<unsigned>(crc.checksum()));
-  const json written = json::parse(server::to_json({}));
+  static const json written = json::parse(server::to_json({}));
   return dump({{"bregma_session", written["bregma_session"]}, {"crc32", sum}, {"session", session}}) + "\n";
 }
 
@@ -64,6 +64,7 @@ server::SessionData complete() {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
   static const std::string whole = server::to_json(complete());
+  static const json session_of_whole = json::parse(whole)["session"];
   static const bool readable = restore(whole);
   require(readable);
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the fuzzer's bytes are the file's
@@ -79,7 +80,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     return 0;
   }
   try {
-    json session = json::parse(whole)["session"];
+    json session = session_of_whole;
     session[json::json_pointer(text.substr(0, equals))] = value;
     static_cast<void>(restore(with_checksum(session)));
   } catch (const json::exception &) { // the path does not fit the session
