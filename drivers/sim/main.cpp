@@ -9,6 +9,7 @@
 #include <CLI/Validators.hpp>
 #include <nlohmann/json.hpp>
 
+#include "base/standard_output.hpp"
 #include "drivers/frame/program.hpp"
 #include "drivers/sim/room_on_the_wire.hpp"
 
@@ -87,6 +88,8 @@ void add_options(CLI::App &app, Options &options) {
       ->check(CLI::Range(0.0, 86400.0))
       ->capture_default_str();
   app.add_flag("--live", room.live, "repeat the navigation until Ctrl-C");
+  app.add_flag("--hands", room.hands_only,
+               "only move the tools: the commands are given by you, and the next one is shown");
   app.add_flag("--json", options.json, "print one JSON object per line");
 }
 
@@ -98,7 +101,8 @@ driver::Program program(Options &options) {
   defaults.log_level = driver::LogLevel::kWarning;
   return {"bregma-sim-room", "a simulated operating room: optical tracker, robot, sensors and an operator",
           "bregma-sim-room --case case/colin27 --scenario demo/colin27/scenario.toml\n"
-          "bregma-sim-room --case case/colin27 --scenario demo/colin27/scenario.toml --seed 7 --rate 1000 --live",
+          "bregma-sim-room --case case/colin27 --scenario demo/colin27/scenario.toml --seed 7 --rate 1000 --live\n"
+          "bregma-sim-room --case case/colin27 --scenario demo/colin27/scenario.toml --hands",
           defaults, [&options](CLI::App &app) { add_options(app, options); }};
 }
 
@@ -114,5 +118,5 @@ int main(int argc, char **argv) {
     std::fprintf(stderr, "bregma-sim-room: %llu samples were not written in time\n",
                  static_cast<unsigned long long>(room.dropped()));
   }
-  return code;
+  return code == 0 ? base::end_output("bregma-sim-room", 0) : code;
 }

@@ -78,7 +78,12 @@ void Operator::continue_with(std::vector<Step> steps) {
 }
 
 void Operator::on_reply(const wire::CommandReply &reply) {
-  if (wire::view(reply.client) == kOperatorClient && reply.id == last_command_ && !reply_) {
+  if (awaited_) {
+    if (reply.kind == *awaited_ && reply.result == bregma_wire_COMMAND_DONE) {
+      awaited_.reset();
+      reply_ = reply;
+    }
+  } else if (wire::view(reply.client) == kOperatorClient && reply.id == last_command_ && !reply_) {
     reply_ = reply;
   }
 }

@@ -66,6 +66,8 @@ private:
   [[nodiscard]] Action reach(std::size_t tool, const HandPose &to);
   [[nodiscard]] Action wait(double seconds);
   [[nodiscard]] Action ask(wire::CommandKind kind, std::vector<std::string> values = {});
+  // With hands_only: until another client's command of this kind is done.
+  [[nodiscard]] Action await(wire::CommandKind kind, const std::vector<std::string> &values);
   [[nodiscard]] Action judge(); // fails the step unless the last command succeeded
   [[nodiscard]] Action guide(std::size_t tool, const GuidedInsertion &insertion);
 
@@ -114,7 +116,8 @@ private:
 
   std::optional<std::size_t> held_;
   std::uint64_t last_command_ = 0;
-  std::optional<wire::CommandReply> reply_; // reply to last_command_
+  std::optional<wire::CommandReply> reply_; // reply to last_command_, or to the awaited command
+  std::optional<wire::CommandKind> awaited_;
   std::optional<GuidedInsertion> insertion_;
   std::size_t inserted_ = 0; // the tool of insertion_
   T_ImageFlange guide_;      // pose of the guide for insertion_, before corrections

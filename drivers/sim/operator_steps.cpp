@@ -4,6 +4,7 @@
 #include <numbers>
 
 #include "drivers/sim/operator.hpp"
+#include "drivers/sim/typed_command.hpp"
 #include "idl/commands.hpp"
 #include "idl/names.hpp"
 
@@ -36,7 +37,20 @@ Operator::Action Operator::wait(double seconds) {
   return {nullptr, [this, seconds] { return since_action_s() >= seconds; }};
 }
 
+// A refused command leaves the hand where it is: the person repeats it.
+Operator::Action Operator::await(wire::CommandKind kind, const std::vector<std::string> &values) {
+  return {[this, kind, text = typed_command(kind, values)] {
+            reply_.reset();
+            awaited_ = kind;
+            tell(StepEvent::Kind::kNote, "now: " + text);
+          },
+          [this] { return reply_.has_value(); }};
+}
+
 Operator::Action Operator::ask(wire::CommandKind kind, std::vector<std::string> values) {
+  if (parameters_.hands_only) {
+    return await(kind, values);
+  }
   const auto say = [this, kind, values = std::move(values)] {
     wire::Command command{};
     (void)wire::set_name(command.client, kOperatorClient);

@@ -51,6 +51,7 @@ base::Result<void> RoomOnTheWire::prepare(const driver::Settings &settings) {
   if (options_->rate_hz > 0.0) {
     scenario->tracker.rate_hz = options_->rate_hz;
   }
+  scenario->hand.hands_only = options_->hands_only;
   if (options_->live) {
     repeated_ = live_part(*scenario);
     if (repeated_.empty()) {

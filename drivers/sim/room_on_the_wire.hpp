@@ -23,6 +23,7 @@ struct RoomOptions {
   double rate_hz = 0.0;    // tracker rate; 0: that of the scenario
   double timeout_s = 30.0; // time to wait for a daemon
   bool live = false;       // repeat the navigation until the driver is stopped
+  bool hands_only = false; // the commands are given by a person
 };
 
 class RoomOnTheWire final : public driver::Device {

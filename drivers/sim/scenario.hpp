@@ -54,6 +54,7 @@ struct OperatorParameters {
   double reply_timeout_s = 10.0;
   double give_up_s = 30.0;   // maximal time without a live display on a trajectory
   std::int64_t attempts = 3; // maximal attempts per touch
+  bool hands_only = false;   // moves the tools and waits for a person's commands, of which it shows the next
 };
 
 struct PatientParameters {

@@ -8,7 +8,6 @@
 #include "idl/names.hpp"
 #include "idl/version.hpp"
 #include "tests/component/operation_fixture.hpp"
-#include "tests/unit/cli/page_commands.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
 
 namespace bregma::test {
@@ -71,20 +70,6 @@ TEST_F(CommandLine, ACaseIsLoadedAndClosed) {
 
   EXPECT_EQ(bregma("case close").exit_code, 0);
   EXPECT_TRUE(comes_to(bregma_wire_SESSION_IDLE));
-}
-
-// docs/first-case.md: what is typed with devices. No case is loaded, so the answers are refusals; a word or an option
-// that does not exist is answered with the help to read.
-TEST_F(CommandLine, TheCommandsOfTheFirstCasesPageAreUnderstood) {
-  int asked = 0;
-  for (const std::string &command : tests::commands_of_page("first-case.md")) {
-    if (command.starts_with("register ") || command.starts_with("calibrate ") || command.starts_with("target ")) {
-      const auto run = bregma(command);
-      EXPECT_EQ(run.err.find(" --help)"), std::string::npos) << command << ": " << run.err;
-      ++asked;
-    }
-  }
-  EXPECT_EQ(asked, 11);
 }
 
 // What was lost is no success, also of a command that goes on.

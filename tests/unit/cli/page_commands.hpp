@@ -31,4 +31,24 @@ inline std::vector<std::string> commands_of_page(const std::string &page) {
   return out;
 }
 
+// All indented lines of the section whose heading begins with "## <number>", without comments and indentation.
+inline std::vector<std::string> lines_of_section(const std::string &page, const std::string &number) {
+  std::vector<std::string> out;
+  std::istringstream lines(read_file(std::string(BREGMA_SOURCE_DIR) + "/docs/" + page));
+  bool inside = false;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.starts_with("## ")) {
+      inside = line.starts_with("## " + number);
+    }
+    const auto first = line.find_first_not_of(' ');
+    if (inside && first != std::string::npos && first >= 4) {
+      std::string text = line.substr(first);
+      text.erase(std::min(text.find(" # "), text.size()));
+      text.erase(text.find_last_not_of(' ') + 1);
+      out.push_back(text);
+    }
+  }
+  return out;
+}
+
 } // namespace bregma::tests
