@@ -8,6 +8,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "base/standard_output.hpp"
 #include "server/config.hpp"
 #include "server/daemon.hpp"
 #include "server/runtime/logging.hpp"
@@ -30,14 +31,7 @@ std::string level_name(bregma::server::LogLevel level) {
   return "error";
 }
 
-// 0, or an error if standard output did not take everything, such as a full disk.
-int written() {
-  if (std::cout.flush()) {
-    return 0;
-  }
-  std::fputs("bregmad: the output could not be written completely\n", stderr);
-  return kBadInput;
-}
+int written(int code = 0) { return bregma::base::end_output("bregmad", code); }
 
 int serve(int argc, char **argv) {
   CLI::App app("bregmad, the real-time core of neurosurgical navigation");
@@ -57,7 +51,7 @@ int serve(int argc, char **argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
-    return app.exit(error) == 0 ? written() : kBadInput;
+    return written(app.exit(error) == 0 ? 0 : kBadInput);
   }
 
   bregma::server::Config config;

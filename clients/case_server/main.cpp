@@ -14,6 +14,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "base/standard_output.hpp"
 #include "clients/case_server/case_bundle.hpp"
 #include "clients/live/daemon_link.hpp"
 #include "idl/boot_clock.hpp"
@@ -96,7 +97,7 @@ int serve(int argc, char **argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
-    return app.exit(error) == 0 ? 0 : kBadInput;
+    return base::end_output("bregma-case-server", app.exit(error) == 0 ? 0 : kBadInput);
   }
   std::signal(SIGINT, [](int) { stopped = true; });
   std::signal(SIGTERM, [](int) { stopped = true; });

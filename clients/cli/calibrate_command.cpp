@@ -54,6 +54,7 @@ const char *verdict_name(calibration::PivotVerdict verdict) {
   return "residual_too_large";
 }
 
+// Of a refused calibration nothing that could be used: null.
 json to_json(const PivotResult &r, const casefile::PoseSeries &series) {
   json out = {{"verdict", verdict_name(r.verdict)},
               {"accepted", r.accepted()},
@@ -64,6 +65,7 @@ json to_json(const PivotResult &r, const casefile::PoseSeries &series) {
               {"rotation_deg",
                {r.rotation_rad[0] / geometry::kRadiansPerDegree, r.rotation_rad[1] / geometry::kRadiansPerDegree}}};
   if (!r.estimated) {
+    withhold(out, {"tip_mm", "covariance_mm2", "pivot_mm"});
     return out;
   }
   const calibration::PivotFit &plain = r.least_squares;
@@ -82,9 +84,15 @@ json to_json(const PivotResult &r, const casefile::PoseSeries &series) {
               {"halves",
                {{"tips_mm", {json_vector(r.half_tips_mm[0]), json_vector(r.half_tips_mm[1])}},
                 {"apart_mm", r.halves_apart_mm}}}});
+  if (!r.accepted()) {
+    withhold(out, {"tip_mm", "covariance_mm2", "pivot_mm"});
+    withhold(out["least_squares"], {"tip_mm", "pivot_mm"});
+    withhold(out["halves"], {"tips_mm"});
+  }
   return out;
 }
 
+// Of a refused calibration the residuals only: no tip that could be copied.
 std::string to_text(const PivotResult &r, const casefile::PoseSeries &series) {
   std::string out = r.text + "\n\n";
   out += "Poses " + std::to_string(r.poses) +
@@ -94,6 +102,15 @@ std::string to_text(const PivotResult &r, const casefile::PoseSeries &series) {
          fixed(r.rotation_rad[1] / geometry::kRadiansPerDegree, 0) + " degrees about the two widest axes\n";
   if (!r.estimated) {
     return out;
+  }
+  const std::string halves =
+      "\nOutliers " + std::to_string(r.outliers) + ", halves " + fixed(r.halves_apart_mm, 2, "mm") + " apart";
+  if (!r.accepted()) {
+    Table table({"Estimate", "Poses", "RMS mm", "Worst mm"});
+    table.row({"robust", std::to_string(r.poses - r.outliers), fixed(r.rms_mm, 3), fixed(r.worst_mm, 3)});
+    table.row({"least squares", std::to_string(r.poses), fixed(r.least_squares.rms_mm, 3),
+               fixed(r.least_squares.worst_mm, 3)});
+    return out + "\n" + table.text() + halves + "\n";
   }
   const Eigen::Vector3d sigma = r.covariance_mm2.diagonal().cwiseSqrt();
   Table table({"Estimate", "Poses", "Tip x mm", "y mm", "z mm", "RMS mm", "Worst mm"});
@@ -106,8 +123,7 @@ std::string to_text(const PivotResult &r, const casefile::PoseSeries &series) {
   row("least squares", r.poses, r.least_squares.tip_mm, r.least_squares.rms_mm, r.least_squares.worst_mm);
   row("first half", r.poses / 2, r.half_tips_mm[0], geometry::kUnknown, geometry::kUnknown);
   row("second half", r.poses - r.poses / 2, r.half_tips_mm[1], geometry::kUnknown, geometry::kUnknown);
-  return out + "\n" + table.text() + "\nOutliers " + std::to_string(r.outliers) + ", halves " +
-         fixed(r.halves_apart_mm, 2, "mm") + " apart, pivot at " + vector_text(r.pivot_mm, 3) + " mm\n";
+  return out + "\n" + table.text() + halves + ", pivot at " + vector_text(r.pivot_mm, 3) + " mm\n";
 }
 
 int calibrate_file(const PivotArguments &arguments, const Context &context) {

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <initializer_list>
 #include <map>
 #include <memory>
 #include <string>
@@ -61,14 +62,18 @@ base::Result<std::vector<std::vector<double>>> read_columns(const std::string &f
   return out;
 }
 
-int show(json document, const std::string &verdict_text, const std::string &details, bool accepted,
-         const Context &context) {
+// values: the keys of the document that a refused calibration withholds. details: what is printed of an accepted one.
+int show(json document, std::initializer_list<const char *> values, const std::string &verdict_text,
+         const std::string &details, bool accepted, const Context &context) {
   document["accepted"] = accepted;
   document["text"] = verdict_text;
+  if (!accepted) {
+    withhold(document, values);
+  }
   if (context.json) {
     print_json(document);
   } else {
-    print(verdict_text + "\n" + details);
+    print(verdict_text + "\n" + (accepted ? details : std::string()));
   }
   return accepted ? kOk : kRefused;
 }
@@ -149,10 +154,10 @@ int calibrate_hand_eye_files(HandEyeArguments arguments, const Context &context)
       {"pairs", result.pairs},
       {"poses_without_partner", alone},
       {"rotation_deg", {result.rotation_rad[0] / kRadiansPerDegree, result.rotation_rad[1] / kRadiansPerDegree}}};
-  std::string details;
-  if (alone > 0) {
-    details += std::to_string(alone) + " poses have no partner of the same time: left out\n";
+  if (alone > 0 && !context.json) {
+    print_notes({std::to_string(alone) + " poses have no partner of the same time: left out"});
   }
+  std::string details;
   if (result.estimated) {
     document.update({{"X", json_matrix(result.X.matrix())},
                      {"covariance_X", json_matrix(result.covariance_X)},
@@ -165,7 +170,11 @@ int calibrate_hand_eye_files(HandEyeArguments arguments, const Context &context)
       details += "\n" + matrix_text("Y: the tracker in the robot's base, mm", result.Y.matrix());
     }
   }
-  return show(std::move(document), result.text, details, result.accepted(), context);
+  if (arguments.motions) {
+    return show(std::move(document), {"X", "covariance_X"}, result.text, details, result.accepted(), context);
+  }
+  return show(std::move(document), {"X", "covariance_X", "Y", "covariance_Y"}, result.text, details, result.accepted(),
+              context);
 }
 
 // --- beam
@@ -236,7 +245,8 @@ int calibrate_beam_file(BeamArguments arguments, const Context &context) {
     details = "\nOrigin " + vector_text(result.beam.origin_mm, 3) + " mm, direction " +
               vector_text(result.beam.direction, 5) + " in the flange; RMS " + fixed(result.rms_mm, 3, "mm") + "\n";
   }
-  return show(std::move(document), result.text, details, result.accepted(), context);
+  return show(std::move(document), {"origin_mm", "direction", "covariance"}, result.text, details, result.accepted(),
+              context);
 }
 
 // --- range
@@ -292,7 +302,7 @@ int calibrate_range_file(const RangeArguments &arguments, const Context &context
               fixed(sigma[0], 3) + "), exponent " + fixed(fit.law.exponent, 5) + " (" + fixed(sigma[1], 5) + "), RMS " +
               fixed(fit.rms_mm, 2, "mm") + ", worst " + fixed(fit.worst_mm, 2, "mm") + "\n";
   }
-  return show(std::move(document), fit.text, details, fit.accepted(), context);
+  return show(std::move(document), {"scale_mm", "exponent", "covariance"}, fit.text, details, fit.accepted(), context);
 }
 
 } // namespace

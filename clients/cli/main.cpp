@@ -7,6 +7,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "base/standard_output.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
 
@@ -72,9 +73,8 @@ int run(int argc, char **argv) {
 
 int main(int argc, char **argv) {
   try {
-    const int code = run(argc, argv);
     // Before main returns, so that nothing that ends later can cut the output.
-    return bregma::cli::flush_output() ? code : bregma::cli::fail("the output could not be written completely");
+    return bregma::base::end_output("bregma", run(argc, argv));
   } catch (const std::exception &error) {
     return bregma::cli::fail(error.what());
   }

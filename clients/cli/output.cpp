@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <system_error>
 
-#include "clients/cli/commands.hpp"
 #include "clients/cli/plain_text.hpp"
 
 namespace bregma::cli {
@@ -123,8 +122,6 @@ std::string json_text(const nlohmann::json &json, int indent) {
 
 void print_json(const nlohmann::json &json) { print(json_text(json, 2) + "\n"); }
 
-bool flush_output() { return std::fflush(stdout) == 0 && std::ferror(stdout) == 0; }
-
 void print_notes(const std::vector<std::string> &notes) {
   std::fflush(stdout);
   for (const std::string &note : notes) {
@@ -152,5 +149,23 @@ int fail(std::string_view message) {
 }
 
 int fail(const base::Error &error) { return fail(error.message); }
+
+void withhold(nlohmann::json &document, std::initializer_list<const char *> keys) {
+  for (const char *key : keys) {
+    document[key] = nullptr;
+  }
+}
+
+int refuse(const std::string &verdict, const std::string &reason, const Context &context, nlohmann::json extra) {
+  if (context.json) {
+    extra["accepted"] = false;
+    extra["verdict"] = verdict;
+    extra["reason"] = reason;
+    print_json(extra);
+  } else {
+    static_cast<void>(fail(verdict + ": " + reason));
+  }
+  return kRefused;
+}
 
 } // namespace bregma::cli

@@ -1,6 +1,7 @@
 // Output of commands: tables and JSON to standard output, one sentence to standard error.
 #pragma once
 
+#include <initializer_list>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -9,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/result.hpp"
+#include "clients/cli/commands.hpp"
 
 namespace bregma::cli {
 
@@ -49,7 +51,11 @@ void print_notes(const std::vector<std::string> &notes);
 // "bregma: <message>" on standard error, and kBadInput.
 int fail(const base::Error &error);
 int fail(std::string_view message);
-// Writes what is still buffered. False if standard output did not take everything, then or before.
-[[nodiscard]] bool flush_output();
+// Of a refused result nothing may be used: these keys become null, whatever was estimated.
+void withhold(nlohmann::json &document, std::initializer_list<const char *> keys);
+// Prints the sentence to standard error (in JSON: verdict and reason, plus `extra`) and returns kRefused. extra holds
+// nothing that could be used (withhold).
+int refuse(const std::string &verdict, const std::string &reason, const Context &context,
+           nlohmann::json extra = nlohmann::json::object());
 
 } // namespace bregma::cli

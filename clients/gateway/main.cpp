@@ -15,6 +15,7 @@
 #include <boost/asio/signal_set.hpp>
 
 #include "base/read_file.hpp"
+#include "base/standard_output.hpp"
 #include "clients/gateway/gateway.hpp"
 #include "clients/gateway/layout.hpp"
 
@@ -94,11 +95,11 @@ int serve(int argc, char **argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
-    return app.exit(error) == 0 ? 0 : kBadInput;
+    return base::end_output("bregma-gateway", app.exit(error) == 0 ? 0 : kBadInput);
   }
   if (print_layout) {
-    std::cout << gateway::layout_markdown() << std::flush;
-    return std::cout ? 0 : kBadInput;
+    std::cout << gateway::layout_markdown();
+    return base::end_output("bregma-gateway", 0);
   }
   if (!token_file.empty()) {
     auto token = read_token(token_file);

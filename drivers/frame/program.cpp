@@ -14,6 +14,7 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include "base/standard_output.hpp"
 #include "drivers/frame/supervisor.hpp"
 #include "drivers/frame/system_host.hpp"
 
@@ -121,7 +122,7 @@ int run_on_bus(int argc, char **argv, const Program &program, Device &device, co
       app.parse(argc, argv);
     } catch (const CLI::ParseError &error) {
       if (!given.print_toml && !given.print_table) {
-        return app.exit(error) == 0 ? kExitDone : kExitBadInput;
+        return base::end_output(program.name, app.exit(error) == 0 ? kExitDone : kExitBadInput);
       }
     }
     Settings settings = program.defaults;
@@ -133,7 +134,7 @@ int run_on_bus(int argc, char **argv, const Program &program, Device &device, co
     }
     if (given.print_toml || given.print_table) {
       std::fputs((given.print_toml ? parameters.to_toml() : parameters.to_markdown()).c_str(), stdout);
-      return kExitDone;
+      return base::end_output(program.name, kExitDone);
     }
     return serve(program, settings, device, make_bus);
   } catch (const std::exception &error) { // from DDS, or from a device's prepare()

@@ -280,12 +280,13 @@ int register_image(const RegisterImageArguments &arguments, const Context &conte
     print_notes(notes);
   }
   if (result.verdict != ImageVerdict::kFound) {
-    return refuse(std::string(intensity::name_of(result.verdict)), result.reason, context, std::move(document));
+    return refuse_registration(std::string(intensity::name_of(result.verdict)), result.reason, context,
+                               std::move(document));
   }
   if (nonrigid) {
     document["nonrigid"] = nonrigid_json(*nonrigid);
     if (!nonrigid->found) {
-      return refuse("refused", nonrigid->reason, context, std::move(document));
+      return refuse_registration("refused", nonrigid->reason, context, std::move(document));
     }
   }
   const auto errors = errors_at(targets->points.empty() ? default_points(*target) : targets->points, result.covariance);

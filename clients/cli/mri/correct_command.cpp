@@ -122,6 +122,12 @@ base::Result<Eigen::Matrix4d> field_from_image(const std::string &field_position
       .matrix();
 }
 
+int refuse_correction(const std::string &reason, const Context &context) {
+  nlohmann::json nothing;
+  withhold(nothing, {"output"});
+  return refuse("refused", reason, context, std::move(nothing));
+}
+
 int run_correct(const CorrectArguments &arguments, const Context &context) {
   auto field = casefile::read_displacement_field(arguments.field);
   if (!field) {
@@ -133,8 +139,7 @@ int run_correct(const CorrectArguments &arguments, const Context &context) {
   const auto stated = check_field_use(arguments.field, *field, arguments.image, arguments.series,
                                       {arguments.not_corrected, arguments.other_scanner, arguments.expired});
   if (!stated) {
-    fail(stated.error());
-    return kRefused;
+    return refuse_correction(stated.error().message, context);
   }
   const std::string position = !arguments.patient_position.empty() ? arguments.patient_position
                                : !stated->empty()                  ? *stated
@@ -160,14 +165,14 @@ int run_correct(const CorrectArguments &arguments, const Context &context) {
                               field->max_error_95_mm);
   const Summary s = correct(*volume, table, *T_field_image, arguments.jacobian);
   if (s.worst.unknown_fraction >= 1.0) {
-    fail(arguments.image + ": lies outside the field everywhere");
-    return kRefused;
+    return refuse_correction(arguments.image + ": lies outside the field everywhere", context);
   }
   if (auto written = casefile::write_volume(arguments.output, *volume); !written) {
     return fail(written.error());
   }
   if (context.json) {
-    print_json({{"output", arguments.output},
+    print_json({{"accepted", true},
+                {"output", arguments.output},
                 {"max_shift_mm", json_number(s.worst.max_shift_mm)},
                 {"max_through_plane_mm", json_number(s.worst.max_through_plane_mm)},
                 {"error_95_mm", json_number(s.worst.error_95_mm)},

@@ -85,6 +85,7 @@ int finish(const FieldArguments &arguments, const mri::DistortionField &field, s
     return fail(written.error());
   }
   if (context.json) {
+    out["accepted"] = true;
     print_json(out);
   } else {
     print(text);
@@ -98,8 +99,9 @@ int run_several(const FieldArguments &arguments, const Points3 &ct, const std::v
   options.same_orientation = !arguments.any_orientation;
   const auto found = field_of_scans(ct, scans, arguments.mr, arguments.scans, options);
   if (!found) {
-    fail(found.error());
-    return kRefused;
+    json nothing;
+    withhold(nothing, {"output"});
+    return refuse("refused", found.error().message, context, std::move(nothing));
   }
   std::string text = found->text;
   json out = found->figures;
@@ -139,12 +141,11 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   json out = {{"match", match_json(match)}};
   std::string text = match_text(match, ct->cols(), mr->cols());
   if (match.outcome != mri::MatchOutcome::kMatched) {
-    if (context.json) {
-      print_json(out);
-    } else {
-      print(text + "No field: the correspondence must be matched\n");
+    withhold(out, {"output", "initial", "residual"});
+    if (!context.json) {
+      print(text);
     }
-    return kRefused;
+    return refuse(mri::name(match.outcome), "no field: the correspondence must be matched", context, std::move(out));
   }
   const Points3 truth = match.reference_points(*ct), imaged = match.imaged_points(*mr);
   const auto field = mri::DistortionField::fit(truth, imaged);

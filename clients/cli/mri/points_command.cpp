@@ -1,6 +1,7 @@
 // `bregma mri points`: control points of a phantom, a grid or separate markers, in an image.
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/App.hpp>
@@ -73,6 +74,12 @@ tl::expected<FoundPoints, std::string> separate_markers(const casefile::Volume &
                          left_out_lines(found->cut_off_mm, "is cut by the border of the image")};
 }
 
+int refuse_points(const std::string &reason, const Context &context) {
+  json nothing;
+  withhold(nothing, {"output", "points"});
+  return refuse("refused", reason, context, std::move(nothing));
+}
+
 int run_points(const PointsArguments &arguments, const Context &context) {
   if (auto free = check_output("--output", arguments.output, {arguments.image}); !free) {
     return fail(free.error());
@@ -86,14 +93,12 @@ int run_points(const PointsArguments &arguments, const Context &context) {
     return fail(image.error());
   }
   if (auto fit = check_phantom_image(arguments.image, arguments.series); !fit) {
-    fail(fit.error());
-    return kRefused;
+    return refuse_points(fit.error().message, context);
   }
   const auto found =
       arguments.separate_markers ? separate_markers(*image, arguments.markers) : grid_crossings(*image, arguments.grid);
   if (!found) {
-    fail(arguments.image + ": " + found.error());
-    return kRefused;
+    return refuse_points(arguments.image + ": " + found.error(), context);
   }
   std::vector<casefile::NamedPoint> points;
   for (Eigen::Index i = 0; i < found->points_mm.cols(); ++i) {
@@ -105,6 +110,7 @@ int run_points(const PointsArguments &arguments, const Context &context) {
   }
   if (context.json) {
     json out = found->figures;
+    out["accepted"] = true;
     out["output"] = arguments.output;
     out["points"] = points.size();
     print_json(out);

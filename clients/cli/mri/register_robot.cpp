@@ -59,7 +59,8 @@ json coils_json(const std::vector<mri::LocatedCoil> &coils, const ScanList &list
 }
 
 json to_json(const mri::RobotRegistration &r, const ScanList &list) {
-  json out = {{"verdict", mri::name(r.verdict)},
+  json out = {{"accepted", r.verdict == mri::RegistrationVerdict::kFound},
+              {"verdict", mri::name(r.verdict)},
               {"reason", r.reason},
               {"notes", r.notes},
               {"frame", list.frame.name},
@@ -74,6 +75,9 @@ json to_json(const mri::RobotRegistration &r, const ScanList &list) {
     out["out_of_plane_mm"] = json_number(r.opme_mm);
     out["verified"] = coils_json(r.verified, list);
     out["verified_rms_mm"] = json_number(r.verified_mm);
+  }
+  if (r.verdict != mri::RegistrationVerdict::kFound) {
+    withhold(out, {"T_base_device", "covariance"});
   }
   return out;
 }

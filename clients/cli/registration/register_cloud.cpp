@@ -175,27 +175,29 @@ int register_cloud(const CloudArguments &arguments, const Context &context) {
   const CpdResult<3> &r = drift.result;
   const std::vector<std::string> notes = joined({source->notes, target->notes, points->notes});
   if (!r.has_estimate()) {
-    return refuse("refused",
-                  std::string(registration::name(r.outcome)) + " (" + std::to_string(sources.cols()) + " and " +
-                      std::to_string(targets.cols()) + " points)",
-                  context, details_json(drift));
+    return refuse_registration("refused",
+                               std::string(registration::name(r.outcome)) + " (" + std::to_string(sources.cols()) +
+                                   " and " + std::to_string(targets.cols()) + " points)",
+                               context, details_json(drift));
   }
   if (r.outcome == registration::CpdOutcome::kNotConverged) {
-    return refuse("refused", "the estimate did not converge in " + std::to_string(r.iterations) + " iterations",
-                  context, details_json(drift));
+    return refuse_registration("refused",
+                               "the estimate did not converge in " + std::to_string(r.iterations) + " iterations",
+                               context, details_json(drift));
   }
   if (drift.log_odds < kMinLogOdds) {
-    return refuse("ambiguous",
-                  "a pose that is turned by " + fixed(drift.runner_up_turn_rad / geometry::kRadiansPerDegree, 0) +
-                      " degrees explains the points nearly as well",
-                  context, details_json(drift));
+    return refuse_registration("ambiguous",
+                               "a pose that is turned by " +
+                                   fixed(drift.runner_up_turn_rad / geometry::kRadiansPerDegree, 0) +
+                                   " degrees explains the points nearly as well",
+                               context, details_json(drift));
   }
   const Eigen::Matrix4d T = matrix_of(r.transform);
   const bool rigid = !arguments.affine && !arguments.scale;
   const auto covariance = rigid ? covariance_of(sources, targets, arguments.outliers, r) : std::nullopt;
   if (rigid && !covariance) {
-    return refuse("ambiguous", "the points do not determine the pose: they can slide on each other", context,
-                  details_json(drift));
+    return refuse_registration("ambiguous", "the points do not determine the pose: they can slide on each other",
+                               context, details_json(drift));
   }
   const auto errors = covariance ? errors_at(points->points, *covariance) : std::vector<PointError>();
   if (context.json) {

@@ -375,11 +375,10 @@ json to_json(const Registration &r, const Input &input, const PointsArguments &a
     out["tre_at_mm"] = json_number(tre_at(r, Vector3d(arguments.at_mm.data())));
   }
   if (!found) {
-    for (const char *key :
-         {"T_target_source", "T_source_target", "covariance", "tre_centroid_mm", "tre_at_mm", "targets"}) {
-      if (out.contains(key)) {
-        out[key] = nullptr;
-      }
+    withhold_pose(out);
+    withhold(out, {"tre_centroid_mm"});
+    if (out.contains("tre_at_mm")) {
+      withhold(out, {"tre_at_mm"});
     }
   }
   return out;
@@ -438,7 +437,7 @@ int register_points(const PointsArguments &arguments, const Context &context) {
   }
   auto solved = solve(*input, arguments);
   if (!solved) {
-    return refuse("refused", solved.error(), context);
+    return refuse_registration("refused", solved.error(), context);
   }
   solved->refusal = refusal_of(*solved, *input, arguments);
   if (registration::are_coplanar(input->points(&Pair::source))) {

@@ -91,16 +91,18 @@ int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_so
   return written ? static_cast<int>(kOk) : fail(written.error());
 }
 
-int refuse(const std::string &verdict, const std::string &reason, const Context &context, json extra) {
-  if (context.json) {
-    extra["accepted"] = false;
-    extra["verdict"] = verdict;
-    extra["reason"] = reason;
-    print_json(extra);
-  } else {
-    static_cast<void>(fail(verdict + ": " + reason));
+int refuse_registration(const std::string &verdict, const std::string &reason, const Context &context, json document) {
+  withhold_pose(document);
+  return refuse(verdict, reason, context, std::move(document));
+}
+
+void withhold_pose(json &document) {
+  withhold(document, {"T_target_source", "T_source_target", "covariance", "targets"});
+  for (const char *poses : {"hypotheses", "candidates"}) {
+    for (json &pose : document.contains(poses) ? document[poses] : json::array()) {
+      withhold(pose, {"T_target_source"});
+    }
   }
-  return kRefused;
 }
 
 } // namespace bregma::cli

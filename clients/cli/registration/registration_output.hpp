@@ -47,9 +47,10 @@ struct PointError {
 // Writes files.tfm if requested; returns kOk, or the result of fail().
 int write_tfm(const RegistrationFiles &files, const Eigen::Matrix4d &T_target_source);
 
-// Prints the sentence to standard error (in JSON: verdict and reason, plus `extra`) and returns kRefused. Neither
-// prints nor writes a transform.
-int refuse(const std::string &verdict, const std::string &reason, const Context &context,
-           nlohmann::json extra = nlohmann::json::object());
+// Transforms, covariance and predicted errors of a refused registration, and the poses that were compared: null.
+void withhold_pose(nlohmann::json &document);
+// refuse() for a registration, whose pose is withheld. Nothing is written.
+int refuse_registration(const std::string &verdict, const std::string &reason, const Context &context,
+                        nlohmann::json document = nlohmann::json::object());
 
 } // namespace bregma::cli

@@ -259,7 +259,7 @@ int register_samples(const SurfaceArguments &arguments, const Cloud &samples, co
     if (!context.json) {
       print(answer.details_text);
     }
-    return refuse(name_of(answer.verdict), answer.reason, context, std::move(document));
+    return refuse_registration(name_of(answer.verdict), answer.reason, context, std::move(document));
   }
   const auto errors = errors_at(input.targets, answer.covariance);
   if (context.json) {

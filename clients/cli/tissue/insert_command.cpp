@@ -107,17 +107,19 @@ Result<InsertionRun> run_insertion(const InsertOptions &options) {
 nlohmann::json updates_json(const InsertionRun &insertion) {
   nlohmann::json updates = nlohmann::json::array();
   for (const InsertionUpdate &update : insertion.updates) {
+    const bool valid = update.state.status != tissue::ModelStatus::kInvalid; // else nothing may be used: null
+    const auto number = [valid](double value) { return valid ? json_number(value) : nlohmann::json(); };
     updates.push_back({{"time_s", update.time_s},
                        {"depth_mm", update.depth_mm},
                        {"phase", tissue::name_of(update.state.phase)},
                        {"status", tissue::name_of(update.state.status)},
                        {"reason", tissue::sentence_of(update.state.reason)},
-                       {"tip_force_N", json_number(update.state.tip_force_N)},
-                       {"shaft_force_N", json_number(update.state.shaft_force_N)},
-                       {"largest_von_mises_Pa", json_number(update.largest_von_mises_Pa)},
-                       {"target_von_mises_Pa", json_number(update.target_von_mises_Pa)},
-                       {"target_motion_mm", json_number(update.target_motion_mm)},
-                       {"target_error_bound_mm", json_number(update.target_error_bound_mm)}});
+                       {"tip_force_N", number(update.state.tip_force_N)},
+                       {"shaft_force_N", number(update.state.shaft_force_N)},
+                       {"largest_von_mises_Pa", number(update.largest_von_mises_Pa)},
+                       {"target_von_mises_Pa", number(update.target_von_mises_Pa)},
+                       {"target_motion_mm", number(update.target_motion_mm)},
+                       {"target_error_bound_mm", number(update.target_error_bound_mm)}});
   }
   return updates;
 }

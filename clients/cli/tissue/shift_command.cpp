@@ -138,11 +138,13 @@ nlohmann::json place_json(const tissue::ShiftedPoint &point) {
 }
 
 nlohmann::json shift_json(const ShiftOfCase &moved, const ShiftOptions &options) {
+  const bool answered = moved.shift.relaxation.converged; // else nothing of it may be used: null
   nlohmann::json points = nlohmann::json::array();
   for (const MovedPoint &point : moved.points) {
-    points.push_back({{"name", point.name},
-                      {"kind", point.kind},
-                      {"displacement_mm", point.inside ? vector_json(point.displacement_mm) : nlohmann::json()}});
+    points.push_back(
+        {{"name", point.name},
+         {"kind", point.kind},
+         {"displacement_mm", answered && point.inside ? vector_json(point.displacement_mm) : nlohmann::json()}});
   }
   const tissue::BrainShift &shift = moved.shift;
   return {{"elements", moved.mesh.tetrahedra.size()},
@@ -155,8 +157,8 @@ nlohmann::json shift_json(const ShiftOfCase &moved, const ShiftOptions &options)
           {"steps", shift.relaxation.steps},
           {"residual", json_number(shift.relaxation.residual)},
           {"inverted_elements", shift.inverted_elements},
-          {"surface", place_json(shift.surface)},
-          {"deep", place_json(shift.deep)},
+          {"surface", answered ? place_json(shift.surface) : nlohmann::json()},
+          {"deep", answered ? place_json(shift.deep) : nlohmann::json()},
           {"points", std::move(points)}};
 }
 

@@ -17,6 +17,7 @@
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 
+#include "base/standard_output.hpp"
 #include "casefile/arm_files/arm_file.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 
@@ -170,7 +171,11 @@ int main(int argc, char **argv) {
   app.footer("SIGUSR1 presses the emergency stop, and releases it.\n"
              "Example:\n  bregma-sim-arm --arm robots/mz07f.toml\n"
              "  bregma-arm --set address=tcp://127.0.0.1:4700");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError &error) {
+    return bregma::base::end_output("bregma-sim-arm", app.exit(error) == 0 ? 0 : 2);
+  }
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
   std::signal(SIGUSR1, [](int) { emergency_toggled = 1; });

@@ -10,6 +10,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "base/standard_output.hpp"
 #include "drivers/sim/coils/simulated_controller.hpp"
 #include "drivers/sim/terminal/pseudo_terminal.hpp"
 
@@ -55,7 +56,11 @@ int main(int argc, char **argv) {
   app.add_option("--gain", faults.gain, "Of the amplifier")->check(CLI::Range(0.0, 2.0))->capture_default_str();
   app.add_option("--seed", seed, "Of the measurements' noise")->capture_default_str();
   app.footer("Example:\n  bregma-sim-coils\n  bregma-coils --set address=serial:///dev/pts/7 --set frame=frame.toml");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError &error) {
+    return bregma::base::end_output("bregma-sim-coils", app.exit(error) == 0 ? 0 : 2);
+  }
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
   return run(faults, seed);

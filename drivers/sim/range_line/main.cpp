@@ -9,6 +9,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "base/standard_output.hpp"
 #include "drivers/sim/range/sharp_sensor.hpp"
 #include "drivers/sim/range_line/simulated_line.hpp"
 #include "drivers/sim/terminal/pseudo_terminal.hpp"
@@ -83,7 +84,11 @@ int main(int argc, char **argv) {
   app.add_option("--seed", options.seed, "Of noise and damage")->capture_default_str();
   app.footer("Example:\n  bregma-sim-range --link /tmp/range\n"
              "  bregma-range --set address=serial:///tmp/range --set serial_number=A4");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError &error) {
+    return bregma::base::end_output("bregma-sim-range", app.exit(error) == 0 ? 0 : 2);
+  }
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
   return run(options);

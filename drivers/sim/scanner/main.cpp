@@ -8,6 +8,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "base/standard_output.hpp"
 #include "drivers/sim/scanner/session_files.hpp"
 
 namespace {
@@ -47,7 +48,11 @@ int run(int argc, char **argv) {
   app.add_flag("--reversed", files.reversed, "Also foregrounds with the current reversed");
   app.add_flag("--vendor", files.vendor, "Images with the gradients corrected, as the scanner's vendor does");
   app.footer("Example:\n  bregma-sim-scanner --write session --seed 3\n  bregma mri register session/scans.toml");
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError &error) {
+    return bregma::base::end_output("bregma-sim-scanner", app.exit(error) == 0 ? 0 : 2);
+  }
   options.field.kind = field == "none"    ? FieldKind::kNone
                        : field == "bumps" ? FieldKind::kBumps
                                           : FieldKind::kHarmonics;

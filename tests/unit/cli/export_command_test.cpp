@@ -11,6 +11,7 @@
 
 #include "clients/cli/commands.hpp"
 #include "tests/unit/cli/report_session_maker.hpp"
+#include "tests/unit/cli/run_bregma.hpp"
 
 namespace {
 
@@ -90,6 +91,16 @@ TEST_F(ExportCommand, ExistingFilesAreNeverReplaced) {
   const auto again = run();
   EXPECT_EQ(again.code, cli::kBadInput);
   EXPECT_NE(again.error.find("poses.csv: exists already"), std::string::npos) << again.error;
+}
+
+using FullOutput = ExportCommand;
+
+TEST_F(FullOutput, ALostReportIsNoSuccess) {
+  tests::expect_lost_output_is_said(folder_, "report run.db");
+  tests::expect_lost_output_is_said(folder_, "report run.db --html report.html");
+  const auto lost = tests::run_bregma(folder_, "export run.db --to lost", tests::kFullDisk);
+  EXPECT_EQ(lost.exit_code, 2);
+  EXPECT_TRUE(lost.err.ends_with(tests::kOutputLost)) << lost.err;
 }
 
 } // namespace

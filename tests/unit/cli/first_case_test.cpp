@@ -127,6 +127,11 @@ TEST(FirstCase, TheCommandsOfThePageMakeACaseThatIsFitForUse) {
       continue;
     }
     ASSERT_EQ(run.exit_code, 0) << run.err << run.out;
+    if (!command.starts_with("case create") || command.find("--force") != std::string::npos) {
+      const auto lost = run_bregma(folder, command, bregma::tests::kFullDisk);
+      EXPECT_EQ(lost.exit_code, 2);
+      EXPECT_TRUE(lost.err.ends_with(bregma::tests::kOutputLost)) << lost.err;
+    }
     if (command.starts_with("case create")) {
       ++made;
       const auto checked = run_bregma(folder, "case check first");

@@ -87,6 +87,8 @@ TEST(ImageCommand, RefusesWithAReasonAndWritesNothing) {
     EXPECT_FALSE(std::ifstream(files.folder.path() / "no.nii").good());
     return run.err;
   };
+  const auto json = files.run("image register --start header far.nii.gz target.nii.gz --json").json();
+  EXPECT_TRUE(json.contains("T_target_source") && json["T_target_source"].is_null() && json["covariance"].is_null());
   EXPECT_NE(reason("slice.nii.gz").find("bregma: refused: the floating image has 1 slice along an axis"),
             std::string::npos);
   EXPECT_NE(reason("flat.nii.gz").find("bregma: refused: the floating image has one grey value only"),
@@ -256,6 +258,14 @@ TEST(ImageCommand, FeaturesShowThatAigAsPrintedIsNearlyZero) {
   const auto reading = files.run("image features source.nii.gz --out aig.nii.gz --picture aig.png --json").json();
   EXPECT_LT(reading["zero_fraction"].get<double>(), 0.9);
   EXPECT_TRUE(casefile::read_volume(files.folder.path() / "aig.nii.gz").has_value());
+}
+
+TEST(FullOutput, ALostImageRegistrationIsNoSuccess) {
+  const Files files;
+  for (const char *command : {"image register source.nii.gz target.nii.gz --finest-mm 4 --start centres",
+                              "image profile source.nii.gz target.nii.gz", "image features source.nii.gz"}) {
+    tests::expect_lost_output_is_said(files.folder, command);
+  }
 }
 
 } // namespace

@@ -76,7 +76,13 @@ TEST(RegisterSurface, ABallIsNeverFoundAndNothingIsWritten) {
   const auto json = run.json();
   EXPECT_EQ(json["verdict"], "ambiguous");
   EXPECT_EQ(json["accepted"], false);
-  EXPECT_FALSE(json.contains("T_target_source"));
+  for (const char *key : {"T_target_source", "T_source_target", "covariance", "targets"}) {
+    EXPECT_TRUE(json.contains(key) && json[key].is_null()) << key;
+  }
+  ASSERT_FALSE(json["hypotheses"].empty());
+  for (const auto &pose : json["hypotheses"]) {
+    EXPECT_TRUE(pose["T_target_source"].is_null()) << "nor are those that were compared";
+  }
 }
 
 TEST(RegisterSurface, WrongInputIsRefusedInWords) {
@@ -192,6 +198,7 @@ TEST(RegisterCloud, ACubeIsAmbiguousAndThreePointsAreTooFew) {
   run = run_bregma(folder, "register cloud three.csv cube.csv --json");
   EXPECT_EQ(run.exit_code, 1);
   EXPECT_EQ(run.json()["verdict"], "refused");
+  EXPECT_TRUE(run.json()["T_target_source"].is_null() && run.json()["covariance"].is_null());
   run = run_bregma(folder, "register cloud cube.csv cube.csv --affine --scale");
   EXPECT_EQ(run.exit_code, 2);
 }

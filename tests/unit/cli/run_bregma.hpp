@@ -7,6 +7,7 @@
 #include <sstream>
 #include <string>
 
+#include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
 #include "tests/unit/casefile/files.hpp"
@@ -39,6 +40,20 @@ inline Outcome run_bregma(const test::TemporaryFolder &folder, const std::string
     (line.starts_with("note: ") ? outcome.notes : outcome.err) += line + "\n";
   }
   return outcome;
+}
+
+// The command, as text and as JSON, has a result; where standard output takes nothing, that is no success, and it is
+// said.
+inline void expect_lost_output_is_said(const test::TemporaryFolder &folder, const std::string &command) {
+  for (const char *format : {"", " --json"}) {
+    SCOPED_TRACE(command + format);
+    const auto shown = run_bregma(folder, command + format);
+    ASSERT_NE(shown.exit_code, 2) << shown.err;
+    ASSERT_FALSE(shown.out.empty());
+    const auto lost = run_bregma(folder, command + format, kFullDisk);
+    EXPECT_EQ(lost.exit_code, 2);
+    EXPECT_TRUE(lost.err.ends_with(kOutputLost)) << lost.err;
+  }
 }
 
 } // namespace bregma::tests

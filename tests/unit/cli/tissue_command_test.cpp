@@ -58,6 +58,7 @@ TEST(TissueMaterials, TheTableHasModuliAndSources) {
 TEST_F(TissueInsert, TheProbeIndentsRupturesAndHasFriction) {
   const auto run = run_bregma(folder_, std::string(kInsert) + "--depth 25 --csv run.csv --vtu end.vtu --json");
   ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
+  bregma::tests::expect_lost_output_is_said(folder_, std::string(kInsert) + "--depth 25");
   const auto json = run.json();
   EXPECT_EQ(json["trajectory"], "Biopsy");
   EXPECT_EQ(json["material"], "thesis");
@@ -176,6 +177,7 @@ TEST_F(TissueShift, TheBrainSinksWithItsTargetsAndLandmarks) {
     EXPECT_LT(point["displacement_mm"][1].get<double>(), -0.1) << "supine: things fall backwards";
     EXPECT_GT(point["displacement_mm"][1].get<double>(), -30.0);
   }
+  bregma::tests::expect_lost_output_is_said(folder_, "tissue shift egg --elements 10000 --fluid-drop 20");
   const std::string vtu = read_file(folder_.path() / "shift.vtu");
   EXPECT_NE(vtu.find("Name=\"displacement_mm\""), std::string::npos);
 }

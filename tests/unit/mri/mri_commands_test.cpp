@@ -230,6 +230,9 @@ TEST(MriField, AnAmbiguousPhantomGivesNoField) {
   EXPECT_EQ(run.exit_code, 1) << run.out << run.err;
   EXPECT_NE(run.out.find("ambiguous"), std::string::npos) << run.out;
   EXPECT_FALSE(std::filesystem::exists(folder / "field.nrrd"));
+  const auto json = run_bregma(folder, "mri field ct.csv mr.csv -o field.nrrd --any-orientation --json").json();
+  EXPECT_EQ(json["accepted"], false);
+  EXPECT_TRUE(json["output"].is_null() && json["residual"].is_null()) << json;
 }
 
 // An image of balls at known places, as a distorting scanner shows them.
@@ -259,6 +262,10 @@ TEST(MriCorrect, MovesTissueBackToItsPlace) {
   const auto run = run_bregma(folder, "mri correct field.nrrd image.nrrd -o out.nrrd --not-corrected --json");
   ASSERT_EQ(run.exit_code, 0) << run.out << run.err;
   EXPECT_GT(run.json()["max_shift_mm"].get<double>(), 1.0);
+  for (const char *command :
+       {"mri field ct.csv mr.csv", "mri correct field.nrrd image.nrrd -o again.nrrd --not-corrected"}) {
+    tests::expect_lost_output_is_said(folder, command);
+  }
   const auto corrected = casefile::read_volume(folder / "out.nrrd");
   ASSERT_TRUE(corrected) << corrected.error().message;
   const auto centre = [](const casefile::Volume &v, const Vector3d &near) {
@@ -292,6 +299,8 @@ TEST(MriCorrect, AnExpiredFieldIsRefused) {
   const auto run = run_bregma(folder, "mri correct field.nrrd image.nrrd -o out.nrrd --not-corrected");
   EXPECT_EQ(run.exit_code, 1);
   EXPECT_NE(run.err.find("expired on 2020-04-01"), std::string::npos) << run.err;
+  const auto json = run_bregma(folder, "mri correct field.nrrd image.nrrd -o out.nrrd --not-corrected --json").json();
+  EXPECT_TRUE(json["accepted"] == false && json["output"].is_null()) << json;
 }
 
 } // namespace
