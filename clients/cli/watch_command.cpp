@@ -99,13 +99,19 @@ public:
     if (live::silence_ns(snapshot, now.boot_ns).value_or(0) >= live::kDaemonSilent_ns) { // a restart is shorter
       return true;
     }
-    const bool idle = snapshot.health && snapshot.health->session == bregma_wire_SESSION_IDLE;
-    was_busy_ = was_busy_ || (snapshot.health && !idle);
-    return was_busy_ && idle;
+    if (!snapshot.health) {
+      return false;
+    }
+    // Degraded is also said without a case, as when the devices have ended with it.
+    const auto session = snapshot.health->session;
+    const bool open = *snapshot.health->case_folder != '\0' ||
+                      (session != bregma_wire_SESSION_IDLE && session != bregma_wire_SESSION_DEGRADED);
+    was_open_ = was_open_ || open;
+    return was_open_ && !open;
   }
 
 private:
-  bool was_busy_ = false;
+  bool was_open_ = false;
 };
 
 constexpr std::int64_t kUnchanged_ns = 10'000'000'000; // a line that has not changed is printed again after this time
