@@ -36,8 +36,15 @@ void SliceCorrector::remember(const OwnedSlice &slice) {
   if (slice.header.series != series_ || received_.size() != slice.header.count) {
     series_ = slice.header.series;
     received_.assign(slice.header.count, OwnedSlice());
+    missing_.assign(slice.header.count, 0.0);
   }
+  newest_ = static_cast<int>(slice.header.index) - 1;
   received_[slice.header.index - 1] = slice;
+}
+
+bool SliceCorrector::has(int index) const {
+  return index >= 0 && index < static_cast<int>(received_.size()) &&
+         !received_[static_cast<std::size_t>(index)].pixels.empty();
 }
 
 const mri::PlaneCorrection &SliceCorrector::plane(const mri::PlaneGeometry &geometry) {
@@ -70,17 +77,39 @@ base::Result<CorrectedPixels> SliceCorrector::correct(const OwnedSlice &slice, c
     table_ = field.table;
     planes_.clear();
   }
+  position_ = field.position;
   remember(slice);
-  const int k = static_cast<int>(header.index) - 1;
-  const auto has = [&](int i) {
-    return i >= 0 && i < static_cast<int>(received_.size()) && !received_[static_cast<std::size_t>(i)].pixels.empty();
-  };
-  int first = k, last = k;
-  while (k - first < kReach && has(first - 1)) {
-    --first;
+  const Window window = window_of(newest_);
+  missing_[static_cast<std::size_t>(newest_)] = window.missing_fraction;
+  return correct_at(newest_, window);
+}
+
+std::optional<CorrectedPixels> SliceCorrector::correct_again() {
+  const bool ended =
+      std::all_of(received_.begin(), received_.end(), [](const OwnedSlice &slice) { return !slice.pixels.empty(); });
+  const auto count = static_cast<int>(received_.size());
+  for (int k = std::max(0, newest_ - kReach); k <= std::min(count - 1, newest_ + kReach); ++k) {
+    double &before = missing_[static_cast<std::size_t>(k)];
+    if (k == newest_ || before <= kComplete) {
+      continue;
+    }
+    const Window window = window_of(k);
+    if (window.missing_fraction <= kComplete || (ended && window.missing_fraction < before - kComplete)) {
+      before = 0.0;
+      return correct_at(k, window);
+    }
   }
-  while (last - k < kReach && has(last + 1)) {
-    ++last;
+  return std::nullopt;
+}
+
+SliceCorrector::Window SliceCorrector::window_of(int k) {
+  const wire::ImageSlice &header = received_[static_cast<std::size_t>(k)].header;
+  Window out{k, k};
+  while (k - out.first < kReach && has(out.first - 1)) {
+    --out.first;
+  }
+  while (out.last - k < kReach && has(out.last + 1)) {
+    ++out.last;
   }
   const auto origin = [&](int i) {
     return Eigen::Vector3d::Map(received_[static_cast<std::size_t>(i)].header.T_scanner_slice.translation_mm);
@@ -88,28 +117,34 @@ base::Result<CorrectedPixels> SliceCorrector::correct(const OwnedSlice &slice, c
   const Eigen::Matrix3d axes = axes_of(header);
   const double thickness = header.thickness_mm > 0.0 ? header.thickness_mm : 1.0;
   Eigen::Vector3d step = thickness * axes.col(2);
-  if (last > first) {
-    step = (origin(last) - origin(first)) / (last - first);
+  if (out.last > out.first) {
+    step = (origin(out.last) - origin(out.first)) / (out.last - out.first);
   }
   Eigen::Matrix4d T_device_index = Eigen::Matrix4d::Identity();
   T_device_index.topLeftCorner<3, 3>() << axes.col(0) * header.spacing_mm[0], axes.col(1) * header.spacing_mm[1], step;
   T_device_index.topRightCorner<3, 1>() = origin(k);
-  const auto T_field_device = mri::T_image_patient() * mri::T_device_patient(field.position).inverse();
+  const auto T_field_device = mri::T_image_patient() * mri::T_device_patient(position_).inverse();
   mri::PlaneGeometry geometry;
   geometry.T_field_index = T_field_device.matrix() * T_device_index;
   geometry.columns = static_cast<int>(header.columns);
   geometry.rows = static_cast<int>(header.rows);
+  out.plane = &plane(geometry);
+  out.missing_fraction = out.plane->missing_fraction(out.last - out.first + 1, k - out.first);
+  return out;
+}
 
-  const mri::PlaneCorrection &correction = plane(geometry);
+CorrectedPixels SliceCorrector::correct_at(int k, const Window &window) {
+  const OwnedSlice &slice = received_[static_cast<std::size_t>(k)];
   std::vector<std::span<const std::uint16_t>> slices;
-  for (int i = first; i <= last; ++i) {
+  for (int i = window.first; i <= window.last; ++i) {
     slices.emplace_back(received_[static_cast<std::size_t>(i)].pixels);
   }
   CorrectedPixels out;
+  out.header = slice.header;
   out.pixels.resize(slice.pixels.size());
-  correction.apply<std::uint16_t>(slices, k - first, out.pixels);
-  out.summary = correction.summary();
-  out.missing_fraction = correction.missing_fraction(static_cast<int>(slices.size()), k - first);
+  window.plane->apply<std::uint16_t>(slices, k - window.first, out.pixels);
+  out.summary = window.plane->summary();
+  out.missing_fraction = window.missing_fraction;
   out.correction = out.missing_fraction > kComplete || slices.size() == 1 ? bregma_wire_CORRECTION_BREGMA_2D
                                                                           : bregma_wire_CORRECTION_BREGMA_3D;
   return out;

@@ -1,11 +1,13 @@
-// Corrects slices as they come, each with the neighbours of its series that have come before it (mri/correction.hpp).
-// The geometry of a plane is kept, so that the next slice of the same plane takes a millisecond.
+// Corrects slices as they come, each with the neighbours of its series that have come before it (mri/correction.hpp),
+// and once more when those have come that were missing. The geometry of a plane is kept, so that the next slice of the
+// same plane takes a millisecond.
 //
 // Units: mm, frame Device. One thread.
 #pragma once
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,6 +30,7 @@ struct OwnedSlice {
 };
 
 struct CorrectedPixels {
+  wire::ImageSlice header{}; // of the slice, without pixels
   std::vector<std::uint16_t> pixels;
   mri::CorrectionSummary summary;
   double missing_fraction = 0.0;
@@ -44,12 +47,24 @@ public:
   // Precondition: an accepted slice.
   [[nodiscard]] base::Result<CorrectedPixels> correct(const OwnedSlice &slice, const ScannerField &field);
 
+  // An earlier slice of the same series, corrected again: its neighbours are complete now, or the series has ended and
+  // fewer are missing than before. Each slice comes at most once. Call it after correct() until there is none.
+  [[nodiscard]] std::optional<CorrectedPixels> correct_again();
+
 private:
   struct Plane {
     mri::PlaneGeometry geometry;
     std::unique_ptr<mri::PlaneCorrection> correction;
   };
+  struct Window { // slices that are there around one, and its plane
+    int first = 0, last = 0;
+    const mri::PlaneCorrection *plane = nullptr;
+    double missing_fraction = 0.0;
+  };
   void remember(const OwnedSlice &slice);
+  [[nodiscard]] bool has(int index) const;
+  [[nodiscard]] Window window_of(int index);
+  [[nodiscard]] CorrectedPixels correct_at(int index, const Window &window);
   [[nodiscard]] const mri::PlaneCorrection &plane(const mri::PlaneGeometry &geometry);
 
   bool jacobian_;
@@ -57,6 +72,10 @@ private:
   std::vector<Plane> planes_;                    // used last comes last
   std::uint32_t series_ = 0;
   std::vector<OwnedSlice> received_; // of the series, by index; without pixels: not received
+  // Fraction that was missing when the slice was corrected; 0: complete, or not received, or corrected again.
+  std::vector<double> missing_;
+  int newest_ = 0;                                             // index of the last slice
+  mri::PatientPosition position_ = mri::PatientPosition::kHfs; // of the field
 };
 
 } // namespace bregma::server

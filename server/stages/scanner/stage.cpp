@@ -258,24 +258,31 @@ void ScannerStage::correct(const Moment &now) {
       refused_ns_ = now.utc_ns;
       continue;
     }
-    pixels_ = std::move(*corrected);
-    wire::CorrectedSlice out{};
-    copy_name(out.device, slice.header.device);
-    out.published_time_ns = now.utc_ns;
-    (void)wire::set_name(out.field, std::string_view(field.identity).substr(0, wire::kNameLength));
-    out.max_shift_mm = pixels_.summary.max_shift_mm;
-    out.extrapolated_fraction = pixels_.summary.extrapolated_fraction;
-    out.error_95_mm = pixels_.summary.error_95_mm;
-    out.missing_fraction = pixels_.missing_fraction;
-    out.slice = slice.header;
-    out.slice.correction = pixels_.correction;
-    out.slice.pixels._buffer = pixels_.pixels.data();
-    out.slice.pixels._length = out.slice.pixels._maximum = static_cast<std::uint32_t>(pixels_.pixels.size());
-    out.brightness_corrected = corrector_.corrects_brightness();
-    put_tip(out, now.utc_ns);
-    corrected_(out, now.utc_ns);
-    ++slices_corrected_;
+    publish_corrected(std::move(*corrected), field, now);
+    while (auto again = corrector_.correct_again()) {
+      publish_corrected(std::move(*again), field, now);
+    }
   }
+}
+
+void ScannerStage::publish_corrected(CorrectedPixels pixels, const ScannerField &field, const Moment &now) {
+  pixels_ = std::move(pixels);
+  wire::CorrectedSlice out{};
+  copy_name(out.device, pixels_.header.device);
+  out.published_time_ns = now.utc_ns;
+  (void)wire::set_name(out.field, std::string_view(field.identity).substr(0, wire::kNameLength));
+  out.max_shift_mm = pixels_.summary.max_shift_mm;
+  out.extrapolated_fraction = pixels_.summary.extrapolated_fraction;
+  out.error_95_mm = pixels_.summary.error_95_mm;
+  out.missing_fraction = pixels_.missing_fraction;
+  out.slice = pixels_.header;
+  out.slice.correction = pixels_.correction;
+  out.slice.pixels._buffer = pixels_.pixels.data();
+  out.slice.pixels._length = out.slice.pixels._maximum = static_cast<std::uint32_t>(pixels_.pixels.size());
+  out.brightness_corrected = corrector_.corrects_brightness();
+  put_tip(out, now.utc_ns);
+  corrected_(out, now.utc_ns);
+  ++slices_corrected_;
 }
 
 // The tip where it is now, in the plane of the slice.

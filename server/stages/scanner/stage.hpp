@@ -70,6 +70,7 @@ private:
   void take_slices(const Moment &now);
   void send_orders(const Moment &now);
   void correct(const Moment &now);
+  void publish_corrected(CorrectedPixels pixels, const ScannerField &field, const Moment &now);
   void put_tip(wire::CorrectedSlice &out, std::int64_t now_ns) const;
   void watch(const Moment &now);
   void publish(const Moment &now);

@@ -2,7 +2,9 @@
 // with a fake scanner, coil controller and registration frame.
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -129,6 +131,39 @@ TEST(ScannerProcedure, SwappedCablesNeverRegister) {
   EXPECT_NE(bench.state.verdict, bregma_wire_SCANNER_VERDICT_FOUND);
   EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
   EXPECT_FALSE(bench.stage->pose.load()->valid);
+}
+
+// The cables of t4 and b1 are exchanged: each lights up in the other's scan.
+TEST(ScannerProcedure, OneSwappedPairOfCablesIsReportedAndTheRestRegisters) {
+  ScannerBench bench;
+  bench.scanner.cables = {{"top", "t1+t2+t3+b1"}, {"bottom", "t4+b2+b3+b4"}};
+  bench.procedure();
+  ASSERT_EQ(bench.state.verdict, bregma_wire_SCANNER_VERDICT_FOUND) << bench.state.text;
+  EXPECT_LT(bench.target_error_mm(bench.state.T_base_scanner), 0.5);
+  const auto coil = [&](const std::string &name) {
+    for (std::uint32_t i = 0; i < bench.state.coil_count; ++i) {
+      if (wire::view(bench.state.coils[i].coil) == name) {
+        return bench.state.coils[i].outcome;
+      }
+    }
+    return bregma_wire_COIL_OUTCOME_UNKNOWN;
+  };
+  EXPECT_NE(coil("t4"), bregma_wire_COIL_USED);
+  EXPECT_NE(coil("b1"), bregma_wire_COIL_USED);
+  EXPECT_EQ(count_of(bench.state, bregma_wire_COIL_USED), 6);
+  EXPECT_FALSE(std::string(bench.state.reason).empty());
+}
+
+// The scan of the bottom shows the coils that verify: the top alone registers, and the rest is reported.
+TEST(ScannerProcedure, AScanOfOtherCoilsThanOrderedNeverRegistersWrongly) {
+  ScannerBench bench;
+  bench.scanner.cables = {{"bottom", "tree"}};
+  bench.procedure();
+  EXPECT_EQ(count_of(bench.state, bregma_wire_COIL_USED), 4);
+  EXPECT_EQ(count_of(bench.state, bregma_wire_COIL_NOT_SEEN), 4);
+  EXPECT_FALSE(std::string(bench.state.reason).empty());
+  EXPECT_LT(bench.target_error_mm(bench.state.T_base_scanner), bench.state.tre_95_mm);
+  EXPECT_LT(bench.state.tre_95_mm, 3.0);
 }
 
 TEST(ScannerProcedure, ASaturatedScanIsRefused) {
@@ -291,6 +326,30 @@ TEST(ScannerProcedure, TheMeasuredFieldCorrectsCoilsAndLaterSlices) {
   EXPECT_NEAR(slice.tip_direction[2], 1.0, 1e-9);
   EXPECT_EQ(bench.corrected_pixels.size(), 128U * 128U);
   EXPECT_EQ(bench.state.slices_corrected, 1U);
+
+  // Slices of a series are corrected as they come, and once more when their neighbours have come.
+  bench.corrected.clear();
+  bench.scanner.send_live("live", 24, bench.now.utc_ns);
+  for (int i = 0; i < 40; ++i) {
+    bench.step();
+  }
+  std::map<std::uint32_t, std::vector<wire::CorrectedSlice>> of_index;
+  for (const wire::CorrectedSlice &one : bench.corrected) {
+    of_index[one.slice.index].push_back(one);
+  }
+  EXPECT_EQ(of_index.size(), 24U);
+  EXPECT_EQ(bench.state.slices_corrected, 1U + bench.corrected.size());
+  int again = 0;
+  for (const auto &[index, published] : of_index) {
+    ASSERT_LE(published.size(), 2U) << index;
+    again += published.size() == 2 ? 1 : 0;
+    EXPECT_LE(published.back().missing_fraction, published.front().missing_fraction) << index;
+  }
+  EXPECT_GE(again, 12);
+  EXPECT_GT(of_index[12].front().missing_fraction, 0.01);
+  EXPECT_EQ(of_index[12].front().slice.correction, bregma_wire_CORRECTION_BREGMA_2D);
+  EXPECT_EQ(of_index[12].back().slice.correction, bregma_wire_CORRECTION_BREGMA_3D);
+  bench.corrected.resize(1);
 
   bench.scanner.change = [](wire::ImageSlice &one) { one.correction = bregma_wire_CORRECTION_VENDOR_2D; };
   bench.scanner.send_live("live", 1, bench.now.utc_ns);
