@@ -21,6 +21,7 @@
 
 #include "casefile/session_file/session_file.hpp"
 #include "clients/cli/commands.hpp"
+#include "clients/cli/mri/scanner_view.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/wire_labels.hpp"
 #include "idl/commands.hpp"
@@ -132,11 +133,28 @@ Written write_poses(const casefile::SessionReader &reader, const fs::path &file)
       .and_then([&](std::size_t) { return csv.close(); });
 }
 
+Written write_robot_tools(const casefile::SessionReader &reader, const fs::path &file) {
+  CsvFile csv(file, "time_ns,utc,arm,tool,frame,status,age_ms,base_x_mm,base_y_mm,base_z_mm,base_qw,base_qx,base_qy,"
+                    "base_qz,scanner_status,scanner,x_mm,y_mm,z_mm,qw,qx,qy,qz,error_95_mm");
+  return reader
+      .each<wire::RobotTool>([&](const wire::RobotTool &tool, std::int64_t) {
+        csv.time(tool.published_time_ns).text(wire::view(tool.device)).text(wire::view(tool.tool)).count(tool.frame);
+        csv.text(pose_label(tool.status));
+        csv.number(tool.acquired_time_ns > 0 ? static_cast<double>(tool.age_ns) * 1e-6 : wire::kUnknown);
+        csv.numbers(tool.T_base_tip.translation_mm).numbers(tool.T_base_tip.rotation_wxyz);
+        csv.text(pose_label(tool.scanner_status)).text(wire::view(tool.scanner));
+        csv.numbers(tool.T_scanner_tip.translation_mm).numbers(tool.T_scanner_tip.rotation_wxyz);
+        csv.number(tool.scanner_error_95_mm).end_row();
+      })
+      .and_then([&](std::size_t) { return csv.close(); });
+}
+
 // Changes only: the topics repeat their states.
 Written write_states(const casefile::SessionReader &reader, const fs::path &file) {
   CsvFile csv(file, "time_ns,utc,of,state,fiducials,surface_points,fre_mm,text");
   std::string session;
   std::string registration;
+  std::string scanner;
   return reader
       .each<wire::SystemHealth>([&](const wire::SystemHealth &health, std::int64_t time_ns) {
         if (const std::string state(session_label(health.session)); state != session) {
@@ -153,6 +171,21 @@ Written write_states(const casefile::SessionReader &reader, const fs::path &file
             registration = key;
             csv.time(time_ns).text("registration").text(label).count(state.fiducial_count).count(state.surface_count);
             csv.number(state.fre_mm).text(content(state.text)).end_row();
+          }
+        });
+      })
+      .and_then([&](std::size_t) {
+        return reader.each<wire::ScannerRegistration>([&](const wire::ScannerRegistration &state,
+                                                          std::int64_t time_ns) {
+          std::string label =
+              std::string(scanner_step_label(state.step)) + ": " + std::string(scanner_activity_label(state.activity));
+          if (state.validity > bregma_wire_SCANNER_VALIDITY_NONE) {
+            label += ", registration " + std::string(scanner_validity_label(state.validity));
+          }
+          if (const std::string key = label + std::to_string(state.revision); key != scanner) {
+            scanner = key;
+            csv.time(time_ns).text("scanner").text(label).text("").text("").number(state.fre_mm);
+            csv.text(content(state.text)).end_row();
           }
         });
       })
@@ -207,8 +240,10 @@ struct ExportFile {
   const char *name;
   Written (*write)(const casefile::SessionReader &, const fs::path &);
 };
-constexpr std::array<ExportFile, 3> kExportFiles{
-    {{"poses.csv", write_poses}, {"states.csv", write_states}, {"events.csv", write_events}}};
+constexpr std::array<ExportFile, 4> kExportFiles{{{"poses.csv", write_poses},
+                                                  {"states.csv", write_states},
+                                                  {"events.csv", write_events},
+                                                  {"robot_tools.csv", write_robot_tools}}};
 
 int run_export(const ExportOptions &options, const Context &context) {
   const std::vector<fs::path> files(options.sessions.begin(), options.sessions.end());
@@ -249,7 +284,8 @@ int run_export(const ExportOptions &options, const Context &context) {
 
 void add_export_command(CLI::App &app, Context &context) {
   auto options = std::make_shared<ExportOptions>();
-  auto *command = app.add_subcommand("export", "Writes a recorded session as CSV: poses, states and events");
+  auto *command =
+      app.add_subcommand("export", "Writes a recorded session as CSV: poses, states, events and tools of robots");
   command
       ->add_option("session", options->sessions,
                    "Session file (.db); all files of one operation if the daemon was restarted in it")

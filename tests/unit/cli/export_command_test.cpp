@@ -27,6 +27,24 @@ protected:
     ASSERT_TRUE(wire::set_name(alarm.kind, "drift"));
     alarm.state = bregma_wire_ALARM_RAISED;
     alarm.severity = bregma_wire_SEVERITY_CRITICAL;
+    wire::ScannerRegistration scanner{};
+    scanner.step = bregma_wire_SCANNER_STEP_DONE;
+    scanner.activity = bregma_wire_SCANNER_WAITS;
+    scanner.validity = bregma_wire_SCANNER_VALID;
+    scanner.fre_mm = 0.31;
+    wire::set_text(scanner.text, "the robot is registered to the scanner");
+    for (int i = 0; i < 3; ++i) {
+      test::put(*writer, test::kStart_ns + i, scanner);
+    }
+    wire::RobotTool tool{};
+    ASSERT_TRUE(wire::set_name(tool.device, "Robot"));
+    ASSERT_TRUE(wire::set_name(tool.tool, "Guide"));
+    tool.status = bregma_wire_POSE_LIVE;
+    tool.T_base_tip = {{1, 0, 0, 0}, {0, 580, 260}};
+    tool.scanner_status = bregma_wire_POSE_NOT_REGISTERED;
+    tool.T_scanner_tip = wire::unknown_pose();
+    tool.scanner_error_95_mm = wire::kUnknown;
+    test::put(*writer, test::kStart_ns, tool);
     wire::set_text(alarm.text, "moved by 2 mm, \"Reference\"");
     test::put(*writer, test::kStart_ns + 1'234'567'000, alarm);
   }
@@ -82,8 +100,19 @@ TEST_F(ExportCommand, TextsAreQuotedAndTimesAreUtc) {
 TEST_F(ExportCommand, StatesAreChangesOnly) {
   ASSERT_EQ(run().code, cli::kOk);
   const auto states = lines("states.csv");
-  ASSERT_EQ(states.size(), 2U);
+  ASSERT_EQ(states.size(), 3U);
   EXPECT_NE(states[1].find(",registration,accepted,8,300,0.61,"), std::string::npos) << states[1];
+  EXPECT_NE(states[2].find(",scanner,\"done: waits for you, registration valid\",,,0.31,the robot is registered"),
+            std::string::npos)
+      << states[2];
+}
+
+TEST_F(ExportCommand, ToolsOfRobotsHaveARowEachAndNoUnknownPose) {
+  ASSERT_EQ(run().code, cli::kOk);
+  const auto tools = lines("robot_tools.csv");
+  ASSERT_EQ(tools.size(), 2U);
+  EXPECT_NE(tools[1].find(",Robot,Guide,0,live,,0,580,260,1,0,0,0,not registered,,,,,,,,,"), std::string::npos)
+      << tools[1];
 }
 
 TEST_F(ExportCommand, ExistingFilesAreNeverReplaced) {

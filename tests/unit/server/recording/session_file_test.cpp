@@ -115,6 +115,49 @@ TEST(SessionFile, ReturnsEveryByteInTheOrderOfRecording) {
   EXPECT_EQ(missing.error().message, file.string() + ": has no attachment brain.ply");
 }
 
+// What the scanner's stage and the robot's tool publish can be replayed: coils, texts and unknown values included.
+TEST(SessionFile, ReturnsTheScannersRegistrationAndTheRobotsTool) {
+  const test::TemporaryFolder folder;
+  wire::ScannerRegistration registration{};
+  registration.step = bregma_wire_SCANNER_STEP_ACCEPT;
+  registration.verdict = bregma_wire_SCANNER_VERDICT_FOUND;
+  registration.coil_count = bregma_wire_MAX_COILS;
+  wire::set_text(registration.text, "the robot is found and verified");
+  registration.coils[bregma_wire_MAX_COILS - 1].outcome = bregma_wire_COIL_VERIFIES;
+  registration.coils[bregma_wire_MAX_COILS - 1].scanner_mm[2] = -17.25;
+  registration.accepted_T_base_scanner = wire::unknown_pose();
+  wire::RobotTool tool{};
+  tool.scanner_status = bregma_wire_POSE_LIVE;
+  tool.T_scanner_tip = {{1, 0, 0, 0}, {1, 2, 3}};
+  tool.scanner_covariance[35] = 0.25;
+  {
+    auto writer = create(folder / "a.session");
+    for (std::int64_t i = 0; i < 3; ++i) {
+      registration.revision = static_cast<std::uint32_t>(i);
+      tool.frame = static_cast<std::uint64_t>(i);
+      EXPECT_TRUE(writer.write(100 + i, registration));
+      EXPECT_TRUE(writer.write(200 + i, tool));
+    }
+  }
+  const auto reader = open(folder / "a.session");
+  std::int64_t next = 0;
+  const auto states =
+      reader.each<wire::ScannerRegistration>([&](const wire::ScannerRegistration &read, std::int64_t at) {
+        registration.revision = static_cast<std::uint32_t>(next);
+        // Bytes are what is recorded. NOLINTNEXTLINE(bugprone-suspicious-memory-comparison)
+        EXPECT_EQ(std::memcmp(&read, &registration, sizeof read), 0);
+        EXPECT_EQ(at, 100 + next++);
+      });
+  EXPECT_EQ(states.value(), 3U);
+  next = 0;
+  const auto tools = reader.each<wire::RobotTool>([&](const wire::RobotTool &read, std::int64_t at) {
+    tool.frame = static_cast<std::uint64_t>(next);
+    EXPECT_EQ(std::memcmp(&read, &tool, sizeof read), 0); // NOLINT(bugprone-suspicious-memory-comparison)
+    EXPECT_EQ(at, 200 + next++);
+  });
+  EXPECT_EQ(tools.value(), 3U);
+}
+
 TEST(SessionFile, ConsistsOfOneFileAfterItsWriterHasFinished) {
   const test::TemporaryFolder folder;
   const auto file = folder / "a.session";
