@@ -5,6 +5,9 @@
 #include <limits>
 #include <vector>
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+
 namespace bregma::mri {
 
 namespace {
@@ -114,6 +117,50 @@ std::optional<Vector3d> SeparatedField::to_true(const Vector3d &imaged_mm, const
     }
   }
   return std::nullopt;
+}
+
+std::vector<ScanPlacement> relative_placements(const Points3 &true_mm, std::span<const PhantomScan> scans) {
+  constexpr Index kMinShown = 12;
+  std::vector<ScanPlacement> out(scans.size());
+  Eigen::Matrix3d moved = Eigen::Matrix3d::Zero(); // by B0
+  for (const PhantomScan &scan : scans) {
+    moved += scan.mm_per_Hz * scan.mm_per_Hz.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(moved);
+  Eigen::Matrix3d P = Eigen::Matrix3d::Zero(); // onto the directions that B0 does not move along
+  for (Index d = 0; d < 3; ++d) {
+    if (axes.eigenvalues()[d] < kMinDifference * kMinDifference * axes.eigenvalues()[2]) {
+      P += axes.eigenvectors().col(d) * axes.eigenvectors().col(d).transpose();
+    }
+  }
+  for (std::size_t s = 1; s < scans.size(); ++s) {
+    std::vector<Index> both;
+    for (Index i = 0; i < true_mm.cols(); ++i) {
+      if (shows(scans[0], i) && shows(scans[s], i)) {
+        both.push_back(i);
+      }
+    }
+    const auto n = static_cast<Index>(both.size());
+    if (n < kMinShown || P.isZero()) {
+      continue;
+    }
+    Eigen::MatrixX4d A(n, 4);
+    Eigen::MatrixX3d b(n, 3);
+    for (Index row = 0; row < n; ++row) {
+      const Index i = both[static_cast<std::size_t>(row)];
+      A.row(row) << 1.0, true_mm.col(i).transpose();
+      b.row(row) = (P * (scans[s].imaged_mm.col(i) - scans[0].imaged_mm.col(i))).transpose();
+    }
+    const Eigen::Matrix<double, 4, 3> x = A.colPivHouseholderQr().solve(b);
+    out[s].shift_mm = x.row(0).transpose();
+    out[s].slope = x.bottomRows<3>().transpose();
+  }
+  return out;
+}
+
+PhantomScan without(const ScanPlacement &placement, const Points3 &true_mm, PhantomScan scan) {
+  scan.imaged_mm -= (placement.slope * true_mm).colwise() + placement.shift_mm;
+  return scan;
 }
 
 tl::expected<SeparatedField, std::string> separate_fields(const Points3 &true_mm, std::span<const PhantomScan> scans,

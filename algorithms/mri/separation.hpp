@@ -16,6 +16,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include <Eigen/Core>
 #include <tl/expected.hpp>
@@ -36,6 +37,19 @@ struct PhantomScan {
   geometry::Points3 imaged_mm; // a column per control point; NaN where the scan does not show it
   Eigen::Vector3d mm_per_Hz = Eigen::Vector3d::Zero(); // d_s
 };
+
+// How a scan lies against the first one in what B0 cannot do: along the directions perpendicular to every d_s the scans
+// differ by the position of the table, and by steps between slices that are not as stated.
+struct ScanPlacement {
+  Eigen::Vector3d shift_mm = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d slope = Eigen::Matrix3d::Zero(); // imaged_s - imaged_0 = shift + slope true
+};
+// One per scan, that of the first is zero; by least squares over the points that both show. Zero as well where d_s has
+// all directions, or fewer than 12 points are shown by both.
+[[nodiscard]] std::vector<ScanPlacement> relative_placements(const geometry::Points3 &true_mm,
+                                                             std::span<const PhantomScan> scans);
+// The scan as it would be without it.
+[[nodiscard]] PhantomScan without(const ScanPlacement &placement, const geometry::Points3 &true_mm, PhantomScan scan);
 
 struct SeparationOptions {
   int max_iterations = 300;

@@ -194,6 +194,8 @@ void add_mri_field(CLI::App &mri, Context &context) {
       ->check(CLI::Range(0.05, 100.0));
   command->add_option("--pulse-Hz", arguments->scans.pulse_Hz, "With --slice-shift: bandwidth of the slice's pulse")
       ->check(CLI::Range(10.0, 100000.0));
+  command->add_flag("--own-placement", arguments->scans.own_placement,
+                    "Several scans: each may lie and step otherwise than the first, perpendicular to the read-outs");
   command->add_option("-o,--output", arguments->output, "Distortion field (.nrrd), read by ITK and Slicer");
   command->add_option("--scanner", arguments->scanner,
                       "Scanner, as its DICOM headers name it: the field is for no other");

@@ -173,6 +173,19 @@ base::Result<FieldOfScans> field_of_scans(const Points3 &ct, const std::vector<P
   if (!real) {
     return base::failure("fewer than three control points are shown by all scans");
   }
+  nlohmann::json placements = nlohmann::json::array();
+  if (protocols.own_placement) {
+    const auto relative = mri::relative_placements(*real, matched);
+    for (std::size_t s = 1; s < matched.size(); ++s) {
+      matched[s] = mri::without(relative[s], *real, std::move(matched[s]));
+      const Vector3d scale = relative[s].slope.diagonal() + Vector3d::Ones();
+      text += names[s] + " against " + names[0] + ", perpendicular to the read-outs: shift " +
+              vector_text(relative[s].shift_mm, 2) + " mm, scale " + vector_text(scale, 4) + "; taken out\n";
+      placements.push_back({{"scan", names[s]},
+                            {"shift_mm", json_vector(relative[s].shift_mm)},
+                            {"slope", json_matrix(relative[s].slope)}});
+    }
+  }
   auto field = mri::separate_fields(*real, matched);
   if (!field) {
     return base::failure(field.error());
@@ -215,6 +228,7 @@ base::Result<FieldOfScans> field_of_scans(const Points3 &ct, const std::vector<P
           "B0 on the phantom: " + fixed(rms, 1, "Hz") + " RMS, " + fixed(b0.minCoeff(), 0) + " to " +
           fixed(b0.maxCoeff(), 0, "Hz") + "; separated in " + std::to_string(field->iterations) + " iterations\n";
   nlohmann::json figures = {{"scans", rows},
+                            {"placements", placements},
                             {"iterations", field->iterations},
                             {"b0_rms_Hz", json_number(rms)},
                             {"b0_min_Hz", json_number(b0.minCoeff())},

@@ -18,6 +18,7 @@ struct ScanProtocols {
   std::vector<std::string> slices;    // the same along the normal of the slices; empty: not shifted
   double pixel_mm = 0.0, bandwidth_Hz = 0.0;
   double thickness_mm = 0.0, pulse_Hz = 0.0;
+  bool own_placement = false; // the scans may differ perpendicular to the read-outs: taken out, and stated
 };
 
 struct FieldOfScans {

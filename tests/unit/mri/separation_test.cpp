@@ -85,6 +85,33 @@ TEST(Separation, ThreeOrientationsAreIteratedAndPredictAProtocolThatWasNotScanne
   EXPECT_LT(summarise(residuals(*field, points, other)).overall.mean_mm, 0.15);
 }
 
+// A second scan whose slices are 1 % farther apart than stated, on a table that lies 0.6 mm off.
+TEST(Separation, WhatB0CannotDoBetweenTwoScansIsTakenOutWhereItIsAskedFor) {
+  const Points3 points = test::lattice(7, 24.0);
+  const Vector3d d = b0_movement(Vector3d::UnitX(), 1.0, 26.0);
+  std::vector<PhantomScan> scans{scan_of(points, d, 1), scan_of(points, -d, 2)};
+  scans[1].imaged_mm.row(2) += 0.01 * points.row(2);
+  scans[1].imaged_mm.row(1).array() += 0.6;
+  const auto relative = relative_placements(points, scans);
+  ASSERT_EQ(relative.size(), 2U);
+  EXPECT_TRUE(relative[0].shift_mm.isZero() && relative[0].slope.isZero());
+  EXPECT_NEAR(relative[1].slope(2, 2), 0.01, 0.001);
+  EXPECT_NEAR(relative[1].shift_mm.y(), 0.6, 0.05);
+  EXPECT_NEAR(relative[1].shift_mm.x(), 0.0, 1e-9) << "along the read-out B0 may do anything";
+  const auto mean_residual = [&](const std::vector<PhantomScan> &of) {
+    const auto field = separate_fields(points, of);
+    return field ? summarise(residuals(*field, points, of[1])).overall.mean_mm : 99.0;
+  };
+  const double before = mean_residual(scans);
+  scans[1] = without(relative[1], points, scans[1]);
+  EXPECT_LT(mean_residual(scans), 0.3 * before);
+  // With d_s in all directions nothing can be told apart.
+  const std::vector<PhantomScan> three{scan_of(points, Vector3d::UnitX() / 26.0, 1),
+                                       scan_of(points, Vector3d::UnitY() / 26.0, 2),
+                                       scan_of(points, Vector3d::UnitZ() / 26.0, 3)};
+  EXPECT_TRUE(relative_placements(points, three)[2].slope.isZero());
+}
+
 TEST(Separation, ScansThatB0MovesAlikeAreRefused) {
   const Points3 points = test::lattice(4, 24.0);
   const Vector3d d = b0_movement(Vector3d::UnitX(), 1.0, 260.0);
