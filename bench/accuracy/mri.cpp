@@ -10,7 +10,8 @@ int main(int argc, char **argv) {
   using namespace bregma;
   bench::MriBenchOptions options;
   CLI::App app("Accuracy and speed of distortion fields and of the registration of a robot to an MR scanner");
-  bench::add_options(app, options, {"distortion", "tables", "coverage", "pillars", "quality", "faults", "time"});
+  bench::add_options(app, options,
+                     {"distortion", "field", "tables", "coverage", "pillars", "quality", "polarity", "faults", "time"});
   app.add_option("--seeds", options.seeds, "Runs of each part; 0: as many as the part has by itself")
       ->check(CLI::Range(0, 100000))
       ->capture_default_str();
@@ -19,13 +20,9 @@ int main(int argc, char **argv) {
       ->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   constexpr std::pair<const char *, void (*)(bench::Report &, const bench::MriBenchOptions &)> kParts[] = {
-      {"distortion", bench::distortion_figures},
-      {"tables", bench::robot_tables},
-      {"coverage", bench::robot_coverage},
-      {"pillars", bench::robot_pillars},
-      {"quality", bench::robot_quality},
-      {"faults", bench::robot_faults},
-      {"time", bench::robot_time},
+      {"distortion", bench::distortion_figures}, {"field", bench::field_from_images}, {"tables", bench::robot_tables},
+      {"coverage", bench::robot_coverage},       {"pillars", bench::robot_pillars},   {"quality", bench::robot_quality},
+      {"polarity", bench::robot_polarity},       {"faults", bench::robot_faults},     {"time", bench::robot_time},
   };
   bench::Report report(options.json);
   try {

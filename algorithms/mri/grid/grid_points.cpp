@@ -278,6 +278,7 @@ tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, cons
     return too_few(best.points.size());
   }
   out.planes = best.planes;
+  out.chain_mm = as_points(best.points);
   const Matrix3d axes = bar_axes(as_points(best.points), image, options.cell_mm);
   const Sampler sampler(image);
   std::vector<Refined> kept;

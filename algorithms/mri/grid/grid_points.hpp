@@ -38,6 +38,7 @@ struct GridPoints {
   int planes = 0;                // groups of slices
   int merged = 0;                // points that were doubled
   int completed = 0;             // points that only the lattice showed: corners, crossings of broken bars
+  geometry::Points3 chain_mm;    // what the paper's chain alone finds: without sub-voxel search and lattice
   geometry::Points3 left_out_mm; // without neighbours in the lattice, or without bars
 };
 

@@ -103,7 +103,13 @@ void skeletonise(cv::Mat &image) {
 } // namespace
 
 std::vector<Eigen::Vector2d> slice_crossings(const std::vector<float> &values, int columns, int rows,
-                                             const Eigen::Vector2d &pixel_mm, const SliceOptions &options) {
+                                             const Eigen::Vector2d &pixel_mm, const SliceOptions &options,
+                                             std::vector<CrossingStage> *stages) {
+  const auto show = [stages](const char *name, const cv::Mat &image) {
+    if (stages != nullptr) {
+      stages->push_back({name, image.cols, image.rows, {image.begin<unsigned char>(), image.end<unsigned char>()}});
+    }
+  };
   const cv::Mat slice(rows, columns, CV_32F, const_cast<float *>(values.data())); // NOLINT: read only
   double low = 0.0, high = 0.0;
   cv::minMaxLoc(slice, &low, &high);
@@ -114,15 +120,20 @@ std::vector<Eigen::Vector2d> slice_crossings(const std::vector<float> &values, i
   slice.convertTo(bytes, CV_8U, 255.0 / (high - low), -255.0 * low / (high - low));
   const double scale_x = pixel_mm.x() / kSample_mm, scale_y = pixel_mm.y() / kSample_mm;
   cv::resize(bytes, enlarged, {}, scale_x, scale_y, cv::INTER_CUBIC);
+  show("original", enlarged);
   cv::GaussianBlur(enlarged, enlarged, {}, kBlur_mm / kSample_mm);
   cv::adaptiveThreshold(enlarged, binary, 255, cv::ADAPTIVE_THRESH_MEAN_C,
                         options.bright ? cv::THRESH_BINARY : cv::THRESH_BINARY_INV, odd(options.cell_mm / kSample_mm),
                         (options.bright ? -1.0 : 1.0) * kThresholdShare * 255.0);
+  show("binary", binary);
   cv::morphologyEx(binary, binary, cv::MORPH_CLOSE, disc(0.6 * options.bar_mm / kSample_mm));
+  show("closed", binary);
   cv::dilate(binary, binary, disc(0.5 * options.bar_mm / kSample_mm));
   remove_spots(binary, kMinArea * options.bar_mm * options.cell_mm / (kSample_mm * kSample_mm));
+  show("dilated, spots removed", binary);
   const cv::Mat bars = binary.clone();
   skeletonise(binary);
+  show("skeleton", binary);
   cv::Mat branches = cv::Mat::zeros(binary.size(), CV_8U);
   for (int y = 1; y + 1 < binary.rows; ++y) {
     for (int x = 1; x + 1 < binary.cols; ++x) {
@@ -131,7 +142,9 @@ std::vector<Eigen::Vector2d> slice_crossings(const std::vector<float> &values, i
       }
     }
   }
+  show("branch points", branches);
   cv::dilate(branches, branches, disc(2.0 * options.bar_mm / kSample_mm));
+  show("branch points dilated", branches);
   cv::Mat labels, statistics, centroids;
   const int count = cv::connectedComponentsWithStats(branches, labels, statistics, centroids);
   std::vector<Eigen::Vector2d> out;
