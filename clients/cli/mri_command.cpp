@@ -3,6 +3,7 @@
 
 #include "clients/cli/commands.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
+#include "clients/cli/mri/report/report_command.hpp"
 
 namespace bregma::cli {
 
@@ -14,6 +15,8 @@ void add_mri_command(CLI::App &app, Context &context) {
   add_mri_correct(*mri, context);
   add_mri_register(*mri, context);
   add_mri_step(*mri, context);
+  add_mri_acquire(*mri, context);
+  add_mri_report(*mri, context);
 }
 
 } // namespace bregma::cli

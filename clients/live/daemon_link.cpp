@@ -198,7 +198,7 @@ std::size_t DaemonLink::take_replies() {
     const auto participant = replies.participant_of(info.writer);
     const bool others =
         participant && daemons_.followed_participant() && participant != daemons_.followed_participant();
-    if (wire::view(reply.client) == client_ && !others) {
+    if (wire::view(reply.client) == client_ && (!others || to_devices_.contains(reply.id))) {
       arrived_replies_[reply.id] = reply;
     }
   });
@@ -358,6 +358,14 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
   (void)wire::set_name(command.client, client_); // it was made to fit
   command.id = next_id_++;
   command.sent_time_ns = Now::read().utc_ns;
+  if (*command.receiver != '\0') {
+    to_devices_.insert(command.id);
+    // Its driver, beside the daemon. One that does not come cannot be told from one that does not answer.
+    const auto enough = Clock::now() + presence_wait_;
+    while (control_->commands.matched_readers() < 2 && Clock::now() < enough) {
+      (void)update(20ms);
+    }
+  }
   if (!control_->commands.write(command)) {
     return failure("the command could not be sent on domain " + std::to_string(domain_));
   }

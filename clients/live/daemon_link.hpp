@@ -9,6 +9,7 @@
 #include <initializer_list>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 
@@ -36,7 +37,7 @@ public:
   [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout);
 
   // Waits for the daemon if necessary, sends, and waits for the reply to this command. A refusal is a reply (see result
-  // and text), not an error. Precondition: the role is kCommands.
+  // and text), not an error. A command with a receiver is answered by that device. Precondition: the role is kCommands.
   [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command,
                                                       Duration timeout = std::chrono::seconds(5));
 
@@ -116,6 +117,7 @@ private:
   std::map<std::string, Received<wire::DriverHealth>> driver_health_;
   std::map<std::string, Received<wire::TrackerFrame>> trackers_;
   std::map<std::uint64_t, wire::CommandReply> arrived_replies_;
+  std::set<std::uint64_t> to_devices_; // ids of commands that a device answers
 };
 
 // A command of the table (idl/commands.hpp) from its values. An invalid value is an error that names it.

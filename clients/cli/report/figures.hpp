@@ -25,6 +25,4 @@ namespace bregma::cli::report {
 // Four views of the head with the traced points coloured by residual.
 [[nodiscard]] base::Result<std::string> head_figure(const SessionAnalysis &session);
 
-[[nodiscard]] std::string base64(const std::vector<std::uint8_t> &bytes);
-
 } // namespace bregma::cli::report

@@ -6,6 +6,7 @@
 #include "base/plots.hpp"
 #include "casefile/volumes/render.hpp"
 #include "clients/cli/report/figures.hpp"
+#include "clients/cli/report/page_parts.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 
 namespace bregma::cli::report {
@@ -43,23 +44,6 @@ struct View {
 
 } // namespace
 
-std::string base64(const std::vector<std::uint8_t> &bytes) {
-  static constexpr char kAlphabet[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t left = std::min<std::size_t>(3, bytes.size() - i);
-    std::uint32_t group = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      group = (group << 8U) | (k < left ? bytes[i + k] : 0U);
-    }
-    for (std::size_t k = 0; k < 4; ++k) {
-      out += k <= left ? kAlphabet[(group >> (18U - 6U * k)) & 63U] : '=';
-    }
-  }
-  return out;
-}
-
 base::Result<std::string> head_figure(const SessionAnalysis &session) {
   if (session.scalp.triangles.empty() || session.trace.empty()) {
     return std::string();
@@ -86,12 +70,11 @@ base::Result<std::string> head_figure(const SessionAnalysis &session) {
   for (const auto &view : views) {
     scene.camera.towards_eye = view.towards_eye;
     scene.camera.up = view.up;
-    const auto png = casefile::encode_png(casefile::render(scene));
-    if (!png) {
-      return tl::unexpected(png.error());
+    const auto picture = picture_cell(casefile::render(scene), std::string("The head ") + view.name, view.name);
+    if (!picture) {
+      return tl::unexpected(picture.error());
     }
-    out += "<div><img alt='The head " + base::escape(view.name) + "' src='data:image/png;base64," + base64(*png) +
-           "'><p>" + base::escape(view.name) + "</p></div>";
+    out += *picture;
   }
   std::vector<std::string> stops;
   stops.reserve(std::size(kStops));

@@ -7,53 +7,11 @@
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/report/figures.hpp"
-#include "clients/cli/report/page_style.hpp"
+#include "clients/cli/report/page_parts.hpp"
 #include "clients/cli/report/summary.hpp"
 
 namespace bregma::cli::report {
 namespace {
-
-// Cells are escaped only here. A column whose heading begins with '#' contains figures and is right-aligned.
-class HtmlTable {
-public:
-  explicit HtmlTable(const std::vector<std::string> &headings) {
-    out_ = "<div class='scroll'><table><thead><tr>";
-    for (const auto &heading : headings) {
-      figures_.push_back(heading.starts_with('#'));
-      out_ += std::string(figures_.back() ? "<th class='n'>" : "<th>") +
-              base::escape(heading.substr(figures_.back() ? 1 : 0)) + "</th>";
-    }
-    out_ += "</tr></thead><tbody>";
-  }
-  // verdict: sets the colour of the last cell.
-  void row(const std::vector<std::string> &cells, const char *verdict = "") {
-    any_ = true;
-    out_ += "<tr>";
-    for (std::size_t i = 0; i < cells.size(); ++i) {
-      const std::string kind = std::string(figures_[i] ? "n " : "") + (i + 1 == cells.size() ? verdict : "");
-      out_ += "<td class='" + kind + "'>" + base::escape(cells[i]) + "</td>";
-    }
-    out_ += "</tr>";
-  }
-  [[nodiscard]] bool any() const { return any_; }
-  [[nodiscard]] std::string text() const { return out_ + "</tbody></table></div>"; }
-
-private:
-  std::vector<bool> figures_;
-  std::string out_;
-  bool any_ = false;
-};
-
-std::string section(std::string_view heading, const std::string &content, std::string_view kind = {}) {
-  return content.empty() ? std::string()
-                         : "<section class='" + std::string(kind) + "'><h2>" + base::escape(heading) + "</h2>" +
-                               content + "</section>";
-}
-
-std::string card(std::string_view name, const std::string &value, std::string_view remark) {
-  return "<div class='card'><span>" + base::escape(name) + "</span><b>" + base::escape(value) + "</b><small>" +
-         base::escape(remark) + "</small></div>";
-}
 
 std::string date_text(std::int64_t time_ns) {
   const std::time_t seconds = static_cast<std::time_t>(time_ns / 1'000'000'000);
@@ -273,10 +231,6 @@ std::string meta_table(const SessionAnalysis &session) {
   return table.any() ? table.text() : std::string();
 }
 
-std::string pair(const std::string &left, const std::string &right) {
-  return left.empty() && right.empty() ? std::string() : "<div class='pair'>" + left + right + "</div>";
-}
-
 std::string path_table(const SessionAnalysis &session) {
   if (session.path.empty()) {
     return {};
@@ -306,10 +260,6 @@ std::string pivots_table(const SessionAnalysis &session) {
   return table.any() ? table.text() : std::string("<p>No tool was calibrated in this session.</p>");
 }
 
-std::string columns(const std::string &left, const std::string &right) {
-  return left.empty() && right.empty() ? std::string() : "<div class='columns'>" + left + right + "</div>";
-}
-
 } // namespace
 
 base::Result<std::string> html_report(const SessionAnalysis &session, const std::vector<Judgement> &judgements) {
@@ -321,10 +271,7 @@ base::Result<std::string> html_report(const SessionAnalysis &session, const std:
   if (!path_on_head) {
     return tl::unexpected(path_on_head.error());
   }
-  std::string out = "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
-                    "<meta name='viewport' content='width=device-width,initial-scale=1'><title>Navigation report: " +
-                    base::escape(case_of(session)) + "</title><style>" + kPageStyle + "</style></head><body><main>";
-  out += page_header(session, judgements) + key_figures(session);
+  std::string out = page_header(session, judgements) + key_figures(session);
   if (session.record_dropped > 0) {
     out += section("The recording is incomplete", "<p>" + std::to_string(session.record_dropped) +
                                                       " records were dropped; the figures are incomplete.</p>");
@@ -357,9 +304,9 @@ base::Result<std::string> html_report(const SessionAnalysis &session, const std:
   out += section("Devices", devices_tables(session));
   out += section("Alarms", alarms_table(session), "long");
   out += section("About this recording", meta_table(session), "long");
-  return out + "<footer>Lengths in millimetres, image coordinates RAS. Accuracy is the predicted target error (TRE) "
-               "with its 95 % region; the consistency of fiducials (FRE) is never an accuracy.</footer>"
-               "</main></body></html>\n";
+  out += "<footer>Lengths in millimetres, image coordinates RAS. Accuracy is the predicted target error (TRE) "
+         "with its 95 % region; the consistency of fiducials (FRE) is never an accuracy.</footer>";
+  return page("Navigation report: " + case_of(session), out);
 }
 
 } // namespace bregma::cli::report

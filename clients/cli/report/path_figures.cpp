@@ -5,6 +5,7 @@
 #include "casefile/volumes/render.hpp"
 #include "clients/cli/report/figure_layout.hpp"
 #include "clients/cli/report/figures.hpp"
+#include "clients/cli/report/page_parts.hpp"
 #include "clients/cli/report/path_analysis.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 
@@ -148,13 +149,12 @@ base::Result<std::string> path_on_head_figure(const SessionAnalysis &session) {
     scene.camera.towards_eye = sides.directions[i];
     // The way in points down, so that the entry is above the target.
     scene.camera.up = plan->entry_mm - plan->target_mm;
-    const auto png = casefile::encode_png(casefile::render(scene));
-    if (!png) {
-      return tl::unexpected(png.error());
-    }
     const std::string name = "seen from " + sides.names[i];
-    out += "<div><img alt='The path " + base::escape(name) + "' src='data:image/png;base64," + base64(*png) + "'><p>" +
-           base::escape(name) + "</p></div>";
+    const auto picture = picture_cell(casefile::render(scene), "The path " + name, name);
+    if (!picture) {
+      return tl::unexpected(picture.error());
+    }
+    out += *picture;
   }
   return out + "</div><figcaption>The shown tip (orange) and the planned line (blue) with its target, in two views "
                "across the line; the entry is above.</figcaption></figure>";

@@ -1,4 +1,5 @@
 // `bregma-sim-scanner`: writes a simulated session of an MR scanner as files.
+#include <array>
 #include <cstdio>
 #include <exception>
 #include <map>
@@ -46,6 +47,10 @@ int run(int argc, char **argv) {
       ->check(CLI::Range(1.0, 8.0))
       ->capture_default_str();
   app.add_flag("--reversed", files.reversed, "Also foregrounds with the current reversed");
+  app.add_flag("!--no-mr", files.mr, "No MR images: only the frame, the truth and, with --phantom, its CT");
+  std::array<double, 3> frame_at_mm{};
+  app.add_option("--frame-at-mm", frame_at_mm, "Where the registration frame's origin lies in the robot's base")
+      ->capture_default_str();
   app.add_flag("--vendor", files.vendor, "Images with the gradients corrected, as the scanner's vendor does");
   app.footer("Example:\n  bregma-sim-scanner --write session --seed 3\n  bregma mri register session/scans.toml");
   try {
@@ -57,6 +62,7 @@ int run(int argc, char **argv) {
                        : field == "bumps" ? FieldKind::kBumps
                                           : FieldKind::kHarmonics;
   options.field.max_mm = options.field.mean_mm * 4.14 / 1.20; // the paper's proportion
+  files.frame_at_mm = Vector3d::Map(frame_at_mm.data());
   SimulatedScanner scanner(options, seed);
   if (const auto done = write_session(folder, scanner, files); !done) {
     std::fprintf(stderr, "bregma-sim-scanner: %s\n", done.error().message.c_str());

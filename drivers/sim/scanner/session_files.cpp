@@ -1,6 +1,7 @@
 #include "drivers/sim/scanner/session_files.hpp"
 
 #include <fstream>
+#include <functional>
 #include <string>
 #include <system_error>
 
@@ -38,13 +39,15 @@ base::Result<void> write_text(const std::filesystem::path &file, const std::stri
   return out ? base::Result<void>{} : base::failure(file.string() + ": cannot be written");
 }
 
-std::string truth_text(const SimulatedScanner &scanner) {
+std::string truth_text(const SimulatedScanner &scanner, const Vector3d &frame_at_mm) {
   const Truth &truth = scanner.truth();
   json coils = json::object();
   for (std::size_t i = 0; i < scanner.design().size(); ++i) {
     coils[scanner.design()[i].name] = vector(truth.coils_device_mm[i]);
   }
-  return json{{"T_device_base", matrix(truth.T_device_base.matrix())},
+  Eigen::Matrix4d T_frame_base = Eigen::Matrix4d::Identity();
+  T_frame_base.topRightCorner<3, 1>() = -frame_at_mm;
+  return json{{"T_device_base", matrix(truth.T_device_base.matrix() * T_frame_base)},
               {"T_device_phantom", matrix(truth.T_device_phantom.matrix())},
               {"T_ct_phantom", matrix(truth.T_ct_phantom.matrix())},
               {"coils_device_mm", coils}}
@@ -52,16 +55,45 @@ std::string truth_text(const SimulatedScanner &scanner) {
          "\n";
 }
 
-mri::CoilFrame frame_of(const SimulatedScanner &scanner) {
+mri::CoilFrame frame_of(const SimulatedScanner &scanner, const Vector3d &frame_at_mm) {
   mri::CoilFrame out;
   out.name = "tuna";
   Eigen::Matrix3d mounted; // x to the left, z (along the pillars) to the front
   mounted << 1, 0, 0, 0, 0, -1, 0, 1, 0;
   out.R_patient_base = mounted;
   for (const CoilDesign &coil : scanner.design()) {
-    out.coils.push_back({coil.name, coil.group, coil.position_mm});
+    out.coils.push_back({coil.name, coil.group, coil.position_mm + frame_at_mm});
   }
   return out;
+}
+
+using Save = std::function<base::Result<void>(const std::string &name, const Stack &stack)>;
+
+// Background and foreground of top and bottom, and the list of them.
+base::Result<void> write_scans(const std::filesystem::path &folder, SimulatedScanner &scanner, bool reversed,
+                               const Save &save) {
+  std::string scans = "frame = \"frame.toml\"\npatient_position = \"HFS\"\n";
+  for (const bool top : {true, false}) {
+    const std::string side = top ? "top" : "bottom";
+    const StackPlan plan = plan_of(Plane::kCoronal, Vector3d(0, top ? 55 : -55, 0), 60);
+    const Protocol protocol = coil_protocol(60);
+    const std::vector<std::string> on{"mid-" + side, "inner-" + side};
+    auto done = save(side + "_off.nrrd", scanner.background(protocol, plan));
+    if (done) {
+      done = save(side + "_on.nrrd", scanner.foreground(protocol, plan, on));
+    }
+    if (done && reversed) {
+      done = save(side + "_reversed.nrrd", scanner.foreground(protocol, plan, on, -1));
+    }
+    if (!done) {
+      return done;
+    }
+    scans += "\n[[scans]]\nname = \"" + side + "\"\norientation = \"C\"\nbackground = \"" + side +
+             "_off.nrrd\"\nforeground = \"" + side + "_on.nrrd\"\n" +
+             (reversed ? "opposite = \"" + side + "_reversed.nrrd\"\n" : "") + "on = [\"mid-" + side + "\", \"inner-" +
+             side + "\"]\nverify = [\"inner-" + side + "\"]\n";
+  }
+  return write_text(folder / "scans.toml", scans);
 }
 
 } // namespace
@@ -73,47 +105,21 @@ base::Result<void> write_session(const std::filesystem::path &folder, SimulatedS
   if (failed) {
     return base::failure(folder.string() + ": " + failed.message());
   }
-  const auto save = [&](const char *name, const Stack &stack) {
+  const Save save = [&](const std::string &name, const Stack &stack) {
     return casefile::write_volume(folder / name,
                                   in_ras(files.vendor ? vendor_corrected(stack, scanner.field()) : stack));
   };
-  std::string scans = "frame = \"frame.toml\"\npatient_position = \"HFS\"\n";
-  for (const bool top : {true, false}) {
-    const std::string side = top ? "top" : "bottom";
-    const StackPlan plan = plan_of(Plane::kCoronal, Vector3d(0, top ? 55 : -55, 0), 60);
-    const Protocol protocol = coil_protocol(60);
-    const std::vector<std::string> on{"mid-" + side, "inner-" + side};
-    auto done = save((side + "_off.nrrd").c_str(), scanner.background(protocol, plan));
-    if (done) {
-      done = save((side + "_on.nrrd").c_str(), scanner.foreground(protocol, plan, on));
-    }
-    if (done && files.reversed) {
-      done = save((side + "_reversed.nrrd").c_str(), scanner.foreground(protocol, plan, on, -1));
-    }
-    if (!done) {
-      return done;
-    }
-    scans += "\n[[scans]]\nname = \"" + side + "\"\norientation = \"C\"\nbackground = \"" + side +
-             "_off.nrrd\"\nforeground = \"" + side + "_on.nrrd\"\n" +
-             (files.reversed ? "opposite = \"" + side + "_reversed.nrrd\"\n" : "") + "on = [\"mid-" + side +
-             "\", \"inner-" + side + "\"]\nverify = [\"inner-" + side + "\"]\n";
+  base::Result<void> done = files.mr ? write_scans(folder, scanner, files.reversed, save) : base::Result<void>{};
+  if (done && files.mr && files.phantom) {
+    done = save("phantom_mr.nrrd", scanner.phantom(phantom_protocol(), scanner.phantom_plan()));
   }
-  if (files.phantom) {
-    auto done = save("phantom_mr.nrrd", scanner.phantom(phantom_protocol(), scanner.phantom_plan()));
-    if (done) { // the CT has no gradients to correct
-      done = casefile::write_volume(folder / "phantom_ct.nrrd", in_ras(scanner.ct(files.ct_coarser)));
-    }
-    if (!done) {
-      return done;
-    }
+  if (done && files.phantom) { // the CT has no gradients to correct
+    done = casefile::write_volume(folder / "phantom_ct.nrrd", in_ras(scanner.ct(files.ct_coarser)));
   }
-  for (const auto &[name, text] : {std::pair("frame.toml", casefile::coil_frame_text(frame_of(scanner))),
-                                   std::pair("scans.toml", scans), std::pair("truth.json", truth_text(scanner))}) {
-    if (auto done = write_text(folder / name, text); !done) {
-      return done;
-    }
+  if (done) {
+    done = write_text(folder / "frame.toml", casefile::coil_frame_text(frame_of(scanner, files.frame_at_mm)));
   }
-  return {};
+  return done ? write_text(folder / "truth.json", truth_text(scanner, files.frame_at_mm)) : done;
 }
 
 } // namespace bregma::sim::scanner

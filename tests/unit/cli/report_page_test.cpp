@@ -4,6 +4,7 @@
 #include "base/plots.hpp"
 #include "clients/cli/report/figures.hpp"
 #include "clients/cli/report/html_report.hpp"
+#include "clients/cli/report/page_parts.hpp"
 #include "clients/cli/report/tip_analysis.hpp"
 
 #include <gtest/gtest.h>

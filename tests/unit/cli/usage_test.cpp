@@ -31,6 +31,8 @@ TEST(Usage, HelpIsAnAnswerAndNotAnError) {
                                 "mri correct --help",
                                 "mri register --help",
                                 "mri step --help",
+                                "mri acquire --help",
+                                "mri report --help",
                                 "image --help",
                                 "image register --help",
                                 "image profile --help",
