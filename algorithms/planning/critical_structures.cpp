@@ -136,6 +136,12 @@ NearestStructure CriticalStructures::nearest(const Vector3d &tip_mm, Warm &warm)
   return out;
 }
 
+StructurePoint CriticalStructures::surface_point(int index, const Vector3d &tip_mm) const noexcept {
+  const auto closest = structures_[static_cast<std::size_t>(index)]->surface.closest(tip_mm);
+  const bool outside = closest.signed_mm > kTipRadius_mm;
+  return {closest.point_mm, outside ? Vector3d((tip_mm - closest.point_mm).normalized()) : closest.normal};
+}
+
 std::vector<StructureClearance> CriticalStructures::path_clearance(const Vector3d &entry_mm,
                                                                    const Vector3d &target_mm) const {
   const Vector3d along = target_mm - entry_mm;

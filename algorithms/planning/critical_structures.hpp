@@ -22,6 +22,11 @@ struct NearestStructure {
   double distance_mm = 0.0; // to its surface; 0 inside; NaN if there are no structures
 };
 
+struct StructurePoint {
+  Eigen::Vector3d point_mm;  // of the surface
+  Eigen::Vector3d direction; // unit, from it to the tip; the outward normal where the tip is on the surface or inside
+};
+
 struct StructureClearance {
   std::string name;
   double distance_mm = 0.0; // from the line's nearest point to the surface; 0 when the line crosses it
@@ -44,6 +49,9 @@ public:
 
   // No allocation, no exceptions; const and thread-safe, with one Warm per caller.
   [[nodiscard]] NearestStructure nearest(const Eigen::Vector3d &tip_mm, Warm &warm) const noexcept;
+
+  // The nearest point of a structure. No allocation; thread-safe. index: as from nearest().
+  [[nodiscard]] StructurePoint surface_point(int index, const Eigen::Vector3d &tip_mm) const noexcept;
 
   // Clearance of every structure, nearest first. Allocates: for planning, not for loops.
   [[nodiscard]] std::vector<StructureClearance> path_clearance(const Eigen::Vector3d &entry_mm,

@@ -118,7 +118,7 @@ using Written = base::Result<std::size_t>;
 Written write_poses(const casefile::SessionReader &reader, const fs::path &file) {
   CsvFile csv(file, "time_ns,utc,tool,frame,status,age_ms,r_mm,a_mm,s_mm,qw,qx,qy,qz,tre_rms_mm,tre_95_mm,trajectory,"
                     "distance_to_target_mm,distance_to_predicted_target_mm,lateral_deviation_mm,angle_rad,"
-                    "remaining_depth_mm,nearest_structure,nearest_structure_mm");
+                    "remaining_depth_mm,nearest_structure,nearest_structure_mm,nearest_structure_sigma_mm");
   return reader
       .each<wire::NavigationState>([&](const wire::NavigationState &state, std::int64_t) {
         csv.time(state.published_time_ns).text(wire::view(state.tool)).count(state.frame);
@@ -128,7 +128,8 @@ Written write_poses(const casefile::SessionReader &reader, const fs::path &file)
         csv.number(state.tre_rms_mm).number(state.tre_95.semi_axes_mm[0]).text(wire::view(state.trajectory));
         csv.number(state.distance_to_target_mm).number(state.distance_to_predicted_target_mm);
         csv.number(state.lateral_deviation_mm).number(state.angle_rad).number(state.remaining_depth_mm);
-        csv.text(wire::view(state.nearest_structure)).number(state.nearest_structure_mm).end_row();
+        csv.text(wire::view(state.nearest_structure)).number(state.nearest_structure_mm);
+        csv.number(state.nearest_structure_sigma_mm).end_row();
       })
       .and_then([&](std::size_t) { return csv.close(); });
 }

@@ -2,11 +2,14 @@
 #include <cmath>
 #include <memory>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "algorithms/uncertainty/tre.hpp"
 #include "casefile/case.hpp"
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/commands.hpp"
@@ -22,7 +25,63 @@ namespace {
 
 using nlohmann::json;
 
-int status(const Context &context) {
+// The tip of a tool in the coordinates of an image of the case, as a workstation shows that image.
+struct TipInImage {
+  std::string tool, image;
+  Eigen::Vector3d tip_mm;
+  double rms_mm; // of the tip now, and of the registration of the image
+};
+
+std::vector<TipInImage> tips_in_images(const live::Snapshot &snapshot, const casefile::Case &c, const live::Now &now) {
+  std::vector<TipInImage> out;
+  const DaemonView daemon = view_daemon(snapshot, now);
+  for (const auto &[name, state] : snapshot.tools) {
+    const ToolView view = view_tool(state, daemon, now);
+    if (!view.fresh) {
+      continue;
+    }
+    const Eigen::Vector3d tip = Eigen::Vector3d::Map(view.tip_mm);
+    for (const casefile::RegisteredImage &image : c.images) {
+      const auto &T_image_source = image.T_image_source;
+      const double image_rms_mm = uncertainty::rms_mm(uncertainty::tre_covariance(T_image_source.covariance, tip));
+      out.push_back({name, image.name, T_image_source.pose.inverse() * tip, std::hypot(view.tre_rms_mm, image_rms_mm)});
+    }
+  }
+  return out;
+}
+
+// Prints the state with the tips in each image of the loaded case.
+int status_with_images(const live::Snapshot &snapshot, const Context &context, const live::Now &now) {
+  const std::string folder = snapshot.health->case_folder;
+  if (folder.empty()) {
+    return fail("no case is loaded: there are no images");
+  }
+  const auto loaded = casefile::load_case(folder, casefile::Checksums::kIgnore);
+  if (!loaded) {
+    return fail(loaded.error());
+  }
+  Table table({"Tool", "Image", "Tip R A S mm", "RMS mm"});
+  json tips = json::array();
+  for (const TipInImage &tip : tips_in_images(snapshot, *loaded, now)) {
+    table.row({printable(tip.tool), printable(tip.image), vector_text(tip.tip_mm, 1), fixed(tip.rms_mm, 2)});
+    tips.push_back({{"tool", tip.tool},
+                    {"image", tip.image},
+                    {"tip_mm", json_vector(tip.tip_mm)},
+                    {"rms_mm", json_number(tip.rms_mm)}});
+  }
+  if (context.json) {
+    json out = status_json(snapshot, context.domain, now);
+    out["tips_in_images"] = std::move(tips);
+    print_json(out);
+  } else {
+    print(status_text(snapshot, context.domain, now) + "\n" +
+          (table.empty() ? "Tips in other images  none: the case has no other image, or no pose is shown\n"
+                         : table.text()));
+  }
+  return kOk;
+}
+
+int status(bool images, const Context &context) {
   live::DaemonLink link(context.domain, live::DaemonLink::Role::kReads, context.wait_s);
   const auto there = link.wait_for_daemon();
   if (!there && !link.snapshot().health) {
@@ -30,6 +89,9 @@ int status(const Context &context) {
   }
   link.settle();
   const live::Now now = live::Now::read();
+  if (images && live::alive(link.snapshot(), now.boot_ns)) {
+    return status_with_images(link.snapshot(), context, now);
+  }
   if (context.json) {
     print_json(status_json(link.snapshot(), context.domain, now));
   } else {
@@ -128,11 +190,13 @@ int list_targets(const Context &context) {
 
 void add_status_command(CLI::App &app, Context &context) {
   auto *command = app.add_subcommand("status", "Prints the state of daemon, registration, devices and loops once");
+  auto images = std::make_shared<bool>(false);
+  command->add_flag("--images", *images, "Also the tips in the coordinates of each registered image of the case");
   add_json_flag(*command, context);
   add_daemon_options(*command, context);
-  command->footer(
-      "Exit code 2 when no daemon answers.\n\nExamples:\n  bregma status\n  bregma status --json | jq .devices");
-  command->callback([&context] { context.run = [&context] { return status(context); }; });
+  command->footer("Exit code 2 when no daemon answers.\n\nExamples:\n  bregma status\n  bregma status --images\n"
+                  "  bregma status --json | jq .devices");
+  command->callback([images, &context] { context.run = [images, &context] { return status(*images, context); }; });
 }
 
 void add_alarms_command(CLI::App &app, Context &context) {

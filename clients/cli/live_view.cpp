@@ -189,6 +189,8 @@ ToolView view_tool(const live::Received<wire::NavigationState> &state, const Dae
   out.nearest_structure = printable(wire::view(state.nearest_structure));
   if (!out.nearest_structure.empty()) {
     out.nearest_mm = state.nearest_structure_mm;
+    const double sigma_mm = state.nearest_structure_sigma_mm; // 0: a daemon of an earlier revision
+    out.nearest_sigma_mm = sigma_mm > 0.0 ? sigma_mm : geometry::kUnknown;
   }
   return out;
 }
@@ -303,6 +305,7 @@ std::string watch_line(const live::Snapshot &snapshot, std::string_view tool, co
     }
     if (std::isfinite(view.nearest_mm)) {
       out += ", nearest " + nearest_text(view) + " mm";
+      out += std::isfinite(view.nearest_sigma_mm) ? " (1 sigma " + fixed(view.nearest_sigma_mm, 2, "mm") + ")" : "";
     }
   });
   for (const auto &alarm : standing_alarms(snapshot)) {
@@ -348,7 +351,8 @@ nlohmann::json watch_json(const live::Snapshot &snapshot, std::string_view tool,
          {"angle_deg", json_number(view.angle_deg)},
          {"remaining_depth_mm", json_number(view.remaining_depth_mm)},
          {"nearest_structure", view.nearest_structure},
-         {"nearest_structure_mm", json_number(view.nearest_mm)}});
+         {"nearest_structure_mm", json_number(view.nearest_mm)},
+         {"nearest_structure_sigma_mm", json_number(view.nearest_sigma_mm)}});
   });
   for (const auto &alarm : standing_alarms(snapshot)) {
     out["alarms"].push_back(alarm_json(alarm));

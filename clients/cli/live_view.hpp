@@ -49,6 +49,7 @@ struct ToolView {
   double remaining_depth_mm = geometry::kUnknown;
   std::string nearest_structure;
   double nearest_mm = geometry::kUnknown;
+  double nearest_sigma_mm = geometry::kUnknown; // of nearest_mm, at publication; NaN: not stated
 };
 [[nodiscard]] ToolView view_tool(const live::Received<wire::NavigationState> &state, const DaemonView &daemon,
                                  const live::Now &now);

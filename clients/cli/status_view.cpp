@@ -100,10 +100,11 @@ std::string accuracy_text(const live::Snapshot &snapshot) {
   }
   const auto &accuracy = *snapshot.accuracy;
   std::string out = "Accuracy  predicted target error (TRE)\n";
-  Table table({"Target", "RMS mm", "95 % mm"});
+  Table table({"Target", "RMS mm", "95 % mm", "Of it from image mm"});
   for (const auto &target : targets(accuracy)) {
-    table.row(
-        {printable(wire::view(target.target)), fixed(target.tre_rms_mm, 2), fixed(target.tre_95.semi_axes_mm[0], 2)});
+    table.row({printable(wire::view(target.target)), fixed(target.tre_rms_mm, 2),
+               fixed(target.tre_95.semi_axes_mm[0], 2),
+               target.image_rms_mm > 0.0 ? fixed(target.image_rms_mm, 2) : std::string("-")});
   }
   out += table.empty() ? "not known: no accepted registration\n" : table.text();
   if (accuracy.check_count > 0) {
@@ -184,7 +185,8 @@ json accuracy_json(const wire::AccuracyState &accuracy) {
   for (const auto &target : targets(accuracy)) {
     out["targets"].push_back({{"target", wire::text(target.target)},
                               {"tre_rms_mm", json_number(target.tre_rms_mm)},
-                              {"tre_95_mm", json_number(target.tre_95.semi_axes_mm[0])}});
+                              {"tre_95_mm", json_number(target.tre_95.semi_axes_mm[0])},
+                              {"image_rms_mm", json_number(target.image_rms_mm)}});
   }
   return out;
 }

@@ -115,7 +115,9 @@ Tool tool_record(const live::Received<wire::NavigationState> &state, bool daemon
   }
   out.distance_to_predicted_target_mm = predicted ? state.distance_to_predicted_target_mm : kNan;
   copy_name(out.nearest_structure, state.nearest_structure);
-  out.nearest_structure_mm = out.nearest_structure[0] != '\0' ? state.nearest_structure_mm : kNan;
+  const bool near = out.nearest_structure[0] != '\0';
+  out.nearest_structure_mm = near ? state.nearest_structure_mm : kNan;
+  out.nearest_structure_sigma_mm = near ? state.nearest_structure_sigma_mm : kNan;
   return out;
 }
 
@@ -289,6 +291,7 @@ bool Encoder::encode_accuracy(const Context &context) {
       one.tre_rms_mm = target.tre_rms_mm;
       copy_numbers(one.covariance_mm2, target.covariance_mm2);
       copy_ellipsoid(one.tre_95_semi_axes_mm, one.tre_95_axes, target.tre_95);
+      one.image_rms_mm = target.image_rms_mm;
       records.push_back(make_record(RecordKind::kTarget, one));
     }
   }

@@ -108,6 +108,10 @@ constexpr FieldLayout kToolFields[] = {
     BREGMA_FIELD(Tool, plausibility_reason, "PlausibilityReason"),
     BREGMA_FIELD(Tool, source_kind, "DeviceKind"),
     BREGMA_FIELD(Tool, source, "device"),
+    BREGMA_FIELD(
+        Tool, nearest_structure_sigma_mm,
+        "1-sigma error of that distance at published_ms; it contains the registration of the image in which the "
+        "structure was segmented; 0: not stated"),
 };
 constexpr FieldLayout kRegistrationFields[] = {
     BREGMA_KEY(Registration, reference, "name"),
@@ -155,6 +159,9 @@ constexpr FieldLayout kTargetFields[] = {
     BREGMA_FIELD(Target, covariance_mm2, "row by row"),
     BREGMA_FIELD(Target, tre_95_semi_axes_mm, "longest first"),
     BREGMA_FIELD(Target, tre_95_axes, "row i: unit direction of semi-axis i"),
+    BREGMA_FIELD(Target, image_rms_mm,
+                 "part of tre_rms_mm: the registration of the image in which the target was placed; 0: the planning "
+                 "image, or not stated"),
 };
 constexpr FieldLayout kDeformationFields[] = {
     BREGMA_KEY(Deformation, point, "name of the target or brain landmark"),

@@ -93,7 +93,7 @@ void blank_pose(Tool &tool) {
   std::fill_n(tool.predicted_target_mm, 3, kUnknown);
   tool.distance_to_predicted_target_mm = kUnknown;
   std::memset(tool.nearest_structure, 0, sizeof tool.nearest_structure);
-  tool.nearest_structure_mm = kUnknown;
+  tool.nearest_structure_mm = tool.nearest_structure_sigma_mm = kUnknown;
 }
 
 void RecordStore::renew(Slots::iterator slot) {

@@ -18,7 +18,7 @@ namespace bregma::gateway {
 static_assert(std::endian::native == std::endian::little, "records are copied to the socket as they are in memory");
 
 inline constexpr std::uint32_t kFrameMagic = 0x46475242; // "BRGF"
-inline constexpr std::uint16_t kLayoutVersion = 2;
+inline constexpr std::uint16_t kLayoutVersion = 3;
 
 using Name = char[32];  // UTF-8, padded with NUL
 using Text = char[256]; // the same, at least one NUL
@@ -128,6 +128,7 @@ struct Tool {
   std::int32_t plausibility_reason;
   std::int32_t source_kind;
   Name source;
+  double nearest_structure_sigma_mm;
 };
 
 struct Registration {
@@ -179,6 +180,7 @@ struct Target {
   double covariance_mm2[9];
   double tre_95_semi_axes_mm[3];
   double tre_95_axes[9];
+  double image_rms_mm;
 };
 
 struct Deformation {

@@ -128,9 +128,10 @@ std::string registration_tables(const SessionAnalysis &session) {
     }
     out += "<h3>From Reference to Image (RAS, mm)</h3>" + matrix.text();
   }
-  HtmlTable targets({"Target", "#Predicted TRE, RMS mm", "#95 % within mm"});
+  HtmlTable targets({"Target", "#Predicted TRE, RMS mm", "#95 % within mm", "#Of it from image mm"});
   for (const auto &target : registration.targets) {
-    targets.row({target.target, fixed(target.tre_rms_mm, 2), fixed(target.tre_95_mm, 2)});
+    targets.row({target.target, fixed(target.tre_rms_mm, 2), fixed(target.tre_95_mm, 2),
+                 target.image_rms_mm > 0.0 ? fixed(target.image_rms_mm, 2) : std::string("–")});
   }
   out += targets.any() ? targets.text() : std::string();
   HtmlTable fiducials({"Fiducial", "#Residual mm", "#Left out mm", "#p", "Suspect"});

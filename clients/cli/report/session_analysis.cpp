@@ -165,7 +165,8 @@ Result<void> read_accuracy(const SessionReader &reader, SessionAnalysis &out) {
       targets.clear();
       for (std::size_t i = 0; i < std::min<std::size_t>(state.target_count, std::size(state.targets)); ++i) {
         const auto &target = state.targets[i];
-        targets.push_back({wire::text(target.target), target.tre_rms_mm, target.tre_95.semi_axes_mm[0]});
+        targets.push_back(
+            {wire::text(target.target), target.tre_rms_mm, target.tre_95.semi_axes_mm[0], target.image_rms_mm});
       }
     }
   });

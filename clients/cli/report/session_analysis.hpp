@@ -60,6 +60,7 @@ struct TargetPrediction {
   std::string target;
   double tre_rms_mm = geometry::kUnknown;
   double tre_95_mm = geometry::kUnknown; // longest semi-axis
+  double image_rms_mm = 0.0; // part of tre_rms_mm: the registration of the image in which the target was placed
 };
 
 struct FiducialFigure {

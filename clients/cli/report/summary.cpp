@@ -69,6 +69,12 @@ std::string pivots_text(const SessionAnalysis &session) {
   return out;
 }
 
+std::string image_part(const TargetPrediction &target) {
+  return target.image_rms_mm > 0.0
+             ? ", " + fixed(target.image_rms_mm, 2, "mm") + " of it from the registration of its image"
+             : "";
+}
+
 std::string registration_text(const SessionAnalysis &session) {
   if (!session.registration) {
     return "Registration  none accepted\n";
@@ -79,7 +85,7 @@ std::string registration_text(const SessionAnalysis &session) {
   out += "  fiducials agree to " + known(registration.fre_mm, 2, "mm") + " (FRE: a consistency, not an accuracy)\n";
   for (const auto &target : registration.targets) {
     out += "  predicted error at " + printable(target.target) + "  " + known(target.tre_rms_mm, 2, "mm") +
-           " RMS, 95 % within " + known(target.tre_95_mm, 2, "mm") + "\n";
+           " RMS, 95 % within " + known(target.tre_95_mm, 2, "mm") + image_part(target) + "\n";
   }
   return out;
 }
@@ -96,7 +102,8 @@ json registration_json(const RegistrationSummary &registration) {
   for (const auto &target : registration.targets) {
     out["predicted_tre"].push_back({{"target", target.target},
                                     {"rms_mm", json_number(target.tre_rms_mm)},
-                                    {"bound_95_mm", json_number(target.tre_95_mm)}});
+                                    {"bound_95_mm", json_number(target.tre_95_mm)},
+                                    {"image_rms_mm", json_number(target.image_rms_mm)}});
   }
   for (const auto &one : registration.residuals) {
     out["residuals"].push_back({{"fiducial", one.fiducial},

@@ -155,6 +155,7 @@ void MonitoringPipeline::predict_targets() noexcept {
     }
     wire::TargetAccuracy &out = accuracy_.targets[accuracy_.target_count++];
     (void)wire::set_name(out.target, target.name);
+    out.image_rms_mm = uncertainty::rms_mm(target.placing_covariance_mm2);
     if (!accepted_) {
       out.tre_rms_mm = wire::kUnknown;
       put_unknown(out.covariance_mm2);

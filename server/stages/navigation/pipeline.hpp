@@ -156,6 +156,8 @@ private:
   [[nodiscard]] bool fill_pose(Tool &tool, wire::NavigationState &state) noexcept;
   static void clear_pose(wire::NavigationState &state) noexcept;
   void fill_prediction(const Tool &tool, wire::NavigationState &state) const noexcept;
+  void fill_structure(Tool &tool, const geometry::Vector3d &tip, const geometry::Matrix3d &tip_covariance,
+                      wire::NavigationState &state) const noexcept;
   // The pose at the time of the state, and the motion of its tip.
   struct MovingTip {
     TipPose T_reference_tip;

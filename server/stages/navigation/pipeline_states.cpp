@@ -40,7 +40,7 @@ void NavigationPipeline::clear_pose(wire::NavigationState &state) noexcept {
   put_unknown(state.predicted_target_mm);
   state.distance_to_predicted_target_mm = wire::kUnknown;
   (void)wire::set_name(state.nearest_structure, "");
-  state.nearest_structure_mm = wire::kUnknown;
+  state.nearest_structure_mm = state.nearest_structure_sigma_mm = wire::kUnknown;
   put_unknown(state.position_velocity_covariance_mm2_s);
   put_unknown(state.velocity_covariance_mm2_s2);
   state.acceleration_sigma_mm_s2 = wire::kUnknown;
@@ -154,12 +154,29 @@ bool NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noe
     state.remaining_depth_mm = guidance.remaining_depth_mm;
   }
   fill_prediction(tool, state);
-  const auto nearest = case_->structures.nearest(tip, tool.warm);
-  (void)wire::set_name(state.nearest_structure, nearest.index >= 0
-                                                    ? std::string_view(case_->structures.name(nearest.index))
-                                                    : std::string_view());
-  state.nearest_structure_mm = nearest.index >= 0 ? nearest.distance_mm : wire::kUnknown;
+  fill_structure(tool, tip, position_covariance, state);
   return true;
+}
+
+// Distance to the nearest critical structure, with its error: that of the tip, and that of the registration of the
+// image in which the structure was segmented. The two are independent.
+void NavigationPipeline::fill_structure(Tool &tool, const Vector3d &tip, const Matrix3d &tip_covariance,
+                                        wire::NavigationState &state) const noexcept {
+  const auto nearest = case_->structures.nearest(tip, tool.warm);
+  if (nearest.index < 0) {
+    (void)wire::set_name(state.nearest_structure, "");
+    state.nearest_structure_mm = state.nearest_structure_sigma_mm = wire::kUnknown;
+    return;
+  }
+  const casefile::Surface &structure = case_->data->structures[static_cast<std::size_t>(nearest.index)];
+  const auto [point, direction] = case_->structures.surface_point(nearest.index, tip);
+  Matrix3d covariance = tip_covariance;
+  if (const auto *image = case_->data->registered_image(structure.segmented_in); image != nullptr) {
+    covariance += uncertainty::tre_covariance(image->T_image_source.covariance, point);
+  }
+  (void)wire::set_name(state.nearest_structure, structure.name);
+  state.nearest_structure_mm = nearest.distance_mm;
+  state.nearest_structure_sigma_mm = std::sqrt(direction.dot(covariance * direction));
 }
 
 // Fields about the predicted position of the plan's target, if the tissue model provides it.

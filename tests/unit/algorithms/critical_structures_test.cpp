@@ -64,6 +64,11 @@ TEST(CriticalStructures, AgreeWithTheClosestPointOfEachSurfaceAlongAPath) {
     ASSERT_NEAR(cold.distance_mm, expected, 2e-5) << "step " << i;
     ASSERT_EQ(critical.name(nearest.index), name) << "step " << i;
     ASSERT_EQ(cold.index, nearest.index) << "step " << i;
+    const auto [point, direction] = critical.surface_point(nearest.index, tip);
+    ASSERT_NEAR(direction.norm(), 1.0, 1e-9) << "step " << i;
+    if (expected > 1e-3) {
+      ASSERT_LT((point + expected * direction - tip).norm(), 1e-6) << "step " << i;
+    }
   }
 }
 
@@ -93,7 +98,8 @@ TEST(CriticalStructures, QueriesDoNotAllocate) {
   (void)critical.nearest({0, 0, 90}, warm); // FCL fills its table of functions at the first query
   const test::AllocationScope scope;
   for (int i = 0; i < 500; ++i) {
-    (void)critical.nearest({0.1 * i - 25.0, 10.0, 80.0 - 0.2 * i}, warm);
+    const Vector3d tip(0.1 * i - 25.0, 10.0, 80.0 - 0.2 * i);
+    (void)critical.surface_point(critical.nearest(tip, warm).index, tip);
   }
   EXPECT_EQ(scope.count(), 0U);
 }

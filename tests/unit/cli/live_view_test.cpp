@@ -1,6 +1,7 @@
 // The parts of a daemon's state that are shown as current.
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -50,6 +51,7 @@ live::Snapshot navigating() {
   state.lateral_deviation_mm = 0.62;
   state.remaining_depth_mm = 27.4;
   state.nearest_structure_mm = 6.3;
+  state.nearest_structure_sigma_mm = 0.42;
   out.tools["Probe"] = state;
   out.registration = wire::RegistrationState{};
   out.registration->status = bregma_wire_REGISTRATION_ACCEPTED;
@@ -315,6 +317,28 @@ TEST(LiveView, StatusShowsWhatTheDriversSay) {
   EXPECT_EQ(json["device"], "Force");
   EXPECT_EQ(json["unreadable"], 7);
   EXPECT_EQ(status_json(snapshot, 7, after(5000))["drivers"][0]["state"], "silent");
+}
+
+TEST(LiveView, ErrorsOfOtherImagesAreStatedApart) {
+  auto snapshot = navigating();
+  EXPECT_TRUE(has(watch_line(snapshot, {}, kNow), "nearest Heschl_L 6.3 mm (1 sigma 0.42 mm)"));
+  EXPECT_EQ(watch_json(snapshot, {}, kNow)["tools"][0]["nearest_structure_sigma_mm"], 0.42);
+  snapshot.tools["Probe"].nearest_structure_sigma_mm = 0.0; // of a daemon that does not state it
+  EXPECT_TRUE(has(watch_line(snapshot, {}, kNow), "nearest Heschl_L 6.3 mm"));
+  EXPECT_FALSE(has(watch_line(snapshot, {}, kNow), "sigma"));
+  EXPECT_TRUE(watch_json(snapshot, {}, kNow)["tools"][0]["nearest_structure_sigma_mm"].is_null());
+
+  snapshot.accuracy = wire::AccuracyState{};
+  snapshot.accuracy->target_count = 2;
+  for (const auto &[index, name, image_mm] : {std::tuple{0, "Deep", 0.0}, {1, "Cyst", 0.37}}) {
+    EXPECT_TRUE(wire::set_name(snapshot.accuracy->targets[index].target, name));
+    snapshot.accuracy->targets[index].tre_rms_mm = 0.9;
+    snapshot.accuracy->targets[index].image_rms_mm = image_mm;
+  }
+  const std::string text = status_text(snapshot, 0, kNow);
+  EXPECT_TRUE(has(text, "Of it from image mm")) << text;
+  EXPECT_TRUE(has(text, "0.37")) << text;
+  EXPECT_EQ(status_json(snapshot, 0, kNow)["accuracy"]["targets"][1]["image_rms_mm"], 0.37);
 }
 
 TEST(LiveView, CountsBeyondTheWiresArraysAreNotFollowed) {

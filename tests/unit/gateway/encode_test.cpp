@@ -60,8 +60,9 @@ void expect_blank(const Tool &tool) {
   EXPECT_NE(tool.status, bregma_wire_POSE_LIVE);
   EXPECT_NE(tool.status, bregma_wire_POSE_UNVERIFIED);
   EXPECT_TRUE(std::isnan(tool.valid_until_ms));
-  for (const double value : {tool.tip_mm[0], tool.rotation[0], tool.covariance[0], tool.tre_rms_mm,
-                             tool.tre_95_semi_axes_mm[0], tool.nearest_structure_mm, tool.distance_to_target_mm}) {
+  for (const double value :
+       {tool.tip_mm[0], tool.rotation[0], tool.covariance[0], tool.tre_rms_mm, tool.tre_95_semi_axes_mm[0],
+        tool.nearest_structure_mm, tool.nearest_structure_sigma_mm, tool.distance_to_target_mm}) {
     EXPECT_TRUE(std::isnan(value));
   }
 }

@@ -38,6 +38,16 @@ export const multiply = (m: Mat3, v: Vec3): Vec3 => [
   m[6] * v[0] + m[7] * v[1] + m[8] * v[2],
 ];
 
+// The point of the source frame that a rigid matrix (4 x 4, row by row) maps to `p`.
+export function inRigid(T: readonly number[], p: Vec3): Vec3 {
+  const d: Vec3 = [p[0] - T[3], p[1] - T[7], p[2] - T[11]];
+  return [
+    T[0] * d[0] + T[4] * d[1] + T[8] * d[2],
+    T[1] * d[0] + T[5] * d[1] + T[9] * d[2],
+    T[2] * d[0] + T[6] * d[1] + T[10] * d[2],
+  ];
+}
+
 // Turns `v` about the unit vector `axis`, right-handed (Rodrigues).
 export function turn(v: Vec3, axis: Vec3, angle_rad: number): Vec3 {
   const c = Math.cos(angle_rad);

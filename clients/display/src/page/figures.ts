@@ -1,7 +1,7 @@
 // The large figures: what a surgeon reads from two metres.
 import { rms_mm } from "../geometry/ellipsoid.ts";
-import { norm, type Vec3 } from "../geometry/vector.ts";
-import { regionAt } from "../state/case_data.ts";
+import { inRigid, norm, type Vec3 } from "../geometry/vector.ts";
+import { type CaseImage, regionAt } from "../state/case_data.ts";
 import { PoseStatus } from "../state/constants.ts";
 import type { RecordOf } from "../state/layout.ts";
 import { figure, implausibleText, poseText } from "../state/text.ts";
@@ -90,7 +90,9 @@ export class Figures implements Part {
         this.status,
         tool.verified ? `live · ${figure(tool.shown.age_ms, 0, "ms")}` : "NOT VERIFIED: for checks only",
       );
-      this.structure.set(figure(s.nearest_structure_mm, 1), s.nearest_structure, s.nearest_structure_mm < 3);
+      const sigma_mm = s.nearest_structure_sigma_mm; // 0: not stated
+      const error = sigma_mm > 0 ? ` ± ${figure(1.96 * sigma_mm, 1)}` : "";
+      this.structure.set(figure(s.nearest_structure_mm, 1), s.nearest_structure + error, s.nearest_structure_mm < 3);
       this.depth.set(figure(s.remaining_depth_mm, 1), s.trajectory, s.remaining_depth_mm < -0.5);
       this.lateral.set(figure(s.lateral_deviation_mm, 1), "", s.lateral_deviation_mm > 2);
       this.angle.set(figure(s.angle_rad * kDegrees, 1));
@@ -98,16 +100,26 @@ export class Figures implements Part {
       this.region.set(figure(tool.region_95.semi_axes_mm[0], 1), `RMS ${figure(rms_mm(tool.region_95), 2)}`);
     }
     const region = view.labels && data.labels ? `\nRegion  ${regionAt(data.labels, view.cursor) || "–"}` : "";
-    setText(this.coordinates, coordinatesText(tool?.tip ?? null, view.cursor) + region);
+    const second = data.images.find((image) => image.name === view.second);
+    setText(this.coordinates, coordinatesText(tool?.tip ?? null, view.cursor, second) + region);
   }
 }
 
 // Position in Image, in the words of the patient: "R 12.3".
-export function coordinatesText(tip: Vec3 | null, cursor: Vec3): string {
+// With a second image, the tip is also stated in the coordinates of that image.
+export function coordinatesText(
+  tip: Vec3 | null,
+  cursor: Vec3,
+  second?: Pick<CaseImage, "name" | "T_image_source">,
+): string {
   const one = (p: Vec3) =>
     [0, 1, 2].map((d) => `${(p[d] >= 0 ? "RAS" : "LPI")[d]} ${Math.abs(p[d]).toFixed(1)}`).join("   ");
   const tipText = tip && Number.isFinite(norm(tip)) ? one(tip) : "–";
-  return `Tip  ${tipText}\nCross hair  ${one(cursor)}`;
+  const lines = [`Tip  ${tipText}`, `Cross hair  ${one(cursor)}`];
+  if (second && tip && Number.isFinite(norm(tip))) {
+    lines.push(`Tip in ${second.name}  ${one(inRigid(second.T_image_source, tip))}`);
+  }
+  return lines.join("\n");
 }
 
 // Why a tool is not shown. A pose that the daemon published as live can be too old by now.

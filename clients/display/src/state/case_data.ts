@@ -49,6 +49,7 @@ export interface CaseImage {
   readonly window: Window;
   readonly covariance: readonly number[]; // 6x6, row by row, of its registration: rotation (rad), translation (mm)
   readonly accepted: string; // why a person uses a registration that was not found to be good; empty: it was
+  readonly T_image_source: readonly number[]; // 4 x 4, row by row: from its own coordinates to Image
 }
 
 export interface CaseData {
@@ -98,7 +99,7 @@ interface StatedMesh {
 interface StatedCase extends Omit<CaseData, "image" | "presets" | "air" | "labels" | "images" | "meshes"> {
   readonly image: StatedImage;
   readonly labels: (StatedVolume & { regions: { value: number; name: string; colour: string }[] }) | null;
-  readonly images?: (StatedImage & Pick<CaseImage, "name" | "covariance" | "accepted">)[];
+  readonly images?: (StatedImage & Pick<CaseImage, "name" | "covariance" | "accepted" | "T_image_source">)[];
   readonly meshes: StatedMesh[];
 }
 
@@ -127,6 +128,7 @@ export async function loadCase(base = ""): Promise<CaseData> {
       window: presetsOf(other)[0],
       covariance: other.covariance,
       accepted: other.accepted,
+      T_image_source: other.T_image_source,
     })),
     meshes,
   };

@@ -89,6 +89,7 @@ const layouts = {
       plausibility_reason: [896, "i32"],
       source_kind: [900, "i32"],
       source: [904, "char[32]"],
+      nearest_structure_sigma_mm: [936, "f64"],
     },
   },
   registration: {
@@ -151,6 +152,7 @@ const layouts = {
       covariance_mm2: [48, "f64[9]"],
       tre_95_semi_axes_mm: [120, "f64[3]"],
       tre_95_axes: [144, "f64[9]"],
+      image_rms_mm: [216, "f64"],
     },
   },
   deformation: {

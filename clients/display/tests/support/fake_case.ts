@@ -71,6 +71,7 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
     images: [
       {
         name: "Second MR",
+        T_image_source: [0, -1, 0, 5, 1, 0, 0, -3, 0, 0, 1, 2, 0, 0, 0, 1], // a quarter turn
         url: url("image/second"),
         type: "uint8",
         dims: [kSecond, kSecond, kSecond],

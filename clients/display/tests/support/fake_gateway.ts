@@ -178,6 +178,7 @@ export function insertion(now_ms: number, fraction = 0.5 + 0.3 * Math.sin(now_ms
     remaining_depth_mm: (1 - fraction) * length,
     nearest_structure: "Vessel",
     nearest_structure_mm: 7.4,
+    nearest_structure_sigma_mm: 0.4,
     tre_95_semi_axes_mm: [3, 2, 1.2],
     predicted_target_mm: kTarget as unknown as number[],
   };

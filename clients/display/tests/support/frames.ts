@@ -90,6 +90,7 @@ export function liveTool(now_ms: number): RecordOf<"tool"> {
     distance_to_predicted_target_mm: 19,
     nearest_structure: "Ventricle",
     nearest_structure_mm: 6,
+    nearest_structure_sigma_mm: 0.5,
     prediction: 2,
     plausibility: 1,
     plausibility_reason: 1,

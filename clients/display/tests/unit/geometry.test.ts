@@ -5,7 +5,19 @@ import { edgeLetters, lettersOf } from "../../src/geometry/letters.ts";
 import { MeshCutter } from "../../src/geometry/mesh_cut.ts";
 import * as planes from "../../src/geometry/planes.ts";
 import { rmsAt } from "../../src/geometry/pose_error.ts";
-import { add, along, distance, dot, multiply, norm, rotate, scale, sub, type Vec3 } from "../../src/geometry/vector.ts";
+import {
+  add,
+  along,
+  distance,
+  dot,
+  inRigid,
+  multiply,
+  norm,
+  rotate,
+  scale,
+  sub,
+  type Vec3,
+} from "../../src/geometry/vector.ts";
 import { Random } from "../support/random.ts";
 
 const close = (a: number, b: number, tolerance = 1e-9) => assert.ok(Math.abs(a - b) <= tolerance, `${a} is not ${b}`);
@@ -142,6 +154,13 @@ test("a plane is turned about a point that stays in it", () => {
   const turned = planes.turned(plane, pivot, [0, 0, 1], Math.PI / 6);
   close(planes.toPlane(turned, pivot).height_mm, 0);
   close(dot(planes.viewer(turned), planes.viewer(plane)), Math.cos(Math.PI / 6));
+});
+
+test("a point in another image is what its rigid matrix maps back", () => {
+  const [r, t] = [random.rotation(), scale(random.normal3(), 30)];
+  const T = [r[0], r[1], r[2], t[0], r[3], r[4], r[5], t[1], r[6], r[7], r[8], t[2], 0, 0, 0, 1];
+  const point = scale(random.normal3(), 50);
+  close3(inRigid(T, add(multiply(r, point), t)), point);
 });
 
 test("a quaternion turns as its matrix", () => {

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <string>
 
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include "algorithms/uncertainty/distributions.hpp"
@@ -121,6 +122,34 @@ Matrix3d matrix_of(const double (&values)[9]) { return RowMajor<3>::Map(values);
 Matrix3d tip_covariance(const wire::NavigationState &state) {
   return uncertainty::tre_covariance(RowMajor<6>::Map(state.covariance),
                                      Vector3d::Map(state.T_image_tip.translation_mm));
+}
+
+TEST(LivePose, TheDistanceToAStructureErrsByTheTipAndByTheImageOfItsSegmentation) {
+  casefile::Case a_case = tests::sample_case("/cases/sample");
+  const auto sigma_mm = [](const casefile::Case &of) {
+    TrackedTool tracked(kFast_ns, 1, {}, of);
+    tracked.move_to(0, kTip_mm);
+    EXPECT_EQ(wire::view(tracked.stylus().nearest_structure), of.structures.front().name);
+    EXPECT_GT(tracked.stylus().nearest_structure_mm, 1.0);
+    const Matrix3d P = tip_covariance(tracked.stylus());
+    const Vector3d spread = P.eigenvalues().real().cwiseSqrt();
+    const double sigma = tracked.stylus().nearest_structure_sigma_mm;
+    tracked.pipeline.on_tick(kStart_ns + 300 * kMs);
+    EXPECT_TRUE(std::isnan(tracked.stylus().nearest_structure_sigma_mm)) << "without a pose";
+    if (of.images.empty()) {
+      EXPECT_GE(sigma, spread.minCoeff() * (1.0 - 1e-9));
+      EXPECT_LE(sigma, spread.maxCoeff() * (1.0 + 1e-9));
+    }
+    return sigma;
+  };
+  const double tip = sigma_mm(a_case);
+  casefile::RegisteredImage image;
+  image.name = "T2";
+  image.verdict = "found";
+  image.T_image_source.covariance.diagonal() << 0, 0, 0, 0.64, 0.64, 0.64; // the same at every point and direction
+  put_image(a_case, image);
+  a_case.structures.front().segmented_in = "T2";
+  EXPECT_NEAR(sigma_mm(a_case), std::sqrt(tip * tip + 0.64), 1e-9);
 }
 
 struct Coverage {

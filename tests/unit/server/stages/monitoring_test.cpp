@@ -126,6 +126,8 @@ TEST_F(MonitoringTest, ATargetOfASecondImageHasTheErrorsOfBothRegistrations) {
   const double of_image = (J * image.T_image_source.covariance * J.transpose()).trace();
   EXPECT_NEAR(cyst.tre_rms_mm, std::sqrt(of_image + (J * of_patient * J.transpose()).trace()), 1e-9)
       << "the part of the image is added to that of the patient's registration";
+  EXPECT_NEAR(cyst.image_rms_mm, std::sqrt(of_image), 1e-9) << "and is stated apart";
+  EXPECT_EQ(state.targets[0].image_rms_mm, 0.0) << "of the planning image";
 
   const Eigen::LLT<Eigen::Matrix3d> region(
       Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(cyst.covariance_mm2));

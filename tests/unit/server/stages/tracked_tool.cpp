@@ -1,10 +1,10 @@
 #include "tests/unit/server/stages/tracked_tool.hpp"
 
 #include <cmath>
+#include <utility>
 
 #include "algorithms/registration/points/paired_points.hpp"
 #include "server/stages/wire_values.hpp"
-#include "tests/unit/casefile/sample_case.hpp"
 
 namespace bregma::server::tracking_test {
 
@@ -15,10 +15,10 @@ const Vector3d kReference_mm(-80.0, 30.0, 1600.0);                              
 
 } // namespace
 
-TrackedTool::TrackedTool(std::int64_t period_ns, unsigned seed, const NavigationParameters &parameters)
+TrackedTool::TrackedTool(std::int64_t period_ns, unsigned seed, const NavigationParameters &parameters,
+                         casefile::Case a_case)
     : pipeline(parameters, events), period_ns_(period_ns), parameters_(parameters), rng_(seed) {
-  case_ = std::make_unique<LoadedCase>(std::make_shared<const casefile::Case>(tests::sample_case("/cases/sample")),
-                                       12.0, 100);
+  case_ = std::make_unique<LoadedCase>(std::make_shared<const casefile::Case>(std::move(a_case)), 12.0, 100);
   pipeline.handle(CaseChanged{1, case_.get()});
   ToolTip tip{};
   (void)wire::set_name(tip.tool, "Stylus");

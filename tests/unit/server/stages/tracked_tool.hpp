@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "server/stages/navigation/pipeline.hpp"
+#include "tests/unit/casefile/sample_case.hpp"
 
 namespace bregma::server::tracking_test {
 
@@ -15,7 +16,8 @@ inline constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
 
 class TrackedTool {
 public:
-  explicit TrackedTool(std::int64_t period_ns, unsigned seed = 1, const NavigationParameters &parameters = {});
+  explicit TrackedTool(std::int64_t period_ns, unsigned seed = 1, const NavigationParameters &parameters = {},
+                       casefile::Case a_case = tests::sample_case("/cases/sample"));
 
   // The frame of this number with the tip there, in Reference; both bodies are visible.
   [[nodiscard]] wire::TrackerFrame frame(std::uint64_t number, const geometry::Vector3d &tip_mm);
