@@ -34,9 +34,15 @@ constexpr int kSearchRotations = 600; // about 25 degrees apart
 constexpr std::size_t kRefinedAtCoarse = 24;
 constexpr std::size_t kRefinedAtMiddle = 6;
 constexpr std::size_t kRefinedAtFine = 2;
+// On the scale from an unrelated pose to the best: a pose that is farther behind the best at 8 mm is not refined at 4
+// mm, apart from the second best, which measures the lead; one behind by this lead at 4 mm is not refined at the finest
+// level.
+constexpr double kFarBehind = 0.4;
+constexpr double kClearLead = 0.3;
 constexpr double kSame_mm = 4.0; // poses closer than this are one
 // Verdict.
 constexpr double kMinLead = 0.15;
+constexpr double kMinMirrorLead = -kSidesKnown; // means of many heads are so symmetric that 0 would be chance
 constexpr double kMinReturned = 0.6;
 constexpr double kMinOverlap = 0.25;
 constexpr double kMinInformation = 0.03; // nats per sample
@@ -120,14 +126,14 @@ private:
   };
 
   Level level(const Volume &reference, const Volume &floating, double spacing_mm, std::size_t samples) const {
-    Level out;
-    out.reference = shrunk(reference, spacing_mm, team_);
-    out.floating = shrunk(floating, spacing_mm, team_);
-    out.spacing_mm = spacing_mm;
+    return prepared({shrunk(reference, spacing_mm, team_), shrunk(floating, spacing_mm, team_), nullptr, spacing_mm},
+                    samples);
+  }
+  Level prepared(Level out, std::size_t samples) const {
     MeasureOptions of_measure = options_.measure_options;
     of_measure.max_samples = samples;
     of_measure.seed = options_.seed;
-    if (spacing_mm > options_.finest_mm) {
+    if (out.spacing_mm > options_.finest_mm) {
       of_measure.bins = std::min(of_measure.bins, kCoarseBins);
     }
     out.measure = make_measure(options_.measure, out.reference, out.floating, of_measure, team_);
@@ -144,6 +150,8 @@ private:
   std::vector<Pose> distinct(std::vector<Pose> poses, std::size_t count) const;
   std::vector<Pose> refine_all(Level &level, const std::vector<Pose> &from, std::size_t count, double step_mm);
   [[nodiscard]] ReferenceFromFloating rigid(const Matrix4d &T_floating_reference) const;
+  // The best value at 4 mm of the floating image's mirror image, from `best` with the sides exchanged.
+  [[nodiscard]] double mirrored_value(const Pose &best);
   void check_capture(const Pose &best, RigidImageResult &out);
   [[nodiscard]] double smaller_mm3() const; // volume of the smaller image
   void estimate_covariance(const Pose &best, RigidImageResult &out);
@@ -229,6 +237,42 @@ ReferenceFromFloating RigidSearch::rigid(const Matrix4d &T_floating_reference) c
   return ReferenceFromFloating(R, T_floating_reference.topRightCorner<3, 1>())
       .inverse()
       .as<geometry::frame::Target, geometry::frame::Source>();
+}
+
+// The mirror image is that of the voxels along the first axis. It lies where a reflection of the head (M) would have to
+// be undone: T' = F T M, with F the reflection of the grid. M's plane is not known: one across each axis is tried.
+double RigidSearch::mirrored_value(const Pose &best) {
+  const auto mirrored = [](Volume image) {
+    const int width = image.size[0];
+    for (auto row = image.voxels.begin(); row != image.voxels.end(); row += width) {
+      std::reverse(row, row + width);
+    }
+    return image;
+  };
+  Level coarse = prepared({coarse_.reference, mirrored(coarse_.floating), nullptr, kCoarse_mm}, kCoarseSamples);
+  Level middle = prepared({middle_.reference, mirrored(middle_.floating), nullptr, kMiddle_mm}, kMiddleSamples);
+  const auto reflection_of = [](const image::Grid<3> &grid) -> Matrix4d {
+    Matrix4d flip = Matrix4d::Identity();
+    flip(0, 0) = -1.0;
+    flip(0, 3) = grid.size[0] - 1;
+    return grid.T_image_index * flip * grid.T_image_index.inverse();
+  };
+  Pose found{Matrix4d::Identity(), std::nan("")};
+  for (int axis = 0; axis < 3; ++axis) {
+    Matrix4d M = Matrix4d::Identity();
+    M(axis, axis) = -1.0;
+    M(axis, 3) = 2.0 * centre_mm_[axis];
+    const Pose pose =
+        refine(coarse, reflection_of(coarse.floating) * best.T_floating_reference * M, kCoarse_mm, 0.1 * kCoarse_mm);
+    if (std::isfinite(pose.value) && !(pose.value <= found.value)) {
+      found = pose;
+    }
+  }
+  if (!std::isfinite(found.value)) {
+    return found.value;
+  }
+  const Matrix4d between_grids = reflection_of(middle.floating) * reflection_of(coarse.floating);
+  return refine(middle, between_grids * found.T_floating_reference, kMiddle_mm, 0.1 * kMiddle_mm).value;
 }
 
 void RigidSearch::check_capture(const Pose &best, RigidImageResult &out) {
@@ -326,6 +370,10 @@ void RigidSearch::judge(RigidImageResult &out) const {
     say(ImageVerdict::kAmbiguous, "another pose explains the images nearly as well (lead " + number(out.lead, 2) +
                                       ", " + number(kMinLead, 2) +
                                       " is needed): different anatomy, or too small a part of it");
+  } else if (out.mirror_lead < kMinMirrorLead) {
+    say(ImageVerdict::kAmbiguous, "its mirror image explains the other image better (by " +
+                                      number(-out.mirror_lead, 2) +
+                                      "): are left and right exchanged in one of the two, by a header or an export?");
   } else if (out.returned < kMinReturned * out.restarts) {
     say(ImageVerdict::kAmbiguous, "only " + std::to_string(out.returned) + " of " + std::to_string(out.restarts) +
                                       " restarts from perturbed poses came back to this one");
@@ -363,6 +411,11 @@ RigidImageResult RigidSearch::run() {
   if (!proceed(0.5, "refining at 4 mm")) {
     return stopped();
   }
+  if (poses.size() > 2) {
+    const double limit = poses[0].value - kFarBehind * (poses[0].value - values[values.size() / 2]);
+    const auto far = std::find_if(poses.begin() + 2, poses.end(), [&](const Pose &pose) { return pose.value < limit; });
+    poses.erase(far, poses.end()); // they are sorted
+  }
   poses = refine_all(middle_, poses, kRefinedAtMiddle, kMiddle_mm);
   if (poses.empty()) {
     out.reason = "the images do not overlap";
@@ -387,11 +440,13 @@ RigidImageResult RigidSearch::run() {
                      at_middle.end());
     unrelated = at_middle.empty() ? poses.back().value : at_middle[at_middle.size() / 2];
   }
+  const double mirrored = mirrored_value(poses.front());
+  out.mirror_lead = std::isfinite(mirrored) ? (poses[0].value - mirrored) / (poses[0].value - unrelated) : 1.0;
   out.lead = poses.size() < 2 ? 1.0 : (poses[0].value - poses[1].value) / (poses[0].value - unrelated);
   if (!proceed(0.6, "refining at the finest level")) {
     return stopped();
   }
-  poses.resize(std::min(poses.size(), kRefinedAtFine));
+  poses.resize(std::min(poses.size(), out.lead > kClearLead ? std::size_t{1} : kRefinedAtFine));
   std::vector<Pose> finest;
   for (const Pose &pose : poses) {
     finest.push_back(refine(fine_, pose.T_floating_reference, options_.finest_mm, 0.01));

@@ -47,6 +47,9 @@ struct RigidImageOptions {
   std::function<bool(double done, std::string_view stage)> progress = {};
 };
 
+// A smaller lead over the mirror image does not show which side is which (docs/images.md).
+inline constexpr double kSidesKnown = 0.02;
+
 struct ImageCandidate {
   ReferenceFromFloating T_reference_floating;
   double similarity = 0.0; // at 4 mm
@@ -64,6 +67,7 @@ struct RigidImageResult {
   double overlap = 0.0;                   // fraction of the smaller image
   std::vector<ImageCandidate> candidates; // distinct poses that were refined, best first
   double lead = 0.0;              // 0 to 1: best over second, relative to best over the median of the start poses
+  double mirror_lead = 0.0;       // the same over the mirror image of the floating image; negative: it fits better
   int restarts = 0, returned = 0; // perturbed restarts, and how many came back
   int evaluations = 0;
 };

@@ -3,19 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <limits>
-#include <map>
 
 #include <Eigen/Geometry>
 
-#include "base/text.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/volumes/label_check.hpp"
-#include "casefile/volumes/label_names.hpp"
 #include "casefile/volumes/label_regions.hpp"
 #include "casefile/volumes/partial_folder.hpp"
 #include "casefile/volumes/patient.hpp"
 #include "casefile/volumes/second_image.hpp"
+#include "casefile/volumes/structures.hpp"
 #include "casefile/volumes/volume.hpp"
 
 namespace bregma::casefile {
@@ -26,33 +23,6 @@ namespace fs = std::filesystem;
 // Fraction of the total time per part, measured on the demonstration's head.
 constexpr double kScalpShare = 0.45;
 constexpr double kBrainShare = 0.25;
-
-Progress within(const Progress &progress, double from, double to, const std::string &what) {
-  if (!progress) {
-    return {};
-  }
-  return [&progress, from, to, what](double done, std::string_view stage) {
-    return progress(from + (to - from) * done, what + ": " + std::string(stage));
-  };
-}
-
-std::optional<std::int16_t> region_number(const std::string &region, const LabelNames &names) {
-  for (const auto &[value, name] : names) {
-    if (name == region && value > 0 && value <= std::numeric_limits<std::int16_t>::max()) {
-      return static_cast<std::int16_t>(value);
-    }
-  }
-  const auto value = base::parsed_number<std::int16_t>(region);
-  return value && *value > 0 ? value : std::nullopt;
-}
-
-fs::path label_table_of(const fs::path &labels) {
-  fs::path table = labels;
-  if (table.extension() == ".gz") {
-    table.replace_extension();
-  }
-  return table += ".txt";
-}
 
 class CaseMaker {
 public:
@@ -122,37 +92,9 @@ private:
       }
       c.tools = std::move(*read);
     }
-    return read_label_image();
-  }
-
-  base::Result<void> read_label_image() {
-    if (sources_.labels.empty()) {
-      return sources_.structures.empty() ? base::Result<void>()
-                                         : base::failure("structures are asked for, but there is no label image");
-    }
-    auto labels = read_labels(sources_.labels, {.space = sources_.space}, &created_.notes);
-    if (!labels) {
-      return tl::unexpected(labels.error());
-    }
-    labels_ = std::move(*labels);
-    if (auto names = read_names(); !names) {
-      return names;
-    }
-    for (const StructureRequest &request :
-         sources_.structures.empty() ? critical_structures(names_) : sources_.structures) {
-      std::vector<std::int16_t> regions;
-      for (const std::string &region : request.regions) {
-        const auto number = region_number(region, names_);
-        if (!number) {
-          return base::failure(sources_.labels.string() + ": structure \"" + request.name +
-                               "\": there is no region \"" + region + "\" in " +
-                               (names_.empty() ? "it; no names are known" : names_from_));
-        }
-        regions.push_back(*number);
-      }
-      structures_.emplace_back(request.name, std::move(regions));
-    }
-    return {};
+    return StructureMaker::read({sources_.labels, sources_.label_names, sources_.structures}, sources_.space,
+                                &created_.notes)
+        .map([this](StructureMaker &&structures) { structures_ = std::move(structures); });
   }
 
   base::Result<void> keep_patient() {
@@ -162,41 +104,19 @@ private:
   }
 
   base::Result<void> keep_labels() {
-    const LabelRegions regions = regions_in(labels_, names_, colours_);
+    const LabelRegions regions = structures_.regions();
     if (regions.empty()) {
       return {};
     }
     const fs::path &folder = created_.value.folder;
-    const Volume volume{{labels_.size, labels_.T_image_index}, {labels_.voxels.begin(), labels_.voxels.end()}};
+    const LabelVolume &labels = structures_.labels();
+    const Volume volume{{labels.size, labels.T_image_index}, {labels.voxels.begin(), labels.voxels.end()}};
     auto stored = store_image(sources_.labels, volume, folder / "labels");
     if (!stored) {
       return tl::unexpected(stored.error());
     }
     created_.value.labels = LabelImage{std::move(*stored), folder / "labels.txt"};
     return write_label_regions(created_.value.labels->table, regions);
-  }
-
-  // Of a known atlas, of the file that is given, or of one beside the labels.
-  base::Result<void> read_names() {
-    if (auto known = known_label_names(sources_.label_names.string())) {
-      names_ = std::move(*known);
-      names_from_ = "the atlas " + sources_.label_names.string();
-      return {};
-    }
-    std::error_code ignored;
-    const bool given = !sources_.label_names.empty();
-    const fs::path file = given ? sources_.label_names : label_table_of(sources_.labels);
-    names_from_ = file.string();
-    if (!given && !fs::exists(file, ignored)) {
-      return {};
-    }
-    auto names = read_label_names(file);
-    if (!names) {
-      return tl::unexpected(names.error());
-    }
-    names_ = std::move(*names);
-    colours_ = read_label_colours(file);
-    return {};
   }
 
   base::Result<void> make_scalp() {
@@ -211,10 +131,8 @@ private:
       return tl::unexpected(stored.error());
     }
     created_.value.image = std::move(*stored);
-    if (!structures_.empty()) {
-      for (const std::string &doubt : label_doubts(labels_, names_, *image)) {
-        created_.notes.push_back(sources_.labels.string() + ": the labels " + doubt);
-      }
+    for (const std::string &doubt : structures_.doubts(*image)) {
+      created_.notes.push_back(doubt);
     }
     image_grid_ = {{image->size, image->T_image_index}, {}};
     SurfaceOptions options = scalp_options();
@@ -245,23 +163,13 @@ private:
   }
 
   base::Result<void> make_structures() {
-    SurfaceOptions options;
-    options.closing_mm = 1.0;
-    options.blur_mm = 0.7; // more blur would erode thin gyri
-    options.vertices = std::max(100, sources_.vertices / 2);
-    const double start = kScalpShare + kBrainShare;
-    const double share = (1.0 - start) / static_cast<double>(std::max<std::size_t>(structures_.size(), 1));
-    double from = start;
-    for (const auto &[name, regions] : structures_) {
-      Surface surface;
-      if (auto kept = keep(extract_surface(labels_, regions, options, within(progress_, from, from + share, name)),
-                           name, sources_.labels, surface);
-          !kept) {
-        return kept;
-      }
-      created_.value.structures.push_back(std::move(surface));
-      from += share;
+    auto made =
+        structures_.make(std::max(100, sources_.vertices / 2), within(progress_, kScalpShare + kBrainShare, 1.0, ""));
+    if (!made) {
+      return tl::unexpected(made.error());
     }
+    created_.value.structures = std::move(made->surfaces);
+    created_.surfaces.insert(created_.surfaces.end(), made->summaries.begin(), made->summaries.end());
     return {};
   }
 
@@ -279,91 +187,23 @@ private:
 
   base::Result<void> keep(base::Result<ExtractedSurface> extracted, const std::string &name, const fs::path &source,
                           Surface &surface) {
-    if (!extracted) {
-      return base::failure(source.string() + ": surface \"" + name + "\": " + extracted.error().message);
+    auto named = named_surface(std::move(extracted), name, source);
+    if (!named) {
+      return tl::unexpected(named.error());
     }
-    surface = {name, std::move(extracted->mesh)};
-    created_.surfaces.push_back({name, static_cast<int>(surface.mesh.vertices_mm.size()), extracted->report});
+    surface = std::move(named->first);
+    created_.surfaces.push_back(std::move(named->second));
     return {};
   }
 
   const CaseSources &sources_;
   const Progress &progress_;
   CreatedCase created_;
-  LabelVolume labels_;
+  StructureMaker structures_;
   Volume image_grid_; // without voxels
-  LabelNames names_;
-  LabelColours colours_;
-  std::string names_from_;
-  std::vector<std::pair<std::string, std::vector<std::int16_t>>> structures_;
 };
 
 } // namespace
-
-base::Result<StructureRequest> parse_structure(const std::string &text) {
-  StructureRequest request;
-  const std::size_t equals = text.find('=');
-  request.name = text.substr(0, equals);
-  const std::string regions = equals == std::string::npos ? text : text.substr(equals + 1);
-  for (std::size_t from = 0; from <= regions.size();) {
-    const std::size_t comma = std::min(regions.find(',', from), regions.size());
-    request.regions.push_back(regions.substr(from, comma - from));
-    from = comma + 1;
-  }
-  const bool empty =
-      std::any_of(request.regions.begin(), request.regions.end(), [](const auto &r) { return r.empty(); });
-  if (request.name.empty() || empty) {
-    return base::failure("structure \"" + text + "\": must be Region or Name=Region,Region,...");
-  }
-  return request;
-}
-
-std::vector<StructureRequest> critical_structures(const LabelNames &names) {
-  struct Atlas {
-    // Of a region's name, around its own: the left and the right side.
-    std::array<std::string, 2> before, after;
-    std::vector<StructureRequest> kinds;
-  };
-  const std::array<Atlas, 4> atlases{
-      {{{"", ""},
-        {"_L", "_R"},
-        {{"Precentral gyrus", {"Precentral"}},
-         {"Occipital lobe", {"Calcarine", "Cuneus", "Lingual", "Occipital_Sup", "Occipital_Mid", "Occipital_Inf"}},
-         {"Heschl gyrus", {"Heschl"}}}},
-       {{"ctx-lh-", "ctx-rh-"},
-        {"", ""},
-        {{"Precentral gyrus", {"precentral"}},
-         {"Occipital lobe", {"lateraloccipital", "cuneus", "pericalcarine", "lingual"}},
-         {"Heschl gyrus", {"transversetemporal"}}}},
-       {{"Left ", "Right "},
-        {"", ""},
-        {{"Precentral gyrus", {"PrG precentral gyrus"}},
-         {"Occipital lobe",
-          {"Calc calcarine cortex", "Cun cuneus", "LiG lingual gyrus", "IOG inferior occipital gyrus",
-           "MOG middle occipital gyrus", "OCP occipital pole", "SOG superior occipital gyrus"}},
-         {"Heschl gyrus", {"TTG transverse temporal gyrus"}}}},
-       {{"", ""},
-        {"_l", "_r"},
-        {{"Precentral gyrus", {"FL_precen_G"}}, {"Occipital lobe", {"OL_rest_lat", "OL_ling_G", "OL_cuneus"}}}}}};
-  const auto has = [&names](const std::string &region) {
-    return std::any_of(names.begin(), names.end(), [&region](const auto &entry) { return entry.second == region; });
-  };
-  const auto found = std::find_if(atlases.begin(), atlases.end(), [&has](const Atlas &atlas) {
-    return has(atlas.before[0] + atlas.kinds.front().regions.front() + atlas.after[0]);
-  });
-  const Atlas &atlas = found != atlases.end() ? *found : atlases.front();
-  std::vector<StructureRequest> requests;
-  for (const StructureRequest &kind : atlas.kinds) {
-    for (const std::size_t side : {0U, 1U}) {
-      StructureRequest request{kind.name + (side == 0 ? " L" : " R"), kind.regions};
-      for (std::string &region : request.regions) {
-        region = atlas.before[side] + region + atlas.after[side];
-      }
-      requests.push_back(std::move(request));
-    }
-  }
-  return requests;
-}
 
 base::Result<CreatedCase> create_case(const fs::path &folder, const CaseSources &sources, bool replace,
                                       const Progress &progress) {

@@ -8,23 +8,9 @@
 
 #include "base/result.hpp"
 #include "casefile/case.hpp"
-#include "casefile/volumes/label_names.hpp"
-#include "casefile/volumes/surface.hpp"
+#include "casefile/volumes/structures.hpp"
 
 namespace bregma::casefile {
-
-// A critical structure: its name in the case and the regions of the label image that make it up, by name or number.
-struct StructureRequest {
-  std::string name;
-  std::vector<std::string> regions;
-};
-
-// "Name=Region,Region" or "Region", which is then the structure's name as well.
-[[nodiscard]] base::Result<StructureRequest> parse_structure(const std::string &text);
-
-// Precentral gyri, occipital lobes and Heschl's gyri, each side apart, by the names of the atlas whose names these are:
-// AAL, FreeSurfer (Desikan-Killiany), Neuromorphometrics or Hammers (which has no Heschl's gyrus); AAL if of none.
-[[nodiscard]] std::vector<StructureRequest> critical_structures(const LabelNames &names);
 
 // The craniotomy of a case with a brain is centred on the first trajectory, if there is one.
 struct CaseSources {
@@ -33,9 +19,9 @@ struct CaseSources {
   std::string series;                        // series of the DICOM folder, if it has several
   std::optional<Space> space = std::nullopt; // of images that do not state theirs
   std::filesystem::path brain;               // the same head without skull: every voxel above 0 is brain; may be empty
-  std::filesystem::path labels;              // regions; may be empty, then there are no structures
-  std::filesystem::path label_names;         // or one of known_atlases(); empty: next to the labels, ".txt" for ".gz"
-  std::vector<StructureRequest> structures;  // empty: critical_structures()
+  std::filesystem::path labels;              // of the same head, as in Segmentation; may be empty
+  std::filesystem::path label_names;
+  std::vector<StructureRequest> structures;
   // Slicer markups; all but the first may be empty. Landmarks in the brain need a brain.
   std::filesystem::path fiducials, landmarks, brain_landmarks, targets, trajectories;
   std::filesystem::path tools;           // TOML with [[tools]]
@@ -46,12 +32,6 @@ struct CaseSources {
 };
 
 inline constexpr double kMaxSnap_mm = 10.0;
-
-struct SurfaceSummary {
-  std::string name;
-  int vertices = 0;
-  SurfaceReport report;
-};
 
 struct CreatedCase {
   Case value;

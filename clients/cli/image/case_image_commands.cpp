@@ -32,6 +32,7 @@ struct AddArguments {
   std::string folder, result, transform;
   ImageFile image;
   SecondImage second;
+  std::vector<std::string> structures;
   double error_mm = 0.0;
   bool replace = false;
 };
@@ -83,7 +84,15 @@ int add(AddArguments arguments, const Context &context) {
     return fail(registration.error());
   }
   arguments.second.source = arguments.image.path;
-  const auto done = add_to_case(arguments.folder, arguments.second, *volume, *registration, arguments.replace);
+  arguments.second.space = space_of(arguments.image);
+  for (const std::string &text : arguments.structures) {
+    auto request = casefile::parse_structure(text);
+    if (!request) {
+      return fail(request.error());
+    }
+    arguments.second.segmentation.structures.push_back(std::move(*request));
+  }
+  const auto done = add_to_case(arguments.folder, arguments.second, *volume, *registration, arguments.replace, notes);
   if (!done) {
     return fail(done.error());
   }
@@ -193,10 +202,18 @@ void add_image_add(CLI::App &parent, Context &context) {
   command->add_option("--accept", arguments->second.accepted,
                       "Why a registration is used that is not \"found\", in words");
   add_second_image_options(*command, arguments->second);
+  casefile::Segmentation &segmentation = arguments->second.segmentation;
+  command->add_option("--labels", segmentation.labels, "Regions: a label image drawn on this image");
+  command->add_option("--label-names", segmentation.label_names,
+                      "Names of the regions, as of bregma case create (default: next to the labels, .txt)");
+  command->add_option("--structure", arguments->structures,
+                      "With --labels: critical structure, \"Region\" or \"Name=Region,Region\"; any number of them");
   command->add_flag("--replace", arguments->replace, "Replace the image of this name; its points move with it");
   add_json_flag(*command, context);
   command->footer("Examples:\n  bregma image register t2.nii.gz colin27/image.nii.gz --result t2.json\n"
-                  "  bregma image add colin27 t2.nii.gz --result t2.json --name T2 --targets on_t2.mrk.json");
+                  "  bregma image add colin27 t2.nii.gz --result t2.json --name T2 --targets on_t2.mrk.json\n"
+                  "  bregma image add colin27 t2.nii.gz --result t2.json --name T2 --labels vessels.nii.gz --structure "
+                  "\"Vessel=1\"");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return add(*arguments, context); }; });
 }

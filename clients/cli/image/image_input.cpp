@@ -22,12 +22,15 @@ void add_image_file(CLI::App &command, ImageFile &file, const std::string &name,
       ->check(CLI::IsMember({"ras", "lps"}));
 }
 
-base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<std::string> &notes) {
-  std::optional<casefile::Space> space;
-  if (!file.space.empty()) {
-    space = file.space == "ras" ? casefile::Space::kRas : casefile::Space::kLps;
+std::optional<casefile::Space> space_of(const ImageFile &file) {
+  if (file.space.empty()) {
+    return std::nullopt;
   }
-  return casefile::read_volume(file.path, {.series = {}, .space = space}, &notes);
+  return file.space == "ras" ? casefile::Space::kRas : casefile::Space::kLps;
+}
+
+base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<std::string> &notes) {
+  return casefile::read_volume(file.path, {.series = {}, .space = space_of(file)}, &notes);
 }
 
 base::Result<void> apply_mask(intensity::Volume &image, const std::string &mask_path, const std::string &image_path,

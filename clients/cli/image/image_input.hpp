@@ -1,12 +1,14 @@
 // Common parts of `bregma image`: reading images, and the options of a measure.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "algorithms/intensity/similarity_measure.hpp"
 #include "algorithms/parallel/team.hpp"
 #include "base/result.hpp"
+#include "casefile/volumes/volume.hpp"
 
 namespace CLI {
 class App;
@@ -19,6 +21,9 @@ struct ImageFile {
   std::string path, space;
 };
 void add_image_file(CLI::App &command, ImageFile &file, const std::string &name, const std::string &help);
+
+// The space that the option states.
+[[nodiscard]] std::optional<casefile::Space> space_of(const ImageFile &file);
 
 // notes: receives what was assumed.
 [[nodiscard]] base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<std::string> &notes);

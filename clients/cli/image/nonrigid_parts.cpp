@@ -67,7 +67,7 @@ std::string nonrigid_text(const intensity::NonrigidImageResult &result) {
   return "\nDeformed from this pose: mf-mi " + fixed(result.similarity_before, 4) + " to " +
          fixed(result.similarity, 4) + ", up to " + fixed(result.largest_mm, 1, "mm") + ", Jacobian " +
          fixed(result.jacobian.smallest, 2) + " to " + fixed(result.jacobian.largest, 2) +
-         " (no fold). Its error is not predicted.\n";
+         " (no fold). Its error is not predicted: not for navigation.\n";
 }
 
 base::Result<void> write_field(const std::string &path, const image::Grid<3> &target,

@@ -101,6 +101,7 @@ json common_json(const RigidImageResult &result, const RegisterImageArguments &a
           {"mutual_information_nats", json_number(result.mutual_information)},
           {"overlap", json_number(result.overlap)},
           {"lead", json_number(result.lead)},
+          {"mirror_lead", json_number(result.mirror_lead)},
           {"restarts", result.restarts},
           {"restarts_returned", result.returned},
           {"evaluations", result.evaluations},
@@ -112,8 +113,8 @@ std::string summary_text(const RigidImageResult &result, const RegisterImageArgu
   return "\n" + arguments.measure + " " + fixed(result.similarity, 4) + ", overlap " +
          fixed(100.0 * result.overlap, 0) + " % of the smaller image, " + std::to_string(result.returned) + " of " +
          std::to_string(result.restarts) + " perturbed restarts came back, lead over the next pose " +
-         fixed(result.lead, 2) + "\n" + std::to_string(result.evaluations) + " comparisons in " +
-         fixed(time_ms, 0, "ms") + "\n";
+         fixed(result.lead, 2) + ", over the mirror image " + fixed(result.mirror_lead, 2) + "\n" +
+         std::to_string(result.evaluations) + " comparisons in " + fixed(time_ms, 0, "ms") + "\n";
 }
 
 // From a point of the target to the source, mm.
@@ -199,7 +200,8 @@ casefile::ImageRegistration registration_of(const RigidImageResult &result, cons
 
 // Writes the result, and puts the image into the case.
 base::Result<std::string> keep(const casefile::ImageRegistration &registration, const json &document,
-                               const RegisterImageArguments &arguments, const Volume &source) {
+                               const RegisterImageArguments &arguments, const Volume &source,
+                               std::vector<std::string> &notes) {
   if (!arguments.result.empty()) {
     if (auto written = base::write_file(arguments.result, json_text(document, 2) + "\n"); !written) {
       return tl::unexpected(written.error());
@@ -211,7 +213,7 @@ base::Result<std::string> keep(const casefile::ImageRegistration &registration, 
   SecondImage image;
   image.source = arguments.source.path;
   image.name = arguments.name;
-  return add_to_case(arguments.into, image, source, registration, false).map([&](const casefile::Case &c) {
+  return add_to_case(arguments.into, image, source, registration, false, notes).map([&](const casefile::Case &c) {
     return image_text(c, *c.registered_image(arguments.name));
   });
 }
@@ -274,6 +276,9 @@ int register_image(const RegisterImageArguments &arguments, const Context &conte
     }
   }
   const double time_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count();
+  if (result.verdict == ImageVerdict::kFound && result.mirror_lead < intensity::kSidesKnown) {
+    notes.emplace_back("the mirror image fits as well: these images do not show whether left and right are exchanged");
+  }
   json document = common_json(result, arguments, time_ms);
   document["notes"] = notes;
   if (!context.json) {
@@ -299,7 +304,7 @@ int register_image(const RegisterImageArguments &arguments, const Context &conte
     document["date"] = registration.date;
     document["source"] = identity_json(registration.source);
     document["target"] = identity_json(registration.target);
-    const auto kept = keep(registration, document, arguments, *source);
+    const auto kept = keep(registration, document, arguments, *source, notes);
     if (!kept) {
       return fail(kept.error());
     }

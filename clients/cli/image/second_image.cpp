@@ -1,6 +1,7 @@
 #include "clients/cli/image/second_image.hpp"
 
 #include <algorithm>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -9,6 +10,7 @@
 #include "algorithms/uncertainty/tre.hpp"
 #include "casefile/markups.hpp"
 #include "casefile/volumes/second_image.hpp"
+#include "clients/cli/case/progress_line.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 
@@ -97,6 +99,35 @@ base::Result<void> add_trajectories(Case &c, const std::string &image, const std
   return {};
 }
 
+// Structures of a segmentation that was drawn on the image. Their surfaces are made on its grid, where its voxels are,
+// and then moved to the planning image.
+base::Result<void> add_structures(Case &c, const SecondImage &image, const intensity::Volume &volume,
+                                  std::vector<std::string> &notes) {
+  const auto maker = casefile::StructureMaker::read(image.segmentation, image.space, &notes);
+  if (!maker) {
+    return tl::unexpected(maker.error());
+  }
+  for (std::string &doubt : maker->doubts(volume)) {
+    notes.push_back(std::move(doubt));
+  }
+  ProgressLine progress;
+  auto made =
+      maker->make(image.vertices, [&](double done, std::string_view stage) { return progress.show(done, stage); });
+  if (!made) {
+    return tl::unexpected(made.error());
+  }
+  const auto &T_image_source = c.registered_image(image.name)->T_image_source.pose;
+  for (casefile::Surface &structure : made->surfaces) {
+    for (Eigen::Vector3d &vertex : structure.mesh.vertices_mm) {
+      vertex = T_image_source * vertex;
+    }
+    structure.segmented_in = image.name;
+    put(c.structures, std::move(structure),
+        [&](const casefile::Surface &other) { return other.segmented_in == image.name; });
+  }
+  return {};
+}
+
 std::vector<std::string> placed_in(const Case &c, const std::string &image) {
   std::vector<std::string> out;
   for (const auto &[kind, points] :
@@ -126,7 +157,8 @@ std::vector<std::string> placed_in(const Case &c, const std::string &image) {
 } // namespace
 
 base::Result<Case> add_to_case(const fs::path &folder, const SecondImage &image, const intensity::Volume &volume,
-                               const casefile::ImageRegistration &registration, bool replace) {
+                               const casefile::ImageRegistration &registration, bool replace,
+                               std::vector<std::string> &notes) {
   auto loaded = load_case(folder, casefile::Checksums::kIgnore);
   if (!loaded) {
     return loaded;
@@ -146,6 +178,9 @@ base::Result<Case> add_to_case(const fs::path &folder, const SecondImage &image,
     }
   }
   if (auto added = add_trajectories(*loaded, image.name, plans.trajectories); !added) {
+    return tl::unexpected(added.error());
+  }
+  if (auto added = add_structures(*loaded, image, volume, notes); !added) {
     return tl::unexpected(added.error());
   }
   if (auto sound = check_case(*loaded); !sound) {

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 
@@ -10,6 +12,7 @@
 #include "base/result.hpp"
 #include "casefile/case.hpp"
 #include "casefile/image_registration.hpp"
+#include "casefile/volumes/structures.hpp"
 
 namespace bregma::cli {
 
@@ -23,13 +26,18 @@ struct SecondImage {
   std::string name;
   std::string accepted; // why a registration is used whose verdict is not found; may be empty
   PlanFiles plans;
+  casefile::Segmentation segmentation;                 // drawn on the image; without labels there is none
+  std::optional<casefile::Space> space = std::nullopt; // of labels that do not state it
+  int vertices = 5000;                                 // maximum per structure
 };
 
 // Reads the case, adds the image and its points, and saves it. Points of a name that is already placed in this image
-// are replaced. An image of the name is replaced only with `replace`.
+// are replaced, as are structures. An image of the name is replaced only with `replace`. notes: receives what was
+// assumed. Blocks for seconds with a segmentation.
 [[nodiscard]] base::Result<casefile::Case> add_to_case(const std::filesystem::path &folder, const SecondImage &image,
                                                        const intensity::Volume &volume,
-                                                       const casefile::ImageRegistration &registration, bool replace);
+                                                       const casefile::ImageRegistration &registration, bool replace,
+                                                       std::vector<std::string> &notes);
 
 // "T2: predicted error 0.35 mm RMS at the centre of the head, 0.41 mm at 60 mm from it" and the points placed in it.
 [[nodiscard]] std::string image_text(const casefile::Case &c, const casefile::RegisteredImage &image);

@@ -11,15 +11,12 @@
 #include "casefile/markups.hpp"
 #include "tests/unit/cli/page_commands.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
-#include "tests/unit/volumes/dicom_bytes.hpp"
+#include "tests/unit/volumes/dicom_slices.hpp"
 #include "tests/unit/volumes/files.hpp"
 
 namespace {
 
 using namespace bregma::casefile;
-using bregma::test::little;
-using bregma::test::long_element;
-using bregma::test::short_element;
 using bregma::test::TemporaryFolder;
 using bregma::tests::run_bregma;
 using Eigen::Vector3d;
@@ -34,38 +31,15 @@ int intensity(const Vector3d &at, double radius_mm) {
   return at.norm() < radius_mm - 3.0 ? 100 : at.norm() < radius_mm + 3.0 ? 50 : 0;
 }
 
-std::string uid(std::uint32_t group, std::uint32_t element, std::string value) {
-  value.append(value.size() % 2, '\0');
-  return short_element(group, element, "UI", value);
-}
-std::string text(std::uint32_t group, std::uint32_t element, const char *type, std::string value) {
-  value.append(value.size() % 2, ' ');
-  return short_element(group, element, type, value);
-}
-
-std::string slice(int k) {
-  const std::string storage = "1.2.840.10008.5.1.4.1.1.4";
-  const std::string instance = "1.2.3.4." + std::to_string(k + 1);
-  const auto count = [](std::uint32_t element, std::uint32_t value) {
-    return short_element(0x0028, element, "US", little(value, 2));
-  };
-  std::string pixels;
-  for (int j = 0; j < kSide; ++j) {
-    for (int i = 0; i < kSide; ++i) {
-      pixels += little(static_cast<std::uint32_t>(intensity(place(i, j, k), kHead_mm)), 2);
-    }
+bregma::image::Image<float, 3> head() {
+  bregma::image::Image<float, 3> out;
+  out.size = {kSide, kSide, kSide};
+  out.T_image_index.topLeftCorner<3, 3>() *= kSpacing_mm;
+  out.T_image_index.topRightCorner<3, 1>() = place(0, 0, 0);
+  for (std::size_t i = 0; i < out.pixels(); ++i) {
+    out.voxels.push_back(static_cast<float>(intensity(out.pixel_mm(i), kHead_mm)));
   }
-  const std::string meta = uid(2, 2, storage) + uid(2, 3, instance) + uid(2, 0x10, "1.2.840.10008.1.2.1");
-  return std::string(128, '\0') + "DICM" +
-         short_element(2, 0, "UL", little(static_cast<std::uint32_t>(meta.size()), 4)) + meta +
-         uid(0x0008, 0x0016, storage) + uid(0x0008, 0x0018, instance) + text(0x0008, 0x0060, "CS", "MR") +
-         text(0x0010, 0x0010, "PN", "Doe^Jane") + uid(0x0020, 0x000D, "1.2.3.5") + uid(0x0020, 0x000E, "1.2.3.6") +
-         text(0x0020, 0x0013, "IS", std::to_string(k + 1)) +
-         text(0x0020, 0x0032, "DS", "105\\105\\" + std::to_string(6 * k - 105)) +
-         text(0x0020, 0x0037, "DS", "-1\\0\\0\\0\\-1\\0") + count(0x0002, 1) +
-         text(0x0028, 0x0004, "CS", "MONOCHROME2") + count(0x0010, kSide) + count(0x0011, kSide) +
-         text(0x0028, 0x0030, "DS", "6\\6") + count(0x0100, 16) + count(0x0101, 16) + count(0x0102, 15) +
-         count(0x0103, 0) + long_element(0x7FE0, 0x0010, "OW", static_cast<std::uint32_t>(pixels.size()), pixels);
+  return out;
 }
 
 // In the same grid. The format of an image is known by its content, not by its name.
@@ -85,10 +59,7 @@ template <class Value> std::string nrrd(const Value &value) {
 
 // What the page asks the reader to have.
 void provide_files(const TemporaryFolder &folder) {
-  std::filesystem::create_directory(folder / "dicom");
-  for (int k = 0; k < kSide; ++k) {
-    bregma::test::write_bytes(folder / ("dicom/IM" + std::to_string(k)), slice(k));
-  }
+  bregma::test::write_dicom(folder / "dicom", head());
   folder.write("mask.nii.gz", nrrd([](const Vector3d &at) { return at.norm() < 65.0 ? 1 : 0; }));
   folder.write(
       "aal.nii.gz", nrrd([](const Vector3d &at) {

@@ -1,8 +1,10 @@
 // `bregma image` on files: what it writes, and what a person reads where images cannot be registered.
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -14,6 +16,7 @@
 #include "tests/unit/algorithms/intensity/phantom.hpp"
 #include "tests/unit/casefile/sample_case.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
+#include "tests/unit/volumes/dicom_slices.hpp"
 
 namespace {
 
@@ -149,6 +152,41 @@ TEST(ImageCommand, ARegisteredImageBecomesPartOfACase) {
   EXPECT_EQ(casefile::load_case(folder)->targets.size(), 1U);
 }
 
+// A structure that was segmented on the second image's grid lies where the registration puts it, and names the image.
+TEST(ImageCommand, ASegmentationOnTheSecondImagesGridEntersTheCase) {
+  const Files files;
+  const std::filesystem::path folder = files.folder.path() / "case";
+  std::filesystem::create_directories(folder);
+  std::filesystem::copy_file(files.folder.path() / "target.nii.gz", folder / "image.nii.gz");
+  ASSERT_TRUE(casefile::save_case(tests::sample_case(folder)));
+  const Eigen::Matrix4d T_t2_planning = test::pose({5, -8, 12}, {12, -7, 9});
+  ASSERT_TRUE(casefile::write_itk_transform(files.folder.path() / "t2.tfm", T_t2_planning.inverse()));
+  const Eigen::Vector3d centre(15.0, 10.0, -5.0); // of a ball, in the planning image
+  constexpr double kRadius_mm = 14.0;
+  casefile::Volume labels = head({48, 56, 48}, true, T_t2_planning);
+  const Eigen::Vector3d in_t2 = (T_t2_planning * centre.homogeneous()).head<3>();
+  for (std::size_t i = 0; i < labels.voxels.size(); ++i) {
+    labels.voxels[i] = (labels.pixel_mm(i) - in_t2).norm() < kRadius_mm ? 3.0F : 0.0F;
+  }
+  files.write("vessels.nii.gz", labels);
+  const std::string add = "image add case source.nii.gz --transform t2.tfm --error-mm 0.6 --accept 'compared by eye' "
+                          "--name T2 --labels vessels.nii.gz --structure ";
+  EXPECT_NE(files.run(add + "Vessel=7").err.find("surface \"Vessel\""), std::string::npos);
+  const auto added = files.run(add + "Vessel=3");
+  ASSERT_EQ(added.exit_code, 0) << added.err;
+  EXPECT_NE(added.out.find("in its coordinates: structure Vessel"), std::string::npos) << added.out;
+  const auto loaded = casefile::load_case(folder);
+  ASSERT_TRUE(loaded) << loaded.error().message;
+  const casefile::Surface &vessel = loaded->structures.back();
+  EXPECT_EQ(vessel.name + " " + vessel.segmented_in, "Vessel T2");
+  for (const Eigen::Vector3d &vertex : vessel.mesh.vertices_mm) {
+    ASSERT_NEAR((vertex - centre).norm(), kRadius_mm, 2.5) << "voxels of 3.3 mm";
+  }
+  EXPECT_NE(files.run("image remove case T2").err.find("structure Vessel"), std::string::npos);
+  EXPECT_EQ(files.run("image remove case T2 --with-plans").exit_code, 0);
+  EXPECT_EQ(casefile::load_case(folder)->structures.size(), loaded->structures.size() - 1);
+}
+
 TEST(ImageCommand, MasksLeaveOutWhatTheTwoImagesDoNotShare) {
   const Files files;
   // A frame around the head of the target only, bright enough to take most of the grey values.
@@ -214,7 +252,119 @@ TEST(ImageCommand, WhatIsNotTheSameHeadIsNotFound) {
                            80.0 * std::exp(-(p.head<2>() - Eigen::Vector2d(-35, -20)).squaredNorm() / 300.0) +
                            static_cast<double>((i * 7919) % 11));
   }
-  EXPECT_NE(verdict("other.nii.gz", other), "");
+  verdict("other.nii.gz", other);
+  // The same head with left and right exchanged, as by an export that loses the sign of an axis: it is nearly as
+  // symmetric as a head, and without a test of the mirror image it would be found.
+  casefile::Volume mirrored = head({48, 56, 48}, true);
+  for (auto row = mirrored.voxels.begin(); row != mirrored.voxels.end(); row += mirrored.size[0]) {
+    std::reverse(row, row + mirrored.size[0]);
+  }
+  EXPECT_NE(verdict("mirrored.nii.gz", mirrored).find("ambiguous: "), std::string::npos);
+  casefile::Volume noise = head({48, 56, 48}, true);
+  for (std::size_t i = 0; i < noise.voxels.size(); ++i) {
+    noise.voxels[i] = static_cast<float>((i * 2654435761U >> 7U) % 251);
+  }
+  verdict("noise.nii.gz", noise);
+}
+
+// A header that is turned is not wrong in itself: the pose is searched among all rotations. From the header alone it is
+// out of reach, and then it is not "found".
+TEST(ImageCommand, AWrongOrientationIsFoundBySearchAndNotFromTheHeader) {
+  const Files files;
+  for (const Eigen::Vector3d &turn : {Eigen::Vector3d(90, 0, 0), Eigen::Vector3d(0, 0, 180)}) {
+    const Eigen::Matrix4d T = test::pose(turn, {0, 0, 0});
+    files.write("turned.nii.gz", head({48, 56, 48}, true, T));
+    const std::string words = "image register turned.nii.gz target.nii.gz --finest-mm 3.3 --tfm out.tfm --json";
+    const auto searched = files.run(words);
+    ASSERT_EQ(searched.exit_code, 0) << searched.out;
+    const auto found = casefile::read_itk_rigid(files.folder.path() / "out.tfm");
+    ASSERT_TRUE(found.has_value());
+    EXPECT_LT((found->matrix() - T.inverse()).topLeftCorner(3, 3).norm(), 0.02);
+    std::filesystem::remove(files.folder.path() / "out.tfm");
+    const auto near = files.run(words + " --start header");
+    EXPECT_EQ(near.exit_code, 1) << near.out;
+    EXPECT_NE(near.json()["verdict"], "found");
+    EXPECT_FALSE(near.json()["reason"].get<std::string>().empty());
+    EXPECT_FALSE(std::filesystem::exists(files.folder.path() / "out.tfm"));
+  }
+}
+
+TEST(ImageCommand, ADicomSeriesIsRegistered) {
+  const Files files;
+  casefile::Volume source = head({48, 56, 48}, true);
+  for (float &v : source.voxels) {
+    v = 100.0F * (v + 100.0F); // whole numbers, not negative
+  }
+  test::write_dicom(files.folder.path() / "dicom", source);
+  const auto run = files.run("image register dicom target.nii.gz --finest-mm 3.3 --tfm out.tfm --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err << run.out;
+  const auto T = casefile::read_itk_rigid(files.folder.path() / "out.tfm");
+  ASSERT_TRUE(T.has_value());
+  EXPECT_LT((T->matrix() - Eigen::Matrix4d::Identity()).topRightCorner(3, 1).norm(), 0.5);
+  EXPECT_LT((T->matrix() - Eigen::Matrix4d::Identity()).topLeftCorner(3, 3).norm(), 0.01);
+}
+
+// A head that was bent smoothly and posed: the field leads back to it. Its error is not predicted, so it is no
+// registration of a case.
+TEST(ImageCommand, NonrigidWritesAFieldAndIsNoRegistrationOfACase) {
+  const Files files;
+  const Eigen::Matrix4d T_source_target = test::pose({3, -2, 4}, {6, -4, 5});
+  const auto bend = [](const Eigen::Vector3d &p) -> Eigen::Vector3d { // of a point of the target, mm
+    return p + 5.0 * Eigen::Vector3d(1, 0.5, -0.5) * std::exp(-p.squaredNorm() / (2.0 * 30.0 * 30.0));
+  };
+  // Where a point of the bent head is in the head as it was, by fixed-point iteration.
+  const auto unbend = [&bend](const Eigen::Vector3d &q) {
+    Eigen::Vector3d p = q;
+    for (int i = 0; i < 20; ++i) {
+      p += q - bend(p);
+    }
+    return p;
+  };
+  casefile::Volume source = head({48, 56, 48}, true, T_source_target);
+  const Eigen::Matrix4d back = T_source_target.inverse();
+  for (std::size_t i = 0; i < source.voxels.size(); ++i) {
+    const Eigen::Vector3d q = (back * source.pixel_mm(i).homogeneous()).head<3>();
+    source.voxels[i] = 90.0F * std::sin(test::phantom_grey(unbend(q) / kScale) / 45.0F);
+  }
+  files.write("bent.nii.gz", source);
+  const std::string words = "image register bent.nii.gz target.nii.gz --finest-mm 3.3 --nonrigid ";
+  const auto run = files.run(words + "--field field.nrrd --resampled moved.nii.gz --json");
+  ASSERT_EQ(run.exit_code, 0) << run.err << run.out;
+  const auto out = run.json();
+  EXPECT_TRUE(out["nonrigid"]["found"]);
+  EXPECT_GT(out["nonrigid"]["smallest_jacobian"], 0.3);
+  EXPECT_GT(out["nonrigid"]["mf_mi"], out["nonrigid"]["mf_mi_before"]);
+  EXPECT_FALSE(out.contains("covariance")) << "that of the rigid pose is not the error of the deformation";
+  EXPECT_FALSE(out.contains("targets"));
+  EXPECT_TRUE(tests::read_file(files.folder.path() / "field.nrrd").starts_with("NRRD"));
+  // The source on the target's grid, beside what the source would show there: in the brain, where the head was bent.
+  ASSERT_EQ(files.run("image register bent.nii.gz target.nii.gz --finest-mm 3.3 --resampled rigid.nii.gz").exit_code, 0);
+  const casefile::Volume target = head({50, 58, 46}, false);
+  const auto residual = [&](const char *name) {
+    const auto moved = casefile::read_volume(files.folder.path() / name);
+    EXPECT_TRUE(moved) << name;
+    double sum = 0.0;
+    int count = 0;
+    for (std::size_t i = 0; moved && i < target.pixels(); ++i) {
+      const Eigen::Vector3d p = target.pixel_mm(i);
+      if ((p / kScale).cwiseQuotient(Eigen::Vector3d(22, 26, 20)).norm() < 0.9) {
+        sum += std::pow(static_cast<double>(moved->voxels[i] - 90.0F * std::sin(target.voxels[i] / 45.0F)), 2);
+        ++count;
+      }
+    }
+    return std::sqrt(sum / count);
+  };
+  EXPECT_LT(residual("moved.nii.gz"), 0.5 * residual("rigid.nii.gz"));
+
+  EXPECT_NE(files.run(words).out.find("Its error is not predicted: not for navigation"), std::string::npos);
+  const auto into = files.run(words + "--into case --name Later");
+  EXPECT_EQ(into.exit_code, 2);
+  EXPECT_NE(into.err.find("its registration is rigid; leave out --affine and --nonrigid"), std::string::npos);
+  EXPECT_EQ(files.run(words + "--result bent.json").exit_code, 2);
+  EXPECT_NE(
+      files.run("image add case bent.nii.gz --transform field.nrrd --error-mm 1 --accept 'x' --name Later").exit_code,
+      0);
+  EXPECT_EQ(files.run("image register bent.nii.gz target.nii.gz --field f.nrrd").exit_code, 2) << "needs --nonrigid";
 }
 
 TEST(ImageCommand, ImagesThatAreNoVolumesCannotBeRead) {
@@ -223,13 +373,17 @@ TEST(ImageCommand, ImagesThatAreNoVolumesCannotBeRead) {
       << "ObjectType = Image\nNDims = 4\nDimSize = 2 2 2 2\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
       << std::string(16, 'a');
   std::ofstream(files.folder.path() / "colour.mha")
-      << "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementNumberOfChannels = 3\nElementType = MET_UCHAR\n"
+      << "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementSpacing = 1 1 1\nElementNumberOfChannels = 3\nElementType = MET_UCHAR\n"
          "ElementDataFile = LOCAL\n"
       << std::string(24, 'a');
-  for (const char *name : {"four.mha", "colour.mha", "absent.nii"}) {
-    const auto run = files.run("image register " + std::string(name) + " target.nii.gz");
-    EXPECT_EQ(run.exit_code, 2) << name;
-    EXPECT_NE(run.err.find(name), std::string::npos) << run.err;
+  for (const auto &[name, reason] :
+       {std::pair{"four.mha", "a volume has three dimensions"}, {"colour.mha", "3 components (colour or vector)"}, {"absent.nii", "no such file"}}) {
+    for (const std::string &pair : {std::string(name) + " target.nii.gz", std::string("source.nii.gz ") + name}) {
+      const auto run = files.run("image register " + pair);
+      EXPECT_EQ(run.exit_code, 2) << name;
+      EXPECT_NE(run.err.find(std::string(name) + ": "), std::string::npos) << run.err;
+      EXPECT_NE(run.err.find(reason), std::string::npos) << run.err;
+    }
   }
   EXPECT_EQ(files.run("image register source.nii.gz target.nii.gz --tfm source.nii.gz").exit_code, 2);
 }
