@@ -80,9 +80,28 @@ Volume with_field_of_view(Volume image, double fraction) {
   return image;
 }
 
-int largest_at(intensity::SimilarityMeasure &measure, const Sweep &sweep) {
-  int best = sweep.reach + 1;
-  double largest = -std::numeric_limits<double>::infinity();
+intensity::MeasureOptions as_printed() {
+  intensity::MeasureOptions out;
+  out.bins = 256;
+  out.interpolation = intensity::Interpolation::kNearest;
+  out.outside = intensity::Outside::kDark;
+  return out;
+}
+
+intensity::MeasureOptions off_grid() {
+  intensity::MeasureOptions out;
+  out.max_samples = 32'768;
+  return out;
+}
+
+Planes::Planes(const IntensityOptions &options)
+    : ct(plane_of(load_volume(options.mni + "/scct.nii.gz"), kSlice_mm)),
+      t1(plane_of(load_volume(options.mni + "/avg152T1.nii.gz"), kSlice_mm)),
+      t2(plane_of(load_volume(options.mni + "/avg152T2.nii.gz"), kSlice_mm)),
+      pd(plane_of(load_volume(options.mni + "/avg152PD.nii.gz"), kSlice_mm)) {}
+
+std::vector<double> similarity_curve(intensity::SimilarityMeasure &measure, const Sweep &sweep) {
+  std::vector<double> out;
   for (int at = -sweep.reach; at <= sweep.reach; ++at) {
     Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
     if (sweep.rotation) {
@@ -90,10 +109,19 @@ int largest_at(intensity::SimilarityMeasure &measure, const Sweep &sweep) {
     } else {
       T.translate(Vector3d(at, 0.0, 0.0));
     }
-    const double value = measure.value(T.matrix());
-    if (value > largest) {
-      largest = value;
-      best = at;
+    out.push_back(measure.value(T.matrix()));
+  }
+  return out;
+}
+
+int largest_at(intensity::SimilarityMeasure &measure, const Sweep &sweep) {
+  const std::vector<double> curve = similarity_curve(measure, sweep);
+  int best = sweep.reach + 1;
+  double largest = -std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < curve.size(); ++i) {
+    if (curve[i] > largest) {
+      largest = curve[i];
+      best = static_cast<int>(i) - sweep.reach;
     }
   }
   return best;

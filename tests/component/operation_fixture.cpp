@@ -31,10 +31,10 @@ casefile::Case checked_case(const std::filesystem::path &folder, const std::func
   a_case.brain = shrunk_head("brain", 0.85, kHeadCentre);
   a_case.structures = {shrunk_head("Precentral_L", 0.15, kHeadCentre + Eigen::Vector3d(-45, 0, 20))};
   a_case.image = folder / "image.nii.gz";
+  std::ofstream(a_case.image) << "only its name matters to the daemon\n";
   if (change) {
     change(a_case);
   }
-  std::ofstream(a_case.image) << "only its name matters to the daemon\n";
   if (const auto saved = casefile::save_case(a_case); !saved) {
     throw std::runtime_error(saved.error().message);
   }
@@ -96,6 +96,14 @@ duration_s = 60.0
 CaseFolder::CaseFolder(const std::function<void(casefile::Case &)> &change)
     : case_(checked_case(folder_.path(), change)) {}
 
+void CaseFolder::reload() {
+  auto loaded = casefile::load_case(folder_.path());
+  if (!loaded) {
+    throw std::runtime_error(loaded.error().message);
+  }
+  case_ = std::move(*loaded);
+}
+
 sim::Scenario scenario_of(const std::string &toml) { return sim::test::scenario_of(toml); }
 
 void register_in_virtual_time(const CaseFolder &folder, const std::string &state_folder, std::uint64_t seed) {
@@ -107,9 +115,10 @@ void register_in_virtual_time(const CaseFolder &folder, const std::string &state
   }
 }
 
-Operation::Operation()
-    : domain_(operation_domain()), participant_(domain_), navigation_(participant_), health_(participant_),
-      registration_(participant_), accuracy_(participant_), alarms_(participant_), replies_(participant_) {}
+Operation::Operation(const std::function<void(casefile::Case &)> &change)
+    : domain_(operation_domain()), case_(change), participant_(domain_), navigation_(participant_),
+      health_(participant_), registration_(participant_), accuracy_(participant_), alarms_(participant_),
+      replies_(participant_) {}
 
 void Operation::start_daemon(const std::vector<std::string> &settings, const std::vector<std::string> &before) {
   std::vector<std::string> command = before;

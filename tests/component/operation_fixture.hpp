@@ -27,6 +27,7 @@ public:
   // change: of the case before it is saved.
   explicit CaseFolder(const std::function<void(casefile::Case &)> &change = {});
   [[nodiscard]] const casefile::Case &loaded() const { return case_; }
+  void reload(); // after a program has changed it
 
 private:
   TemporaryFolder folder_;
@@ -50,7 +51,8 @@ void register_in_virtual_time(const CaseFolder &folder, const std::string &state
 // bregmad and bregma-sim-room, and an observer of their samples.
 class Operation {
 public:
-  Operation();
+  // change: of the case before it is saved.
+  explicit Operation(const std::function<void(casefile::Case &)> &change = {});
 
   // before: words of the command before the program, such as "/usr/bin/env" with variables.
   void start_daemon(const std::vector<std::string> &settings = {}, const std::vector<std::string> &before = {});
@@ -66,6 +68,7 @@ public:
   void observe_for(double seconds);
 
   [[nodiscard]] const CaseFolder &case_folder() const { return case_; }
+  [[nodiscard]] CaseFolder &case_folder() { return case_; }
   [[nodiscard]] const std::filesystem::path &state_folder() const { return state_.path(); }
   [[nodiscard]] Process &daemon() { return *daemon_; }
   [[nodiscard]] Process &room() { return *room_; }
