@@ -44,6 +44,7 @@ constexpr double kSame_mm = 4.0; // poses closer than this are one
 constexpr double kMinLead = 0.15;
 constexpr double kMinMirrorLead = -kSidesKnown; // means of many heads are so symmetric that 0 would be chance
 constexpr double kMinReturned = 0.6;
+constexpr double kReturned_mm = 2.0; // a restart that ends closer than this came back
 constexpr double kMinOverlap = 0.25;
 constexpr double kMinInformation = 0.03; // nats per sample
 constexpr double kMaxError_mm = 3.0;     // predicted, rms at kArm_mm
@@ -278,7 +279,10 @@ double RigidSearch::mirrored_value(const Pose &best) {
 void RigidSearch::check_capture(const Pose &best, RigidImageResult &out) {
   std::mt19937_64 rng(options_.seed);
   const Pose at_middle = refine(middle_, best.T_floating_reference, 1.0, 0.05);
-  for (int i = 0; i < options_.restarts; ++i) {
+  const int needed = static_cast<int>(std::ceil(kMinReturned * options_.restarts));
+  const int spare = options_.restarts - needed;
+  // Until the verdict is decided: the rest could not change it.
+  while (out.returned < needed && out.restarts - out.returned <= spare) {
     Step step(6);
     for (Eigen::Index k = 0; k < 6; ++k) {
       step[k] = unit_random(rng);
@@ -286,10 +290,10 @@ void RigidSearch::check_capture(const Pose &best, RigidImageResult &out) {
     step.head<3>() *= kPerturbed_mm / step.head<3>().norm();
     step.tail<3>() *= kPerturbed_mm / step.tail<3>().norm();
     const Matrix4d start = at_middle.T_floating_reference * motion_of(step, centre_mm_);
-    const Pose again = refine(middle_, start, kMiddle_mm, 0.1);
+    const Pose again = refine(middle_, start, kMiddle_mm, kReturned_mm / 4.0);
     const double apart = apart_mm(rigid(again.T_floating_reference), rigid(at_middle.T_floating_reference), centre_mm_);
     ++out.restarts;
-    out.returned += std::isfinite(again.value) && apart < 0.5 * kMiddle_mm ? 1 : 0;
+    out.returned += std::isfinite(again.value) && apart < kReturned_mm ? 1 : 0;
   }
 }
 

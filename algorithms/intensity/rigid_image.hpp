@@ -68,7 +68,7 @@ struct RigidImageResult {
   std::vector<ImageCandidate> candidates; // distinct poses that were refined, best first
   double lead = 0.0;              // 0 to 1: best over second, relative to best over the median of the start poses
   double mirror_lead = 0.0;       // the same over the mirror image of the floating image; negative: it fits better
-  int restarts = 0, returned = 0; // perturbed restarts, and how many came back
+  int restarts = 0, returned = 0; // perturbed restarts until the verdict was decided, and how many came back
   int evaluations = 0;
 };
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -66,9 +67,10 @@ TEST(SecondImage, ATargetPlannedInItIsNavigatedWithTheErrorOfItsRegistration) {
     vessel.voxels[i] = (vessel.pixel_mm(i) - in_t2(kVessel_mm)).norm() < kVesselRadius_mm ? 1.0F : 0.0F;
   }
   ASSERT_TRUE(casefile::write_volume(files.path() / "vessel.nii.gz", vessel));
-  ASSERT_TRUE(casefile::write_points(files.path() / "cyst.mrk.json", "targets", {{"Cyst", in_t2(kCyst_mm)}}));
-  ASSERT_TRUE(
-      casefile::write_trajectories(files.path() / "path.mrk.json", {{"Cyst path", in_t2(kEntry_mm), in_t2(kCyst_mm)}}));
+  const std::vector<casefile::NamedPoint> targets{{"Cyst", in_t2(kCyst_mm)}};
+  const std::vector<casefile::Trajectory> paths{{"Cyst path", in_t2(kEntry_mm), in_t2(kCyst_mm)}};
+  ASSERT_TRUE(casefile::write_points(files.path() / "cyst.mrk.json", "targets", targets));
+  ASSERT_TRUE(casefile::write_trajectories(files.path() / "path.mrk.json", paths));
   run("image register t2.nii.gz '" + folder + "/image.nii.gz' --finest-mm 3.4 --result t2.json");
   run("image add '" + folder +
       "' t2.nii.gz --result t2.json --name T2 --targets cyst.mrk.json --trajectories "
@@ -121,15 +123,15 @@ TEST(SecondImage, ATargetPlannedInItIsNavigatedWithTheErrorOfItsRegistration) {
   ASSERT_EQ(status.exit_code, 0) << status.err;
   EXPECT_NEAR(status.json()["accuracy"]["targets"][1]["image_rms_mm"].get<double>(), image_rms_mm, 1e-6);
   const auto json = status.json();
-  for (const auto &tip : json["tips_in_images"]) {
-    EXPECT_EQ(tip["image"], "T2");
+  for (const auto &second : json["tips_in_images"]) {
+    EXPECT_EQ(second["image"], "T2");
     for (const auto &tool : json["tools"]) {
-      if (tool["tool"] == tip["tool"]) {
+      if (tool["tool"] == second["tool"]) {
         const auto in_image = tool["tip_mm"].get<std::vector<double>>();
-        const auto in_second = tip["tip_mm"].get<std::vector<double>>();
+        const auto in_second = second["tip_mm"].get<std::vector<double>>();
         const Eigen::Vector3d truth = in_t2(Eigen::Vector3d::Map(in_image.data()));
         EXPECT_LT((Eigen::Vector3d::Map(in_second.data()) - truth).norm(), 0.6);
-        EXPECT_GT(tip["rms_mm"].get<double>(), tool["tre_rms_mm"].get<double>());
+        EXPECT_GT(second["rms_mm"].get<double>(), tool["tre_rms_mm"].get<double>());
       }
     }
   }

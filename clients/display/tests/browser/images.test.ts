@@ -80,8 +80,9 @@ test("a second image on another grid is blended over the first", async () => {
   await open.page.getByLabel("blend of both").fill("1");
   await drawn(open.page);
   assert.deepEqual(await colourAt(kAxial, kInside), [255, 255, 255]);
-  const coordinates = () => open.page.locator(".coordinates").innerText();
-  const shown = /Tip {2}([RL]) ([\d.]+) {3}([AP]) ([\d.]+) {3}([SI]) ([\d.]+)[\s\S]*Tip in Second MR {2}([RL]) ([\d.]+)/;
+  const coordinates = async () => (await open.page.locator(".coordinates").textContent()) ?? "";
+  const shown =
+    /Tip {2}([RL]) ([\d.]+) {3}([AP]) ([\d.]+) {3}([SI]) ([\d.]+)[\s\S]*Tip in Second MR {2}([RL]) ([\d.]+)/;
   await until(coordinates, (text) => shown.test(text), "the tip in both images");
   const [, , , ap, a, , , rl, r] = shown.exec(await coordinates())!;
   const anterior = ap === "A" ? Number(a) : -Number(a);

@@ -129,7 +129,7 @@ TEST(LivePose, TheDistanceToAStructureErrsByTheTipAndByTheImageOfItsSegmentation
   const auto sigma_mm = [](const casefile::Case &of) {
     TrackedTool tracked(kFast_ns, 1, {}, of);
     tracked.move_to(0, kTip_mm);
-    EXPECT_EQ(wire::view(tracked.stylus().nearest_structure), of.structures.front().name);
+    EXPECT_EQ(wire::view(tracked.stylus().nearest_structure), of.structures.back().name);
     EXPECT_GT(tracked.stylus().nearest_structure_mm, 1.0);
     const Matrix3d P = tip_covariance(tracked.stylus());
     const Vector3d spread = P.eigenvalues().real().cwiseSqrt();
@@ -148,7 +148,7 @@ TEST(LivePose, TheDistanceToAStructureErrsByTheTipAndByTheImageOfItsSegmentation
   image.verdict = "found";
   image.T_image_source.covariance.diagonal() << 0, 0, 0, 0.64, 0.64, 0.64; // the same at every point and direction
   put_image(a_case, image);
-  a_case.structures.front().segmented_in = "T2";
+  a_case.structures.back().segmented_in = "T2";
   EXPECT_NEAR(sigma_mm(a_case), std::sqrt(tip * tip + 0.64), 1e-9);
 }
 
