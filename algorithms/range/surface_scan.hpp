@@ -32,13 +32,18 @@ struct ScanOptions {
   bool at_newest = false;
   double near_mm = 0.0, far_mm = std::numeric_limits<double>::infinity(); // distances outside are left out
   double lowest_mm = -std::numeric_limits<double>::infinity();            // so are points below this height
+  // So are points on steeper slopes, where such a sensor reads too far, or on an edge. The slope is that of the plane
+  // through the points within slope_radius_mm; where these do not determine a plane, it is not known, and the point is
+  // kept.
+  double max_slope_rad = std::numeric_limits<double>::infinity();
+  double slope_radius_mm = 12.0; // every point is compared with every other: for thousands, not millions
 };
 
 struct SurfaceScan {
   std::vector<Eigen::Vector3d> points_mm;
   std::vector<std::size_t> newest; // index of the newest record that each point used
   std::size_t missing = 0;         // readings that are NaN
-  std::size_t too_near = 0, too_far = 0, too_low = 0;
+  std::size_t too_near = 0, too_far = 0, too_low = 0, too_steep = 0;
   std::size_t without_position = 0; // values at whose time no position is known
   double delay_ms = 0.0;            // mean, of the values that became points
 };

@@ -12,6 +12,10 @@ int main(int argc, char **argv) {
   bench::add_options(app, options, bench::kRegistrationParts);
   app.add_option("--case", options.case_folder, "case folder whose scalp is the head")->capture_default_str();
   app.add_option("--basin", options.basin_file, "write the picture of the convergence basin (SVG) to this file");
+  app.add_option("--runs", options.runs, "runs per cell of table 1; fewer of its slow peers")
+      ->check(CLI::Range(1, 10000))
+      ->capture_default_str();
+  app.add_option("--pictures", options.pictures, "write the figures of table 1 to this folder (SVG)");
   app.add_option("--head", options.heads, "other heads: surfaces or images (those of ../shared/data that are there)");
   CLI11_PARSE(app, argc, argv);
 

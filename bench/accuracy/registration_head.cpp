@@ -54,7 +54,7 @@ Trace take_trace(std::vector<Vector3d> places_mm, double sigma_mm, Noise noise, 
   for (const Vector3d &p : places_mm) {
     Vector3d error = test::normal_vector(rng, sigma_mm);
     if (noise == Noise::kDepth) {
-      error.head<2>().setZero();
+      error.x() = error.z() = 0.0;
     }
     out.source_mm.push_back(back * (p + error));
   }

@@ -33,7 +33,9 @@ struct Trace {
   [[nodiscard]] double error_at_10cm_mm(const PairedPose &estimate) const;
 };
 
-enum class Noise { kAll, kDepth }; // in all axes, or in z alone
+// In all axes, or along the depth of the face alone: RAS y. That is the "Z axis" of [NeuroGuide], whose sensor looks
+// down on a face that lies on its back.
+enum class Noise { kAll, kDepth };
 // Samples of points on the head under a pose anywhere in SO(3), 200 mm away.
 [[nodiscard]] Trace take_trace(std::vector<Vector3d> places_mm, double sigma_mm, Noise noise, std::mt19937 &rng);
 

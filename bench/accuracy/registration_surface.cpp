@@ -73,79 +73,6 @@ void draw_from_bound(const Trace &trace, const surface::SurfaceModel &surface, d
   }
 }
 
-struct Row {
-  int number;
-  double sigma_mm;
-  Noise noise;
-  std::size_t count;
-  double paper_rmse_mm, paper_e10_mm; // NaN: the paper has no such row
-};
-constexpr std::array<Row, 15> kTable{
-    {{1, 1, Noise::kDepth, 150, 2.3, 2},
-     {2, 1, Noise::kAll, 150, 3.0, 2},
-     {3, 1, Noise::kDepth, 60, 7.1, 6},
-     {4, 1, Noise::kAll, 60, 7.0, 6},
-     {5, 1, Noise::kDepth, 30, 181.5, 168},
-     {6, 2, Noise::kDepth, 150, 3.2, 3},
-     {7, 2, Noise::kAll, 150, 4.8, 2},
-     {8, 2, Noise::kDepth, 60, 7.4, 6},
-     {9, 2, Noise::kAll, 60, 8.4, 7},
-     {10, 2, Noise::kDepth, 30, 181.7, 169},
-     {11, 3, Noise::kDepth, 150, 3.7, 2},
-     {12, 3, Noise::kAll, 150, 6.7, 5},
-     {13, 3, Noise::kDepth, 60, 6.8, 6},
-     {14, 3, Noise::kAll, 60, 9.1, 7},
-     {15, 3, Noise::kDepth, 30, std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::quiet_NaN()}}};
-
-// [NeuroGuide, table 1]: random subsets of the face's vertices, from arbitrary start poses. RMSE over the whole face.
-void paper_table(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
-  report.note(
-      format("NeuroGuide, table 1: %d seeds per row from %u, start anywhere in SO(3) and 200 mm; row 15 is not in the "
-             "paper. RMSE over the face's 3,000 true points, median and largest; floor: local from the truth",
-             runs, kSurfaceSeed));
-  report.note(" #  noise mm axis points | paper RMSE E10cm |  RMSE   max  floor E10cm | found % wrong");
-  int wrong = 0;
-  for (const Row &row : kTable) {
-    GlobalOptions options;
-    options.sigma_mm = row.sigma_mm;
-    options.threads = kThreads;
-    GlobalRegistration global(field, options);
-    LocalRegistration local(field, independent(row.sigma_mm));
-    std::vector<double> rmse;
-    std::vector<double> e10;
-    std::vector<double> floor;
-    int found = 0;
-    int wrong_here = 0;
-    Progress progress("table 1, row " + std::to_string(row.number), runs);
-    for (int run = 0; run < runs; ++run) {
-      progress.step();
-      std::mt19937 rng(kSurfaceSeed + static_cast<unsigned>(run));
-      std::vector<Vector3d> places;
-      std::sample(head.face.begin(), head.face.end(), std::back_inserter(places), row.count, rng);
-      const Trace trace = take_trace(std::move(places), row.sigma_mm, row.noise, rng);
-      const GlobalResult &result = global.locate(trace.source_mm);
-      rmse.push_back(trace.rmse_mm(result.T_target_source, head.face));
-      e10.push_back(trace.error_at_10cm_mm(result.T_target_source));
-      floor.push_back(trace.rmse_mm(local.fit(trace.source_mm, trace.T_target_source).T_target_source, head.face));
-      found += result.verdict == Verdict::kFound ? 1 : 0;
-      wrong_here += result.verdict == Verdict::kFound && rmse.back() > kWrong_mm ? 1 : 0;
-    }
-    wrong += wrong_here;
-    const double found_percent = 100.0 * found / runs;
-    const double median = percentile(rmse, 0.5);
-    report.note(format("%2d  %8.0f %-4s %6zu | %10.1f %5.0f | %5.2f %5.1f  %5.2f %5.2f | %7.1f %5d", row.number,
-                       row.sigma_mm, row.noise == Noise::kAll ? "all" : "z", row.count, row.paper_rmse_mm,
-                       row.paper_e10_mm, median, rmse.back(), percentile(floor, 0.5), percentile(e10, 0.5),
-                       found_percent, wrong_here));
-    const std::string name = "surface.table1.row" + std::to_string(row.number);
-    const Record record = at_most(name + ".rmse.median", median, "mm", row.sigma_mm);
-    report.add(std::isnan(row.paper_rmse_mm) ? record : with_peer(record, row.paper_rmse_mm, "paper"));
-    report.add(row.count >= 60 ? at_least(name + ".found", found_percent, "%", 99.0)
-                               : figure(name + ".found", found_percent, "%"));
-  }
-  report.add(at_most("surface.table1.wrong_as_found", wrong, "runs", 0.0));
-}
-
 void local_table(Report &report, const Head &head, const surface::SurfaceField &field, int runs) {
   report.note(format("local: %d starts 10-20 degrees and 10-20 mm off, one side of the head, noise 1 mm, seed %u; CPU "
                      "time of one thread; peer: PCL 1.13, point to plane, prebuilt tree%s",
@@ -347,7 +274,7 @@ void coverage(Report &report, const Head &head, const surface::SurfaceField &fie
 } // namespace
 
 void surface_figures(Report &report, const RegistrationBenchOptions &options) {
-  constexpr std::array kParts{"local", "global", "table", "degenerate", "coverage", "basin"};
+  constexpr std::array kParts{"local", "global", "table1", "degenerate", "coverage", "basin"};
   if (std::none_of(kParts.begin(), kParts.end(), [&](const char *part) { return options.wants(part); })) {
     return;
   }
@@ -364,8 +291,8 @@ void surface_figures(Report &report, const RegistrationBenchOptions &options) {
   if (options.wants("global")) {
     global_table(report, head, field, quick ? 20 : 200);
   }
-  if (options.wants("table")) {
-    paper_table(report, head, field, quick ? 8 : 100);
+  if (options.wants("table1")) {
+    table1_figures(report, options, head, field);
   }
   if (options.wants("degenerate")) {
     degenerate(report, head, field, quick ? 20 : 100);

@@ -15,6 +15,7 @@
 #include "algorithms/range/range_filters.hpp"
 #include "base/plots.hpp"
 #include "base/write_file.hpp"
+#include "bench/robot/face_scan.hpp"
 #include "bench/robot/robot_parts.hpp"
 #include "drivers/sim/range/sharp_sensor.hpp"
 
@@ -28,7 +29,6 @@ using range::WindowKind;
 
 constexpr std::int64_t kReading_ns = 1'000'000; // one reading per ms
 constexpr double kSpeed_mm_s = 5.0;             // the faster scan of [NeuroGuide]
-constexpr std::int64_t kSensorDelay_ns = 38'300'000;
 constexpr std::array<std::size_t, 12> kWindows{1, 2, 5, 10, 20, 50, 75, 100, 150, 200, 300, 400};
 
 // Distance while the beam stands still, or passes over a face-like relief at kSpeed_mm_s.
@@ -59,25 +59,13 @@ std::vector<TimedReading> record(bool moving, double seconds, std::uint64_t seed
 }
 
 range::PowerLaw calibrate(Report &report) {
-  std::vector<range::CalibrationPoint> near;
-  std::vector<range::CalibrationPoint> whole;
-  for (double mm = 100.0; mm <= 800.0; mm += mm < 300.0 ? 5.0 : 25.0) {
-    sim::SharpSensor sensor(
-        {},
-        [mm](std::int64_t) {
-          return sim::BeamTarget{mm, 0.0, std::nan("")};
-        },
-        kRobotSeed + static_cast<std::uint64_t>(mm));
-    double sum = 0.0;
-    constexpr int kReadings = 1000;
-    for (int i = 0; i < kReadings; ++i) {
-      sum += sensor.read_volts(i * kReading_ns, false) / kReadings;
-    }
-    whole.push_back({sum, mm});
-    if (mm >= 120.0 && mm <= 250.0) {
-      near.push_back({sum, mm});
-    }
+  std::vector<range::CalibrationPoint> whole = calibration_readings(100.0, 295.0, 5.0, kRobotSeed);
+  for (const range::CalibrationPoint &point : calibration_readings(300.0, 800.0, 25.0, kRobotSeed)) {
+    whole.push_back(point);
   }
+  std::vector<range::CalibrationPoint> near;
+  std::copy_if(whole.begin(), whole.end(), std::back_inserter(near),
+               [](const auto &point) { return point.distance_mm >= 120.0 && point.distance_mm <= 250.0; });
   const auto all = range::fit_power_law(whole);
   const auto fit = range::fit_power_law(near);
   report.note("power law over 100 to 800 mm: " + all.text);

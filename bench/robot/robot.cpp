@@ -13,6 +13,7 @@ int main(int argc, char **argv) {
   CLI::App app("Arms, sensors and calibrations of a robot");
   bregma::bench::RobotBenchOptions options;
   bregma::bench::add_options(app, options, bregma::bench::kRobotParts);
+  app.add_option("--case", options.case_folder, "Case folder whose scalp is the head")->capture_default_str();
   app.add_option("--pictures", options.pictures, "Write the figures of the documentation to this folder");
   CLI11_PARSE(app, argc, argv);
   try {
@@ -22,6 +23,7 @@ int main(int argc, char **argv) {
             {"kinematics", bregma::bench::kinematics_figures},
             {"calibration", bregma::bench::calibration_figures},
             {"range", bregma::bench::range_figures},
+            {"scan", bregma::bench::scan_figures},
         };
     for (const auto &[name, part] : kParts) {
       if (options.wants(name)) {

@@ -11,6 +11,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "algorithms/geometry/angles.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/register_commands.hpp"
 #include "clients/cli/registration/registration_output.hpp"
@@ -23,7 +24,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t kMinPoints = 20; // of a registration without a start
+constexpr std::size_t kMaxSlopePoints = 20000; // every point is compared with every other
+constexpr std::size_t kMinPoints = 20;         // of a registration without a start
 
 struct ScanArguments {
   SurfaceArguments surface;
@@ -35,7 +37,7 @@ struct ScanArguments {
   bool at_newest = false;
   double sensor_delay_ms = 38.3; // the data sheet's: the sensor measures for one period, then holds the value
   double bias_mm = 0.3;
-  std::optional<double> lowest_mm;
+  std::optional<double> lowest_mm, max_slope_deg;
   range::ScanOptions options;
 };
 
@@ -76,6 +78,9 @@ range::ScanOptions options_of(const ScanArguments &arguments, const range::Power
   out.curve = law;
   out.at_newest = arguments.at_newest;
   out.lowest_mm = arguments.lowest_mm.value_or(out.lowest_mm);
+  if (arguments.max_slope_deg) {
+    out.max_slope_rad = geometry::kRadiansPerDegree * *arguments.max_slope_deg;
+  }
   return out;
 }
 
@@ -109,6 +114,7 @@ json scan_json(const range::SurfaceScan &scan, const ScanFile &file, const range
           {"too_near", scan.too_near},
           {"too_far", scan.too_far},
           {"too_low", scan.too_low},
+          {"too_steep", scan.too_steep},
           {"without_position", scan.without_position},
           {"chain", chain},
           {"window", options.chain.raw.window},
@@ -128,10 +134,10 @@ std::string scan_text(const range::SurfaceScan &scan, const ScanFile &file, cons
   };
   return std::to_string(scan.points_mm.size()) + " points from " + std::to_string(file.records.size()) + " records" +
          counted(scan.missing, "without a reading") + counted(file.damaged, "damaged") + "; left out" +
-         (scan.too_near + scan.too_far + scan.too_low + scan.without_position == 0 ? " none" : "") +
+         (scan.too_near + scan.too_far + scan.too_low + scan.too_steep + scan.without_position == 0 ? " none" : "") +
          counted(scan.too_near, "too near") + counted(scan.too_far, "too far") + counted(scan.too_low, "too low") +
-         counted(scan.without_position, "without a position") + "; delay " + fixed(scan.delay_ms, 0, "ms") +
-         (options.at_newest ? ", not removed" : ", removed") + "\n\n";
+         counted(scan.too_steep, "too steep") + counted(scan.without_position, "without a position") + "; delay " +
+         fixed(scan.delay_ms, 0, "ms") + (options.at_newest ? ", not removed" : ", removed") + "\n\n";
 }
 
 int register_scan(const ScanArguments &arguments, const Context &context) {
@@ -154,6 +160,9 @@ int register_scan(const ScanArguments &arguments, const Context &context) {
     return fail("--near-mm must be below --far-mm");
   }
   const range::ScanOptions options = options_of(arguments, curve->law);
+  if (arguments.max_slope_deg && file->records.size() / options.chain.every > kMaxSlopePoints) {
+    return fail("--max-slope-deg is for at most " + std::to_string(kMaxSlopePoints) + " points: say a larger --every");
+  }
   Cloud samples;
   const range::SurfaceScan scan = range::surface_points(file->records, options);
   samples.points_mm = scan.points_mm;
@@ -245,6 +254,11 @@ void add_register_scan(CLI::App &parent, Context &context) {
       ->check(CLI::Range(0.0, 1e9));
   command->add_option("--lowest-mm", arguments->lowest_mm,
                       "Points below this height above the table are left out: they are the table");
+  command
+      ->add_option("--max-slope-deg", arguments->max_slope_deg,
+                   "Points on steeper slopes are left out, where the points within 12 mm determine the slope: an "
+                   "infrared sensor reads too far there")
+      ->check(CLI::Range(1.0, 90.0));
   command
       ->add_option("--bias-mm", arguments->bias_mm,
                    "Error of the distance that all points have in common, 1 sigma; the curve's own is added")

@@ -126,6 +126,26 @@ TEST(SurfacePoints, CountsWhatItLeavesOut) {
   EXPECT_THROW(static_cast<void>(surface_points(records, options)), std::invalid_argument);
 }
 
+TEST(SurfacePoints, SteepPlacesAreLeftOutWhereTheSlopeIsKnown) {
+  ScanOptions options{.chain = {{WindowKind::kMean, 1, 1.0, 0}, 1, 1}, .curve = {1.0, 1.0}};
+  options.max_slope_rad = 0.7;
+  std::vector<ScanRecord> records;
+  for (int y = 0; y < 50; y += 5) {
+    for (int x = 0; x < 100; x += 5) { // flat, then a slope of 63 degrees
+      records.push_back({1.0 * x, 1.0 * y, x < 50 ? 150.0 : 150.0 - 2.0 * (x - 50)});
+    }
+  }
+  records.push_back({500.0, 500.0, 150.0}); // alone
+  const SurfaceScan scan = surface_points(records, options);
+  EXPECT_GT(scan.too_steep, 80U);
+  EXPECT_EQ(scan.points_mm.size() + scan.too_steep, records.size());
+  EXPECT_EQ(scan.newest.size(), scan.points_mm.size());
+  for (const Eigen::Vector3d &p : scan.points_mm) {
+    EXPECT_TRUE(p.x() <= 55.0 || p.x() == 500.0) << p.transpose();
+  }
+  EXPECT_EQ(scan.points_mm.back().x(), 500.0);
+}
+
 TEST(SurfaceUnderBeam, MeetsTheUppermostTriangleItsTiltAndItsEdge) {
   surface::TriangleMesh mesh; // a slope of 45 degrees from x = 0 to 20, above a plate at z = 1
   mesh.vertices_mm = {{0, 0, 20}, {20, 0, 40}, {20, 20, 40}, {0, 20, 20},
