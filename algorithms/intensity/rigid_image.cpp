@@ -290,7 +290,7 @@ void RigidSearch::check_capture(const Pose &best, RigidImageResult &out) {
     step.head<3>() *= kPerturbed_mm / step.head<3>().norm();
     step.tail<3>() *= kPerturbed_mm / step.tail<3>().norm();
     const Matrix4d start = at_middle.T_floating_reference * motion_of(step, centre_mm_);
-    const Pose again = refine(middle_, start, kMiddle_mm, kReturned_mm / 4.0);
+    const Pose again = refine(middle_, start, kMiddle_mm, 0.1);
     const double apart = apart_mm(rigid(again.T_floating_reference), rigid(at_middle.T_floating_reference), centre_mm_);
     ++out.restarts;
     out.returned += std::isfinite(again.value) && apart < kReturned_mm ? 1 : 0;

@@ -99,8 +99,10 @@ int refuse_registration(const std::string &verdict, const std::string &reason, c
 void withhold_pose(json &document) {
   withhold(document, {"T_target_source", "T_source_target", "covariance", "targets"});
   for (const char *poses : {"hypotheses", "candidates"}) {
-    for (json &pose : document.contains(poses) ? document[poses] : json::array()) {
-      withhold(pose, {"T_target_source"});
+    if (const auto found = document.find(poses); found != document.end()) {
+      for (json &pose : *found) {
+        withhold(pose, {"T_target_source"});
+      }
     }
   }
 }
