@@ -11,6 +11,7 @@
 #include "algorithms/mri/grid/grid_points.hpp"
 #include "algorithms/mri/lattice.hpp"
 #include "algorithms/mri/point_matching.hpp"
+#include "base/result.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::cli::mri_report {
