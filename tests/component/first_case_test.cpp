@@ -86,10 +86,11 @@ TEST_F(FirstCaseWithDevices, TheCommandsThatArePrintedNavigate) {
     const bool live = !command.starts_with("report") && !command.starts_with("doctor");
     return tests::run_bregma(folder, command + (live ? " --wait 30 --domain " + in_domain() : std::string()));
   };
-  Process daemon({BREGMA_PROGRAMS_FOLDER "/bregmad", "--set", "domain_id=" + in_domain(), "--set",
+  const std::string programs = BREGMA_PROGRAMS_FOLDER;
+  Process daemon({programs + "/bregmad", "--set", "domain_id=" + in_domain(), "--set",
                   "state.directory=" + (folder / "state").string()},
                  (folder / "daemon.log").string());
-  Process room({BREGMA_PROGRAMS_FOLDER "/bregma-sim-room", "--case", (folder / "first").string(), "--scenario",
+  Process room({programs + "/bregma-sim-room", "--case", (folder / "first").string(), "--scenario",
                 (folder / "demo/colin27/scenario.toml").string(), "--domain", in_domain(), "--hands"},
                (folder / "room.log").string());
   EXPECT_LE(type("doctor --quick").exit_code, 1) << "the machine may be unfit";

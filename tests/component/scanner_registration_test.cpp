@@ -49,7 +49,8 @@ protected:
     ASSERT_NO_FATAL_FAILURE(run_to_end({BREGMA_PROGRAM, "mri", "points", folder + "/phantom_ct.nrrd", "-o",
                                         folder + "/ct.mrk.json", "--ct", "--cell-mm", "16.91", "--bar-mm", "1.91"},
                                        folder + "/points.log"));
-    std::ofstream(folder + "/tools.toml") << "[[tools]]\nname = \"Guide\"\ntip_mm = [0, 0, 100]\naxis = [0, 0, 1]\nsigma_mm = 0.1\n";
+    std::ofstream(folder + "/tools.toml")
+        << "[[tools]]\nname = \"Guide\"\ntip_mm = [0, 0, 100]\naxis = [0, 0, 1]\nsigma_mm = 0.1\n";
     operation.start_daemon({"scanner.frame=" + folder + "/frame.toml", "scanner.phantom=" + folder + "/ct.mrk.json",
                             "scanner.cell_mm=16.91", "scanner.bar_mm=1.91", "robot.tools=" + folder + "/tools.toml",
                             "robot.tool=Guide"});

@@ -1,6 +1,7 @@
 #include "server/stages/surface_scan/stage.hpp"
 
 #include <algorithm>
+#include <cinttypes>
 #include <cstdio>
 #include <exception>
 #include <string>
@@ -137,19 +138,17 @@ void SurfaceScanStage::watch(const Moment &now) {
   const bool stalled = scan_.on() && !interrupted && now.utc_ns - progress_ns > kStalled_ns;
   char text[256];
   (void)std::snprintf(text, sizeof text,
-                      "the scan stands still: of %llu readings %llu are missing, %llu out of the calibrated range, and "
-                      "%llu values have no pose of the arm",
-                      static_cast<unsigned long long>(counts.readings), static_cast<unsigned long long>(counts.missing),
-                      static_cast<unsigned long long>(counts.out_of_range),
-                      static_cast<unsigned long long>(counts.without_flange));
+                      "the scan stands still: of %" PRIu64 " readings %" PRIu64 " are missing, %" PRIu64
+                      " out of the calibrated range, and %" PRIu64 " values have no pose of the arm",
+                      counts.readings, counts.missing, counts.out_of_range, counts.without_flange);
   alarms_.update(kScanStalled, sensor, stalled, text, now.utc_ns);
 
   const std::uint64_t rings = flanges_->dropped() + readings_->dropped() + events.dropped();
   const std::uint64_t lost = rings + counts.without_flange + counts.overflown;
   lost_ns_ = scan_.on() && lost > std::exchange(lost_seen_, lost) ? now.utc_ns : lost_ns_;
-  (void)std::snprintf(text, sizeof text, "values are lost: %llu without a pose of the arm, %llu in full tables",
-                      static_cast<unsigned long long>(counts.without_flange),
-                      static_cast<unsigned long long>(rings + counts.overflown));
+  (void)std::snprintf(text, sizeof text,
+                      "values are lost: %" PRIu64 " without a pose of the arm, %" PRIu64 " in full tables",
+                      counts.without_flange, rings + counts.overflown);
   alarms_.update(kScanLost, sensor, scan_.on() && lost_ns_ != 0 && now.utc_ns - lost_ns_ < kLossShown_ns, text,
                  now.utc_ns);
 }

@@ -338,7 +338,8 @@ TEST(ImageCommand, NonrigidWritesAFieldAndIsNoRegistrationOfACase) {
   EXPECT_FALSE(out.contains("targets"));
   EXPECT_TRUE(tests::read_file(files.folder.path() / "field.nrrd").starts_with("NRRD"));
   // The source on the target's grid, beside what the source would show there: in the brain, where the head was bent.
-  ASSERT_EQ(files.run("image register bent.nii.gz target.nii.gz --finest-mm 3.3 --resampled rigid.nii.gz").exit_code, 0);
+  ASSERT_EQ(files.run("image register bent.nii.gz target.nii.gz --finest-mm 3.3 --resampled rigid.nii.gz").exit_code,
+            0);
   const casefile::Volume target = head({50, 58, 46}, false);
   const auto residual = [&](const char *name) {
     const auto moved = casefile::read_volume(files.folder.path() / name);
@@ -372,12 +373,13 @@ TEST(ImageCommand, ImagesThatAreNoVolumesCannotBeRead) {
   std::ofstream(files.folder.path() / "four.mha")
       << "ObjectType = Image\nNDims = 4\nDimSize = 2 2 2 2\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
       << std::string(16, 'a');
-  std::ofstream(files.folder.path() / "colour.mha")
-      << "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementSpacing = 1 1 1\nElementNumberOfChannels = 3\nElementType = MET_UCHAR\n"
-         "ElementDataFile = LOCAL\n"
-      << std::string(24, 'a');
-  for (const auto &[name, reason] :
-       {std::pair{"four.mha", "a volume has three dimensions"}, {"colour.mha", "3 components (colour or vector)"}, {"absent.nii", "no such file"}}) {
+  std::ofstream(files.folder.path() / "colour.mha") << "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementSpacing "
+                                                       "= 1 1 1\nElementNumberOfChannels = 3\nElementType = MET_UCHAR\n"
+                                                       "ElementDataFile = LOCAL\n"
+                                                    << std::string(24, 'a');
+  for (const auto &[name, reason] : {std::pair{"four.mha", "a volume has three dimensions"},
+                                     {"colour.mha", "3 components (colour or vector)"},
+                                     {"absent.nii", "no such file"}}) {
     for (const std::string &pair : {std::string(name) + " target.nii.gz", std::string("source.nii.gz ") + name}) {
       const auto run = files.run("image register " + pair);
       EXPECT_EQ(run.exit_code, 2) << name;

@@ -162,7 +162,8 @@ TEST(CreateCase, TheLabelsAreKeptWithNamesAndColours) {
   fs::remove(loaded->labels->file);
   const auto without = load_case(folder);
   ASSERT_FALSE(without);
-  EXPECT_NE(without.error().message.find("labels.file = \"labels.nii.gz\": no such file"), std::string::npos) << without.error().message;
+  EXPECT_NE(without.error().message.find("labels.file = \"labels.nii.gz\": no such file"), std::string::npos)
+      << without.error().message;
 
   CaseSources sources = head.sources();
   sources.labels.clear();
