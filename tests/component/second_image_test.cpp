@@ -57,7 +57,7 @@ TEST(SecondImage, ATargetPlannedInItIsNavigatedWithTheErrorOfItsRegistration) {
   const std::string folder = operation.case_folder().loaded().folder.string();
   const TemporaryFolder files;
   const auto run = [&](const std::string &words) {
-    const auto outcome = tests::run_bregma(files, words);
+    auto outcome = tests::run_bregma(files, words);
     EXPECT_EQ(outcome.exit_code, 0) << words << ": " << outcome.err << outcome.out;
     return outcome;
   };

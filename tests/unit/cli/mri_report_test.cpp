@@ -21,7 +21,7 @@ constexpr std::uint32_t kSide = 32;
 
 class Slices {
 public:
-  Slices() : pixels_(kSide * kSide, 500) {}
+  Slices() : pixels_(std::size_t{kSide} * kSide, 500) {}
   wire::ImageSlice slice(const char *protocol, std::uint32_t series, std::uint32_t index, std::uint32_t count,
                          std::uint64_t coils_on = 0) {
     wire::ImageSlice out{};
@@ -115,11 +115,11 @@ TEST(MriReport, WithoutDataNoCheckHoldsAndThePageSaysWhy) {
 }
 
 TEST(MriReport, PicturesStayInsideTheirBorders) {
-  Image image = grey(std::vector<std::uint8_t>(16 * 8, 255), 16, 8);
+  Image image = grey(std::vector<std::uint8_t>(128, 255), 16, 8);
   draw_circle(image, {15.0, 7.0}, 6.0, kMarkOrange);
   draw_cross(image, {-2.0, 3.0}, 4, kMarkBlue);
   EXPECT_EQ(image.rgb.size(), 16U * 8U * 3U);
-  EXPECT_EQ(image.rgb[3 * (3 * 16 + 2)], kMarkBlue[0]);
+  EXPECT_EQ(image.rgb[std::size_t{3} * (3 * 16 + 2)], kMarkBlue[0]);
   const Image part = cropped(image, 12, 6, 8, 8);
   EXPECT_EQ(part.width, 8);
   EXPECT_EQ(part.height, 8);
