@@ -11,6 +11,8 @@
 namespace bregma::live {
 namespace {
 
+constexpr auto kSettle = std::chrono::milliseconds(100);
+
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 using base::failure;
@@ -366,6 +368,16 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
       (void)update(20ms);
     }
   }
+  // Devices read commands as well, and one of theirs may be all that has been found so far: until no more come.
+  for (std::uint32_t found = 0, now = control_->commands.matched_readers(); !settled_ && now != found;
+       now = control_->commands.matched_readers()) {
+    found = now;
+    const auto settled = Clock::now() + kSettle;
+    while (Clock::now() < settled) {
+      (void)update(20ms);
+    }
+  }
+  settled_ = true;
   if (!control_->commands.write(command)) {
     return failure("the command could not be sent on domain " + std::to_string(domain_));
   }

@@ -95,6 +95,7 @@ private:
   Duration presence_wait_;
   std::string client_;
   std::uint64_t next_id_ = 1;
+  bool settled_ = false; // the readers of commands have been waited for
   dds::Participant participant_;
   // In this order: endpoints are announced in the order of their creation. A daemon whose health has arrived therefore
   // knows both ends of the control path.
