@@ -1,7 +1,9 @@
 #include "idl/dds.hpp"
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
+#include <vector>
 
 #include <ddsc/dds.h>
 
@@ -130,8 +132,10 @@ ReaderStatus status(const Entity &reader) noexcept {
   return {deadline.total_count, liveliness.alive_count, unmatched + liveliness.not_alive_count};
 }
 
-std::optional<Guid> participant_of(const Entity &reader, std::uint64_t writer) {
-  dds_builtintopic_endpoint_t *endpoint = dds_get_matched_publication_data(reader.handle(), writer);
+namespace {
+
+// Takes what Cyclone says of a matched endpoint; null: it has ended.
+std::optional<Guid> take_participant(dds_builtintopic_endpoint_t *endpoint) {
   if (endpoint == nullptr) {
     return std::nullopt;
   }
@@ -139,6 +143,31 @@ std::optional<Guid> participant_of(const Entity &reader, std::uint64_t writer) {
   std::memcpy(out.data(), endpoint->participant_key.v, out.size());
   dds_builtintopic_free_endpoint(endpoint);
   return out;
+}
+
+// list: dds_get_matched_subscriptions or _publications of this entity; data: of one of those.
+template <class List, class Data>
+bool is_matched_with(const Entity &entity, const Guid &participant, List list, Data data) {
+  const int count = list(entity.handle(), nullptr, 0);
+  std::vector<dds_instance_handle_t> ends(static_cast<std::size_t>(std::max(count, 0)));
+  const int known = std::min(list(entity.handle(), ends.data(), ends.size()), count);
+  return std::any_of(ends.begin(), ends.begin() + std::max(known, 0), [&](dds_instance_handle_t end) {
+    return take_participant(data(entity.handle(), end)) == participant;
+  });
+}
+
+} // namespace
+
+std::optional<Guid> participant_of(const Entity &reader, std::uint64_t writer) {
+  return take_participant(dds_get_matched_publication_data(reader.handle(), writer));
+}
+
+bool has_reader_of(const Entity &writer, const Guid &participant) {
+  return is_matched_with(writer, participant, dds_get_matched_subscriptions, dds_get_matched_subscription_data);
+}
+
+bool has_writer_of(const Entity &reader, const Guid &participant) {
+  return is_matched_with(reader, participant, dds_get_matched_publications, dds_get_matched_publication_data);
 }
 
 void take(const Entity &reader, Batch &batch) noexcept {

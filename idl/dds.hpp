@@ -81,6 +81,8 @@ namespace untyped {
 [[nodiscard]] std::uint32_t matched_writers(const Entity &reader) noexcept;
 [[nodiscard]] ReaderStatus status(const Entity &reader) noexcept;
 [[nodiscard]] std::optional<Guid> participant_of(const Entity &reader, std::uint64_t writer);
+[[nodiscard]] bool has_reader_of(const Entity &writer, const Guid &participant);
+[[nodiscard]] bool has_writer_of(const Entity &reader, const Guid &participant);
 
 inline constexpr std::size_t kBatch = 16;
 struct Batch { // samples on loan from Cyclone
@@ -105,6 +107,10 @@ public:
   // SampleInfo::ended; readers that join later receive nothing of the instance, until it is written again.
   [[nodiscard]] bool end(const T &last) const noexcept { return untyped::end(entity_, &last); }
   [[nodiscard]] std::uint32_t matched_readers() const noexcept { return untyped::matched_readers(entity_); }
+  // Whether one of them belongs to this participant. Allocates.
+  [[nodiscard]] bool has_reader_of(const Guid &participant) const {
+    return untyped::has_reader_of(entity_, participant);
+  }
 
 private:
   Entity entity_;
@@ -139,6 +145,10 @@ public:
   // The participant of a sample's writer (SampleInfo); empty once that writer has ended. Allocates.
   [[nodiscard]] std::optional<Guid> participant_of(std::uint64_t writer) const {
     return untyped::participant_of(entity_, writer);
+  }
+  // Whether one of the matched writers belongs to this participant. Allocates.
+  [[nodiscard]] bool has_writer_of(const Guid &participant) const {
+    return untyped::has_writer_of(entity_, participant);
   }
   [[nodiscard]] const Entity &entity() const noexcept { return entity_; }
 

@@ -92,13 +92,7 @@ void add_field(ChainFigures &out, const Points3 &real, const Points3 &imaged, co
     placed.emplace_back(real.col(i));
     device.push_back(*nearest);
   }
-  std::vector<Vector3d> some_device, some_placed; // an even selection
-  const std::size_t n = std::min<std::size_t>(placed.size(), registration::kMaxPairs);
-  for (std::size_t i = 0; i < n; ++i) {
-    some_device.push_back(device[i * device.size() / n]);
-    some_placed.push_back(placed[i * placed.size() / n]);
-  }
-  const auto T = registration::fit_rigid(some_device, some_placed);
+  const auto T = registration::fit_rigid(device, placed);
   if (!T) {
     return;
   }

@@ -78,13 +78,7 @@ std::optional<MriSession::Pairs> MriSession::disturbed_points() const {
     ct.push_back(p + random.normal3(sigma_of_mean(0.08)));
     mr.push_back(acquisition.believed_mm(p) + random.normal3(sigma_of_mean(0.15)));
   }
-  const std::size_t n = std::min<std::size_t>(ct.size(), registration::kMaxPairs);
-  std::vector<Vector3d> some_ct, some_mr; // an even selection
-  for (std::size_t i = 0; i < n; ++i) {
-    some_ct.push_back(ct[i * ct.size() / n]);
-    some_mr.push_back(mr[i * mr.size() / n]);
-  }
-  const auto T = registration::fit_rigid(some_ct, some_mr);
+  const auto T = registration::fit_rigid(ct, mr);
   if (!T) {
     return std::nullopt;
   }

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -154,12 +155,16 @@ int show(const PathCheck &check, json document, const std::string &details, cons
   return check.clear() ? kOk : kRefused;
 }
 
-// The solver of the arm, or why it has none.
-base::Result<robot::InverseKinematics> solver_of(const robot::ArmModel &arm) {
+// The arm of this file with its inverse, or why it has none.
+base::Result<robot::InverseKinematics> read_solver(const std::string &file) {
+  const auto arm = casefile::read_arm(file);
+  if (!arm) {
+    return tl::unexpected(arm.error());
+  }
   try {
-    return robot::InverseKinematics(arm);
+    return robot::InverseKinematics(*arm);
   } catch (const std::invalid_argument &wrong) {
-    return base::failure(arm.name() + ": " + wrong.what());
+    return base::failure(arm->name() + ": " + wrong.what());
   }
 }
 
@@ -182,16 +187,34 @@ base::Result<robot::JointAngles> start_of(const ArmArguments &arguments, const r
                   : base::failure("the arm does not reach the first position");
 }
 
+// A path from its start, checked among what stands around the arm.
+struct CheckedPath {
+  PathCheck check;
+  robot::JointAngles start;
+  std::vector<std::string> notes;
+};
+base::Result<CheckedPath> check_among(const ArmArguments &arguments, const robot::InverseKinematics &inverse,
+                                      std::span<const robot::FlangePose> waypoints) {
+  const auto start = start_of(arguments, inverse, waypoints.front());
+  if (!start) {
+    return tl::unexpected(start.error());
+  }
+  CheckedPath out;
+  out.start = *start;
+  const auto collision = scene_of(arguments, inverse.model(), out.notes);
+  if (!collision) {
+    return tl::unexpected(collision.error());
+  }
+  out.check = planning::check_path(*collision, inverse, out.start, waypoints, arguments.check);
+  return out;
+}
+
 int check_scan(ArmArguments arguments, const Context &context) {
   if (auto kept = check_output("--gcode", arguments.gcode, {arguments.arm, arguments.head.path, arguments.head_pose});
       !kept) {
     return fail(kept.error());
   }
-  const auto arm = casefile::read_arm(arguments.arm);
-  if (!arm) {
-    return fail(arm.error());
-  }
-  const auto inverse = solver_of(*arm);
+  const auto inverse = read_solver(arguments.arm);
   if (!inverse) {
     return fail(inverse.error());
   }
@@ -205,20 +228,14 @@ int check_scan(ArmArguments arguments, const Context &context) {
   for (const Eigen::Vector3d &corner : corners) {
     waypoints.push_back(planning::flange_above(corner, arguments.sensor(), kRadiansPerDegree * arguments.yaw_deg));
   }
-  const auto start = start_of(arguments, *inverse, waypoints.front());
-  if (!start) {
-    return fail(start.error());
+  const auto path = check_among(arguments, *inverse, waypoints);
+  if (!path) {
+    return fail(path.error());
   }
-  std::vector<std::string> notes;
-  const auto collision = scene_of(arguments, *arm, notes);
-  if (!collision) {
-    return fail(collision.error());
-  }
-  const PathCheck check = planning::check_path(*collision, *inverse, *start, waypoints, arguments.check);
   const double seconds = planning::length_mm(corners) / arguments.speed_mm_s;
-  if (check.clear() && !arguments.gcode.empty()) {
-    const std::string program =
-        planning::gcode(corners, arguments.speed_mm_s, arguments.approach_mm, "face scan, " + printable(arm->name()));
+  if (path->check.clear() && !arguments.gcode.empty()) {
+    const std::string program = planning::gcode(corners, arguments.speed_mm_s, arguments.approach_mm,
+                                                "face scan, " + printable(inverse->model().name()));
     if (const auto written = base::write_file(arguments.gcode, program); !written) {
       return fail(written.error());
     }
@@ -227,38 +244,28 @@ int check_scan(ArmArguments arguments, const Context &context) {
   for (const Eigen::Vector3d &corner : corners) {
     positions.push_back(json_vector(corner));
   }
-  return show(check,
+  return show(path->check,
               {{"lines", corners.size() / 2},
                {"positions_mm", std::move(positions)},
                {"scan_mm", planning::length_mm(corners)},
                {"seconds", seconds},
-               {"start_deg", degrees_of(*start)}},
+               {"start_deg", degrees_of(path->start)}},
               std::to_string(corners.size() / 2) + " lines, " + fixed(seconds / 60.0, 1, "min") + " at " +
                   fixed(arguments.speed_mm_s, 1, "mm/s") + "\n",
-              notes, context);
+              path->notes, context);
 }
 
 int check_move(const ArmArguments &arguments, const Context &context) {
-  const auto arm = casefile::read_arm(arguments.arm);
-  if (!arm) {
-    return fail(arm.error());
-  }
-  const auto inverse = solver_of(*arm);
+  const auto inverse = read_solver(arguments.arm);
   if (!inverse) {
     return fail(inverse.error());
   }
-  const robot::FlangePose to = arm->forward(joints_of(arguments.to_deg));
-  const auto start = start_of(arguments, *inverse, to);
-  if (!start) {
-    return fail(start.error());
+  const robot::FlangePose to = inverse->model().forward(joints_of(arguments.to_deg));
+  const auto path = check_among(arguments, *inverse, {&to, 1});
+  if (!path) {
+    return fail(path.error());
   }
-  std::vector<std::string> notes;
-  const auto collision = scene_of(arguments, *arm, notes);
-  if (!collision) {
-    return fail(collision.error());
-  }
-  const PathCheck check = planning::check_path(*collision, *inverse, *start, {&to, 1}, arguments.check);
-  return show(check, {{"start_deg", degrees_of(*start)}}, "", notes, context);
+  return show(path->check, {{"start_deg", degrees_of(path->start)}}, "", path->notes, context);
 }
 
 void add_common(CLI::App &command, ArmArguments &arguments, Context &context) {

@@ -11,8 +11,6 @@
 namespace bregma::live {
 namespace {
 
-constexpr auto kSettle = std::chrono::milliseconds(100);
-
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 using base::failure;
@@ -160,7 +158,13 @@ bool DaemonLink::speaks_our_wire() {
 }
 
 bool DaemonLink::is_connected() const {
-  return !control_ || (control_->commands.matched_readers() > 0 && control_->replies.matched_writers() > 0);
+  const auto &daemon = daemons_.followed_participant();
+  return !control_ || (daemon && connects(*daemon));
+}
+
+// Commands have readers, and replies have writers, in the devices as well.
+bool DaemonLink::connects(const dds::Guid &participant) const {
+  return control_->commands.has_reader_of(participant) && control_->replies.has_writer_of(participant);
 }
 
 // Nullptr for a sample whose writer has ended.
@@ -210,7 +214,14 @@ std::size_t DaemonLink::take_replies() {
 
 std::size_t DaemonLink::take_drivers() {
   const std::size_t news = drivers_.take_each([&](const wire::DriverHealth &sample, const dds::SampleInfo &info) {
-    store_in(driver_health_, wire::text(sample.device), {sample, {now_.boot_ns, std::nullopt}}, info.ended);
+    const std::string device = wire::text(sample.device);
+    store_in(driver_health_, device, {sample, {now_.boot_ns, std::nullopt}}, info.ended);
+    const auto participant = drivers_.participant_of(info.writer);
+    if (driver_health_.contains(device) && participant) {
+      driver_participants_[device] = *participant;
+    } else {
+      driver_participants_.erase(device);
+    }
   });
   (void)drivers_.status();
   return news;
@@ -353,6 +364,20 @@ Result<void> DaemonLink::wait_for_daemon(Duration timeout) {
   }
 }
 
+bool DaemonLink::wait_for_device(const std::string &device) {
+  const auto end = Clock::now() + presence_wait_;
+  for (;;) {
+    const auto found = driver_participants_.find(device);
+    if (found != driver_participants_.end() && connects(found->second)) {
+      return true;
+    }
+    if (Clock::now() >= end) {
+      return false;
+    }
+    (void)update(20ms);
+  }
+}
+
 Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration timeout) {
   if (auto there = wait_for_daemon(); !there) {
     return tl::unexpected(there.error());
@@ -362,22 +387,11 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
   command.sent_time_ns = Now::read().utc_ns;
   if (*command.receiver != '\0') {
     to_devices_.insert(command.id);
-    // Its driver, beside the daemon. One that does not come cannot be told from one that does not answer.
-    const auto enough = Clock::now() + presence_wait_;
-    while (control_->commands.matched_readers() < 2 && Clock::now() < enough) {
-      (void)update(20ms);
+    if (!wait_for_device(wire::text(command.receiver))) {
+      return failure("no device \"" + wire::text(command.receiver) + "\" answers on domain " + std::to_string(domain_) +
+                     ": is its driver running?");
     }
   }
-  // Devices read commands as well, and one of theirs may be all that has been found so far: until no more come.
-  for (std::uint32_t found = 0, now = control_->commands.matched_readers(); !settled_ && now != found;
-       now = control_->commands.matched_readers()) {
-    found = now;
-    const auto settled = Clock::now() + kSettle;
-    while (Clock::now() < settled) {
-      (void)update(20ms);
-    }
-  }
-  settled_ = true;
   if (!control_->commands.write(command)) {
     return failure("the command could not be sent on domain " + std::to_string(domain_));
   }

@@ -81,6 +81,8 @@ private:
   [[nodiscard]] base::Error no_daemon();
   [[nodiscard]] bool speaks_our_wire();
   [[nodiscard]] bool is_connected() const;
+  [[nodiscard]] bool connects(const dds::Guid &participant) const; // in both directions
+  [[nodiscard]] bool wait_for_device(const std::string &device);
   [[nodiscard]] bool transits_known();
   bool take_all();
   template <class T> Daemons::Speaker *speaker_of(const dds::Reader<T> &reader, std::uint64_t writer);
@@ -95,7 +97,6 @@ private:
   Duration presence_wait_;
   std::string client_;
   std::uint64_t next_id_ = 1;
-  bool settled_ = false; // the readers of commands have been waited for
   dds::Participant participant_;
   // In this order: endpoints are announced in the order of their creation. A daemon whose health has arrived therefore
   // knows both ends of the control path.
@@ -116,6 +117,7 @@ private:
   Daemons daemons_;
   std::map<std::uint64_t, dds::Guid> participants_; // of the writers that were heard
   std::map<std::string, Received<wire::DriverHealth>> driver_health_;
+  std::map<std::string, dds::Guid> driver_participants_; // of those in driver_health_
   std::map<std::string, Received<wire::TrackerFrame>> trackers_;
   std::map<std::uint64_t, wire::CommandReply> arrived_replies_;
   std::set<std::uint64_t> to_devices_; // ids of commands that a device answers

@@ -11,6 +11,7 @@
 #include "idl/names.hpp"
 #include "server/stages/scanner/slice_guard.hpp"
 #include "server/stages/scanner/slice_stack.hpp"
+#include "tests/fuzz/fuzzer_bytes.hpp"
 
 namespace {
 
@@ -19,29 +20,7 @@ using namespace bregma;
 constexpr std::int64_t kBegin_ns = 1'700'000'000'000'000'000;
 constexpr std::uint32_t kManyPixels = 64; // of a slice that is made plausible
 
-void require(bool condition) {
-  if (!condition) {
-    std::abort();
-  }
-}
-
-class SliceBytes {
-public:
-  SliceBytes(const std::uint8_t *data, std::size_t size) : data_(data), left_(size) {}
-  [[nodiscard]] bool empty() const { return left_ == 0; }
-  template <class T> T take() {
-    T out{};
-    const std::size_t size = std::min(sizeof out, left_);
-    std::memcpy(static_cast<void *>(&out), data_, size);
-    data_ += size;
-    left_ -= size;
-    return out;
-  }
-
-private:
-  const std::uint8_t *data_;
-  std::size_t left_;
-};
+using fuzz::require;
 
 void require_usable(const wire::ImageSlice &slice) {
   require(wire::is_terminated(slice.device) && wire::is_terminated(slice.protocol));
@@ -56,7 +35,7 @@ void require_usable(const wire::ImageSlice &slice) {
 } // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size) {
-  SliceBytes bytes(data, size);
+  fuzz::Bytes bytes(data, size);
   wire::Name device{};
   static_cast<void>(wire::set_name(device, "D"));
   server::SliceGuard guard(device);

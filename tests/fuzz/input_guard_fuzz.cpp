@@ -12,6 +12,7 @@
 #include "idl/commands.hpp"
 #include "idl/names.hpp"
 #include "server/inputs/input_guard.hpp"
+#include "tests/fuzz/fuzzer_bytes.hpp"
 
 namespace {
 
@@ -19,30 +20,8 @@ using namespace bregma;
 
 constexpr std::int64_t kStart_ns = 1'700'000'000'000'000'000;
 
-// Returns the fuzzer's bytes, then zeros.
-class Bytes {
-public:
-  Bytes(const std::uint8_t *data, std::size_t size) : data_(data), left_(size) {}
-  [[nodiscard]] bool empty() const { return left_ == 0; }
-  template <class T> T take() {
-    T out{};
-    const std::size_t size = std::min(sizeof out, left_);
-    std::memcpy(static_cast<void *>(&out), data_, size);
-    data_ += size;
-    left_ -= size;
-    return out;
-  }
-
-private:
-  const std::uint8_t *data_;
-  std::size_t left_;
-};
-
-void require(bool condition) {
-  if (!condition) {
-    std::abort();
-  }
-}
+using fuzz::Bytes;
+using fuzz::require;
 
 void require_rotation(const wire::Pose &pose) {
   double squares = 0.0;

@@ -74,13 +74,7 @@ std::optional<Points3> placed(const Points3 &ct, const std::vector<PhantomScan> 
       to.push_back(mean);
     }
   }
-  std::vector<Vector3d> some_from, some_to; // an even selection
-  const std::size_t n = std::min<std::size_t>(from.size(), registration::kMaxPairs);
-  for (std::size_t i = 0; i < n; ++i) {
-    some_from.push_back(from[i * from.size() / n]);
-    some_to.push_back(to[i * to.size() / n]);
-  }
-  const auto T = registration::fit_rigid(some_from, some_to);
+  const auto T = registration::fit_rigid(from, to);
   if (!T) {
     return std::nullopt;
   }

@@ -70,16 +70,29 @@ AcrossPlan across(const casefile::Trajectory &plan) {
 }
 
 void summarise_path(SessionAnalysis &out) {
+  // A pass: samples one after the other between entry and target. Of all, the one that came nearest to the target: a
+  // tool that is carried past the head crosses the same depths.
+  PathSummary pass;
+  double pass_mm = geometry::kUnknown; // nearest distance from the target
+  double best_mm = geometry::kUnknown;
   for (const PathSample &sample : out.path) {
     const casefile::Trajectory *plan = plan_of(out, sample.trajectory);
     const double length_mm = plan != nullptr ? (plan->target_mm - plan->entry_mm).norm() : geometry::kUnknown;
-    // Between entry and target. Outside of the head a deviation is none of the path.
     const bool inside = sample.remaining_depth_mm >= 0.0 && sample.remaining_depth_mm <= length_mm;
+    if (!inside || !std::isfinite(sample.lateral_mm) || sample.trajectory != pass.trajectory) {
+      pass = {};
+      pass_mm = geometry::kUnknown;
+    }
     if (!inside || !std::isfinite(sample.lateral_mm)) {
       continue;
     }
-    if (!out.path_summary || sample.lateral_mm > out.path_summary->largest_lateral_mm) {
-      out.path_summary = {sample.trajectory, sample.time_ns, sample.lateral_mm, sample.remaining_depth_mm};
+    if (!(sample.lateral_mm <= pass.largest_lateral_mm)) {
+      pass = {sample.trajectory, sample.time_ns, sample.lateral_mm, sample.remaining_depth_mm};
+    }
+    pass_mm = std::fmin(pass_mm, std::hypot(sample.remaining_depth_mm, sample.lateral_mm));
+    if (!(pass_mm > best_mm)) { // also the first
+      best_mm = pass_mm;
+      out.path_summary = pass;
     }
   }
 }

@@ -100,7 +100,7 @@ struct PathSample {
   double lateral_mm = geometry::kUnknown;
 };
 
-// The largest lateral deviation between entry and target.
+// The largest lateral deviation between entry and target, of the pass that came nearest to the target.
 struct PathSummary {
   std::string trajectory;
   std::int64_t time_ns = 0;

@@ -15,6 +15,7 @@
 #include "idl/names.hpp"
 #include "server/stages/session/stage.hpp"
 #include "server/stages/tissue_model/stage.hpp"
+#include "tests/support/arm_wire.hpp"
 #include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/robot/arms.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
@@ -152,7 +153,7 @@ void RobotCase::write_equipment(std::uint64_t seed) {
 }
 
 // The driver's side of the wire.
-class RobotRoom::ArmBus final : public driver::Bus {
+class RobotRoom::ArmBus final : public ArmWire {
 public:
   explicit ArmBus(RobotRoom &room) : room_(room) {}
   bool write(std::string_view topic, const void *sample) override {
@@ -168,30 +169,8 @@ public:
     }
     return true;
   }
-  void take(std::string_view topic, const std::function<void(const void *)> &visit) override {
-    give(topic, visit, commands);
-    give(topic, visit, paths);
-    give(topic, visit, deadmen);
-    give(topic, visit, healths);
-    give(topic, visit, registrations);
-  }
-  [[nodiscard]] std::uint32_t matched(std::string_view /*topic*/) const override { return 1; }
-
-  std::vector<wire::Command> commands;
-  std::vector<wire::RobotPath> paths;
-  std::vector<wire::RobotDeadman> deadmen;
-  std::vector<wire::SystemHealth> healths;
-  std::vector<wire::RegistrationState> registrations;
 
 private:
-  template <class T>
-  static void give(std::string_view topic, const std::function<void(const void *)> &visit, std::vector<T> &from) {
-    if (topic == wire::Topic<T>::kName) {
-      for (const T &sample : std::exchange(from, {})) {
-        visit(&sample);
-      }
-    }
-  }
   RobotRoom &room_;
 };
 

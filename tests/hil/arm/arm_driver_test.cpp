@@ -14,6 +14,7 @@
 #include "drivers/sim/arm/simulated_arm.hpp"
 #include "idl/commands.hpp"
 #include "idl/names.hpp"
+#include "tests/support/arm_wire.hpp"
 #include "tests/support/tcp_device.hpp"
 #include "tests/unit/robot/arms.hpp"
 
@@ -85,7 +86,7 @@ private:
 };
 
 // The wire in memory.
-class WireBus final : public driver::Bus {
+class WireBus final : public test::ArmWire {
 public:
   bool write(std::string_view topic, const void *sample) override {
     keep(topic, sample, states);
@@ -93,36 +94,15 @@ public:
     keep(topic, sample, replies);
     return true;
   }
-  void take(std::string_view topic, const std::function<void(const void *)> &visit) override {
-    give(topic, visit, commands);
-    give(topic, visit, paths);
-    give(topic, visit, deadmen);
-    give(topic, visit, healths);
-    give(topic, visit, registrations);
-  }
-  [[nodiscard]] std::uint32_t matched(std::string_view /*topic*/) const override { return 1; }
 
   std::vector<wire::RobotState> states;
   std::vector<wire::RobotMotionState> motions;
   std::vector<wire::CommandReply> replies;
-  std::vector<wire::Command> commands;
-  std::vector<wire::RobotPath> paths;
-  std::vector<wire::RobotDeadman> deadmen;
-  std::vector<wire::SystemHealth> healths;
-  std::vector<wire::RegistrationState> registrations;
 
 private:
   template <class T> static void keep(std::string_view topic, const void *sample, std::vector<T> &to) {
     if (topic == wire::Topic<T>::kName) {
       to.push_back(*static_cast<const T *>(sample));
-    }
-  }
-  template <class T>
-  static void give(std::string_view topic, const std::function<void(const void *)> &visit, std::vector<T> &from) {
-    if (topic == wire::Topic<T>::kName) {
-      for (const T &sample : std::exchange(from, {})) {
-        visit(&sample);
-      }
     }
   }
 };

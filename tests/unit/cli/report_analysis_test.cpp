@@ -503,4 +503,29 @@ TEST_F(Report, LimitsHoldExactlyUpToTheirValue) {
   EXPECT_EQ(limit_text(judged[2]), "at least 301");
 }
 
+// A tool that is carried past the head crosses the depths of the path as well, far to its side.
+TEST(PathSummary, IsOfThePassThatCameNearestToTheTarget) {
+  SessionAnalysis session;
+  session.plans = {{"Path", {0, 0, 50}, {0, 0, 0}}};
+  const auto add = [&](double depth_mm, double lateral_mm) {
+    cli::report::PathSample sample;
+    sample.time_ns = static_cast<std::int64_t>(session.path.size());
+    sample.trajectory = "Path";
+    sample.remaining_depth_mm = depth_mm;
+    sample.lateral_mm = lateral_mm;
+    session.path.push_back(sample);
+  };
+  add(60.0, 1.0);
+  add(40.0, 0.5);
+  add(1.0, 0.2);
+  add(30.0, 0.9); // withdrawn
+  add(70.0, 2.0);
+  add(20.0, 369.0); // past the head
+  add(-5.0, 300.0);
+  cli::report::summarise_path(session);
+  ASSERT_TRUE(session.path_summary);
+  EXPECT_EQ(session.path_summary->largest_lateral_mm, 0.9);
+  EXPECT_EQ(session.path_summary->remaining_depth_mm, 30.0);
+}
+
 } // namespace
