@@ -70,20 +70,22 @@ AcrossPlan across(const casefile::Trajectory &plan) {
 }
 
 void summarise_path(SessionAnalysis &out) {
-  // A pass: samples one after the other between entry and target. Of all, the one that came nearest to the target: a
-  // tool that is carried past the head crosses the same depths.
+  // A pass: samples one after the other that are not farther from the target, along the path, than its entry is. Of
+  // all, the one that came nearest to the target: a tool that is carried past the head crosses the same depths. Beyond
+  // the target a deviation is none of the path.
   PathSummary pass;
   double pass_mm = geometry::kUnknown; // nearest distance from the target
   double best_mm = geometry::kUnknown;
   for (const PathSample &sample : out.path) {
     const casefile::Trajectory *plan = plan_of(out, sample.trajectory);
     const double length_mm = plan != nullptr ? (plan->target_mm - plan->entry_mm).norm() : geometry::kUnknown;
-    const bool inside = sample.remaining_depth_mm >= 0.0 && sample.remaining_depth_mm <= length_mm;
-    if (!inside || !std::isfinite(sample.lateral_mm) || sample.trajectory != pass.trajectory) {
+    const bool near = std::abs(sample.remaining_depth_mm) <= length_mm && std::isfinite(sample.lateral_mm);
+    if (!near || sample.trajectory != pass.trajectory) {
       pass = {};
+      pass.trajectory = sample.trajectory;
       pass_mm = geometry::kUnknown;
     }
-    if (!inside || !std::isfinite(sample.lateral_mm)) {
+    if (!near || sample.remaining_depth_mm < 0.0) {
       continue;
     }
     if (!(sample.lateral_mm <= pass.largest_lateral_mm)) {

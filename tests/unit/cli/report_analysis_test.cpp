@@ -518,10 +518,12 @@ TEST(PathSummary, IsOfThePassThatCameNearestToTheTarget) {
   add(60.0, 1.0);
   add(40.0, 0.5);
   add(1.0, 0.2);
+  add(-0.1, 0.3); // beyond the target
+  add(0.1, 0.2);
   add(30.0, 0.9); // withdrawn
   add(70.0, 2.0);
   add(20.0, 369.0); // past the head
-  add(-5.0, 300.0);
+  add(-60.0, 300.0);
   cli::report::summarise_path(session);
   ASSERT_TRUE(session.path_summary);
   EXPECT_EQ(session.path_summary->largest_lateral_mm, 0.9);
