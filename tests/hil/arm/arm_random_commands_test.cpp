@@ -1,5 +1,6 @@
 // Random commands with random failures, beside a head that the paths must not meet.
 // BREGMA_ARM_COMMANDS sets the number of random commands.
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -85,6 +86,56 @@ bool touches(const std::vector<robot::FlangePose> &path, const BallHead &ball) {
   return false;
 }
 
+// What a path is checked with before it is commanded.
+struct Planner {
+  planning::ArmCollision collision;
+  robot::InverseKinematics inverse{model()};
+
+  [[nodiscard]] planning::PathCheck check(const robot::JointAngles &from,
+                                          const std::vector<robot::FlangePose> &path) const {
+    return planning::check_path(collision, inverse, from, path);
+  }
+};
+
+// All joints turn evenly, in steps that the straight lines of the flange follow closely.
+std::vector<robot::FlangePose> even_turn(const robot::JointAngles &from, const robot::JointAngles &to) {
+  constexpr double kStep_rad = 0.1;
+  const int steps = std::max(1, static_cast<int>(std::ceil((to - from).cwiseAbs().maxCoeff() / kStep_rad)));
+  std::vector<robot::FlangePose> out;
+  for (int i = 1; i <= steps; ++i) {
+    out.push_back(model().forward(from + (to - from) * (static_cast<double>(i) / steps)));
+  }
+  return out;
+}
+
+// What an operator does with an arm that no straight line leads away: back from the head, then the joints to where the
+// work began. Every path is checked like any other; false if the arm is not home at the end.
+bool go_home(World &world, const Planner &planner, const robot::Vector3d &ahead) {
+  const robot::JointAngles home = settings().start;
+  const robot::Vector3d up = robot::Vector3d::UnitZ();
+  for (const robot::Vector3d &retreat :
+       {robot::Vector3d(robot::Vector3d::Zero()), robot::Vector3d(-100.0 * ahead), robot::Vector3d(-200.0 * ahead),
+        robot::Vector3d(100.0 * up), robot::Vector3d(200.0 * up), robot::Vector3d(150.0 * (up - ahead)),
+        robot::Vector3d(-100.0 * up)}) {
+    const robot::FlangePose from = world.arm.stated_flange();
+    std::vector<robot::FlangePose> path{beside(from, retreat.x(), retreat.y(), retreat.z())};
+    const auto first = planner.check(world.arm.joints(), path);
+    if (!first.clear()) {
+      continue;
+    }
+    const auto turn = even_turn(first.end, home);
+    path.insert(path.end(), turn.begin(), turn.end());
+    if (!planner.check(world.arm.joints(), path).clear() ||
+        world.move(path, false, 60.0).result != bregma_wire_COMMAND_DONE) {
+      continue;
+    }
+    world.run_to_rest();
+    world.held_motion = 0;
+    return (world.arm.joints() - home).cwiseAbs().maxCoeff() < 0.01;
+  }
+  return false;
+}
+
 TEST_F(Motion, RandomCommandsWithRandomFailures) {
   const char *wanted = std::getenv("BREGMA_ARM_COMMANDS");
   const int commands = wanted != nullptr ? std::atoi(wanted) : 300;
@@ -104,8 +155,14 @@ TEST_F(Motion, RandomCommandsWithRandomFailures) {
   world.head = ball;
   planning::ArmScene scene;
   scene.obstacles.push_back({"head", test::make_sphere(3, ball.radius_mm + 0.5, ball.middle_mm)});
-  const planning::ArmCollision collision(model(), ball.bodies(), scene);
-  const robot::InverseKinematics inverse(model());
+  const Planner planner{planning::ArmCollision(model(), ball.bodies(), scene)};
+  int homed = 0;
+  int not_homed = 0;
+  const auto home_if_away = [&] {
+    if ((world.arm.joints() - settings().start).cwiseAbs().maxCoeff() > 0.2) {
+      ++(go_home(world, planner, ahead) ? homed : not_homed);
+    }
+  };
   int executed = 0;
   int refused = 0;
   int refused_by_plan = 0;
@@ -121,10 +178,11 @@ TEST_F(Motion, RandomCommandsWithRandomFailures) {
       const robot::Vector3d into = random.uniform(100.0, 420.0) * ahead + random.normal3(60.0);
       path.insert(path.begin(), beside(start, into.x(), into.y(), into.z()));
     }
-    const auto plan = planning::check_path(collision, inverse, world.arm.joints(), path);
+    const auto plan = planner.check(world.arm.joints(), path);
     if (plan.verdict == planning::PathVerdict::kTooClose || plan.verdict == planning::PathVerdict::kBranch) {
       ++refused_by_plan;
       would_collide += touches(path, ball) ? 1 : 0;
+      home_if_away();
       continue; // the client does not command it
     }
     const std::uint64_t done = world.arm.motions_done();
@@ -143,11 +201,15 @@ TEST_F(Motion, RandomCommandsWithRandomFailures) {
       EXPECT_LT((world.flange() - rest).norm(), 1e-6);
     }
     recover(world);
+    if (reply.result != bregma_wire_COMMAND_DONE) {
+      home_if_away();
+    }
   }
   std::printf("%d motions commanded, %d executed to their end, %d refused; %llu stops in motion\n", commands, executed,
               refused, static_cast<unsigned long long>(world.stops_in_motion));
   std::printf("%d refused by the plan, of which %d touch the head; nearest to the head %.1f mm\n", refused_by_plan,
               would_collide, world.least_head_mm);
+  std::printf("brought home %d times, %d times without a clear way\n", homed, not_homed);
   std::printf("smallest distance from a joint limit %.3f rad, longest stop %.2f of the stated distance\n",
               world.least_margin_rad, world.worst_stop);
   EXPECT_GE(2 * executed, commands) << "at least half of the motions are executed";
