@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <iterator>
 
 #include <Eigen/Dense>
 
@@ -126,6 +127,24 @@ double turning_mm(const std::vector<Stretch> &stretches) {
 
 } // namespace
 
+double RangeCurve::distance_mm(double reading) const {
+  const double plain = law.distance_mm(reading);
+  if (corrections.empty() || !(reading > 0.0)) {
+    return plain;
+  }
+  const auto above = std::find_if(corrections.begin(), corrections.end(),
+                                  [reading](const CurveCorrection &c) { return c.reading >= reading; });
+  if (above == corrections.begin()) {
+    return plain + corrections.front().add_mm;
+  }
+  if (above == corrections.end()) {
+    return plain + corrections.back().add_mm;
+  }
+  const CurveCorrection &below = *std::prev(above);
+  const double part = (reading - below.reading) / (above->reading - below.reading);
+  return plain + below.add_mm + part * (above->add_mm - below.add_mm);
+}
+
 double PowerLawFit::sigma_mm(double reading) const {
   const Eigen::Vector2d g = gradient_of(law, reading);
   return std::sqrt(g.dot(covariance * g));
@@ -190,6 +209,17 @@ PowerLawFit fit_power_law(std::span<const CalibrationPoint> points, const PowerL
       out.misfits.push_back({s.from_mm, s.to_mm, s.bias_mm});
     }
   }
+  for (const Stretch &s : stretches) {
+    out.corrections.push_back({s.reading, s.bias_mm});
+  }
+  std::sort(out.corrections.begin(), out.corrections.end(),
+            [](const auto &a, const auto &b) { return a.reading < b.reading; });
+  const RangeCurve corrected = out.corrected();
+  double corrected_squares = 0.0;
+  for (const CalibrationPoint &p : points) {
+    corrected_squares += std::pow(p.distance_mm - corrected.distance_mm(p.reading), 2);
+  }
+  out.corrected_rms_mm = std::sqrt(corrected_squares / n);
   if (out.misfits.empty()) {
     settle(out, PowerLawVerdict::kAccepted,
            sentence("distance = %.4g mm * reading^%.4f, RMS %.2f mm over %zu points", out.law.scale_mm,

@@ -2,7 +2,8 @@
 //
 // Least squares on the distance by Gauss-Newton, from the straight line between the logarithms. The covariance is the
 // sandwich of [White 1980]: it holds for errors that grow with the distance. A power law is a description, not the
-// physics of a triangulating sensor: stretches of distance where the mean residual is significantly off are named.
+// physics of a triangulating sensor: stretches of distance where the mean residual is significantly off are named, and
+// the mean residuals of all stretches correct the law between them.
 //
 // Pure functions; any thread.
 #pragma once
@@ -26,6 +27,18 @@ struct PowerLaw {
     return reading > 0.0 ? scale_mm * std::pow(reading, exponent) : std::nan("");
   }
   [[nodiscard]] double reading(double distance_mm) const { return std::pow(distance_mm / scale_mm, 1.0 / exponent); }
+};
+
+struct CurveCorrection {
+  double reading = 0.0; // mean of a stretch
+  double add_mm = 0.0;  // mean of measured minus fitted distance there
+};
+
+// The law, with what is to be added to its distance: linear between the corrections, constant beyond the outermost.
+struct RangeCurve {
+  PowerLaw law;
+  std::vector<CurveCorrection> corrections; // readings increase
+  [[nodiscard]] double distance_mm(double reading) const;
 };
 
 struct CalibrationPoint {
@@ -62,8 +75,11 @@ struct PowerLawFit {
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero(); // of scale (mm) and exponent
   double rms_mm = 0.0, worst_mm = 0.0;
   std::vector<Misfit> misfits;
+  std::vector<CurveCorrection> corrections; // readings increase
+  double corrected_rms_mm = 0.0;            // of the points about the corrected law
   // 1 sigma of the law's distance at a reading, from the covariance.
   [[nodiscard]] double sigma_mm(double reading) const;
+  [[nodiscard]] RangeCurve corrected() const { return {law, corrections}; }
   [[nodiscard]] bool accepted() const { return verdict == PowerLawVerdict::kAccepted; }
 };
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 namespace bregma::range {
 
@@ -99,8 +100,8 @@ WindowFilter::Bounds WindowFilter::bounds() {
   return {-kAll, kAll};
 }
 
-RangeChain::RangeChain(const ChainOptions &options, const PowerLaw &calibration)
-    : options_(options), calibration_(calibration), raw_(options.raw),
+RangeChain::RangeChain(const ChainOptions &options, RangeCurve calibration)
+    : options_(options), calibration_(std::move(calibration)), raw_(options.raw),
       smooth_({WindowKind::kMean, options.smoothing, 1.0, 0}) {
   if (options.every == 0) {
     throw std::invalid_argument("every = 0: must be at least 1");

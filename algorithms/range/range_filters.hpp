@@ -81,14 +81,14 @@ struct ChainOptions {
 
 class RangeChain {
 public:
-  RangeChain(const ChainOptions &options, const PowerLaw &calibration);
+  RangeChain(const ChainOptions &options, RangeCurve calibration);
   // A distance in mm, with the time at which it held; nullopt for all readings but every n-th, and while a window
   // fills. The first filter computes only those values that the second one needs.
   [[nodiscard]] std::optional<FilteredReading> push(const TimedReading &reading);
 
 private:
   ChainOptions options_;
-  PowerLaw calibration_;
+  RangeCurve calibration_;
   WindowFilter raw_;
   WindowFilter smooth_;
   std::size_t index_ = 0;

@@ -26,7 +26,7 @@ struct ScanRecord {
 
 struct ScanOptions {
   ChainOptions chain = robust_chain();
-  PowerLaw curve;
+  RangeCurve curve;
   double height_mm = 200.0; // of the sensor above the table
   double period_ms = 1.0;   // between two records
   bool at_newest = false;

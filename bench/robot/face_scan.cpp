@@ -88,7 +88,7 @@ double PlacedFace::area_mm2() const {
   return out;
 }
 
-ScannedFace scan_face(const PlacedFace &face, const ScanPlan &plan, const range::PowerLaw &curve, double bias_mm,
+ScannedFace scan_face(const PlacedFace &face, const ScanPlan &plan, const range::RangeCurve &curve, double bias_mm,
                       std::uint64_t seed) {
   const Raster raster(face.surface(), plan);
   const auto place = [&](std::int64_t time_ns) {

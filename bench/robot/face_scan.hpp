@@ -55,7 +55,7 @@ inline constexpr std::int64_t kSensorDelay_ns = 38'300'000; // the sensor measur
 inline constexpr double kCurveFrom_mm = 110.0, kCurveTo_mm = 205.0;
 inline constexpr double kScanHeight_mm = 200.0; // [NeuroGuide]
 // bias_mm: by which the sensor is higher than the robot states.
-[[nodiscard]] ScannedFace scan_face(const PlacedFace &face, const ScanPlan &plan, const range::PowerLaw &curve,
+[[nodiscard]] ScannedFace scan_face(const PlacedFace &face, const ScanPlan &plan, const range::RangeCurve &curve,
                                     double bias_mm, std::uint64_t seed);
 
 // Readings of the simulated sensor at rest at known distances, the means of 1,000 each.

@@ -189,7 +189,7 @@ void chain_figures(Report &report, const RobotBenchOptions &options, const range
   seed.every = robust.every = 20;
   seed.raw.sensor_delay_ns = robust.raw.sensor_delay_ns = kSensorDelay_ns;
   const auto run = [&](const range::ChainOptions &chain_options) {
-    range::RangeChain chain(chain_options, law);
+    range::RangeChain chain(chain_options, {law, {}});
     std::vector<FilteredReading> out;
     for (const TimedReading &r : readings) {
       if (const auto value = chain.push(r)) {

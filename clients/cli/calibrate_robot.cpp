@@ -291,18 +291,27 @@ int calibrate_range_file(const RangeArguments &arguments, const Context &context
     for (const range::Misfit &m : fit.misfits) {
       misfits.push_back({{"from_mm", m.from_mm}, {"to_mm", m.to_mm}, {"bias_mm", m.bias_mm}});
     }
+    json corrections = json::array();
+    for (const range::CurveCorrection &c : fit.corrections) {
+      corrections.push_back({{"reading", c.reading}, {"add_mm", c.add_mm}});
+    }
     document.update({{"scale_mm", json_number(fit.law.scale_mm)},
                      {"exponent", json_number(fit.law.exponent)},
                      {"covariance", json_matrix(fit.covariance)},
                      {"rms_mm", json_number(fit.rms_mm)},
                      {"worst_mm", json_number(fit.worst_mm)},
+                     {"corrections", std::move(corrections)},
+                     {"corrected_rms_mm", json_number(fit.corrected_rms_mm)},
                      {"misfits", std::move(misfits)}});
     const Eigen::Vector2d sigma = fit.covariance.diagonal().cwiseSqrt();
     details = "\ndistance = scale * reading^exponent: scale " + fixed(fit.law.scale_mm, 3, "mm") + " (1 sigma " +
               fixed(sigma[0], 3) + "), exponent " + fixed(fit.law.exponent, 5) + " (" + fixed(sigma[1], 5) + "), RMS " +
-              fixed(fit.rms_mm, 2, "mm") + ", worst " + fixed(fit.worst_mm, 2, "mm") + "\n";
+              fixed(fit.rms_mm, 2, "mm") + ", worst " + fixed(fit.worst_mm, 2, "mm") + "; with the mean residuals of " +
+              std::to_string(fit.corrections.size()) + " stretches as corrections, RMS " +
+              fixed(fit.corrected_rms_mm, 2, "mm") + "\n";
   }
-  return show(std::move(document), {"scale_mm", "exponent", "covariance"}, fit.text, details, fit.accepted(), context);
+  return show(std::move(document), {"scale_mm", "exponent", "covariance", "corrections"}, fit.text, details,
+              fit.accepted(), context);
 }
 
 } // namespace

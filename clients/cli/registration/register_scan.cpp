@@ -36,7 +36,7 @@ struct ScanArguments {
   double modulo = 0.0;
   bool at_newest = false;
   double sensor_delay_ms = 38.3; // the data sheet's: the sensor measures for one period, then holds the value
-  double bias_mm = 0.3;
+  double bias_mm = 0.3, excess_mm = 5.0;
   std::optional<double> lowest_mm, max_slope_deg;
   range::ScanOptions options;
 };
@@ -68,14 +68,17 @@ base::Result<range::PowerLawFit> curve_of(const ScanArguments &arguments, const 
   return out;
 }
 
-range::ScanOptions options_of(const ScanArguments &arguments, const range::PowerLaw &law) {
+// [NeuroGuide] has the law alone.
+bool is_corrected(const ScanArguments &arguments) { return arguments.chain == "robust"; }
+
+range::ScanOptions options_of(const ScanArguments &arguments, const range::PowerLawFit &fit) {
   range::ScanOptions out = arguments.options;
-  out.chain = arguments.chain == "robust" ? range::robust_chain() : range::ChainOptions();
+  out.chain = is_corrected(arguments) ? range::robust_chain() : range::ChainOptions();
   out.chain.raw.window = arguments.window.value_or(out.chain.raw.window);
   out.chain.smoothing = arguments.smoothing.value_or(out.chain.smoothing);
   out.chain.every = arguments.every.value_or(out.chain.every);
   out.chain.raw.sensor_delay_ns = std::llround(1e6 * arguments.sensor_delay_ms);
-  out.curve = law;
+  out.curve = is_corrected(arguments) ? fit.corrected() : range::RangeCurve{fit.law, {}};
   out.at_newest = arguments.at_newest;
   out.lowest_mm = arguments.lowest_mm.value_or(out.lowest_mm);
   if (arguments.max_slope_deg) {
@@ -84,8 +87,9 @@ range::ScanOptions options_of(const ScanArguments &arguments, const range::Power
   return out;
 }
 
-// 1 sigma of the curve's distance at the median reading: an error that all points have in common.
-double curve_sigma_mm(const range::PowerLawFit &curve, const ScanFile &file) {
+// 1 sigma of the curve's distance at the median reading, and what the calibration's points leave of a misfit: an error
+// that all points have in common.
+double curve_sigma_mm(const range::PowerLawFit &curve, const ScanFile &file, bool corrected) {
   std::vector<double> readings;
   for (const range::ScanRecord &record : file.records) {
     if (record.reading > 0.0) {
@@ -97,7 +101,7 @@ double curve_sigma_mm(const range::PowerLawFit &curve, const ScanFile &file) {
   }
   const auto middle = readings.begin() + static_cast<std::ptrdiff_t>(readings.size() / 2);
   std::nth_element(readings.begin(), middle, readings.end());
-  return curve.sigma_mm(*middle);
+  return std::hypot(curve.sigma_mm(*middle), corrected ? curve.corrected_rms_mm : curve.rms_mm);
 }
 
 json scan_json(const range::SurfaceScan &scan, const ScanFile &file, const range::ScanOptions &options,
@@ -123,8 +127,9 @@ json scan_json(const range::SurfaceScan &scan, const ScanFile &file, const range
           {"delay_ms", json_number(scan.delay_ms)},
           {"delay_removed", !options.at_newest},
           {"height_mm", options.height_mm},
-          {"scale_mm", options.curve.scale_mm},
-          {"exponent", options.curve.exponent},
+          {"scale_mm", options.curve.law.scale_mm},
+          {"exponent", options.curve.law.exponent},
+          {"corrections", options.curve.corrections.size()},
           {"bias_sigma_mm", json_number(bias_mm)}};
 }
 
@@ -159,7 +164,7 @@ int register_scan(const ScanArguments &arguments, const Context &context) {
   if (arguments.options.near_mm >= arguments.options.far_mm) {
     return fail("--near-mm must be below --far-mm");
   }
-  const range::ScanOptions options = options_of(arguments, curve->law);
+  const range::ScanOptions options = options_of(arguments, *curve);
   if (arguments.max_slope_deg && file->records.size() / options.chain.every > kMaxSlopePoints) {
     return fail("--max-slope-deg is for at most " + std::to_string(kMaxSlopePoints) + " points: say a larger --every");
   }
@@ -167,7 +172,7 @@ int register_scan(const ScanArguments &arguments, const Context &context) {
   const range::SurfaceScan scan = range::surface_points(file->records, options);
   samples.points_mm = scan.points_mm;
   samples.notes = file->notes;
-  const double bias_mm = std::hypot(arguments.bias_mm, curve_sigma_mm(*curve, *file));
+  const double bias_mm = std::hypot(arguments.bias_mm, curve_sigma_mm(*curve, *file, is_corrected(arguments)));
   json document = {{"T_target_source", nullptr},
                    {"T_source_target", nullptr},
                    {"covariance", nullptr},
@@ -194,7 +199,8 @@ int register_scan(const ScanArguments &arguments, const Context &context) {
   if (!context.json) {
     print(scan_text(scan, *file, options));
   }
-  return register_samples(arguments.surface, samples, *input, {Eigen::Vector3d::UnitZ(), bias_mm}, std::move(document),
+  return register_samples(arguments.surface, samples, *input,
+                          ScanningBeam{Eigen::Vector3d::UnitZ(), bias_mm, arguments.excess_mm}, std::move(document),
                           context);
 }
 
@@ -262,6 +268,12 @@ void add_register_scan(CLI::App &parent, Context &context) {
   command
       ->add_option("--bias-mm", arguments->bias_mm,
                    "Error of the distance that all points have in common, 1 sigma; the curve's own is added")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  command
+      ->add_option("--excess-mm", arguments->excess_mm,
+                   "By how much the sensor may read too far on tilted skin, 1 sigma, times 1 - cos(tilt): estimated "
+                   "with the pose; 0: readings are taken as they are")
       ->check(CLI::Range(0.0, 100.0))
       ->capture_default_str();
   add_surface_options(*command, arguments->surface);

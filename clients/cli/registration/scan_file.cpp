@@ -190,6 +190,19 @@ base::Result<range::PowerLawFit> read_range_curve(const std::filesystem::path &f
       out.covariance.row(static_cast<Eigen::Index>(r)) << row[0].get<double>(), row[1].get<double>();
     }
   }
+  // A curve of an earlier version has neither misfit nor corrections.
+  out.rms_mm = number("rms_mm").value_or(0.0);
+  out.corrected_rms_mm = number("corrected_rms_mm").value_or(out.rms_mm);
+  if (const auto corrections = document.find("corrections"); corrections != document.end()) {
+    for (const json &row : *corrections) {
+      const bool whole = row.is_object() && row.contains("reading") && row["reading"].is_number() &&
+                         row.contains("add_mm") && row["add_mm"].is_number();
+      if (!whole || (!out.corrections.empty() && !(out.corrections.back().reading < row["reading"].get<double>()))) {
+        return base::failure(file.string() + ": corrections: must hold reading and add_mm, with increasing readings");
+      }
+      out.corrections.push_back({row["reading"].get<double>(), row["add_mm"].get<double>()});
+    }
+  }
   return out;
 }
 

@@ -12,6 +12,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/geometry/angles.hpp"
+#include "algorithms/registration/surface/beam_errors.hpp"
 #include "algorithms/registration/surface/global_surface.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "casefile/itk_transform.hpp"
@@ -165,6 +166,33 @@ Answer locally(const surface::SurfaceField &field, const std::vector<Vector3d> &
   return out;
 }
 
+void refine(Answer &answer, const surface::SurfaceField &field, const std::vector<Vector3d> &samples,
+            const SurfaceArguments &arguments, const ScanningBeam &beam) {
+  registration::BeamErrorOptions options;
+  options.sigma_mm = arguments.sigma_mm;
+  options.offset_sigma_mm = beam.offset_sigma_mm;
+  options.excess_sigma_mm = beam.excess_sigma_mm;
+  const auto start = Clock::now();
+  const registration::BeamErrorFit fit =
+      registration::fit_beam_errors(field, samples, beam.towards_sensor, answer.T_target_source, options);
+  answer.time_ms += since_ms(start);
+  answer.details["excess_mm"] = fit.converged ? json_number(fit.excess_mm) : json();
+  answer.details["excess_sigma_mm"] = fit.converged ? json_number(fit.excess_sigma_mm) : json();
+  if (!fit.converged) {
+    answer.verdict = Verdict::kRefused;
+    answer.reason = "the pose and the sensor's errors do not settle together: too few points on skin that faces it";
+    return;
+  }
+  answer.T_target_source = fit.T_target_source;
+  answer.covariance = fit.covariance;
+  answer.inliers = fit.inliers;
+  answer.rms_mm = fit.rms_mm;
+  if (beam.excess_sigma_mm > 0.0) {
+    answer.details_text += "\nOn tilted skin the sensor reads too far by " + fixed(fit.excess_mm, 1, "mm") +
+                           " (1 sigma " + fixed(fit.excess_sigma_mm, 1) + ") times 1 - cos(tilt): removed\n";
+  }
+}
+
 json to_json(const Answer &answer, const surface::SurfaceField &field, const std::vector<Vector3d> &samples,
              const SurfaceArguments &arguments, const std::vector<PointError> &errors) {
   json out = transforms_json(answer.T_target_source.matrix(), arguments.files);
@@ -239,7 +267,7 @@ base::Result<SurfaceInput> read_surface_input(const SurfaceArguments &arguments)
 }
 
 int register_samples(const SurfaceArguments &arguments, const Cloud &samples, const SurfaceInput &input,
-                     const SampleShift &shift, json document, const Context &context) {
+                     const std::optional<ScanningBeam> &beam, json document, const Context &context) {
   const auto before = Clock::now();
   const surface::SurfaceModel model(input.surface);
   const surface::SurfaceField field(model);
@@ -247,8 +275,9 @@ int register_samples(const SurfaceArguments &arguments, const Cloud &samples, co
   Answer answer = input.start ? locally(field, samples.points_mm, *input.start, arguments)
                               : globally(field, samples.points_mm, arguments);
   answer.prepare_ms = prepare_ms;
-  const Vector3d along = answer.T_target_source.rotation() * shift.direction;
-  answer.covariance.bottomRightCorner<3, 3>() += shift.sigma_mm * shift.sigma_mm * along * along.transpose();
+  if (beam && answer.verdict == Verdict::kFound) {
+    refine(answer, field, samples.points_mm, arguments, *beam);
+  }
   document.update(common_json(answer, arguments));
   const std::vector<std::string> notes = joined({samples.notes, input.notes});
   document["notes"] = notes;

@@ -36,16 +36,17 @@ struct SurfaceInput {
 };
 [[nodiscard]] base::Result<SurfaceInput> read_surface_input(const SurfaceArguments &arguments);
 
-// An unknown offset that all samples have in common, along one direction of their frame. It moves the pose by as much,
-// which no residual shows: the predicted errors contain it.
-struct SampleShift {
-  Eigen::Vector3d direction = Eigen::Vector3d::UnitZ(); // unit
-  double sigma_mm = 0.0;                                // 1 sigma
+// The sensor that measured all samples along one direction, and the errors that they have in common
+// (algorithms/registration/surface/beam_errors.hpp).
+struct ScanningBeam {
+  Eigen::Vector3d towards_sensor = Eigen::Vector3d::UnitZ(); // unit, in the frame of the samples
+  double offset_sigma_mm = 0.0;
+  double excess_sigma_mm = 0.0;
 };
 
 // Prints the verdict and, if a pose was found, the pose and its predicted errors; writes --tfm. Returns the exit code.
 // document: what the command's JSON holds in addition.
 int register_samples(const SurfaceArguments &arguments, const Cloud &samples, const SurfaceInput &input,
-                     const SampleShift &shift, nlohmann::json document, const Context &context);
+                     const std::optional<ScanningBeam> &beam, nlohmann::json document, const Context &context);
 
 } // namespace bregma::cli

@@ -73,7 +73,8 @@ double SharpSensor::measure(std::int64_t from_ns, std::int64_t to_ns) {
   for (std::int64_t i = 0; i < kSamplesPerPeriod; ++i) {
     const std::int64_t at = from_ns + (2 * i + 1) * (to_ns - from_ns) / (2 * kSamplesPerPeriod);
     const BeamTarget target = target_(at);
-    const double biased = target.distance_mm + options_.tilt_bias_mm * (1.0 - std::cos(target.tilt_rad));
+    const double uneven = 1.0 + options_.tilt_uneven * std::cos(target.azimuth_rad);
+    const double biased = target.distance_mm + options_.tilt_bias_mm * uneven * std::pow(std::sin(target.tilt_rad), 2);
     double seen = sharp_volts(biased);
     if (std::isfinite(target.other_mm)) {
       seen += options_.edge_weight * (sharp_volts(target.other_mm) - seen);

@@ -13,6 +13,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <numbers>
 
 #include "drivers/sim/random.hpp"
 
@@ -26,16 +27,18 @@ struct SharpOptions {
   double step_mV = 5000.0 / 1024.0;
   double spike_probability = 0.01; // per period
   double spike_mV = 300.0;         // largest
-  double tilt_bias_mm = 6.0;       // times 1 - cos(tilt)
+  double tilt_bias_mm = 3.5;       // times sin(tilt)^2
+  double tilt_uneven = 0.5;        // more or less of it, by the cosine of the azimuth: the sensor looks from one side
   double edge_weight = 0.5;        // of the second surface in the spot, at an edge
 };
 
 // What the beam meets: the distance along it, the tilt of the surface there, and a second distance if the spot lies on
-// an edge (NaN: it does not).
+// an edge (NaN: it does not). The azimuth begins at the sensor's baseline.
 struct BeamTarget {
   double distance_mm = 0.0;
   double tilt_rad = 0.0;
   double other_mm = 0.0;
+  double azimuth_rad = 0.5 * std::numbers::pi; // of the surface's normal, about the beam
 };
 using BeamTargetAt = std::function<BeamTarget(std::int64_t time_ns)>;
 

@@ -86,7 +86,8 @@ std::optional<SurfaceUnderBeam::Top> SurfaceUnderBeam::top(double x_mm, double y
 
 BeamTarget SurfaceUnderBeam::target(double x_mm, double y_mm, double height_mm) const {
   const Top middle = top(x_mm, y_mm).value_or(Top{});
-  BeamTarget out{height_mm - middle.z_mm, std::acos(std::clamp(middle.normal.z(), 0.0, 1.0)), std::nan("")};
+  BeamTarget out{height_mm - middle.z_mm, std::acos(std::clamp(middle.normal.z(), 0.0, 1.0)), std::nan(""),
+                 std::atan2(middle.normal.y(), middle.normal.x())};
   double largest_mm = kEdge_mm;
   constexpr std::array<std::array<double, 2>, 4> kRim{{{1.0, 0.0}, {-1.0, 0.0}, {0.0, 1.0}, {0.0, -1.0}}};
   for (const auto &[dx, dy] : kRim) {

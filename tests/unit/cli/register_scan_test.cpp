@@ -253,6 +253,8 @@ TEST(RegisterScan, InputThatIsNoScanIsRefusedInWords) {
   folder.write("bad.json", "{\"accepted\": true, \"scale_mm\": -3, \"exponent\": -1}");
   folder.write("refused.json", "{\"accepted\": false, \"scale_mm\": 130, \"exponent\": -1}");
   folder.write("list.json", "[1, 2]");
+  folder.write("falling.json", R"({"accepted": true, "scale_mm": 130, "exponent": -1,
+                                   "corrections": [{"reading": 2, "add_mm": 1}, {"reading": 1, "add_mm": 0}]})");
   const std::string options = " --scale-mm 100 --exponent -1";
   const std::vector<std::pair<std::string, std::string>> rows{
       {"empty.txt head.asc" + options, "empty.txt: holds no records"},
@@ -269,6 +271,8 @@ TEST(RegisterScan, InputThatIsNoScanIsRefusedInWords) {
       {"ok.txt head.asc --curve list.json", "list.json: holds no curve"},
       {"ok.txt head.asc --curve refused.json", "refused.json: this curve was not accepted"},
       {"ok.txt head.asc --curve gone.json", "gone.json"},
+      {"ok.txt head.asc --curve falling.json",
+       "falling.json: corrections: must hold reading and add_mm, with increasing"},
       {"distance.txt head.asc" + options, "holds distances, which need no --curve"},
       {"ok.txt head.asc --tfm ok.txt" + options, "--tfm"},
       {"ok.txt head.asc --near-mm 200 --far-mm 100" + options, "--near-mm must be below --far-mm"},

@@ -1,4 +1,5 @@
 // Filters and calibration of a range sensor, on synthetic readings and on the simulated sensor.
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -69,7 +70,7 @@ TEST(WindowFilter, IgnoresMissingReadingsAndSpikes) {
 
 TEST(RangeChain, GivesEveryNthValueInMillimetres) {
   ChainOptions options; // those of [NeuroGuide]
-  RangeChain chain(options, {200.0, -1.0});
+  RangeChain chain(options, {{200.0, -1.0}, {}});
   int values = 0;
   std::optional<FilteredReading> last;
   for (int i = 0; i < 5000; ++i) {
@@ -87,7 +88,7 @@ TEST(RangeChain, GivesEveryNthValueInMillimetres) {
 TEST(SurfacePoints, LieWhereTheSensorWasWhenTheDistanceHeld) {
   // A slope that is scanned at 5 mm/s: the delay of the chain would shift every point along the path.
   const PowerLaw curve{200.0, -1.0};
-  ScanOptions options{.chain = {{WindowKind::kHampel, 200, 3.0, 38 * kMs}, 1, 100}, .curve = curve};
+  ScanOptions options{.chain = {{WindowKind::kHampel, 200, 3.0, 38 * kMs}, 1, 100}, .curve = {curve, {}}};
   const auto distance_mm = [](double x_mm) { return 150.0 + 0.8 * x_mm; };
   std::vector<ScanRecord> records;
   for (int i = 0; i < 3000; ++i) {
@@ -109,7 +110,7 @@ TEST(SurfacePoints, LieWhereTheSensorWasWhenTheDistanceHeld) {
 }
 
 TEST(SurfacePoints, CountsWhatItLeavesOut) {
-  ScanOptions options{.chain = {{WindowKind::kMean, 1, 1.0, 0}, 1, 1}, .curve = {1.0, 1.0}};
+  ScanOptions options{.chain = {{WindowKind::kMean, 1, 1.0, 0}, 1, 1}, .curve = {{1.0, 1.0}, {}}};
   options.near_mm = 100.0;
   options.far_mm = 300.0;
   options.lowest_mm = 5.0;
@@ -127,7 +128,7 @@ TEST(SurfacePoints, CountsWhatItLeavesOut) {
 }
 
 TEST(SurfacePoints, SteepPlacesAreLeftOutWhereTheSlopeIsKnown) {
-  ScanOptions options{.chain = {{WindowKind::kMean, 1, 1.0, 0}, 1, 1}, .curve = {1.0, 1.0}};
+  ScanOptions options{.chain = {{WindowKind::kMean, 1, 1.0, 0}, 1, 1}, .curve = {{1.0, 1.0}, {}}};
   options.max_slope_rad = 0.7;
   std::vector<ScanRecord> records;
   for (int y = 0; y < 50; y += 5) {
@@ -199,6 +200,31 @@ TEST(PowerLaw, StatesWhereItDoesNotFit) {
     points.push_back({sim::sharp_volts(mm), mm});
   }
   EXPECT_EQ(fit_power_law(points).verdict, PowerLawVerdict::kNotMonotone);
+}
+
+TEST(RangeCurve, CorrectsTheLawByTheMeanResidualsBetweenWhichItIsLinear) {
+  std::vector<CalibrationPoint> points;
+  for (double mm = 115.0; mm <= 205.0; mm += 2.5) {
+    points.push_back({sim::sharp_volts(mm), mm});
+  }
+  const PowerLawFit fit = fit_power_law(points);
+  ASSERT_TRUE(fit.accepted()) << fit.text;
+  EXPECT_GT(fit.rms_mm, 0.5);
+  EXPECT_LT(fit.corrected_rms_mm, 0.3);
+  const RangeCurve curve = fit.corrected();
+  ASSERT_EQ(curve.corrections.size(), 8U);
+  double worst_mm = 0.0; // between the points as well
+  for (double mm = 120.0; mm <= 200.0; mm += 0.7) {
+    worst_mm = std::max(worst_mm, std::abs(curve.distance_mm(sim::sharp_volts(mm)) - mm));
+  }
+  EXPECT_LT(worst_mm, 0.6);
+
+  const RangeCurve stated{{200.0, -1.0}, {{1.0, 2.0}, {2.0, 4.0}}};
+  EXPECT_DOUBLE_EQ(stated.distance_mm(1.5), 200.0 / 1.5 + 3.0);
+  EXPECT_DOUBLE_EQ(stated.distance_mm(0.5), 402.0);
+  EXPECT_DOUBLE_EQ(stated.distance_mm(4.0), 54.0);
+  EXPECT_TRUE(std::isnan(stated.distance_mm(0.0)));
+  EXPECT_TRUE(std::isnan(stated.distance_mm(kMissing)));
 }
 
 TEST(PowerLaw, RefusesWhatCannotBeFitted) {
