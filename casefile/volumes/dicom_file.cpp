@@ -31,10 +31,10 @@ struct Tag {
 };
 constexpr Tag kSharedGroups{0x5200, 0x9229}, kFrameGroups{0x5200, 0x9230}, kPlanePosition{0x0020, 0x9113},
     kPlaneOrientation{0x0020, 0x9116}, kPixelMeasures{0x0028, 0x9110}, kValueTransformation{0x0028, 0x9145};
-constexpr std::size_t kMaxText = 1024; // bytes of an element's text that are read
+constexpr std::size_t kMaxText = 1024; // bytes of an element's text; no more are read
 constexpr std::uint64_t kMaxFrames = 100'000;
 constexpr Tag kItem{0xFFFE, 0xE000}, kItemEnd{0xFFFE, 0xE00D}, kSequenceEnd{0xFFFE, 0xE0DD}, kPixels{0x7FE0, 0x0010},
-    kTransferSyntax{0x0002, 0x0010}, kFrameCount{0x0028, 0x0008};
+    kTransferSyntax{0x0002, 0x0010}, kFrameCount{0x0028, 0x0008}, kSeries{0x0020, 0x000E};
 
 struct Encoding {
   bool explicit_vr = true;
@@ -53,21 +53,12 @@ std::string name_of(const Tag &tag) {
   return out;
 }
 
-// The numbers of a decimal string, "a\b\c"; NaN if they are not `Count` finite ones.
+// NaN if they are not `Count` numbers.
 template <int Count> Eigen::Matrix<double, Count, 1> numbers_of(std::string_view text) {
-  Eigen::Matrix<double, Count, 1> out;
-  for (int i = 0; i < Count; ++i) {
-    const std::size_t end = std::min(text.find('\\'), text.size());
-    std::string_view cell = base::trimmed(text.substr(0, end));
-    cell.remove_prefix(cell.starts_with('+') ? 1 : 0);
-    const auto value = base::parsed_number<double>(cell);
-    if (!value || !std::isfinite(*value) || (i + 1 == Count) != (end == text.size())) {
-      return Eigen::Matrix<double, Count, 1>::Constant(std::numeric_limits<double>::quiet_NaN());
-    }
-    out[i] = *value;
-    text.remove_prefix(std::min(end + 1, text.size()));
-  }
-  return out;
+  using Numbers = Eigen::Matrix<double, Count, 1>;
+  const std::vector<double> values = decimal_numbers(text);
+  return values.size() == Count ? Numbers(Eigen::Map<const Numbers>(values.data()))
+                                : Numbers(Numbers::Constant(std::numeric_limits<double>::quiet_NaN()));
 }
 
 template <class T> using Step = tl::expected<T, std::string>; // the problem
@@ -297,6 +288,11 @@ private:
       out_.frame_count = count >= 0.0 && count <= 4e9 ? static_cast<std::uint64_t>(count) : 0;
       return;
     }
+    if (header.tag == kSeries) {
+      const std::string text = text_of(header);
+      out_.series = base::trimmed(text.substr(0, text.find('\0')));
+      return;
+    }
     if (header.tag.group != 0x0028 || header.length < 2) {
       return;
     }
@@ -347,11 +343,11 @@ private:
     }
   }
 
-  // The value of an element of text, without padding.
+  // The value of an element of text, with its padding.
   std::string text_of(const ElementHeader &header) {
-    std::string out(std::min<std::size_t>(header.length, kMaxText), '\0');
+    std::string out(header.length <= kMaxText ? header.length : 0, '\0');
     read(out.data(), out.size());
-    return out.substr(0, out.find('\0'));
+    return out;
   }
 
   // Zeros that some programs and archives add.
@@ -390,6 +386,23 @@ private:
 };
 
 } // namespace
+
+std::vector<double> decimal_numbers(std::string_view text) {
+  text = text.substr(0, text.find_last_not_of('\0') + 1);
+  std::vector<double> out;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const std::size_t end = std::min(text.find('\\', begin), text.size());
+    std::string_view cell = base::trimmed(text.substr(begin, end - begin));
+    cell.remove_prefix(cell.starts_with('+') ? 1 : 0);
+    const auto value = base::parsed_number<double>(cell);
+    if (!value || !std::isfinite(*value)) {
+      return {};
+    }
+    out.push_back(*value);
+    begin = end + 1;
+  }
+  return out;
+}
 
 bool is_dicom_file(const fs::path &file) {
   std::ifstream in(file, std::ios::binary);

@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include <Eigen/Core>
@@ -30,6 +32,7 @@ struct DicomFile {
   std::uint64_t fragments = 0;    // of compressed pixels
   std::uint64_t frame_count = 1;  // as stated
   std::vector<DicomFrame> frames; // of the functional groups; empty without them
+  std::string series;             // its UID
   // Of the image; 1 if they are not stated.
   std::uint64_t rows = 1, columns = 1, samples = 1, bits_allocated = 8;
 };
@@ -41,5 +44,8 @@ struct DicomFile {
 // Nothing but the headers of the elements, and what DicomFile holds, is read. A deflated data set is not looked into. A
 // file without the mark is taken as a data set that begins with its first byte.
 [[nodiscard]] base::Result<DicomFile> read_dicom_file(const std::filesystem::path &file);
+
+// The numbers of a decimal string, "a\b\c", which may be padded; empty if a value is not a finite number.
+[[nodiscard]] std::vector<double> decimal_numbers(std::string_view text);
 
 } // namespace bregma::casefile

@@ -1,7 +1,6 @@
 // A DICOM series: a set of files, each a slice, or one file with many frames.
 #include <algorithm>
 #include <set>
-#include <sstream>
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
@@ -22,17 +21,46 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The numbers of a multi-valued decimal string, "a\b\c"; empty where the tag is absent or not numbers.
-std::vector<double> numbers(const itk::MetaDataDictionary &tags, const std::string &tag) {
+// A tag of numbers.
+struct NumberTag {
+  const char *tag;
+  const char *name;
+  std::size_t count;
+};
+
+base::Result<std::vector<double>> numbers(const itk::MetaDataDictionary &tags, const NumberTag &of) {
   std::string text;
-  itk::ExposeMetaData(tags, tag, text);
-  std::replace(text.begin(), text.end(), '\\', ' ');
-  std::istringstream stream(text);
-  std::vector<double> values;
-  for (double value = 0.0; stream >> value;) {
-    values.push_back(value);
+  if (!itk::ExposeMetaData(tags, of.tag, text)) {
+    return base::failure(std::string("lacks ") + of.name);
+  }
+  std::vector<double> values = decimal_numbers(text);
+  if (values.size() != of.count) {
+    constexpr std::size_t kShown = 64;
+    return base::failure(std::string("states ") + of.name + " as \"" +
+                         std::string(base::trimmed(text.substr(0, kShown))) + "\", not as " + std::to_string(of.count) +
+                         " numbers");
   }
   return values;
+}
+
+// GDCM takes a scale that it cannot read, or of 0, as 1, and inverts MONOCHROME1.
+base::Result<void> check_values(const itk::MetaDataDictionary &tags) {
+  for (const NumberTag &of :
+       {NumberTag{"0028|1052", "Rescale Intercept", 1}, NumberTag{"0028|1053", "Rescale Slope", 1}}) {
+    const auto value = tags.HasKey(of.tag) ? numbers(tags, of) : std::vector<double>{1.0};
+    if (!value) {
+      return tl::unexpected(value.error());
+    }
+    if (value->front() == 0.0 && of.tag == std::string_view("0028|1053")) {
+      return base::failure("states a Rescale Slope of 0");
+    }
+  }
+  std::string meaning;
+  itk::ExposeMetaData(tags, "0028|0004", meaning);
+  if (base::trimmed(meaning).starts_with("MONOCHROME1")) {
+    return base::failure("states inverted values (MONOCHROME1), which are not read");
+  }
+  return {};
 }
 
 base::Result<DicomSlice> read_slice(const fs::path &folder, const std::string &file) {
@@ -49,17 +77,23 @@ base::Result<DicomSlice> read_slice(const fs::path &folder, const std::string &f
   if (io->GetNumberOfComponents() != 1) {
     return base::failure(series_error(folder, "is in colour (" + slice.name + "); a scalar image is needed"));
   }
-  const auto position = numbers(io->GetMetaDataDictionary(), "0020|0032");
-  const auto orientation = numbers(io->GetMetaDataDictionary(), "0020|0037");
-  const auto spacing = numbers(io->GetMetaDataDictionary(), "0028|0030");
-  if (position.size() != 3 || orientation.size() != 6 || spacing.size() != 2) {
-    return base::failure(series_error(folder, "does not say where its slices lie: " + slice.name +
-                                                  " lacks Image Position, Image Orientation or Pixel Spacing"));
+  const auto position = numbers(io->GetMetaDataDictionary(), {"0020|0032", "Image Position", 3});
+  const auto orientation = numbers(io->GetMetaDataDictionary(), {"0020|0037", "Image Orientation", 6});
+  const auto spacing = numbers(io->GetMetaDataDictionary(), {"0028|0030", "Pixel Spacing", 2});
+  for (const auto *stated : {&position, &orientation, &spacing}) {
+    if (!*stated) {
+      return base::failure(
+          series_error(folder, "does not say where its slices lie: " + slice.name + " " + stated->error().message));
+    }
   }
-  slice.position_mm = Eigen::Map<const Eigen::Vector3d>(position.data());
-  slice.row = Eigen::Map<const Eigen::Vector3d>(orientation.data());
-  slice.column = Eigen::Map<const Eigen::Vector3d>(orientation.data() + 3);
-  slice.spacing_mm = {spacing[1], spacing[0]}; // the tag gives the distance between rows first
+  if (auto sound = check_values(io->GetMetaDataDictionary()); !sound) {
+    return base::failure(
+        series_error(folder, "does not say what its values are: " + slice.name + " " + sound.error().message));
+  }
+  slice.position_mm = Eigen::Map<const Eigen::Vector3d>(position->data());
+  slice.row = Eigen::Map<const Eigen::Vector3d>(orientation->data());
+  slice.column = Eigen::Map<const Eigen::Vector3d>(orientation->data() + 3);
+  slice.spacing_mm = {(*spacing)[1], (*spacing)[0]}; // the tag gives the distance between rows first
   slice.size = {static_cast<std::int64_t>(io->GetDimensions(0)), static_cast<std::int64_t>(io->GetDimensions(1))};
   if (auto sound = check_slice(folder, slice); !sound) {
     return tl::unexpected(sound.error());
@@ -160,35 +194,100 @@ std::string described(const std::string &uid, const std::vector<std::string> &fi
          ")";
 }
 
-std::vector<fs::path> files_in(const fs::path &folder, bool recursive) {
+// With those of its folders, as on a CD.
+base::Result<std::vector<fs::path>> files_in(const fs::path &folder) {
   std::vector<fs::path> out;
   std::error_code error;
-  const auto take = [&](const fs::directory_entry &entry) {
-    if (entry.is_regular_file(error)) {
-      out.push_back(entry.path());
+  for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    std::error_code ignored;
+    if (entry->is_symlink(ignored) && !entry->exists(ignored)) { // GDCM's list ends there
+      return base::failure(entry->path().string() + ": is a link to a file that is missing");
     }
-  };
-  if (recursive) {
-    std::for_each(fs::recursive_directory_iterator(folder, error), fs::recursive_directory_iterator(), take);
-  } else {
-    std::for_each(fs::directory_iterator(folder, error), fs::directory_iterator(), take);
+    if (entry->is_regular_file(ignored)) {
+      out.push_back(entry->path());
+    }
+  }
+  if (error) {
+    return base::failure(folder.string() + ": cannot be listed: " + error.message());
   }
   std::sort(out.begin(), out.end());
   return out;
 }
 
-// The DICOM files of the folder. A damaged one is an error: it may be the slice at the end of a stack, which would be
-// missing in silence.
-base::Result<std::vector<fs::path>> whole_files(const fs::path &folder, bool recursive) {
-  std::vector<fs::path> out;
-  for (const fs::path &file : files_in(folder, recursive)) {
+bool is_list(const fs::path &file) { return base::lower(file.filename().string()) == "dicomdir"; }
+
+// Equal for the slices of a series: the path with its numbers left out.
+std::string pattern_of(const fs::path &file) {
+  std::string name = base::lower(file.filename().string());
+  std::erase_if(name, [](char c) { return c >= '0' && c <= '9'; });
+  return (file.parent_path() / name).string();
+}
+
+struct FolderFiles {
+  struct Image {
+    fs::path file;
+    bool has_pixels = false;
+    std::string series;
+  };
+  std::vector<Image> dicom;     // whole
+  std::vector<fs::path> others; // without the mark of DICOM
+};
+
+// A damaged file is an error: it may be the slice at the end of a stack, which would be missing in silence.
+base::Result<FolderFiles> whole_files(const fs::path &folder) {
+  const auto files = files_in(folder);
+  if (!files) {
+    return tl::unexpected(files.error());
+  }
+  FolderFiles out;
+  for (const fs::path &file : *files) {
     if (!is_dicom_file(file)) {
+      out.others.push_back(file);
       continue;
     }
-    if (const auto whole = read_dicom_file(file); !whole) {
+    const auto whole = read_dicom_file(file);
+    if (!whole) {
       return tl::unexpected(whole.error());
     }
-    out.push_back(file);
+    if (!whole->has_pixels && whole->rows > 1 && whole->columns > 1) {
+      return base::failure(file.string() + ": is not whole: its header states " + std::to_string(whole->columns) +
+                           " x " + std::to_string(whole->rows) + " pixels, and it holds none");
+    }
+    out.dicom.push_back({file, whole->has_pixels, whole->series});
+  }
+  return out;
+}
+
+// What is left out is named; a file that seems to be a slice of the series is refused. used: the files of all series.
+base::Result<std::vector<std::string>> notes_of_others(const FolderFiles &files, const std::string &series,
+                                                       const std::set<std::string> &used) {
+  std::vector<std::string> out;
+  std::set<std::string> patterns;
+  for (const auto &[file, has_pixels, of_series] : files.dicom) {
+    if (used.contains(file.string())) {
+      patterns.insert(pattern_of(file));
+    } else if (has_pixels && of_series == series) {
+      return base::failure(file.string() + ": is a slice of the series that cannot be read");
+    } else if (!is_list(file)) {
+      out.push_back(file.string() + (has_pixels ? " cannot be read" : " holds no image") + ": it is left out");
+    }
+  }
+  constexpr std::size_t kMaxNamed = 5;
+  std::string names;
+  std::size_t count = 0;
+  for (const fs::path &file : files.others) {
+    if (used.contains(file.string())) {
+      continue;
+    }
+    const std::string extension = base::lower(file.extension().string());
+    if (patterns.contains(pattern_of(file)) || extension == ".dcm" || extension == ".ima" || extension == ".dicom") {
+      return base::failure(file.string() + ": is named like a slice, and is no DICOM file: is it damaged?");
+    }
+    names += ++count > kMaxNamed ? "" : (names.empty() ? "" : ", ") + file.string();
+  }
+  if (count > 0) {
+    out.push_back(names + (count > kMaxNamed ? " and " + std::to_string(count - kMaxNamed) + " more" : "") +
+                  (count == 1 ? " is no DICOM file: it is left out" : " are no DICOM files: they are left out"));
   }
   return out;
 }
@@ -200,16 +299,12 @@ struct SeriesFiles {
 
 // A folder of slices, or a folder of folders as on a CD.
 base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &series) {
-  const std::vector<fs::path> at_top = files_in(folder, false);
-  const bool recursive = std::none_of(at_top.begin(), at_top.end(), [](const fs::path &file) {
-    return file.filename() != "DICOMDIR" && is_dicom_file(file);
-  });
-  const auto whole = whole_files(folder, recursive);
-  if (!whole) {
-    return tl::unexpected(whole.error());
+  const auto files = whole_files(folder);
+  if (!files) {
+    return tl::unexpected(files.error());
   }
   auto names = itk::GDCMSeriesFileNames::New();
-  names->SetRecursive(recursive);
+  names->SetRecursive(true);
   names->SetInputDirectory(folder.string());
   const std::vector<std::string> found = names->GetSeriesUIDs();
   if (found.empty()) {
@@ -218,9 +313,9 @@ base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &se
   std::string list;
   std::set<std::string> used;
   for (const std::string &uid : found) {
-    const std::vector<std::string> files = names->GetFileNames(uid);
-    used.insert(files.begin(), files.end());
-    list += (list.empty() ? "" : "; ") + described(uid, files);
+    const std::vector<std::string> slices = names->GetFileNames(uid);
+    used.insert(slices.begin(), slices.end());
+    list += (list.empty() ? "" : "; ") + described(uid, slices);
   }
   if (series.empty() && found.size() > 1) {
     return base::failure(folder.string() + ": the folder holds " + std::to_string(found.size()) +
@@ -229,7 +324,8 @@ base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &se
   if (!series.empty() && std::find(found.begin(), found.end(), series) == found.end()) {
     return base::failure(folder.string() + ": the folder holds no DICOM series " + series + ", only: " + list);
   }
-  SeriesFiles out{names->GetFileNames(series.empty() ? found.front() : series), {}};
+  const std::string &chosen = series.empty() ? found.front() : series;
+  SeriesFiles out{names->GetFileNames(chosen), {}};
   for (const std::string &file : out.files) {
     // GDCM takes files without the mark of part 10 as well.
     if (is_dicom_file(file)) {
@@ -239,11 +335,11 @@ base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &se
       return tl::unexpected(sound.error());
     }
   }
-  for (const fs::path &file : *whole) {
-    if (!used.contains(file.string()) && file.filename() != "DICOMDIR") {
-      out.notes.push_back(file.string() + " holds no image: it is left out");
-    }
+  auto notes = notes_of_others(*files, chosen, used);
+  if (!notes) {
+    return tl::unexpected(notes.error());
   }
+  out.notes = std::move(*notes);
   return out;
 }
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <system_error>
 #include <utility>
 
 #include "base/text.hpp"
@@ -33,7 +34,8 @@ std::string tag_name(std::string name) {
   for (const auto &[other, usual] : {std::pair("Position", "Offset"),
                                      {"Origin", "Offset"},
                                      {"Rotation", "TransformMatrix"},
-                                     {"Orientation", "TransformMatrix"}}) {
+                                     {"Orientation", "TransformMatrix"},
+                                     {"ElementByteOrderMSB", "BinaryDataByteOrderMSB"}}) {
     name = name == other ? usual : name;
   }
   return name;
@@ -146,6 +148,21 @@ void note_letters(const fs::path &path, const Tags &tags, ImageHeader &out) {
   }
 }
 
+// ITK reads as many bytes as stated, and what is left of the image is what its memory held.
+base::Result<void> check_compressed_size(const fs::path &path, const Tags &tags, const StoredData &data) {
+  const std::string stated = first_of(tags, {"CompressedDataSize"});
+  const std::vector<double> bytes = header_numbers(stated);
+  std::error_code error;
+  const std::uintmax_t size = fs::file_size(data.file, error);
+  if (!error && size >= data.begin && bytes.size() == 1 && bytes[0] == static_cast<double>(size - data.begin)) {
+    return {};
+  }
+  return error ? base::failure(data.file.string() + ": " + error.message())
+               : refuse_tag(path, "CompressedDataSize", stated,
+                            "the compressed voxels have " + std::to_string(size >= data.begin ? size - data.begin : 0) +
+                                " bytes");
+}
+
 base::Result<void> check_meta_data(const fs::path &path, const Tags &tags, std::uint64_t header_bytes,
                                    ImageHeader &header) {
   const std::string type = first_of(tags, {"ElementType"});
@@ -183,6 +200,18 @@ base::Result<void> check_meta_data(const fs::path &path, const Tags &tags, std::
   }
   if (!first_of(tags, {"BinaryData"}).empty() && !is_true(first_of(tags, {"BinaryData"}))) {
     return refuse_tag(path, "BinaryData", "False", "voxels as text are not read");
+  }
+  for (const auto &[tag, usual] :
+       {std::pair("ElementToIntensityFunctionSlope", 1.0), {"ElementToIntensityFunctionOffset", 0.0}}) {
+    const std::string stated = first_of(tags, {tag});
+    if (!stated.empty() && header_numbers(stated) != std::vector<double>{usual}) {
+      return refuse_tag(path, tag, stated, "a scale of the values is not read");
+    }
+  }
+  if (data.compressed) {
+    if (auto agrees = check_compressed_size(path, tags, data); !agrees) {
+      return agrees;
+    }
   }
   return check_whole(data, count * each, path, header);
 }

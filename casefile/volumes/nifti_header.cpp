@@ -22,6 +22,7 @@ constexpr double kPlacementTolerance_mm = 0.01; // between the file's two matric
 // The two versions hold the same fields, with other types and at other places.
 struct NiftiFields {
   std::string magic;
+  double dimensions = 0.0; // as stated; sizes has at most seven
   std::vector<double> sizes;
   int type = 0, bits = 0;
   std::array<double, 4> pixel_sizes{}; // the first is the sign of the third axis, of the qform
@@ -60,6 +61,7 @@ public:
     NiftiFields out;
     out.magic = bytes_.substr(at.magic, at.magic_length);
     const auto dimensions = this->at<Size>(at.sizes);
+    out.dimensions = static_cast<double>(dimensions);
     for (std::size_t axis = 1; axis <= static_cast<std::size_t>(std::clamp<Size>(dimensions, 0, 7)); ++axis) {
       out.sizes.push_back(static_cast<double>(this->at<Size>(at.sizes + sizeof(Size) * axis)));
     }
@@ -164,6 +166,11 @@ base::Result<void> place_nifti(const fs::path &path, const NiftiFields &header, 
   if (header.qform_code <= 0 && header.sform_code <= 0) {
     return nifti_failure(path, "states no orientation (qform_code and sform_code are both 0)");
   }
+  constexpr double kRounding = 1e-3;
+  if (header.qform_code > 0 && !(header.quaternion.squaredNorm() <= 1.0 + kRounding)) {
+    return nifti_failure(path, "its qform is no rotation: quatern_b, c and d have a square of " +
+                                   std::to_string(header.quaternion.squaredNorm()));
+  }
   const Eigen::Matrix4d qform = qform_of(header);
   const Eigen::Matrix4d sform = sform_of(header);
   out.T_ras_index = header.sform_code > 0 ? sform : qform;
@@ -237,7 +244,10 @@ base::Result<void> read_voxel_type(const fs::path &path, const NiftiFields &head
   }
   out.type = *type;
   out.big_endian = header.big_endian;
-  // A slope of 0 states that the numbers are not scaled.
+  if (std::isinf(header.slope)) {
+    return nifti_failure(path, "scl_slope is not a finite number");
+  }
+  // A slope of 0, or NaN as some programs write, states that the numbers are not scaled.
   if (std::isfinite(header.slope) && header.slope != 0.0) {
     if (!std::isfinite(header.intercept)) {
       return nifti_failure(path, "scl_inter is not a finite number");
@@ -277,8 +287,10 @@ base::Result<fs::path> header_file_of(const fs::path &path) {
 // Where the voxels are: behind the header, or in the other file of a pair.
 base::Result<StoredData> data_of(const fs::path &file, const NiftiFields &header, bool compressed) {
   const bool single = header.magic.starts_with("n+");
-  const double least = single ? static_cast<double>(header.magic[2] == '1' ? kBytes1 : kBytes2) : 0.0;
-  if (!(header.voxels_start >= least) || header.voxels_start > 1e9) {
+  constexpr std::size_t kExtension = 4; // states whether the header is extended; always there in one file
+  const double least = single ? static_cast<double>((header.magic[2] == '1' ? kBytes1 : kBytes2) + kExtension) : 0.0;
+  if (!(header.voxels_start >= least) || header.voxels_start > 1e9 ||
+      std::floor(header.voxels_start) != header.voxels_start) {
     return base::failure(file.string() + ": vox_offset = " + std::to_string(header.voxels_start) +
                          ": is not a place behind the header");
   }
@@ -311,6 +323,10 @@ base::Result<ImageHeader> read_nifti_header(const fs::path &path) {
   if (std::find(kMagics.begin(), kMagics.end(), header->magic) == kMagics.end()) {
     return base::failure(file->string() + ": is an Analyze 7.5 header or a damaged NIfTI: Analyze does not state which "
                                           "side is left; convert it to NIfTI where its orientation is known");
+  }
+  if (!(header->dimensions >= 1.0 && header->dimensions <= 7.0)) {
+    return base::failure(file->string() + ": dim[0] = " + std::to_string(std::llround(header->dimensions)) +
+                         ": must be a number of axes from 1 to 7; the header is damaged");
   }
   const auto size = check_shape(*file, header->sizes);
   if (!size) {

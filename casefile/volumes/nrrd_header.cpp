@@ -312,17 +312,27 @@ private:
     return {};
   }
 
-  static base::Result<void> check_text(const StoredData &data, double values) {
+  base::Result<void> check_text(const StoredData &data, double values) {
     std::ifstream in(data.file, std::ios::binary);
     in.seekg(static_cast<std::streamoff>(data.begin));
     std::uint64_t found = 0;
-    for (std::string word; in >> word;) {
-      ++found;
+    bool ends = true; // with a blank, or the last number may lack digits
+    for (std::string word; in >> word; ++found) {
+      if (!base::parsed_number<double>(word)) {
+        return base::failure(data.file.string() + ": \"" + word.substr(0, 40) + "\" among its voxels is no number");
+      }
+      ends = !in.eof();
     }
-    return static_cast<double>(found) >= values
-               ? base::Result<void>()
-               : base::failure(data.file.string() + ": is not whole: it holds " + std::to_string(found) +
-                               " numbers, its header asks for " + std::to_string(static_cast<std::uint64_t>(values)));
+    if (static_cast<double>(found) != values) {
+      return base::failure(data.file.string() + (static_cast<double>(found) < values ? ": is not whole: it" : ":") +
+                           " holds " + std::to_string(found) + " numbers, its header asks for " +
+                           std::to_string(static_cast<std::uint64_t>(values)));
+    }
+    if (!ends) {
+      out_.notes.push_back(data.file.string() +
+                           ": the last line does not end: digits of its last number may be missing");
+    }
+    return {};
   }
 
   fs::path path_;

@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "casefile/volumes/volume.hpp"
+#include "dicom_slices.hpp"
 #include "files.hpp"
 
 namespace bregma::casefile {
@@ -234,6 +235,141 @@ TEST(DicomSeries, AMissingSliceIsFound) {
   const auto twice = read_volume(scratch / "few");
   ASSERT_FALSE(twice);
   EXPECT_NE(std::string::npos, twice.error().message.find("has two slices in the same place")) << twice.error().message;
+}
+
+// A series of 12 small slices made here, with one of its files changed.
+class MadeSeries : public testing::Test {
+protected:
+  void SetUp() override {
+    image::Image<float, 3> image;
+    image.size = {8, 8, 12};
+    image.T_image_index = Eigen::Affine3d(Eigen::Translation3d(-4.5, -4.5, 10.5)).matrix();
+    image.voxels.assign(image.pixels(), 100.0F);
+    test::write_dicom(folder, image);
+  }
+  [[nodiscard]] std::string refusal() const {
+    const auto volume = read_volume(folder);
+    EXPECT_FALSE(volume);
+    return volume ? std::string() : volume.error().message;
+  }
+  [[nodiscard]] std::string content(const std::string &name) const { return test::read_bytes(folder / name); }
+  void replace(const std::string &name, const std::string &before, const std::string &after) const {
+    std::string bytes = content(name);
+    const std::size_t at = bytes.find(before);
+    ASSERT_NE(at, std::string::npos) << before;
+    test::write_bytes(folder / name, bytes.replace(at, before.size(), after));
+  }
+
+  TemporaryFolder scratch;
+  fs::path folder = scratch / "made";
+};
+
+TEST_F(MadeSeries, IsReadWhole) {
+  const auto volume = read_volume(folder);
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_EQ((std::array<int, 3>{8, 8, 12}), volume->size);
+}
+
+TEST_F(MadeSeries, ASliceThatIsNoDicomFileIsNotLeftOut) {
+  const std::string whole = content("IM11");
+  const std::string damaged = std::string(whole).replace(128, 4, "DIXM");
+  for (const std::string &bytes :
+       {std::string(), whole.substr(0, 100), whole.substr(0, 131), std::string(6000, '\x55'), damaged}) {
+    test::write_bytes(folder / "IM11", bytes);
+    EXPECT_NE(refusal().find("made/IM11: is"), std::string::npos) << refusal();
+  }
+  fs::remove(folder / "IM11");
+  EXPECT_EQ(read_volume(folder)->size[2], 11) << "that the last one is missing cannot be known";
+  test::write_bytes(folder / "copy.DCM", "");
+  EXPECT_NE(refusal().find("copy.DCM: is named like a slice, and is no DICOM file: is it damaged?"), std::string::npos);
+  fs::remove(folder / "copy.DCM");
+  fs::create_symlink("/nowhere/IM11", folder / "IM11");
+  EXPECT_NE(refusal().find("IM11: is a link to a file that is missing"), std::string::npos) << refusal();
+}
+
+TEST_F(MadeSeries, WhatIsLeftOutIsNamed) {
+  test::write_bytes(folder / "README.txt", "from the archive");
+  test::write_bytes(folder / "IM12.gz", "");
+  Notes notes;
+  const auto volume = read_volume(folder, {}, &notes);
+  ASSERT_TRUE(volume) << volume.error().message;
+  ASSERT_EQ(notes.size(), 1U);
+  EXPECT_EQ(notes[0], (folder / "IM12.gz").string() + ", " + (folder / "README.txt").string() +
+                          " are no DICOM files: they are left out");
+}
+
+TEST_F(MadeSeries, SlicesInItsFoldersBelongToIt) {
+  fs::create_directory(folder / "more");
+  for (const char *name : {"IM8", "IM9", "IM10", "IM11"}) {
+    fs::rename(folder / name, folder / "more" / name);
+  }
+  const auto volume = read_volume(folder);
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_EQ(volume->size[2], 12);
+}
+
+TEST_F(MadeSeries, ASliceWithoutItsPixelsIsRefused) {
+  const std::string whole = content("IM11");
+  test::write_bytes(folder / "IM11", whole.substr(0, whole.rfind(test::tag(0x7FE0, 0x0010))));
+  EXPECT_NE(refusal().find("IM11: is not whole: its header states 8 x 8 pixels, and it holds none"), std::string::npos)
+      << refusal();
+}
+
+// An encoding that is not known.
+TEST_F(MadeSeries, ASliceThatCannotBeReadIsNotLeftOut) {
+  replace("IM11", "1.2.840.10008.1.2.1", "1.2.840.10008.9.9.9");
+  EXPECT_NE(refusal().find("IM11: is a slice of the series that cannot be read"), std::string::npos) << refusal();
+  replace("IM11", "1.2.3.6", "1.2.3.7");
+  Notes notes;
+  const auto volume = read_volume(folder.string() + "/", {}, &notes);
+  ASSERT_TRUE(volume) << volume.error().message;
+  ASSERT_EQ(notes.size(), 1U);
+  EXPECT_NE(notes[0].find("IM11 cannot be read: it is left out"), std::string::npos) << notes[0];
+}
+
+// The first slice lies at 4.5\4.5\10.5.
+TEST_F(MadeSeries, NumbersAreNothingButNumbers) {
+  for (const char *text : {"4.5\\4.5\\10,5", "4.5\\4\\1e999", "4.5\\4.5\\0x10", "4.5\\4 5\\10 ", "4.5\\4.5\\nan ",
+                           "4.5\\4.5\\10m ", "4.5\\4.51105 "}) {
+    std::string padded = text;
+    padded.resize(12, ' ');
+    replace("IM0", "4.5\\4.5\\10.5", padded);
+    EXPECT_NE(refusal().find("does not say where its slices lie: IM0 states Image Position as \""), std::string::npos)
+        << refusal();
+    replace("IM0", padded, "4.5\\4.5\\10.5");
+  }
+  replace("IM3", "-1\\0\\0\\0\\-1\\0", "-1\\0\\0\\0\\-1\\k");
+  EXPECT_NE(refusal().find("IM3 states Image Orientation as \"-1\\0\\0\\0\\-1\\k\", not as 6 numbers"),
+            std::string::npos)
+      << refusal();
+}
+
+// GDCM takes them as 1.
+TEST_F(MadeSeries, AScaleThatIsNoNumberIsRefused) {
+  for (const char *slope : {"1,5 ", "0 ", "abc ", "nan "}) {
+    const std::string element = test::text_element(0x0028, 0x1053, "DS", slope);
+    const std::string pixels = test::tag(0x7FE0, 0x0010);
+    replace("IM7", pixels, element + pixels);
+    EXPECT_NE(refusal().find("does not say what its values are: IM7 states"), std::string::npos) << refusal();
+    replace("IM7", element, "");
+  }
+  replace("IM7", "MONOCHROME2", "MONOCHROME1");
+  EXPECT_NE(refusal().find("IM7 states inverted values (MONOCHROME1)"), std::string::npos) << refusal();
+}
+
+// Each slice may have its own scale.
+TEST_F(MadeSeries, TheScaleOfEachSliceIsUsed) {
+  for (int k = 0; k < 12; ++k) {
+    const std::string pixels = test::tag(0x7FE0, 0x0010);
+    replace("IM" + std::to_string(k), pixels,
+            test::text_element(0x0028, 0x1052, "DS", "-7") +
+                test::text_element(0x0028, 0x1053, "DS", std::to_string(1 + k % 3)) + pixels);
+  }
+  const auto volume = read_volume(folder);
+  ASSERT_TRUE(volume) << volume.error().message;
+  for (int k = 0; k < 12; ++k) {
+    EXPECT_EQ(volume->at(3, 3, k), 100.0F * static_cast<float>(1 + k % 3) - 7.0F) << k;
+  }
 }
 
 } // namespace

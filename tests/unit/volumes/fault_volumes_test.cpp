@@ -91,11 +91,56 @@ TEST(FaultInput, AMetaImageThatContradictsItselfIsRefused) {
                                    {"Position = 1 2 3\n", ""},
                                    {"Position = 0 0 0\n", "Offset = \"0 0 0\": is stated before as \"1 2 3\""},
                                    {"Rotation = 1 0 0 0 -1 0 0 0 1\n", "TransformMatrix = \"1 0 0 0 -1 0 0 0 1\": is"},
-                                   {"HeaderSize = 3\n", "HeaderSize = \"3\": must be 0 where the voxels follow"}}) {
+                                   {"HeaderSize = 3\n", "HeaderSize = \"3\": must be 0 where the voxels follow"},
+                                   {"BinaryDataByteOrderMSB = False\nElementByteOrderMSB = False\n", ""},
+                                   {"BinaryDataByteOrderMSB = False\nElementByteOrderMSB = True\n",
+                                    "BinaryDataByteOrderMSB = \"True\": is stated before as \"False\""},
+                                   {"ElementToIntensityFunctionSlope = 1\n", ""},
+                                   {"ElementToIntensityFunctionSlope = 2\n", "a scale of the values is not read"}}) {
     test::write_bytes(folder / "v.mha", meta + more + "ElementDataFile = LOCAL\n12345678");
     const auto volume = read_volume(folder / "v.mha");
     EXPECT_EQ(volume.has_value(), *said == '\0') << more;
     EXPECT_TRUE(volume || volume.error().message.find(said) != std::string::npos) << volume.error().message;
+  }
+}
+
+// With another size, or none, ITK reads a part of the voxels, and the rest is what the memory held.
+TEST(FaultInput, APackedMetaImageStatesItsSize) {
+  const test::TemporaryFolder folder;
+  const auto whole = read_volume(kVolumes / "ras.nrrd");
+  ASSERT_TRUE(whole && write_volume(folder / "v.mha", *whole));
+  const std::string bytes = test::read_bytes(folder / "v.mha");
+  const std::size_t begin = bytes.find("CompressedDataSize = ");
+  ASSERT_NE(begin, std::string::npos);
+  const std::size_t end = bytes.find('\n', begin) + 1;
+  for (const char *line :
+       {"", "CompressedDataSize = 10\n", "CompressedDataSize = 99999999\n", "CompressedDataSize = x\n"}) {
+    test::write_bytes(folder / "v.mha", std::string(bytes).replace(begin, end - begin, line));
+    const auto volume = read_volume(folder / "v.mha");
+    ASSERT_FALSE(volume) << line;
+    EXPECT_NE(volume.error().message.find("the compressed voxels have "), std::string::npos) << volume.error().message;
+  }
+}
+
+TEST(FaultInput, AnNrrdOfTextHoldsNumbersAndAsManyAsItStates) {
+  const test::TemporaryFolder folder;
+  const std::string header = "NRRD0004\ntype: short\ndimension: 3\nspace: RAS\nsizes: 2 2 2\n"
+                             "space directions: (2,0,0) (0,2,0) (0,0,2)\nspace origin: (0,0,0)\nencoding: ascii\n\n";
+  for (const auto &[voxels, said] :
+       {std::pair("1 2 3 4 5 6 7 8\n", ""),
+        {"1 2 3 4 5 6 7 8", "note: the last line does not end: digits of its last number may be missing"},
+        {"1 2 3 4 5 6 7\n", "is not whole: it holds 7 numbers, its header asks for 8"},
+        {"1 2 3 4 5 6 7 8 9\n", "holds 9 numbers, its header asks for 8"},
+        {"1 2 3 4 5x 6 7 8\n", "\"5x\" among its voxels is no number"}}) {
+    test::write_bytes(folder / "v.nrrd", header + voxels);
+    Notes notes;
+    const auto volume = read_volume(folder / "v.nrrd", {}, &notes);
+    std::string text = volume ? "" : volume.error().message;
+    for (const std::string &note : notes) {
+      text += "note: " + note.substr(note.find("v.nrrd: ") + 8);
+    }
+    EXPECT_NE(text.find(said), std::string::npos) << text;
+    EXPECT_EQ(text.empty(), *said == '\0') << text;
   }
 }
 

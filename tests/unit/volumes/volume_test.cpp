@@ -190,6 +190,39 @@ TEST(Orientation, DoesNotDependOnHowTheImageIsStored) {
   }
 }
 
+// nifti1.h: dim[0] from 1 to 7, voxels behind 348 bytes and the four of the extension, a unit quaternion.
+TEST(Volume, ANiftiHeaderThatIsDamagedIsRefused) {
+  const TemporaryFolder scratch;
+  const std::string whole = nifti(pattern(Eigen::Matrix3d::Identity()));
+  const auto refusal = [&](const std::function<void(std::string &)> &damage) {
+    std::string bytes = whole;
+    damage(bytes);
+    write_bytes(scratch / "a.nii", bytes);
+    return message_of(read_volume(scratch / "a.nii"));
+  };
+  EXPECT_EQ(refusal([](std::string &) {}), "was read");
+  for (const int axes : {0, 8, -3}) {
+    EXPECT_NE(refusal([&](std::string &b) {
+                put<std::int16_t>(b, 40, static_cast<std::int16_t>(axes));
+              }).find("dim[0] = " + std::to_string(axes) + ": must be a number of axes from 1 to 7"),
+              std::string::npos);
+  }
+  for (const float start : {348.0F, 352.5F, -352.0F, std::numeric_limits<float>::quiet_NaN()}) {
+    EXPECT_NE(refusal([&](std::string &b) { put<float>(b, 108, start); }).find("is not a place behind the header"),
+              std::string::npos)
+        << start;
+  }
+  EXPECT_NE(refusal([](std::string &b) {
+              put<float>(b, 112, std::numeric_limits<float>::infinity());
+            }).find("scl_slope is not a finite number"),
+            std::string::npos);
+  EXPECT_NE(refusal([](std::string &b) {
+              put<std::int16_t>(b, 252, 1);
+              put<float>(b, 256, 3.0F);
+            }).find("its qform is no rotation"),
+            std::string::npos);
+}
+
 double sample(const Volume &volume, const Eigen::Matrix4d &T_index_image, const Eigen::Vector3d &point) {
   const Eigen::Vector3d index = (T_index_image * point.homogeneous()).head<3>();
   const Eigen::Array3i nearest = index.array().round().cast<int>();
