@@ -192,6 +192,7 @@ Result<CsvTable> read_csv(const std::filesystem::path &file) {
   }
   CsvTable out;
   out.file = file.string();
+  out.ends = text->empty() || (!is_digits(text->substr(text->size() - 1)) && text->back() != '.');
   std::vector<std::string_view> lines;
   std::vector<int> numbers;
   int number = 0;

@@ -30,6 +30,7 @@ struct CsvTable {
   std::string file;
   std::vector<CsvRow> rows; // without comments (#) and empty lines; a header is one of them
   std::vector<CsvComment> comments;
+  bool ends = true; // false: the last line has no line end, and ends in a digit or a decimal point: more may be missing
   bool decimal_comma_stated = false; // commas are no separators, or no number in quotes has a point
 
   // The number of a cell. 1.5, +1.5, 1.5e3, and 1,5 where a comma cannot be anything else; nullopt for other text.

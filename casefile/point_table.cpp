@@ -409,6 +409,10 @@ std::vector<std::string> notes_of(const CsvTable &table, const Layout &layout, c
   if (layout.unit() && *layout.unit() != options.unit && options.unit != LengthUnit::kMillimetre) {
     out.push_back(table.file + ": its columns state their unit, which has priority over an option");
   }
+  if (!table.ends) {
+    out.push_back(table.place(table.rows.back()) +
+                  "the last line does not end: digits of its last number may be missing");
+  }
   if (!not_used.empty()) {
     out.push_back(table.file + ": not used: column" + (not_used.size() > 1 ? "s " : " ") + list_of(not_used));
   }

@@ -77,6 +77,19 @@ TEST_F(PointTableTest, WhatIsAssumedOrNotUsedIsSaid) {
   EXPECT_NE(unplaced->notes[0].find(":2: \"A\" was never placed: it is left out"), std::string::npos);
 }
 
+// A copy that ended early may be one of "3.5".
+TEST_F(PointTableTest, ANumberThatMayHaveBeenCutIsSaid) {
+  EXPECT_TRUE(read("label,r,a,s\nA,1,2,3\n")->notes.empty());
+  EXPECT_TRUE(read("r,a,s,label\n1,2,3,A")->notes.empty());
+  for (const char *text : {"label,r,a,s\nA,1,2,3", "label,r,a,s\r\nA,1,2,3."}) {
+    const auto table = read(text);
+    ASSERT_TRUE(table && table->notes.size() == 1U) << text;
+    EXPECT_NE(table->notes[0].find("p.csv:2: the last line does not end: digits of its last number may be missing"),
+              std::string::npos)
+        << table->notes[0];
+  }
+}
+
 TEST_F(PointTableTest, WhatCannotBeReadIsRefusedByLineAndCell) {
   EXPECT_EQ(refusal("name,x,y,z,weight\nA,1,2,3,4\n"),
             "p.csv:1: column \"weight\" is not known; known are x y z, r a s, l p s, name, label, curve, sigma, sx sy "
