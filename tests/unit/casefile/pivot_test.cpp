@@ -164,6 +164,26 @@ TEST(Pivot, PosesInAnotherUnitAreRefused) {
   }
 }
 
+// An endoscope is a tool, a tip of 600 mm is not.
+TEST(Pivot, ATipBeyondEveryToolIsRefused) {
+  for (const double length_mm : {450.0, 600.0}) {
+    std::mt19937 rng(kSeed);
+    auto poses = simulate({}, rng);
+    for (PivotPose &pose : poses) {
+      const auto q = pose.T_fixed_tool.rotation();
+      const Vector3d tip = length_mm * kTip.normalized();
+      pose.T_fixed_tool = ToolPose(q, pose.T_fixed_tool * kTip - q * tip);
+    }
+    const PivotResult result = calibrate_pivot(poses);
+    EXPECT_EQ(result.accepted(), length_mm < 500.0) << result.text;
+    if (length_mm > 500.0) {
+      EXPECT_EQ(result.verdict, PivotVerdict::kTipImplausible);
+      EXPECT_EQ(result.text, "refused: the tip is 600 mm from the tool's origin, at most 500 mm are taken: "
+                             "are the poses in mm?");
+    }
+  }
+}
+
 TEST(Pivot, AFixedToolHasNoLeastSquaresAnswer) {
   EXPECT_TRUE(std::isnan(fit_pivot_least_squares({}).rms_mm));
   const std::vector<PivotPose> fixed(100, PivotPose{0, ToolPose(Eigen::Quaterniond::Identity(), {1, 2, 3})});
