@@ -102,10 +102,7 @@ public:
     if (!snapshot.health) {
       return false;
     }
-    // Degraded is also said without a case, as when the devices have ended with it.
-    const auto session = snapshot.health->session;
-    const bool open = *snapshot.health->case_folder != '\0' ||
-                      (session != bregma_wire_SESSION_IDLE && session != bregma_wire_SESSION_DEGRADED);
+    const bool open = snapshot.health->session != bregma_wire_SESSION_IDLE;
     was_open_ = was_open_ || open;
     return was_open_ && !open;
   }

@@ -152,7 +152,7 @@ void Session::Impl::poll_restoring() {
   restoring_.reset();
   const auto restored = bring_back(last.data, *folder);
   if (!restored) {
-    file_.set_aside();
+    static_cast<void>(file_.set_aside());
     ports_.log("the last session is not restored: " + restored.error().message);
   }
   condition(kRestore, "", !restored, bregma_wire_SEVERITY_WARNING,
@@ -177,9 +177,7 @@ void Session::Impl::retry_restoring(const std::string &reason) {
 void Session::Impl::end_restoring() {
   if (restoring_) {
     restoring_.reset();
-    file_.set_aside();
-    ports_.log("the last session is given up: a case is loaded. Its snapshot is kept as " + file_.path().string() +
-               ".bad");
+    ports_.log("the last session is given up: a case is loaded. Its snapshot is kept as " + file_.set_aside().string());
   }
   condition(kRestore, "", false, bregma_wire_SEVERITY_WARNING, "");
 }

@@ -50,11 +50,12 @@ public:
 
   // If it fails, the last successfully written file remains.
   [[nodiscard]] base::Result<void> save(const SessionData &data) const;
-  // Empty if there is no file. One that is damaged or cannot be read is renamed to session.json.bad, and the error
-  // states the reason.
+  // Empty if there is no file. One that is damaged or cannot be read is set aside, and the error states the reason.
   [[nodiscard]] base::Result<std::optional<SessionData>> load() const;
-  // Renames a valid file that is not used (its case has changed, or another one is loaded) to session.json.bad.
-  void set_aside() const;
+  // Renames a file that is not used (it is damaged, its case has changed, or another one is loaded) to
+  // session.json.bad, or session.json.bad.2 and so on where earlier ones are kept. Returns the name. After a hundred
+  // the last one is replaced.
+  std::filesystem::path set_aside() const;
   [[nodiscard]] const std::filesystem::path &path() const { return path_; }
 
 private:

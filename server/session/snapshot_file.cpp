@@ -1,6 +1,7 @@
 #include <cerrno>
 #include <fstream>
 #include <iterator>
+#include <string>
 #include <system_error>
 
 #include <fcntl.h>
@@ -92,9 +93,17 @@ base::Result<std::optional<SessionData>> SnapshotFile::load() const {
   return std::optional<SessionData>(std::move(*data));
 }
 
-void SnapshotFile::set_aside() const {
+fs::path SnapshotFile::set_aside() const {
+  constexpr int kMaxKept = 100;
   std::error_code ignored; // if the rename fails, the next save replaces the file
-  fs::rename(path_, path_.string() + ".bad", ignored);
+  fs::path kept = path_.string() + ".bad";
+  // A link whose target is away is kept as well.
+  for (int number = 2; number <= kMaxKept && fs::symlink_status(kept, ignored).type() != fs::file_type::not_found;
+       ++number) {
+    kept = path_.string() + ".bad." + std::to_string(number);
+  }
+  fs::rename(path_, kept, ignored);
+  return kept;
 }
 
 } // namespace bregma::server

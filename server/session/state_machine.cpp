@@ -100,7 +100,8 @@ SessionState StateMachine::state() const {
   if (!fault_.empty()) {
     return bregma_wire_SESSION_FAULT;
   }
-  return causes_.empty() ? stage_ : bregma_wire_SESSION_DEGRADED;
+  // Without a case nothing is degraded, and nothing resumes: the alarms state what is missing.
+  return causes_.empty() || stage_ == kIdle ? stage_ : bregma_wire_SESSION_DEGRADED;
 }
 
 bool StateMachine::carries_out(CommandKind kind) { return find_row(kind) != nullptr; }
@@ -120,7 +121,7 @@ std::optional<std::string> StateMachine::refusal(CommandKind kind) const {
     return opening + "in Fault (" + fault_ + "): close the case or restart the daemon";
   }
   if (stage_ < command.first || stage_ > command.last) {
-    const std::string degraded = causes_.empty() ? "" : "Degraded, before that ";
+    const std::string degraded = state() == stage_ ? "" : "Degraded, before that ";
     return opening + degraded + std::string(state_name(stage_)) + ": " +
            (stage_ < command.first ? missing_step(stage_) : command.too_late);
   }

@@ -1,8 +1,9 @@
 // The states of a session and the commands allowed in each, defined by one table in state_machine.cpp.
 //
 // A session is in one of the stages Idle to Navigating. Degraded is an overlay that keeps the stage: after the last
-// cause ends, the session resumes in it automatically. A demotion (drift) lowers the stage to at most Registered, also
-// while Degraded. So a session resumes as Verified only if the operator has verified it. Only CLOSE_CASE leaves Fault.
+// cause ends, the session resumes in it automatically. It is not shown while Idle. A demotion (drift) lowers the stage
+// to at most Registered, also while Degraded. So a session resumes as Verified only if the operator has verified it.
+// Only CLOSE_CASE leaves Fault.
 // Threads: none, one caller.
 #pragma once
 

@@ -151,12 +151,15 @@ TEST(Snapshot, EveryDamageIsDetected) {
 TEST(Snapshot, ADamagedFileIsRenamedAndTheReasonReported) {
   const TemporaryFolder folder;
   const SnapshotFile file(folder.path());
+  std::string kept = file.path().string() + ".bad";
+  int number = 1;
   const auto load_text = [&](const std::string &text) {
     std::ofstream(file.path()) << text;
     const auto loaded = file.load();
     EXPECT_FALSE(loaded);
     EXPECT_FALSE(fs::exists(file.path()));
-    EXPECT_EQ(read(file.path().string() + ".bad"), text);
+    EXPECT_EQ(read(kept), text) << "an earlier one is not replaced";
+    kept = file.path().string() + ".bad." + std::to_string(++number);
     return loaded ? std::string() : loaded.error().message;
   };
   const std::string name = file.path().string();

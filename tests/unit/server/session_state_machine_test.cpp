@@ -116,6 +116,10 @@ TEST(StateMachine, RefusalsNameTheMissingStep) {
             "resumes by itself when that is over");
   EXPECT_EQ(*machine.refusal(bregma_wire_COMMAND_LOAD_CASE),
             "cannot load a case while Degraded, before that Verified: close the present case first");
+  StateMachine without_a_case;
+  without_a_case.degrade("tracker_lost Tracker");
+  EXPECT_EQ(*without_a_case.refusal(bregma_wire_COMMAND_START_PIVOT),
+            "cannot start a pivot calibration while Idle: load a case first");
   machine.fault("no memory");
   EXPECT_EQ(*machine.refusal(bregma_wire_COMMAND_CHECK_TOUCH),
             "cannot check a landmark while in Fault (no memory): close the case or restart the daemon");
@@ -123,15 +127,16 @@ TEST(StateMachine, RefusalsNameTheMissingStep) {
 
 TEST(StateMachine, DegradedResumesItsStageAfterTheLastCauseEnds) {
   for (const auto stage : kStages) {
+    const auto with_a_cause = stage == kI ? kI : kDegraded; // without a case there is nothing to resume
     StateMachine machine = at(stage);
     machine.degrade("a");
     machine.degrade("b");
     machine.degrade("a");
-    EXPECT_EQ(machine.state(), kDegraded);
+    EXPECT_EQ(machine.state(), with_a_cause);
     EXPECT_EQ(machine.stage(), stage);
     EXPECT_EQ(machine.verified(), stage >= kV);
     machine.recover("a");
-    EXPECT_EQ(machine.state(), kDegraded);
+    EXPECT_EQ(machine.state(), with_a_cause);
     machine.recover("b");
     EXPECT_EQ(machine.state(), stage);
   }
