@@ -14,14 +14,15 @@ int show_reply(const base::Result<wire::CommandReply> &reply, const Context &con
     return fail(reply.error());
   }
   const bool done = reply->result == bregma_wire_COMMAND_DONE;
+  const bool from_a_session = reply->session != bregma_wire_SESSION_UNKNOWN; // devices have none
   if (context.json) {
     print_json({{"result", result_label(reply->result)},
-                {"session", session_label(reply->session)},
+                {"session", from_a_session ? nlohmann::json(session_label(reply->session)) : nlohmann::json()},
                 {"value_mm", json_number(reply->value_mm)},
                 {"text", reply->text}});
   } else if (done) {
     const std::string text = *reply->text == '\0' ? "done" : printable(reply->text);
-    print(text + " (session: " + std::string(session_label(reply->session)) + ")\n");
+    print(text + (from_a_session ? " (session: " + std::string(session_label(reply->session)) + ")" : "") + "\n");
   } else {
     (void)fail(std::string(result_label(reply->result)) + ": " + printable(reply->text));
   }

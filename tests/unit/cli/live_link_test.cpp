@@ -5,6 +5,7 @@
 #include <thread>
 
 #include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
 
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/live_view.hpp"
@@ -71,6 +72,19 @@ TEST(DaemonLink, RefusalIsAReplyWithItsReason) {
   testing::internal::CaptureStderr();
   EXPECT_EQ(show_reply(reply, Context{}), kRefused);
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "bregma: refused by state: the registration is not verified\n");
+}
+
+TEST(DaemonLink, ADevicesReplyNamesNoSession) {
+  wire::CommandReply reply = reply_to({}, bregma_wire_COMMAND_DONE, "24 slices of tree-coronal");
+  reply.session = bregma_wire_SESSION_UNKNOWN;
+  testing::internal::CaptureStdout();
+  EXPECT_EQ(show_reply(reply, Context{}), kOk);
+  EXPECT_EQ(testing::internal::GetCapturedStdout(), "24 slices of tree-coronal\n");
+  testing::internal::CaptureStdout();
+  Context json;
+  json.json = true;
+  EXPECT_EQ(show_reply(reply, json), kOk);
+  EXPECT_TRUE(nlohmann::json::parse(testing::internal::GetCapturedStdout())["session"].is_null());
 }
 
 TEST(DaemonLink, ReplyToAnotherClientIsNotOurs) {
