@@ -48,7 +48,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     const auto plan = bytes.take<std::uint8_t>();
     now_ns += bytes.take<std::uint16_t>() * std::int64_t{1'000};
     auto slice = bytes.take<wire::ImageSlice>();
-    slice.pixels = {}; // a pointer of the fuzzer's
+    slice.pixels = {};       // a pointer of the fuzzer's
+    std::uint8_t stated = 0; // Cyclone refuses booleans other than 0 and 1
+    std::memcpy(&stated, &slice.table_stated, sizeof stated);
+    slice.table_stated = (stated & 1U) != 0;
     slice.pixels._buffer = (plan & 1U) != 0 ? pixels.data() : nullptr;
     slice.pixels._length = slice.pixels._maximum = (plan & 1U) != 0 ? slice.columns % 4096 : 0;
     if ((plan & 2U) != 0) {
