@@ -1,4 +1,5 @@
-// `bregma-sim-arm`: a simulated arm behind a socket. Prints the address for the driver, then every change of its state.
+// `bregma-sim-arm`: a simulated arm behind a socket, with a range sensor on its flange if a head lies before it. Prints
+// the arm's address for the driver, the sensor's, then every press of the emergency stop.
 #include <array>
 #include <chrono>
 #include <csignal>
@@ -8,6 +9,7 @@
 #include <string>
 #include <string_view>
 #include <thread>
+#include <utility>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
@@ -16,9 +18,13 @@
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <nlohmann/json.hpp>
 
 #include "base/standard_output.hpp"
+#include "base/write_file.hpp"
 #include "casefile/arm_files/arm_file.hpp"
+#include "casefile/case.hpp"
+#include "drivers/sim/arm/carried_sensor.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 
 namespace {
@@ -36,6 +42,13 @@ struct Options {
   double link_mm = 0.0, link_mrad = 0.0;
   std::array<double, 6> start_deg{0.0, 90.0, 0.0, 0.0, -60.0, 0.0};
   std::uint64_t seed = 1;
+
+  std::string face; // a case; empty: no sensor
+  bregma::geometry::Vector3d face_at_mm{450.0, 0.0, 150.0};
+  double face_yaw_deg = 0.0;
+  bregma::sim::FlangeBeam beam;
+  bregma::range::Identity sensor{.model = "GP2Y0A21", .serial = "A4"};
+  std::string sensor_link, truth;
 };
 
 std::int64_t now_ns() {
@@ -91,7 +104,7 @@ private:
   std::array<char, 4096> buffer_{};
 };
 
-void serve(Server &server, bregma::sim::SimulatedArm &arm) {
+void serve(Server &server, bregma::sim::SimulatedArm &arm, std::optional<bregma::sim::CarriedSensor> &sensor) {
   bool was_connected = false;
   bool pressed = false;
   while (stop_requested == 0) {
@@ -118,11 +131,38 @@ void serve(Server &server, bregma::sim::SimulatedArm &arm) {
       }
     }
     const std::string telemetry = arm.advance(now_ns());
+    if (sensor) {
+      sensor->serve(arm.true_flange(), arm.moving(), static_cast<std::uint64_t>(now_ns() / 1'000));
+    }
     if (server.connected()) {
       server.write(telemetry);
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
+}
+
+bregma::base::Result<bregma::sim::CarriedSensor> sensor_before_face(const Options &options) {
+  auto loaded = bregma::casefile::load_case(options.face);
+  if (!loaded) {
+    return tl::unexpected(loaded.error());
+  }
+  constexpr double kSkinError_mm = 0.3, kCorrelation_mm = 15.0; // of the segmented scalp
+  bregma::sim::Head head(loaded->scalp.mesh, kSkinError_mm, kCorrelation_mm, options.seed);
+  const auto T_base_image =
+      bregma::sim::lying_head(head, options.face_at_mm, options.face_yaw_deg * static_cast<double>(EIGEN_PI) / 180.0);
+  if (!options.truth.empty()) {
+    nlohmann::json rows = nlohmann::json::array();
+    const Eigen::Matrix4d matrix = T_base_image.matrix();
+    for (Eigen::Index row = 0; row < 4; ++row) {
+      rows.push_back({matrix(row, 0), matrix(row, 1), matrix(row, 2), matrix(row, 3)});
+    }
+    if (const auto written = bregma::base::write_file(options.truth, nlohmann::json{{"T_base_image", rows}}.dump(2));
+        !written) {
+      return tl::unexpected(written.error());
+    }
+  }
+  return bregma::sim::CarriedSensor::open(std::move(head), T_base_image, options.beam, options.sensor,
+                                          options.sensor_link, options.seed);
 }
 
 int run(const Options &options) {
@@ -138,10 +178,22 @@ int run(const Options &options) {
   bregma::sim::SimulatedArm arm(
       *nominal, bregma::sim::with_link_errors(*nominal, options.link_mm, 1e-3 * options.link_mrad, options.seed),
       settings);
+  std::optional<bregma::sim::CarriedSensor> sensor;
+  if (!options.face.empty()) {
+    auto opened = sensor_before_face(options);
+    if (!opened) {
+      std::fprintf(stderr, "bregma-sim-arm: %s\n", opened.error().message.c_str());
+      return 2;
+    }
+    sensor.emplace(std::move(*opened));
+  }
   Server server(options.port);
   std::printf("tcp://127.0.0.1:%u\n", static_cast<unsigned>(server.port()));
+  if (sensor) {
+    std::printf("%s\n", sensor->address().c_str());
+  }
   std::fflush(stdout);
-  serve(server, arm);
+  serve(server, arm, sensor);
   return 0;
 }
 
@@ -168,14 +220,39 @@ int main(int argc, char **argv) {
       ->check(CLI::Range(10.0, 5000.0))
       ->capture_default_str();
   app.add_option("--seed", options.seed, "Of the links' errors")->capture_default_str();
+  const auto three = [&app](const std::string &name, bregma::geometry::Vector3d &value, const std::string &text) {
+    return app
+        .add_option_function<std::array<double, 3>>(
+            name,
+            [&value](const std::array<double, 3> &given) {
+              value = {given[0], given[1], given[2]};
+            },
+            text)
+        ->type_name("FLOAT x 3");
+  };
+  app.add_option("--face", options.face,
+                 "A case whose head lies on its back before the arm: the flange carries a range sensor");
+  three("--face-at-mm", options.face_at_mm, "The tip of its nose in the arm's base [450 0 150]");
+  app.add_option("--face-yaw-deg", options.face_yaw_deg, "Its top, from the base's x about z")->capture_default_str();
+  three("--sensor-mm", options.beam.origin_mm, "Origin of the sensor's beam in the flange [0 0 0]");
+  three("--beam", options.beam.direction, "Direction of the beam in the flange [0 0 1]");
+  app.add_option("--sensor-serial", options.sensor.serial, "Serial number of the sensor")->capture_default_str();
+  app.add_option("--sensor-link", options.sensor_link, "Path at which its line appears, as udev names a device");
+  app.add_option("--truth", options.truth, "Writes where the head lies, as JSON");
   app.footer("SIGUSR1 presses the emergency stop, and releases it.\n"
-             "Example:\n  bregma-sim-arm --arm robots/mz07f.toml\n"
-             "  bregma-arm --set address=tcp://127.0.0.1:4700");
+             "Examples:\n  bregma-sim-arm --arm robots/mz07f.toml\n"
+             "  bregma-arm --set address=tcp://127.0.0.1:4700\n"
+             "  bregma-sim-arm --face out/cases/colin27 --sensor-mm 0 0 60 --sensor-link /tmp/range");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {
     return bregma::base::end_output("bregma-sim-arm", app.exit(error) == 0 ? 0 : 2);
   }
+  if (!(options.beam.direction.norm() > 0.0)) {
+    std::fprintf(stderr, "bregma-sim-arm: --beam must not be zero\n");
+    return 2;
+  }
+  options.beam.direction.normalize();
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
   std::signal(SIGUSR1, [](int) { emergency_toggled = 1; });
