@@ -1,5 +1,6 @@
 // `bregma-sim-arm`: a simulated arm behind a socket, with a range sensor on its flange if a head lies before it. Prints
-// the arm's address for the driver, the sensor's, then every press of the emergency stop.
+// the arm's address for the driver, the sensor's, then every press of the emergency stop and every place to which a
+// person leads it.
 #include <array>
 #include <chrono>
 #include <csignal>
@@ -18,13 +19,11 @@
 #include <boost/asio/buffer.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
-#include <nlohmann/json.hpp>
 
 #include "base/standard_output.hpp"
-#include "base/write_file.hpp"
 #include "casefile/arm_files/arm_file.hpp"
-#include "casefile/case.hpp"
 #include "drivers/sim/arm/carried_sensor.hpp"
+#include "drivers/sim/arm/leading_hand.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 
 namespace {
@@ -48,7 +47,8 @@ struct Options {
   double face_yaw_deg = 0.0;
   bregma::sim::FlangeBeam beam;
   bregma::range::Identity sensor{.model = "GP2Y0A21", .serial = "A4"};
-  std::string sensor_link, truth;
+  std::string sensor_link, truth, hand;
+  bregma::geometry::Vector3d tip_mm{0.0, 0.0, 150.0};
 };
 
 std::int64_t now_ns() {
@@ -104,7 +104,8 @@ private:
   std::array<char, 4096> buffer_{};
 };
 
-void serve(Server &server, bregma::sim::SimulatedArm &arm, std::optional<bregma::sim::CarriedSensor> &sensor) {
+void serve(Server &server, bregma::sim::SimulatedArm &arm, std::optional<bregma::sim::CarriedSensor> &sensor,
+           std::optional<bregma::sim::LeadingHand> &hand) {
   bool was_connected = false;
   bool pressed = false;
   while (stop_requested == 0) {
@@ -131,6 +132,12 @@ void serve(Server &server, bregma::sim::SimulatedArm &arm, std::optional<bregma:
       }
     }
     const std::string telemetry = arm.advance(now_ns());
+    if (hand) {
+      if (const std::string news = hand->serve(arm); !news.empty()) {
+        std::printf("%s\n", news.c_str());
+        std::fflush(stdout);
+      }
+    }
     if (sensor) {
       sensor->serve(arm.true_flange(), arm.moving(), static_cast<std::uint64_t>(now_ns() / 1'000));
     }
@@ -139,30 +146,6 @@ void serve(Server &server, bregma::sim::SimulatedArm &arm, std::optional<bregma:
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-}
-
-bregma::base::Result<bregma::sim::CarriedSensor> sensor_before_face(const Options &options) {
-  auto loaded = bregma::casefile::load_case(options.face);
-  if (!loaded) {
-    return tl::unexpected(loaded.error());
-  }
-  constexpr double kSkinError_mm = 0.3, kCorrelation_mm = 15.0; // of the segmented scalp
-  bregma::sim::Head head(loaded->scalp.mesh, kSkinError_mm, kCorrelation_mm, options.seed);
-  const auto T_base_image =
-      bregma::sim::lying_head(head, options.face_at_mm, options.face_yaw_deg * static_cast<double>(EIGEN_PI) / 180.0);
-  if (!options.truth.empty()) {
-    nlohmann::json rows = nlohmann::json::array();
-    const Eigen::Matrix4d matrix = T_base_image.matrix();
-    for (Eigen::Index row = 0; row < 4; ++row) {
-      rows.push_back({matrix(row, 0), matrix(row, 1), matrix(row, 2), matrix(row, 3)});
-    }
-    if (const auto written = bregma::base::write_file(options.truth, nlohmann::json{{"T_base_image", rows}}.dump(2));
-        !written) {
-      return tl::unexpected(written.error());
-    }
-  }
-  return bregma::sim::CarriedSensor::open(std::move(head), T_base_image, options.beam, options.sensor,
-                                          options.sensor_link, options.seed);
 }
 
 int run(const Options &options) {
@@ -178,14 +161,37 @@ int run(const Options &options) {
   bregma::sim::SimulatedArm arm(
       *nominal, bregma::sim::with_link_errors(*nominal, options.link_mm, 1e-3 * options.link_mrad, options.seed),
       settings);
+  std::optional<bregma::sim::FaceBeforeArm> face;
   std::optional<bregma::sim::CarriedSensor> sensor;
+  std::optional<bregma::sim::LeadingHand> hand;
+  const auto fail = [](const bregma::base::Error &error) {
+    std::fprintf(stderr, "bregma-sim-arm: %s\n", error.message.c_str());
+    return 2;
+  };
   if (!options.face.empty()) {
-    auto opened = sensor_before_face(options);
+    auto read = bregma::sim::FaceBeforeArm::of_case(
+        options.face, options.face_at_mm, options.face_yaw_deg * static_cast<double>(EIGEN_PI) / 180.0, options.seed);
+    if (!read) {
+      return fail(read.error());
+    }
+    face.emplace(std::move(*read));
+    if (const auto written = options.truth.empty() ? bregma::base::Result<void>() : face->write_truth(options.truth);
+        !written) {
+      return fail(written.error());
+    }
+    auto opened = bregma::sim::CarriedSensor::open(face->head, face->T_base_image, options.beam, options.sensor,
+                                                   options.sensor_link, options.seed);
     if (!opened) {
-      std::fprintf(stderr, "bregma-sim-arm: %s\n", opened.error().message.c_str());
-      return 2;
+      return fail(opened.error());
     }
     sensor.emplace(std::move(*opened));
+    if (!options.hand.empty()) {
+      auto led = bregma::sim::LeadingHand::open(options.hand, *face, options.tip_mm);
+      if (!led) {
+        return fail(led.error());
+      }
+      hand.emplace(std::move(*led));
+    }
   }
   Server server(options.port);
   std::printf("tcp://127.0.0.1:%u\n", static_cast<unsigned>(server.port()));
@@ -193,7 +199,7 @@ int run(const Options &options) {
     std::printf("%s\n", sensor->address().c_str());
   }
   std::fflush(stdout);
-  serve(server, arm, sensor);
+  serve(server, arm, sensor, hand);
   return 0;
 }
 
@@ -238,11 +244,15 @@ int main(int argc, char **argv) {
   three("--beam", options.beam.direction, "Direction of the beam in the flange [0 0 1]");
   app.add_option("--sensor-serial", options.sensor.serial, "Serial number of the sensor")->capture_default_str();
   app.add_option("--sensor-link", options.sensor_link, "Path at which its line appears, as udev names a device");
+  app.add_option("--hand", options.hand,
+                 "A FIFO from which the names of fiducials and landmarks are read, one per line: a person leads the "
+                 "arm there, so that its tip touches the skin; \"up\" leads away");
+  three("--tip-mm", options.tip_mm, "The tip that touches, in the flange [0 0 150]");
   app.add_option("--truth", options.truth, "Writes where the head lies, as JSON");
   app.footer("SIGUSR1 presses the emergency stop, and releases it.\n"
              "Examples:\n  bregma-sim-arm --arm robots/mz07f.toml\n"
              "  bregma-arm --set address=tcp://127.0.0.1:4700\n"
-             "  bregma-sim-arm --face out/cases/colin27 --sensor-mm 0 0 60 --sensor-link /tmp/range");
+             "  bregma-sim-arm --face out/cases/colin27 --sensor-mm 0 0 60 --sensor-link /tmp/range --hand /tmp/hand");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError &error) {

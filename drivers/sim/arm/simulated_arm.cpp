@@ -136,6 +136,9 @@ arm::Answer SimulatedArm::execute(const arm::MoveCp &move) {
     planned_.reset();
     return arm::Answer{move.number, false, arm::line_text(text)};
   };
+  if (led_) {
+    return refuse("the arm is led by hand");
+  }
   if (state_ != arm::ArmState::kEnabled || path_) {
     return refuse(path_ ? "the arm moves" : "the arm is not enabled");
   }
@@ -194,6 +197,40 @@ void SimulatedArm::alive(std::uint32_t motion, std::int64_t now_ns) {
   if (path_ && motion == motion_) {
     started_ = true;
     alive_ns_ = now_ns;
+  }
+}
+
+std::string SimulatedArm::lead(const std::vector<robot::FlangePose> &way, double speed_mm_s) {
+  if (path_ || planned_) {
+    return "a motion is under way";
+  }
+  if (state_ == arm::ArmState::kFault) {
+    return "a stop is latched";
+  }
+  robot::StraightPath path(inverse_.model().forward(setpoint_));
+  for (const robot::FlangePose &pose : way) {
+    path.add(pose);
+  }
+  if (std::string problem = problem_of(path, speed_mm_s); !problem.empty()) {
+    return problem;
+  }
+  led_ = std::move(path);
+  led_mm_ = 0.0;
+  led_mm_s_ = speed_mm_s;
+  return {};
+}
+
+void SimulatedArm::follow_the_hand() {
+  if (state_ == arm::ArmState::kFault) { // the brakes are on
+    led_.reset();
+    return;
+  }
+  led_mm_ = std::min(led_mm_ + led_mm_s_ * kTick_s, led_->length_mm());
+  if (const auto solution = inverse_.nearest(led_->pose(led_mm_), setpoint_)) {
+    setpoint_ = joints_ = solution->joints;
+  }
+  if (led_mm_ >= led_->length_mm()) {
+    led_.reset();
   }
 }
 
@@ -268,6 +305,9 @@ void SimulatedArm::drive() {
 void SimulatedArm::tick() {
   drive();
   const robot::JointAngles before = joints_;
+  if (led_) {
+    follow_the_hand();
+  }
   joints_ += (setpoint_ - joints_) * (1.0 - std::exp(-kTick_s / settings_.follow_s));
   if (following_rad() < kAtRest_rad) {
     joints_ = setpoint_;

@@ -56,6 +56,10 @@ public:
   [[nodiscard]] std::string receive(std::string_view bytes, std::int64_t now_ns);
   // Moves on to this time; what it sends meanwhile. After a pause the time of at most a second is made up.
   [[nodiscard]] std::string advance(std::int64_t now_ns);
+  // A person leads the arm by its hand, in straight lines along these poses, at this speed. Why not, if it does not go:
+  // a motion is under way, a stop is latched, or the way leaves the reach.
+  [[nodiscard]] std::string lead(const std::vector<robot::FlangePose> &way, double speed_mm_s);
+  [[nodiscard]] bool led() const { return led_.has_value(); }
   void press_emergency();
   void release_emergency() { emergency_ = false; }
 
@@ -78,6 +82,7 @@ private:
   void fault(arm::FaultReason reason);
   void tick();
   void drive();
+  void follow_the_hand();
   void end_motion();
   [[nodiscard]] double following_rad() const { return (setpoint_ - joints_).cwiseAbs().maxCoeff(); }
   [[nodiscard]] std::string telemetry();
@@ -98,8 +103,10 @@ private:
 
   std::optional<robot::StraightPath> planned_; // its waypoints are arriving
   std::optional<robot::StraightPath> path_;    // accepted; nullopt: no motion
-  std::uint32_t motion_ = 0;                   // of planned_, path_ or the last one
-  std::uint32_t expected_ = 0;                 // index of the next waypoint
+  std::optional<robot::StraightPath> led_;     // by a person
+  double led_mm_ = 0.0, led_mm_s_ = 0.0;
+  std::uint32_t motion_ = 0;   // of planned_, path_ or the last one
+  std::uint32_t expected_ = 0; // index of the next waypoint
   double commanded_mm_s_ = 0.0;
   double at_mm_ = 0.0;
   std::uint32_t waypoint_ = 0; // that it leads to; their number at the end

@@ -10,6 +10,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "base/standard_output.hpp"
+#include "base/write_file.hpp"
 #include "drivers/sim/range/sharp_sensor.hpp"
 #include "drivers/sim/range_line/simulated_line.hpp"
 #include "drivers/sim/terminal/pseudo_terminal.hpp"
@@ -26,7 +27,33 @@ struct Options {
   double distance_mm = 200.0, tilt_deg = 0.0;
   bool moving = false;
   std::uint64_t seed = 1;
+  std::string table;
 };
+
+// The mean voltage at rest over the distances for which a curve is fitted, as a person measures it on a bench.
+int write_table(const Options &options) {
+  constexpr double kFrom_mm = 110.0, kTo_mm = 205.0, kStep_mm = 2.5;
+  constexpr int kReadings = 1000;
+  std::string rows = "reading,distance_mm\n";
+  for (double mm = kFrom_mm; mm <= kTo_mm; mm += kStep_mm) {
+    bregma::sim::SharpSensor sensor(
+        options.sensor,
+        [mm](std::int64_t) {
+          return bregma::sim::BeamTarget{mm, 0.0, std::nan("")};
+        },
+        options.seed + static_cast<std::uint64_t>(mm));
+    double volts = 0.0;
+    for (int i = 0; i < kReadings; ++i) {
+      volts += sensor.read_volts(std::int64_t{i} * 1'000'000, false) / kReadings;
+    }
+    rows += std::to_string(volts) + "," + std::to_string(mm) + "\n";
+  }
+  if (const auto written = bregma::base::write_file(options.table, rows); !written) {
+    std::fprintf(stderr, "bregma-sim-range: %s\n", written.error().message.c_str());
+    return 2;
+  }
+  return 0;
+}
 
 std::uint64_t now_us() {
   return static_cast<std::uint64_t>(
@@ -81,6 +108,8 @@ int main(int argc, char **argv) {
   app.add_option("--garbled-every", options.faults.garbled_every, "Every n-th line is damaged; 0: none")
       ->capture_default_str();
   app.add_option("--link", options.link, "Path at which the line appears, as udev names a device");
+  app.add_option("--table", options.table,
+                 "Writes voltage and distance from 110 to 205 mm, for bregma calibrate range, and ends");
   app.add_option("--seed", options.seed, "Of noise and damage")->capture_default_str();
   app.footer("Example:\n  bregma-sim-range --link /tmp/range\n"
              "  bregma-range --set address=serial:///tmp/range --set serial_number=A4");
@@ -91,5 +120,5 @@ int main(int argc, char **argv) {
   }
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
-  return run(options);
+  return options.table.empty() ? run(options) : write_table(options);
 }

@@ -1,4 +1,4 @@
-// The range sensor on the simulated arm's flange, before a head.
+// The range sensor on the simulated arm's flange, before a head, and the person who leads the arm there.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -11,10 +11,16 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "drivers/sim/arm/carried_sensor.hpp"
+#include "drivers/sim/arm/leading_hand.hpp"
+#include "drivers/sim/arm/simulated_arm.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tests/unit/algorithms/head.hpp"
+#include "tests/unit/robot/arms.hpp"
+#include "tests/unit/sim/room_fixture.hpp"
 
 namespace bregma::sim {
 namespace {
@@ -28,7 +34,7 @@ robot::FlangePose above(const Vector3d &place_mm) {
 }
 
 TEST(CarriedSensor, TheHeadLiesOnItsBack) {
-  const Head head(test::make_head(3), 0.0, 15.0, 1);
+  const Head head(bregma::test::make_head(3), 0.0, 15.0, 1);
   const BaseImage T = lying_head(head, kNose_mm, kYaw_rad);
   EXPECT_LT((T * head.nose_mm() - kNose_mm).norm(), 1e-9);
   EXPECT_LT((T.rotation() * Vector3d::UnitY() - Vector3d::UnitZ()).norm(), 1e-9);
@@ -37,7 +43,7 @@ TEST(CarriedSensor, TheHeadLiesOnItsBack) {
 }
 
 TEST(CarriedSensor, TheBeamMeetsTheTrueSkin) {
-  const Head head(test::make_head(3), 0.5, 15.0, 1);
+  const Head head(bregma::test::make_head(3), 0.5, 15.0, 1);
   const BaseImage T = lying_head(head, kNose_mm, kYaw_rad);
   const FlangeBeam beam{{0.0, 0.0, 60.0}, Vector3d::UnitZ()};
   const BeamTarget nose = beam_on_head(head, T, above(kNose_mm + Vector3d(0.0, 0.0, 260.0)), beam);
@@ -54,7 +60,7 @@ TEST(CarriedSensor, TheBeamMeetsTheTrueSkin) {
 }
 
 TEST(CarriedSensor, ItsLineGivesTheReadingsOfTheFlangeThatIsHere) {
-  Head head(test::make_head(3), 0.0, 15.0, 1);
+  Head head(bregma::test::make_head(3), 0.0, 15.0, 1);
   const BaseImage T = lying_head(head, kNose_mm, 0.0);
   auto sensor =
       CarriedSensor::open(std::move(head), T, {{0.0, 0.0, 60.0}, Vector3d::UnitZ()}, {"GP2Y0A21", "A4"}, "", 1);
@@ -85,6 +91,74 @@ TEST(CarriedSensor, ItsLineGivesTheReadingsOfTheFlangeThatIsHere) {
   ASSERT_GT(volts.size(), 300U);
   std::nth_element(volts.begin(), volts.begin() + 150, volts.end());
   EXPECT_NEAR(volts[150], sharp_volts(200.0), 0.02);
+}
+
+TEST(LedArm, GoesWhereAPersonLeadsItAndNowhereAfterAStop) {
+  ArmSettings settings;
+  settings.start << 0.0, 1.4, 0.0, 0.1, -1.1, 0.0;
+  SimulatedArm arm(bregma::test::mz07f(), bregma::test::mz07f(), settings);
+  std::int64_t now_ns = 1'000'000'000;
+  const auto pass = [&](double seconds) {
+    for (const std::int64_t end = now_ns + static_cast<std::int64_t>(1e9 * seconds); now_ns < end;) {
+      (void)arm.advance(now_ns += SimulatedArm::kTick_ns);
+    }
+  };
+  pass(0.1);
+  const robot::FlangePose start = arm.true_flange();
+  const auto beside = [&](double mm) {
+    return robot::FlangePose(start.rotation(), Vector3d(start.translation() + mm * Vector3d::UnitY()));
+  };
+  ASSERT_EQ(arm.lead({beside(30.0)}, 60.0), "");
+  pass(0.25);
+  EXPECT_TRUE(arm.led());
+  EXPECT_NEAR(arm.true_flange().translation().y() - start.translation().y(), 15.0, 1.0);
+  pass(0.4);
+  EXPECT_FALSE(arm.led());
+  EXPECT_LT((arm.true_flange().translation() - beside(30.0).translation()).norm(), 0.01);
+  EXPECT_NE(arm.lead({beside(3000.0)}, 60.0).find("out of reach"), std::string::npos);
+  ASSERT_EQ(arm.lead({beside(0.0)}, 60.0), "");
+  pass(0.1);
+  arm.press_emergency();
+  pass(1.0);
+  EXPECT_FALSE(arm.led());
+  EXPECT_GT(arm.true_flange().translation().y() - start.translation().y(), 20.0);
+  EXPECT_EQ(arm.lead({beside(0.0)}, 60.0), "a stop is latched");
+}
+
+TEST(LedArm, APersonTouchesALandmarkByItsName) {
+  const bregma::test::TemporaryFolder folder;
+  const std::string fifo = (folder.path() / "hand").string();
+  ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
+  FaceBeforeArm face{sim::test::make_case(), Head(bregma::test::make_head(3), 0.3, 15.0, 1), {}};
+  ArmSettings settings; // the flange looks down
+  settings.start << 0.0, 1.019, -0.431, 0.0, -0.588, 0.0;
+  SimulatedArm arm(bregma::test::mz07f(), bregma::test::mz07f(), settings);
+  const Vector3d tip_mm(0.0, 0.0, 150.0);
+  face.T_base_image = lying_head(face.head, arm.true_flange() * Vector3d(0.0, 0.0, 200.0), 0.0);
+  auto hand = LeadingHand::open(fifo, face, tip_mm);
+  ASSERT_TRUE(hand) << hand.error().message;
+  const casefile::NamedPoint &landmark = face.a_case.landmarks.front();
+  const int end = ::open(fifo.c_str(), O_WRONLY | O_NONBLOCK);
+  ASSERT_GE(end, 0);
+  const std::string lines = landmark.name + "\nNobody\n";
+  ASSERT_EQ(::write(end, lines.data(), lines.size()), static_cast<ssize_t>(lines.size()));
+  std::vector<std::string> news;
+  double touch_mm = 1e9;
+  for (std::int64_t now_ns = 1'000'000'000; now_ns < 31'000'000'000 && news.size() < 2; now_ns += 4'000'000) {
+    (void)arm.advance(now_ns);
+    if (std::string said = hand->serve(arm); !said.empty()) {
+      news.push_back(std::move(said));
+      touch_mm =
+          (face.T_base_image.inverse() * (arm.true_flange() * tip_mm) - face.head.skin(landmark.position_mm).point_mm)
+              .norm();
+    }
+  }
+  ::close(end);
+  ASSERT_EQ(news.size(), 2U);
+  EXPECT_EQ(news[0], "at " + landmark.name);
+  EXPECT_EQ(news[1], "Nobody: is no fiducial or landmark of the case");
+  EXPECT_LT(touch_mm, 0.05);
+  EXPECT_FALSE(LeadingHand::open(folder.path() / "none", face, tip_mm));
 }
 
 } // namespace
