@@ -7,43 +7,17 @@
 #include <iterator>
 #include <limits>
 
+#include "clients/gateway/encode_scanner.hpp"
+#include "clients/gateway/record_fields.hpp"
 #include "clients/gateway/session_text.hpp"
 #include "idl/names.hpp"
 
 namespace bregma::gateway {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr std::int64_t kClockJitter_ns = 500'000;
 constexpr std::int64_t kTrackerSilent_ns = 500'000'000;
 constexpr std::size_t kMaxSlicePixels = std::size_t{2048} * 2048;
-
-void copy_name(Name &out, const wire::Name &name) {
-  const auto text = wire::view(name);
-  text.copy(out, sizeof out - 1);
-}
-template <std::size_t N> void copy_text(Text &out, const char (&text)[N]) {
-  wire::set_text(out, std::string_view(text, strnlen(text, N)));
-}
-template <std::size_t N> void copy_numbers(double (&out)[N], const double (&in)[N]) { std::copy_n(in, N, out); }
-template <std::size_t N> void fill_unknown(double (&out)[N]) { std::fill_n(out, N, kNan); }
-
-// NaN for a pose that is not known: its quaternion is NaN, or 0.
-template <std::size_t R, std::size_t T>
-void copy_pose(double (&rotation)[R], double (&translation_mm)[T], const wire::Pose &pose) {
-  static_assert(R == 9 && T == 3);
-  const auto &q = pose.rotation_wxyz;
-  const double norm = std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3]));
-  if (!std::isfinite(norm) || norm < 0.5) {
-    fill_unknown(rotation);
-    fill_unknown(translation_mm);
-    return;
-  }
-  const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> matrix =
-      Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();
-  std::copy_n(matrix.data(), 9, rotation);
-  copy_numbers(translation_mm, pose.translation_mm);
-}
 
 void copy_ellipsoid(double (&semi_axes_mm)[3], double (&axes)[9], const wire::Ellipsoid &ellipsoid) {
   copy_numbers(semi_axes_mm, ellipsoid.semi_axes_mm);
@@ -180,6 +154,7 @@ bool Encoder::encode(const live::Snapshot &snapshot, const live::Now &now) {
   news |= encode_accuracy(context);
   news |= encode_deformation(context);
   news |= encode_slices(context);
+  news |= encode_scanners(context);
   news |= encode_captures(context);
   news |= encode_alarms(context);
   news |= encode_health(context);
@@ -369,6 +344,23 @@ bool Encoder::encode_slices(const Context &context) {
     records.push_back(make_slice_record(slice_header(slice, context), slice.pixels));
   }
   constexpr std::array kKinds{RecordKind::kSlice};
+  return store_.replace(kKinds, records);
+}
+
+bool Encoder::encode_scanners(const Context &context) {
+  const auto ms = [&](std::int64_t daemon_time_ns) { return context.ms(daemon_time_ns); };
+  std::vector<Record> records;
+  for (const auto &[name, state] : context.snapshot.scanners) {
+    records.push_back(make_record(RecordKind::kScanner, scanner_record(state, context.alive, ms)));
+    for (const ScannerCoil &coil : scanner_coil_records(state)) {
+      records.push_back(make_record(RecordKind::kScannerCoil, coil));
+    }
+  }
+  for (const auto &[name, state] : context.snapshot.robot_tools) {
+    const RobotTool tool = robot_tool_record(state, context.alive, context.now.boot_ns);
+    records.push_back(make_record(RecordKind::kRobotTool, tool, state.arrival.boot_ns));
+  }
+  constexpr std::array kKinds{RecordKind::kScanner, RecordKind::kScannerCoil, RecordKind::kRobotTool};
   return store_.replace(kKinds, records);
 }
 

@@ -38,6 +38,7 @@ private:
   bool encode_accuracy(const Context &context);
   bool encode_deformation(const Context &context);
   bool encode_slices(const Context &context);
+  bool encode_scanners(const Context &context);
   bool encode_captures(const Context &context);
   bool encode_alarms(const Context &context);
   bool encode_health(const Context &context);

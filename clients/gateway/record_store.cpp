@@ -44,11 +44,11 @@ void append(std::vector<std::byte> &out, std::span<const std::byte> bytes) {
 }
 
 // A record may wait here for a client that is slow to acknowledge.
-void blank_if_over(std::byte *record, std::int64_t now_ns) {
-  Tool tool;
+template <class Body, class Blank> void blank_if_over(std::byte *record, std::int64_t now_ns, Blank &&blank) {
+  Body tool;
   std::memcpy(&tool, record + sizeof(RecordHeader), sizeof tool);
   if (!std::isnan(tool.valid_until_ms) && tool.valid_until_ms <= static_cast<double>(now_ns) * 1e-6) {
-    blank_pose(tool);
+    blank(tool);
     std::memcpy(record + sizeof(RecordHeader), &tool, sizeof tool);
   }
 }
@@ -94,6 +94,21 @@ void blank_pose(Tool &tool) {
   tool.distance_to_predicted_target_mm = kUnknown;
   std::memset(tool.nearest_structure, 0, sizeof tool.nearest_structure);
   tool.nearest_structure_mm = tool.nearest_structure_sigma_mm = kUnknown;
+}
+
+void blank_poses(RobotTool &tool) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  for (std::int32_t *status : {&tool.status, &tool.scanner_status}) {
+    *status = *status == bregma_wire_POSE_LIVE ? bregma_wire_POSE_STALE : *status;
+  }
+  tool.valid_until_ms = kUnknown;
+  std::fill(std::begin(tool.rotation), std::end(tool.rotation), kUnknown);
+  std::fill(std::begin(tool.tip_mm), std::end(tool.tip_mm), kUnknown);
+  std::fill(std::begin(tool.covariance), std::end(tool.covariance), kUnknown);
+  std::fill(std::begin(tool.scanner_rotation), std::end(tool.scanner_rotation), kUnknown);
+  std::fill(std::begin(tool.scanner_tip_mm), std::end(tool.scanner_tip_mm), kUnknown);
+  std::fill(std::begin(tool.scanner_covariance), std::end(tool.scanner_covariance), kUnknown);
+  tool.scanner_error_95_mm = kUnknown;
 }
 
 void RecordStore::renew(Slots::iterator slot) {
@@ -170,7 +185,7 @@ bool RecordStore::due(Slots::const_iterator news, std::int64_t now_ns) const {
   }
   return std::any_of(news, slots_.end(), [](const Slot &slot) {
     const auto kind = static_cast<RecordKind>(header_of(slot.record.bytes).kind);
-    return kind == RecordKind::kTool || kind == RecordKind::kAlarm;
+    return kind == RecordKind::kTool || kind == RecordKind::kRobotTool || kind == RecordKind::kAlarm;
   });
 }
 
@@ -206,8 +221,10 @@ std::optional<Frame> RecordStore::next(const FrameRequest &request) const {
     const std::size_t at = out.bytes.size();
     append(out.bytes, slot->record.bytes);
     if (kind == RecordKind::kTool && !slot->ended) {
-      blank_if_over(out.bytes.data() + at, request.now_ns);
+      blank_if_over<Tool>(out.bytes.data() + at, request.now_ns, blank_pose);
       out.taken_ns = std::max(out.taken_ns, slot->record.taken_ns);
+    } else if (kind == RecordKind::kRobotTool && !slot->ended) {
+      blank_if_over<RobotTool>(out.bytes.data() + at, request.now_ns, blank_poses);
     }
     ++header.records;
   }

@@ -107,5 +107,6 @@ private:
 
 // The fields of a tool's record that must not be shown once its pose is over: NaN, empty, POSE_STALE.
 void blank_pose(Tool &tool);
+void blank_poses(RobotTool &tool); // in the base and in the scanner
 
 } // namespace bregma::gateway

@@ -3,7 +3,8 @@
 //
 // Times are milliseconds of CLOCK_BOOTTIME of the gateway's host ("gateway clock"), whichever clock stated them first.
 // Lengths in mm, angles in rad, positions in Image (RAS) unless the field states another frame. NaN: unknown, or not to
-// be shown. Poses map tip to Image as a rotation matrix, row by row, and the tip's position.
+// be shown. Poses map tip to Image, unless the field states another, as a rotation matrix, row by row, and the tip's
+// position.
 //
 // A new field goes to the end of its record, a new record gets the next number, and kLayoutVersion grows. A reader
 // skips what lies beyond the fields that it knows, and records that it does not know.
@@ -18,7 +19,7 @@ namespace bregma::gateway {
 static_assert(std::endian::native == std::endian::little, "records are copied to the socket as they are in memory");
 
 inline constexpr std::uint32_t kFrameMagic = 0x46475242; // "BRGF"
-inline constexpr std::uint16_t kLayoutVersion = 3;
+inline constexpr std::uint16_t kLayoutVersion = 4;
 
 using Name = char[32];  // UTF-8, padded with NUL
 using Text = char[256]; // the same, at least one NUL
@@ -42,6 +43,9 @@ enum class RecordKind : std::uint16_t {
   kHealth = 16,
   kTrackedTool = 17,
   kSlice = 18,
+  kScanner = 19,
+  kScannerCoil = 20,
+  kRobotTool = 21,
 };
 
 // Begins every binary message.
@@ -329,6 +333,80 @@ struct SliceHeader {
   double tip_distance_mm;
   double tip_direction[3];
   double tip_error_95_mm;
+};
+
+struct Scanner {
+  Name device;
+  double time_ms;
+  std::int32_t step;
+  std::int32_t activity;
+  Text text;
+  Text next;
+  Name protocol;
+  std::uint32_t slices;
+  std::uint32_t slices_expected;
+  double slices_taken;
+  double slices_refused;
+  double slices_corrected;
+  Text refused_text;
+  double revision;
+  std::int32_t verdict;
+  std::int32_t validity;
+  Text reason;
+  double fre_mm;
+  double fre_expected_mm;
+  double tre_95_mm;
+  double verified_mm;
+  double opme_mm;
+  double change_mm;
+  double change_rad;
+  Text validity_text;
+  double accepted_revision;
+  double accepted_ms;
+  double accepted_tre_95_mm;
+  double accepted_rotation[9];
+  double accepted_translation_mm[3];
+  std::uint32_t accepted_corrected;
+  std::int32_t field_status;
+  Name field;
+  double field_made_ms;
+  double field_expires_ms;
+  double field_points;
+  double field_initial_mm;
+  double field_residual_mm;
+  double field_residual_max_mm;
+  double phantom_moved_mm;
+};
+
+struct ScannerCoil {
+  Name device;
+  Name coil;
+  std::int32_t outcome;
+  std::uint32_t reserved;
+  double scanner_mm[3];
+  double sigma_mm;
+  double residual_mm;
+};
+
+struct RobotTool {
+  Name device;
+  Name tool;
+  double frame;
+  double acquired_ms;
+  double published_ms;
+  double valid_until_ms;
+  std::int32_t mode;
+  std::int32_t status;
+  double rotation[9];
+  double tip_mm[3];
+  double covariance[36];
+  std::int32_t scanner_status;
+  std::uint32_t reserved;
+  Name scanner;
+  double scanner_rotation[9];
+  double scanner_tip_mm[3];
+  double scanner_covariance[36];
+  double scanner_error_95_mm;
 };
 
 // Client to gateway: one binary message of this layout each.

@@ -94,6 +94,10 @@ constexpr std::size_t kMaxWriters = 1024; // remembered; a forgotten one is aske
 
 } // namespace
 
+DaemonLink::Pictures::Pictures(const dds::Participant &participant)
+    : trackers(participant), captures(participant), scanners(state_reader<wire::ScannerRegistration>(participant)),
+      robot_tools(state_reader<wire::RobotTool>(participant)) {}
+
 DaemonLink::DaemonLink(std::uint32_t domain, Role role, double wait_s)
     : domain_(domain), presence_wait_(std::chrono::duration_cast<Duration>(std::chrono::duration<double>(wait_s))),
       client_(unique_client_name()), participant_(domain),
@@ -121,6 +125,8 @@ DaemonLink::DaemonLink(std::uint32_t domain, Role role, double wait_s)
   if (pictures_) {
     wait_.attach(pictures_->trackers);
     wait_.attach(pictures_->captures);
+    wait_.attach(pictures_->scanners);
+    wait_.attach(pictures_->robot_tools);
   }
 }
 
@@ -239,6 +245,13 @@ std::size_t DaemonLink::take_pictures() {
   (void)trackers.status();
   news += take_state(pictures_->captures, [](Speaker &speaker, const wire::CapturedPoint &sample, bool ended) {
     store_capture(speaker.said, sample, ended);
+  });
+  news += take_state(pictures_->scanners, [](Speaker &speaker, const wire::ScannerRegistration &sample, bool ended) {
+    store_in(speaker.said.scanners, wire::text(sample.device), sample, ended);
+  });
+  news += take_state(pictures_->robot_tools, [&](Speaker &speaker, const wire::RobotTool &sample, bool ended) {
+    const auto arrival = speaker.arrived(sample.boot_id, sample.published_boot_ns, sample.published_time_ns, now_);
+    store_in(speaker.said.robot_tools, wire::text(sample.device), {sample, arrival}, ended);
   });
   if (pictures_->field) {
     news += take_state(*pictures_->field, [](Speaker &speaker, const wire::DeformationField &sample, bool ended) {

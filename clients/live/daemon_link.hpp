@@ -71,9 +71,11 @@ private:
   };
 
   struct Pictures {
-    explicit Pictures(const dds::Participant &participant) : trackers(participant), captures(participant) {}
+    explicit Pictures(const dds::Participant &participant);
     dds::Reader<wire::TrackerFrame> trackers;
     dds::Reader<wire::CapturedPoint> captures;
+    dds::Reader<wire::ScannerRegistration> scanners;
+    dds::Reader<wire::RobotTool> robot_tools;
     std::optional<dds::Reader<wire::DeformationField>> field;
     std::optional<dds::Reader<wire::CorrectedSlice>> slices;
   };

@@ -55,6 +55,8 @@ struct Snapshot {
   std::uint64_t field_revision = 0;
   std::map<std::string, Slice> slices; // by scanner, only for the role kDisplay and while they are wanted
   std::uint64_t slices_revision = 0;
+  std::map<std::string, wire::ScannerRegistration> scanners;    // by scanner, only for the role kDisplay
+  std::map<std::string, Received<wire::RobotTool>> robot_tools; // by arm, only for the role kDisplay
   // The daemon's clock minus CLOCK_BOOTTIME of this host, and this host's wall clock minus the daemon's clock.
   std::optional<std::int64_t> daemon_clock_ns;
   std::optional<std::int64_t> clock_difference_ns;

@@ -2,10 +2,13 @@
 
 #include <cmath>
 #include <cstring>
+#include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "clients/gateway/encode_scanner.hpp"
 #include "clients/gateway/layout.hpp"
 #include "idl/names.hpp"
 
@@ -192,6 +195,84 @@ TEST(EncoderTest, ASliceHasItsPixelsAndATipOnlyWhileThatIsLive) {
   const auto hidden = encoded(bregma_wire_POSE_STALE, 4);
   EXPECT_TRUE(hidden["tip_pixel"][0].is_null());
   EXPECT_TRUE(encoded(bregma_wire_POSE_LIVE, 3).is_null()) << "pixels are missing";
+}
+
+live::Received<wire::RobotTool> robot_of(wire::PoseStatus base, wire::PoseStatus scanner) {
+  live::Received<wire::RobotTool> out{};
+  (void)wire::set_name(out.device, "Arm");
+  out.status = base;
+  out.scanner_status = scanner;
+  out.published_time_ns = 1'000'000 * kMs_ns;
+  out.valid_for_ns = 90 * kMs_ns;
+  out.T_base_tip = {{1, 0, 0, 0}, {1, 2, 3}};
+  out.T_scanner_tip = {{1, 0, 0, 0}, {4, 5, 6}};
+  out.scanner_error_95_mm = 0.7;
+  out.arrival = {kArrival_ns, 2 * kMs_ns};
+  return out;
+}
+
+TEST(RobotToolRecord, BothPosesEndWithTheirTimeWithTheDaemonAndWithTheirStatus) {
+  const auto live = robot_of(bregma_wire_POSE_LIVE, bregma_wire_POSE_LIVE);
+  RobotTool tool = robot_tool_record(live, true, kArrival_ns + 88 * kMs_ns - 1);
+  EXPECT_EQ(tool.valid_until_ms, 5088.0);
+  EXPECT_EQ(tool.tip_mm[2], 3.0);
+  EXPECT_EQ(tool.scanner_tip_mm[2], 6.0);
+  EXPECT_EQ(tool.scanner_error_95_mm, 0.7);
+  const auto expect_over = [](const RobotTool &over) {
+    EXPECT_EQ(over.status, bregma_wire_POSE_STALE);
+    EXPECT_EQ(over.scanner_status, bregma_wire_POSE_STALE);
+    for (const double value : {over.valid_until_ms, over.tip_mm[0], over.rotation[0], over.covariance[0],
+                               over.scanner_tip_mm[0], over.scanner_covariance[0], over.scanner_error_95_mm}) {
+      EXPECT_TRUE(std::isnan(value));
+    }
+  };
+  expect_over(robot_tool_record(live, true, kArrival_ns + 88 * kMs_ns));
+  expect_over(robot_tool_record(live, false, kArrival_ns));
+  auto unknown = live;
+  unknown.arrival.transit_ns.reset();
+  expect_over(robot_tool_record(unknown, true, kArrival_ns));
+  tool = robot_tool_record(robot_of(bregma_wire_POSE_LIVE, bregma_wire_POSE_NOT_REGISTERED), true, kArrival_ns);
+  EXPECT_EQ(tool.tip_mm[0], 1.0);
+  EXPECT_EQ(tool.scanner_status, bregma_wire_POSE_NOT_REGISTERED);
+  EXPECT_TRUE(std::isnan(tool.scanner_tip_mm[0]));
+  tool = robot_tool_record(robot_of(bregma_wire_POSE_STALE, bregma_wire_POSE_LIVE), true, kArrival_ns);
+  EXPECT_TRUE(std::isnan(tool.tip_mm[0]) && std::isnan(tool.scanner_tip_mm[0]));
+}
+
+TEST(EncoderTest, AScannersPoseIsThatOfAValidRegistrationOfALivingDaemon) {
+  RecordStore store;
+  Encoder encoder(store);
+  auto snapshot = snapshot_with(state_of(bregma_wire_POSE_LIVE));
+  wire::ScannerRegistration &scanner = snapshot.scanners["MR"];
+  (void)wire::set_name(scanner.device, "MR");
+  scanner.validity = bregma_wire_SCANNER_VALID;
+  scanner.accepted_T_base_scanner = {{1, 0, 0, 0}, {7, 8, 9}};
+  wire::set_text(scanner.next, "accept");
+  scanner.coil_count = 2;
+  (void)wire::set_name(scanner.coils[0].coil, "t1");
+  (void)wire::set_name(scanner.coils[1].coil, "t2");
+  snapshot.robot_tools["Arm"] = robot_of(bregma_wire_POSE_LIVE, bregma_wire_POSE_LIVE);
+  const auto encoded = [&](std::int64_t now_ns) {
+    (void)encoder.encode(snapshot, {now_ns, 0});
+    nlohmann::json out;
+    store.each(RecordKind::kScanner, [&](std::span<const std::byte> record) { out = record_json(record); });
+    return out;
+  };
+  EXPECT_EQ(encoded(kArrival_ns)["accepted_translation_mm"], nlohmann::json::parse("[7.0, 8.0, 9.0]"));
+  std::vector<std::string> coils, arms;
+  store.each(RecordKind::kScannerCoil,
+             [&](std::span<const std::byte> record) { coils.push_back(record_json(record)["coil"]); });
+  store.each(RecordKind::kRobotTool,
+             [&](std::span<const std::byte> record) { arms.push_back(record_json(record)["device"]); });
+  EXPECT_EQ(coils, (std::vector<std::string>{"t1", "t2"}));
+  EXPECT_EQ(arms, std::vector<std::string>{"Arm"});
+  scanner.validity = bregma_wire_SCANNER_TABLE_MOVED;
+  EXPECT_TRUE(encoded(kArrival_ns)["accepted_translation_mm"][0].is_null());
+  scanner.validity = bregma_wire_SCANNER_VALID;
+  const auto silent = encoded(kArrival_ns + live::kDaemonSilent_ns + kMs_ns);
+  EXPECT_TRUE(silent["accepted_translation_mm"][0].is_null());
+  EXPECT_EQ(silent["validity"], 0);
+  EXPECT_EQ(silent["next"], "");
 }
 
 TEST(EncoderTest, WhatIsGoneEnds) {

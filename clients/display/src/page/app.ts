@@ -28,6 +28,7 @@ import { Figures } from "./figures.ts";
 import { HealthPage } from "./health_page.ts";
 import { PanelMenus } from "./panel_menus.ts";
 import { RegistrationPage } from "./registration_page.ts";
+import { ScannerPage } from "./scanner_page.ts";
 import { save, screenshotOf } from "./screenshot.ts";
 import { ToolBar } from "./tool_bar.ts";
 import { TopBar } from "./top_bar.ts";
@@ -89,6 +90,7 @@ export class App {
       ["Verify", new VerificationPage()],
       ["Brain", this.brain],
       ["Camera", new CameraPage()],
+      ["Scanner", new ScannerPage()],
       ["System", new HealthPage(this.link, () => this.times.summary())],
     ];
     this.build(root);

@@ -2,7 +2,7 @@
 import { type FieldType, kLayouts, type RecordName, type RecordOf } from "./layout.ts";
 
 export const kMagic = 0x46475242;
-export const kLayoutVersion = 3;
+export const kLayoutVersion = 4;
 export const kHeaderBytes = 24;
 const kRecordHeaderBytes = 8;
 const kFlagEnded = 1;

@@ -1,5 +1,5 @@
 // Sentences for the constants of the wire. An unknown value is said to be unknown.
-import { DeviceStatus, PoseStatus, Session, ToolStatus } from "./constants.ts";
+import { CoilOutcome, DeviceStatus, PoseStatus, ScannerActivity, Session, ToolStatus } from "./constants.ts";
 
 const look = (table: Readonly<Record<number, string>>, value: number): string => table[value] ?? `unknown (${value})`;
 
@@ -65,6 +65,63 @@ const device: Record<number, string> = {
   [DeviceStatus.LOST]: "lost",
 };
 export const deviceText = (value: number): string => look(device, value);
+
+const scannerStep: Record<number, string> = {
+  1: "Not started",
+  2: "Scout of the phantom",
+  3: "Phantom",
+  4: "Swap of phantom and frame",
+  5: "Scout of the frame",
+  6: "Coils at the top",
+  7: "Coils at the bottom",
+  8: "Verification",
+  9: "Acceptance",
+  10: "Registered",
+};
+export const scannerStepText = (value: number): string => look(scannerStep, value);
+
+const scannerActivity: Record<number, string> = {
+  0: "not current",
+  [ScannerActivity.NONE]: "",
+  [ScannerActivity.WAITS]: "waits for the operator",
+  [ScannerActivity.SWITCHES_COILS]: "switches the coils",
+  [ScannerActivity.ACQUIRES]: "acquires",
+  [ScannerActivity.COMPUTES]: "computes",
+  [ScannerActivity.FAILED]: "failed",
+};
+export const scannerActivityText = (value: number): string => look(scannerActivity, value);
+
+const scannerVerdict: Record<number, string> = {
+  1: "no estimate",
+  2: "found",
+  3: "inaccurate",
+  4: "inconsistent",
+  5: "ambiguous",
+  6: "refused",
+};
+export const scannerVerdictText = (value: number): string => look(scannerVerdict, value);
+
+const scannerValidity: Record<number, string> = {
+  0: "not current",
+  1: "none is accepted",
+  2: "valid",
+  3: "void: the table moved",
+  4: "void: coils are not where it expects them",
+  5: "void: its distortion field has expired",
+};
+export const scannerValidityText = (value: number): string => look(scannerValidity, value);
+
+const distortionField: Record<number, string> = { 1: "none", 2: "valid", 3: "expired" };
+export const distortionFieldText = (value: number): string => look(distortionField, value);
+
+const coil: Record<number, string> = {
+  [CoilOutcome.NOT_SEEN]: "not seen",
+  [CoilOutcome.USED]: "used",
+  [CoilOutcome.OUTLIER]: "left out",
+  [CoilOutcome.VERIFIES]: "verifies",
+  [CoilOutcome.IDLE]: "has not carried current",
+};
+export const coilText = (value: number): string => look(coil, value);
 
 const driver: Record<number, string> = {
   0: "",

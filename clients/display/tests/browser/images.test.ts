@@ -179,4 +179,34 @@ test("a slice of a scanner that is not registered is shown alone, with the robot
   open.gateway.others.delete("slice");
 });
 
+test("the page of the scanner shows the step, the validity and the coils", async () => {
+  const said = {
+    device: "MR",
+    step: 10,
+    activity: 2,
+    text: "registered",
+    next: "confirm verify",
+    verdict: 2,
+    tre_95_mm: 0.31,
+    validity: 2,
+    accepted_revision: 1,
+    accepted_tre_95_mm: 0.31,
+    field_status: 2,
+  };
+  open.gateway.others.set("scanner", record("scanner", said));
+  open.gateway.others.set(
+    "coil",
+    record("scanner_coil", { device: "MR", coil: "mid-top-1", outcome: 3, residual_mm: 4 }),
+  );
+  await open.page.getByRole("tab", { name: "Scanner" }).click();
+  const text = async () => (await open.page.locator("#scanner-page").textContent()) ?? "";
+  await until(text, (t) => /valid, predicted error at the target 0\.31 mm/.test(t), "the registration");
+  assert.match(await text(), /confirm verify[\s\S]*mid-top-1left out4\.00/);
+  open.gateway.others.set("scanner", record("scanner", { ...said, validity: 3, validity_text: "the table moved" }));
+  await until(text, (t) => t.includes("void: the table moved"), "the registration is void");
+  assert.ok(await open.page.locator("#scanner-page .lead.bad").count());
+  open.gateway.others.delete("scanner");
+  open.gateway.others.delete("coil");
+});
+
 test("nothing failed in the page", () => assert.deepEqual(open.errors, []));

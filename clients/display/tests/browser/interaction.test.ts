@@ -371,7 +371,7 @@ test("a screenshot is saved", async () => {
 });
 
 test("the other pages open", async () => {
-  for (const name of ["Register", "Verify", "Brain", "Camera", "System", "Guide"]) {
+  for (const name of ["Register", "Verify", "Brain", "Camera", "Scanner", "System", "Guide"]) {
     await open.page.getByRole("tab", { name }).click();
     await drawn(open.page);
   }

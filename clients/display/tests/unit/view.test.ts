@@ -3,6 +3,7 @@ import { test } from "node:test";
 import { toPlane, viewer } from "../../src/geometry/planes.ts";
 import { distance, dot, type Vec3 } from "../../src/geometry/vector.ts";
 import { advice, volumeText } from "../../src/page/camera_page.ts";
+import { tipText, validityText } from "../../src/page/scanner_page.ts";
 import { orbit, viewMatrix } from "../../src/render/camera.ts";
 import type { RecordOf } from "../../src/state/layout.ts";
 import { figure } from "../../src/state/text.ts";
@@ -161,4 +162,33 @@ test("the camera page says which way to move", () => {
   assert.match(advice(tool(1000, 0, 900), [0, 0, 1], null), /1.35 m away|Turn/, "no volume is stated");
   assert.equal(volumeText(volume), "Working volume: 1.00 to 3.00 m, 57° wide, 29° high.");
   assert.match(volumeText(null), /not stated/);
+});
+
+test("the robot's tip in the scanner is stated only while its pose may be shown", () => {
+  const tool = (change: Partial<RecordOf<"robot_tool">>) =>
+    ({
+      device: "Arm",
+      tool: "Guide",
+      scanner_status: 1,
+      valid_until_ms: 1000,
+      scanner_tip_mm: [1, -2, 30],
+      scanner_error_95_mm: 0.71,
+      ...change,
+    }) as unknown as RecordOf<"robot_tool">;
+  assert.match(tipText(tool({}), 999), /^Guide: 1\.0 +.2\.0 +30\.0 mm, error 0\.7 mm \(95 %\)$/);
+  assert.equal(tipText(tool({}), 1000), "Guide: pose too old");
+  assert.equal(tipText(tool({ valid_until_ms: Number.NaN }), 0), "Guide: pose too old");
+  assert.equal(tipText(tool({ scanner_status: 8, tool: "" }), 0), "Arm: not registered to the scanner");
+});
+
+test("a registration of the scanner is valid only if the daemon says so", () => {
+  const scanner = (change: Partial<RecordOf<"scanner">>) =>
+    ({ validity: 2, validity_text: "", accepted_tre_95_mm: 0.314, ...change }) as unknown as RecordOf<"scanner">;
+  assert.equal(validityText(scanner({})), "valid, predicted error at the target 0.31 mm (95 %)");
+  assert.equal(
+    validityText(scanner({ validity: 3, validity_text: "the table moved by 12.00 mm" })),
+    "void: the table moved (the table moved by 12.00 mm)",
+  );
+  assert.match(validityText(scanner({ validity: 0 })), /not current/);
+  assert.match(validityText(scanner({ validity: 77 })), /unknown/);
 });
