@@ -5,6 +5,7 @@
 
 #include <Eigen/Geometry>
 
+#include "algorithms/mri/coils/verification.hpp"
 #include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/uncertainty/error_metrics.hpp"
 #include "algorithms/uncertainty/tre.hpp"
@@ -63,6 +64,7 @@ std::optional<LocatedCoil> corrected(const CoilArtefact &artefact, int scan, con
     out.position_mm = point->position_mm;
     sigma = point->sigma_mm;
   }
+  out.field_sigma_mm = sigma;
   out.covariance.diagonal() += sigma.cwiseAbs2();
   return out;
 }
@@ -242,9 +244,15 @@ private:
       c.residual_mm =
           (out_.T_base_device.pose * c.position_mm - frame_.coils[static_cast<std::size_t>(c.coil)].position_mm).norm();
     }
-    out_.verified_mm = coil_error_rms_mm(frame_, out_.verified, out_.T_base_device.pose);
-    const Eigen::Matrix3d at_target = uncertainty::tre_covariance(out_.T_base_device.covariance, options_.target_mm);
-    out_.tre_95_mm = uncertainty::ellipsoid_95(at_target).semi_axes_mm[0];
+    Verification verification;
+    verification.rms_mm = coil_error_rms_mm(frame_, out_.verified, out_.T_base_device.pose);
+    if (out_.verified.size() >= kMinVerifyingCoils) {
+      verification = verify_registration(frame_, out_.verified, out_.verified.size(), out_.T_base_device, out_.coils,
+                                         unit_axes(*scans_[0].background), options_);
+      out_.T_base_device.covariance.bottomRightCorner<3, 3>() += verification.unexplained;
+    }
+    out_.verified_mm = verification.rms_mm;
+    out_.tre_95_mm = predicted_95_mm(out_.T_base_device, options_.target_mm);
     std::vector<LocatedCoil> used;
     std::copy_if(out_.coils.begin(), out_.coils.end(), std::back_inserter(used),
                  [](const LocatedCoil &c) { return c.used; });
@@ -261,6 +269,8 @@ private:
       refuse(RegistrationVerdict::kInconsistent, "FRE " + text(out_.fre_mm, "mm") + " where " +
                                                      text(out_.fre_expected_mm, "mm") +
                                                      " is expected: the errors are larger than stated");
+    } else if (!verification.failure.empty()) {
+      refuse(RegistrationVerdict::kInconsistent, verification.failure);
     } else if (!(out_.tre_95_mm <= options_.limit_mm)) {
       refuse(RegistrationVerdict::kInaccurate, "predicted error at the target " + text(out_.tre_95_mm, "mm") +
                                                    " (95 %), limit " + text(options_.limit_mm, "mm") +
@@ -378,6 +388,11 @@ double coil_out_of_plane_mm(const CoilFrame &frame, std::span<const LocatedCoil>
   }
   return uncertainty::out_of_plane_mean_error_mm(T_base_device.as<geometry::frame::Target, geometry::frame::Source>(),
                                                  source, target, T_base_device.rotation() * normal_device);
+}
+
+double predicted_95_mm(const geometry::UncertainPose<frame::Base, frame::Device> &T_base_device,
+                       const Vector3d &target_mm) {
+  return uncertainty::ellipsoid_95(uncertainty::tre_covariance(T_base_device.covariance, target_mm)).semi_axes_mm[0];
 }
 
 Rigid3<frame::Base, frame::Slice> T_base_slice(const Rigid3<frame::Base, frame::Device> &T_base_device,

@@ -61,11 +61,12 @@ struct RobotRegistrationOptions {
 struct LocatedCoil {
   int coil = -1; // of the frame; -1: without a name, as the pattern fits not at all or in two ways
   int scan = 0;
-  Vector3d shown_mm = Vector3d::Zero();    // in Device, as found
-  Vector3d position_mm = Vector3d::Zero(); // in Device, corrected
-  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  double residual_mm = 0.0; // in Base, after the fit
-  bool used = false;        // false: an outlier
+  Vector3d shown_mm = Vector3d::Zero();                 // in Device, as found
+  Vector3d position_mm = Vector3d::Zero();              // in Device, corrected
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); // of position_mm, that of the field included
+  Vector3d field_sigma_mm = Vector3d::Zero();           // one sigma of the field's correction, in Device
+  double residual_mm = 0.0;                             // in Base, after the fit
+  bool used = false;                                    // false: an outlier
 };
 
 enum class RegistrationVerdict { kFound, kInaccurate, kInconsistent, kAmbiguous, kRefused };
@@ -79,9 +80,11 @@ struct RobotRegistration {
   std::vector<LocatedCoil> coils;    // of the fit
   std::vector<LocatedCoil> verified; // those that verify it, and took no part
   double fre_mm = 0.0, fre_expected_mm = 0.0, p_value = 0.0;
-  double tre_95_mm = 0.0;   // predicted at the target
-  double verified_mm = 0.0; // (16) of the coils that verify; contains the error of finding them. NaN without
-  double opme_mm = 0.0;     // (17) of the coils used, along the normal of their slices
+  double tre_95_mm = 0.0; // predicted at the target
+  // (16) of the coils that verify; contains the error of finding them. NaN without. Three or more are tested
+  // (verification.hpp): what they find and the stated errors do not explain enters the covariance.
+  double verified_mm = 0.0;
+  double opme_mm = 0.0; // (17) of the coils used, along the normal of their slices
 };
 
 // Finds, names and registers. Artefacts of the scans come first as errors: verdict kRefused with the scan's name.
@@ -106,6 +109,10 @@ locate_targets(const CoilFrame &frame, const CoilScan &scan, const RobotRegistra
 [[nodiscard]] double coil_out_of_plane_mm(const CoilFrame &frame, std::span<const LocatedCoil> coils,
                                           const Rigid3<frame::Base, frame::Device> &T_base_device,
                                           const Vector3d &normal_device);
+
+// Semi-axis of the region that contains the error of the pose at a point of Base with 95 %.
+[[nodiscard]] double predicted_95_mm(const geometry::UncertainPose<frame::Base, frame::Device> &T_base_device,
+                                     const Vector3d &target_mm);
 
 // (10a): the transform of one slice.
 [[nodiscard]] Rigid3<frame::Base, frame::Slice> T_base_slice(const Rigid3<frame::Base, frame::Device> &T_base_device,

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <utility>
 
-#include "algorithms/uncertainty/distributions.hpp"
-#include "algorithms/uncertainty/tre.hpp"
 #include "casefile/coil_frames.hpp"
 #include "server/session/session_text.hpp"
 #include "server/stages/scanner/slice_guard.hpp"
@@ -15,9 +13,7 @@ namespace bregma::server {
 namespace {
 
 constexpr double kSamePlane_mm = 0.05;
-constexpr double kTable_mm = 0.5;   // a larger change of the table's position is a movement
-constexpr double kMinPValue = 1e-4; // of the coils that verify
-constexpr std::size_t kMinVerifying = 3;
+constexpr double kTable_mm = 0.5; // a larger change of the table's position is a movement
 
 } // namespace
 
@@ -132,37 +128,21 @@ mri::CoilScan CoilPair::scan() const {
   return out;
 }
 
-Verification verify(const mri::CoilFrame &frame, const CoilPair &pair,
-                    const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
-                    const mri::RobotRegistrationOptions &options) {
-  Verification out;
+VerifyingCoils verify(const mri::CoilFrame &frame, const CoilPair &pair,
+                      const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
+                      std::span<const mri::LocatedCoil> fitted, const mri::RobotRegistrationOptions &options) {
+  VerifyingCoils out;
   mri::RobotRegistration registration;
   registration.T_base_device = T_base_device;
   const mri::CoilScan scan = pair.scan();
   auto located = mri::locate_targets(frame, scan, registration, options);
   if (!located) {
-    out.failure = located.error();
+    out.found.failure = located.error();
     return out;
   }
   out.coils = std::move(*located);
-  out.rms_mm = mri::coil_error_rms_mm(frame, out.coils, T_base_device.pose);
-  if (out.coils.size() < std::min(kMinVerifying, scan.on.size())) {
-    out.failure = std::to_string(out.coils.size()) + " of " + std::to_string(scan.on.size()) +
-                  " coils are where the registration expects them";
-    return out;
-  }
-  double statistic = 0.0;
-  for (const mri::LocatedCoil &coil : out.coils) {
-    const Eigen::Vector3d &drawn = frame.coils[static_cast<std::size_t>(coil.coil)].position_mm;
-    const Eigen::Matrix3d covariance = geometry::point_covariance(T_base_device, coil.position_mm, coil.covariance) +
-                                       frame.build_sigma_mm * frame.build_sigma_mm * Eigen::Matrix3d::Identity();
-    statistic += uncertainty::mahalanobis_squared(covariance, T_base_device.pose * coil.position_mm - drawn);
-  }
-  if (out.rms_mm > options.limit_mm) {
-    out.failure = "the coils that verify are " + mm(out.rms_mm) + " from where the registration expects them";
-  } else if (uncertainty::chi_square_survival(statistic, 3.0 * static_cast<double>(out.coils.size())) < kMinPValue) {
-    out.failure = "the coils that verify are " + mm(out.rms_mm) + " off, more than the stated errors allow";
-  }
+  out.found = mri::verify_registration(frame, out.coils, scan.on.size(), T_base_device, fitted,
+                                       mri::unit_axes(*scan.background), options);
   return out;
 }
 

@@ -7,10 +7,12 @@
 #include <array>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "algorithms/mri/coils/robot_registration.hpp"
+#include "algorithms/mri/coils/verification.hpp"
 #include "base/result.hpp"
 #include "server/stages/scanner/slice_stack.hpp"
 
@@ -54,14 +56,15 @@ private:
 // Nothing for a position that is not stated or not known here.
 [[nodiscard]] std::optional<mri::PatientPosition> stated_position(const wire::ImageSlice &slice);
 
-// Coils that verify a registration, compared with where it expects them.
-struct Verification {
+// Coils that verify a registration, compared with where it expects them (mri::verify_registration). fitted: those of
+// its fit; may be empty.
+struct VerifyingCoils {
   std::vector<mri::LocatedCoil> coils;
-  double rms_mm = 0.0;
-  std::string failure; // empty: it agrees
+  mri::Verification found;
 };
-[[nodiscard]] Verification verify(const mri::CoilFrame &frame, const CoilPair &pair,
-                                  const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
-                                  const mri::RobotRegistrationOptions &options);
+[[nodiscard]] VerifyingCoils verify(const mri::CoilFrame &frame, const CoilPair &pair,
+                                    const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
+                                    std::span<const mri::LocatedCoil> fitted,
+                                    const mri::RobotRegistrationOptions &options);
 
 } // namespace bregma::server

@@ -109,7 +109,8 @@ ProcedureAnswer Procedure::accept(const std::string &device, std::int64_t now_ns
   if (step_ != bregma_wire_SCANNER_STEP_ACCEPT || busy()) {
     return {false, "there is nothing to accept: step " + name_of(step_) + ", " + next_};
   }
-  accepted_ = Accepted{estimate_revision_, estimate_->T_base_device, estimate_->tre_95_mm, now_ns,
+  accepted_ = Accepted{estimate_revision_, estimate_->T_base_device, fitted_covariance_,
+                       estimate_->coils,   estimate_->tre_95_mm,     now_ns,
                        top_->table_mm(),   estimate_corrected_};
   validity_ = bregma_wire_SCANNER_VALID;
   validity_text_.clear();

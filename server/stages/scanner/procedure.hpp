@@ -110,6 +110,8 @@ private:
   struct Accepted {
     std::uint32_t revision = 0;
     geometry::UncertainPose<mri::frame::Base, mri::frame::Device> T_base_device;
+    geometry::Matrix6d fitted_covariance = geometry::Matrix6d::Zero(); // before the verification
+    std::vector<mri::LocatedCoil> coils;                               // of the fit
     double tre_95_mm = 0.0;
     std::int64_t time_ns = 0;
     std::optional<double> table_mm;
@@ -178,6 +180,7 @@ private:
   std::optional<mri::RobotRegistration> estimate_;
   std::uint32_t estimate_revision_ = 0;
   bool estimate_corrected_ = false;
+  geometry::Matrix6d fitted_covariance_ = geometry::Matrix6d::Zero(); // of the estimate, before its verification
   double verified_mm_ = 0.0, duration_ms_ = 0.0;
   std::vector<mri::LocatedCoil> verifying_;
 

@@ -106,6 +106,7 @@ void Procedure::estimate(std::int64_t now_ns) {
     result = mri::register_artefacts(*options_.frame, scans, artefacts, registration_options(now_ns));
   }
   estimate_ = std::move(result);
+  fitted_covariance_ = estimate_->T_base_device.covariance;
   verified_mm_ = wire::kUnknown;
   duration_ms_ = 1e3 * std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count();
   changed();
@@ -113,20 +114,32 @@ void Procedure::estimate(std::int64_t now_ns) {
 
 void Procedure::check(std::int64_t now_ns) {
   const bool of_accepted = accepted_ && (!estimate_ || accepted_->revision == estimate_revision_);
-  const auto &pose = of_accepted ? accepted_->T_base_device : estimate_->T_base_device;
+  auto &pose = of_accepted ? accepted_->T_base_device : estimate_->T_base_device;
+  const geometry::Matrix6d &fitted = of_accepted ? accepted_->fitted_covariance : fitted_covariance_;
   const std::optional<double> table = of_accepted ? accepted_->table_mm : top_->table_mm();
-  Verification result = verify(*options_.frame, *tree_, pose, registration_options(now_ns));
+  VerifyingCoils result = verify(*options_.frame, *tree_, {pose.pose, fitted},
+                                 of_accepted ? accepted_->coils : estimate_->coils, registration_options(now_ns));
+  std::string failure = std::move(result.found.failure);
   if (table_moved(table, tree_->table_mm())) {
-    result.failure = "the table moved before the scan that verifies";
+    failure = "the table moved before the scan that verifies";
   }
   verifying_ = std::move(result.coils);
-  verified_mm_ = result.rms_mm;
-  const bool verified = result.failure.empty();
-  if (of_accepted && !verified) {
-    void_registration(bregma_wire_SCANNER_FRAME_MOVED, result.failure);
+  verified_mm_ = result.found.rms_mm;
+  if (failure.empty()) { // each verification replaces what the one before found
+    pose.covariance = fitted;
+    pose.covariance.bottomRightCorner<3, 3>() += result.found.unexplained;
+    const double tre_95_mm = mri::predicted_95_mm(pose, options_.target_mm);
+    (of_accepted ? accepted_->tre_95_mm : estimate_->tre_95_mm) = tre_95_mm;
+    if (!(tre_95_mm <= options_.limit_mm)) {
+      failure = "with what the coils that verify show, the predicted error at the target is " + mm(tre_95_mm) +
+                ", limit " + mm(options_.limit_mm);
+    }
   }
-  if (!verified) {
-    return fail(result.failure, "look for what moved, then confirm top to register anew");
+  if (of_accepted && !failure.empty()) {
+    void_registration(bregma_wire_SCANNER_FRAME_MOVED, failure);
+  }
+  if (!failure.empty()) {
+    return fail(failure, "look for what moved or entered the bore, then confirm top to register anew");
   }
   if (of_accepted) {
     return wait_for_operator(bregma_wire_SCANNER_STEP_DONE, "verified: " + mm(verified_mm_),

@@ -1,8 +1,12 @@
 // Coils found in scans, named, and the robot registered by them: in the simulated scanner, and in drawn stacks.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
+#include "algorithms/mri/coils/verification.hpp"
+#include "drivers/sim/random.hpp"
 #include "tests/unit/scanner/drawn_stacks.hpp"
 #include "tests/unit/scanner/session_fixture.hpp"
 
@@ -259,6 +263,130 @@ TEST(RobotRegistration, AFrameThatLiesOtherwiseThanMountedIsRefused) {
   options.limit_mm = 0.01;
   options.expected_rotation.reset();
   EXPECT_EQ(register_robot(frame, std::span(&scan, 1), options).verdict, RegistrationVerdict::kInaccurate);
+}
+
+namespace {
+
+// Five coils that verify, drawn from the errors that they state; and together off by offset_mm.
+struct VerifyingDraw {
+  CoilFrame frame = drawn_frame();
+  geometry::UncertainPose<frame::Base, frame::Device> T;
+  std::vector<LocatedCoil> coils;
+
+  VerifyingDraw(std::uint64_t seed, const Vector3d &offset_mm) {
+    constexpr double kPose_mm = 0.08, kField_mm = 0.05, kFound_mm = 0.16;
+    sim::Random random(seed, "verify");
+    T.covariance.diagonal() << 1e-8, 1e-8, 1e-8, Vector3d::Constant(kPose_mm * kPose_mm);
+    const Vector3d common = random.normal3(kPose_mm) + random.normal3(kField_mm) + offset_mm;
+    for (const int coil : coils_of(frame, {"tree"})) {
+      LocatedCoil located;
+      located.coil = coil;
+      located.position_mm = frame.coils[static_cast<std::size_t>(coil)].position_mm + common +
+                            random.normal3(frame.build_sigma_mm) + random.normal3(kFound_mm);
+      located.field_sigma_mm = Vector3d::Constant(kField_mm);
+      located.covariance = (kFound_mm * kFound_mm + kField_mm * kField_mm) * Eigen::Matrix3d::Identity();
+      coils.push_back(located);
+    }
+  }
+  [[nodiscard]] Verification verified() const {
+    return verify_registration(frame, coils, 5, T, {}, Eigen::Matrix3d::Identity(), {});
+  }
+};
+
+} // namespace
+
+TEST(Verification, PassesCoilsWithinTheirStatedErrorsAndFindsACommonOffset) {
+  constexpr int kRuns = 400;
+  int failed = 0, noticed = 0;
+  double unexplained = 0.0;
+  for (std::uint64_t seed = 0; seed < kRuns; ++seed) {
+    const Verification good = VerifyingDraw(seed, Vector3d::Zero()).verified();
+    failed += good.failure.empty() ? 0 : 1;
+    unexplained += good.unexplained.trace() / kRuns;
+    const Verification off = VerifyingDraw(seed, {0.75, 0.0, 0.0}).verified();
+    noticed += off.failure.empty() ? 0 : 1;
+    if (off.failure.empty()) { // then it is in what is not explained
+      EXPECT_GT(off.unexplained(0, 0), 0.05) << seed;
+    }
+  }
+  EXPECT_LE(failed, 3) << "of " << kRuns;
+  EXPECT_LT(unexplained, 0.15) << "mm^2, from five coils alone";
+  EXPECT_GE(noticed, kRuns * 9 / 10);
+  const Verification off = VerifyingDraw(1, {0.0, 2.0, 0.0}).verified();
+  EXPECT_NEAR(off.offset_mm.y(), 2.0, 0.4);
+  EXPECT_NE(off.failure.find("has entered the bore"), std::string::npos) << off.failure;
+}
+
+// B0 that differs from coil to coil has no common offset: its scatter along the rows is stated.
+TEST(Verification, ScatterAlongARowIsAddedToTheCovarianceOfThePose) {
+  VerifyingDraw draw(4, Vector3d::Zero());
+  for (std::size_t i = 0; i < draw.coils.size(); ++i) {
+    LocatedCoil &coil = draw.coils[i];
+    coil.position_mm = draw.frame.coils[static_cast<std::size_t>(coil.coil)].position_mm;
+    coil.position_mm.x() += i % 2 == 0 ? 0.4 : -0.6; // mean 0
+  }
+  const Verification v = draw.verified();
+  EXPECT_TRUE(v.failure.empty()) << v.failure;
+  EXPECT_GT(v.unexplained(0, 0), 0.2);
+  EXPECT_NEAR(v.unexplained(1, 1), 0.0, 1e-9);
+  EXPECT_NEAR(v.unexplained(2, 2), 0.0, 1e-9);
+  // The coils of the fit count too: eight that agree say that there is less of it.
+  std::vector<LocatedCoil> fitted;
+  for (const int number : coils_of(draw.frame, {"mid-top", "mid-bottom"})) {
+    LocatedCoil coil = draw.coils.front();
+    coil.coil = number;
+    coil.position_mm = draw.frame.coils[static_cast<std::size_t>(number)].position_mm;
+    coil.used = true;
+    fitted.push_back(coil);
+  }
+  const Verification less =
+      verify_registration(draw.frame, draw.coils, 5, draw.T, fitted, Eigen::Matrix3d::Identity(), {});
+  EXPECT_LT(less.unexplained(0, 0), 0.5 * v.unexplained(0, 0));
+}
+
+TEST(Verification, AMeanIsNotBetterThanWhatIsCommonToItsCoils) {
+  VerifyingDraw draw(3, Vector3d::Zero());
+  for (LocatedCoil &coil : draw.coils) {
+    coil.field_sigma_mm = Vector3d::Constant(1.0);
+    coil.covariance += Eigen::Matrix3d::Identity();
+    coil.position_mm.x() += 1.5;
+  }
+  const Verification v = draw.verified();
+  EXPECT_TRUE(v.failure.empty()) << v.failure; // 1.5 sigma of the field
+  EXPECT_GE(v.offset_covariance(0, 0), 1.0);
+}
+
+TEST(Verification, TooFewCoilsAndALargeErrorAreRefused) {
+  VerifyingDraw draw(1, Vector3d::Zero());
+  draw.coils.resize(2);
+  EXPECT_EQ(draw.verified().failure, "2 of 5 coils are where the registration expects them");
+  const Verification far = VerifyingDraw(1, {0.0, 0.0, 4.0}).verified();
+  EXPECT_NE(far.failure.find("from where the registration expects them"), std::string::npos) << far.failure;
+}
+
+// Of a registration's own scans too: coils that verify and do not confirm it refuse it.
+TEST(RobotRegistration, CoilsThatVerifyRefuseWhatTheyDoNotConfirm) {
+  CoilFrame frame = small_frame();
+  frame.coils.push_back({"v1", "v", {-10, 30, -5}});
+  frame.coils.push_back({"v2", "v", {25, -15, 5}});
+  frame.coils.push_back({"v3", "v", {-25, -20, 0}});
+  const Stack background = drawn({}, 0, 1);
+  for (const double offset_mm : {0.0, 1.5}) {
+    std::vector<Vector3d> shown = places(frame, {0, 1, 2, 3, 4, 5, 6, 7, 8}, kPlaced);
+    for (std::size_t i = 6; i < shown.size(); ++i) {
+      shown[i].x() += offset_mm;
+    }
+    const Stack foreground = drawn(shown, 6.0, 2);
+    const CoilScan scan{"all", &background, &foreground, nullptr, {0, 1, 2, 3, 4, 5, 6, 7, 8}, {6, 7, 8}};
+    const RobotRegistration r = register_robot(frame, std::span(&scan, 1), undistorted());
+    EXPECT_EQ(r.verified.size(), 3U);
+    if (offset_mm == 0.0) {
+      EXPECT_EQ(r.verdict, RegistrationVerdict::kFound) << r.reason;
+    } else {
+      EXPECT_EQ(r.verdict, RegistrationVerdict::kInconsistent);
+      EXPECT_NE(r.reason.find("that verify are together"), std::string::npos) << r.reason;
+    }
+  }
 }
 
 TEST(RobotRegistration, TheBaseOfEachSliceFollowsFromOneTransform) {

@@ -359,8 +359,13 @@ TEST(ScannerProcedure, TheMeasuredFieldCorrectsCoilsAndLaterSlices) {
   EXPECT_EQ(bench.corrected.size(), 1U) << "never corrected twice";
   EXPECT_TRUE(says(bench.state.refused_text, "corrected already")) << bench.state.refused_text;
 
-  // After its last day the field is not used, and the registration made with it is void.
+  // A verification adds to the stated error what the coils show and their stated errors do not explain.
   bench.scanner.change = [](wire::ImageSlice &) {};
+  const double stated = bench.state.accepted_tre_95_mm;
+  EXPECT_EQ(bench.confirm("verify").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALID) << bench.state.text;
+  EXPECT_NEAR(bench.state.accepted_tre_95_mm, stated, 0.3);
   bench.let_pass(91LL * 24 * 3600 * 1'000'000'000);
   bench.scanner.send_live("live", 1, bench.now.utc_ns);
   bench.step();
