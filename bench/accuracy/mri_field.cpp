@@ -21,7 +21,7 @@ namespace {
 using namespace sim::scanner;
 using geometry::Points3;
 
-constexpr double kCtCoarser = 3.0; // times the voxels of the paper's CT, for memory and time
+constexpr double kQuickCt = 3.0; // times the voxels of the paper's CT
 
 struct Errors {
   std::vector<double> mean_mm, max_mm; // of each run
@@ -147,34 +147,48 @@ void report_chain(Report &report, const std::string &name, const ChainFigures &f
 
 void field_from_images(Report &report, const MriBenchOptions &options) {
   const int seeds = options.seeds > 0 ? options.seeds : options.quick ? 1 : 20;
+  const double ct_coarser = options.quick ? kQuickCt : 1.0;
+  struct Variant {
+    const char *name;
+    int bubbles;
+    FieldKind kind;
+  };
+  std::vector<Variant> variants{{"no bubbles", 0, FieldKind::kHarmonics}};
+  if (!options.quick) {
+    variants.push_back({"5 bubbles", 5, FieldKind::kHarmonics});
+    variants.push_back({"10 bubbles", 10, FieldKind::kHarmonics});
+    variants.push_back({"20 bubbles", 20, FieldKind::kHarmonics});
+    variants.push_back({"field of bumps", 0, FieldKind::kBumps});
+  }
   report.note(
       "The field from images of the simulated phantom (1,331 crossings, distortion 1.20 mm in the mean, 4.14 at "
       "most). Control points: of the paper's chain alone; with sub-voxel search and lattice; true ones. Against "
-      "the true map: at the centres of the cells.");
-  std::vector<int> bubbles{0, 5, 10, 20};
-  if (options.quick) {
-    bubbles = {0};
-  }
-  Progress progress("field", seeds * static_cast<int>(bubbles.size()));
-  for (const int count : bubbles) {
-    ChainFigures chain, repaired, truth;
-    Errors ct_errors;
-    for (int seed = 1; seed <= seeds; ++seed, progress.step()) {
+      "the true map: at the centres of the cells. The CT has the paper's voxels; --quick: three times as large, and "
+      "no bubbles.");
+  Progress progress("field", seeds * static_cast<int>(variants.size()));
+  std::vector<ChainFigures> chain(variants.size()), repaired(variants.size()), truth(variants.size());
+  Errors ct_errors;
+  for (int seed = 1; seed <= seeds; ++seed) {
+    mri::GridOptions grid;
+    const PhantomDesign design;
+    const double cell_mm = design.pitch_mm();
+    grid.cell_mm = cell_mm;
+    grid.bar_mm = design.bar_mm;
+    grid.bright = true;
+    // The phantom in CT is the same for all variants.
+    const auto ct = mri::find_grid_points(SimulatedScanner({}, static_cast<std::uint64_t>(seed)).ct(ct_coarser), grid);
+    grid.bright = false;
+    for (std::size_t b = 0; b < variants.size(); ++b, progress.step()) {
       ScannerOptions scanner_options;
-      scanner_options.errors.bubbles = count;
+      scanner_options.errors.bubbles = variants[b].bubbles;
+      scanner_options.field.kind = variants[b].kind;
       SimulatedScanner scanner(scanner_options, static_cast<std::uint64_t>(seed));
       const StackPlan plan = scanner.phantom_plan();
       const Acquisition acquisition(scanner.field(), phantom_protocol(), plan);
-      const double cell_mm = scanner_options.phantom.pitch_mm();
-      mri::GridOptions grid;
-      grid.cell_mm = cell_mm;
-      grid.bar_mm = scanner_options.phantom.bar_mm;
       const auto mr = mri::find_grid_points(scanner.phantom(phantom_protocol(), plan), grid);
-      grid.bright = true;
-      const auto ct = mri::find_grid_points(scanner.ct(kCtCoarser), grid);
       if (!mr || !ct) {
-        ++repaired.runs;
-        ++chain.runs;
+        ++repaired[b].runs;
+        ++chain[b].runs;
         continue;
       }
       const std::vector<Vector3d> &crossings = scanner.truth().crossings_mm;
@@ -182,7 +196,7 @@ void field_from_images(Report &report, const MriBenchOptions &options) {
       const auto T_ct_device = scanner.truth().T_ct_phantom * scanner.truth().T_device_phantom.inverse();
       const Eigen::Matrix3d axes = cell_mm * scanner.truth().T_device_phantom.rotation_matrix();
       const Vector3d middle = scanner.truth().T_device_phantom.translation();
-      const double half = 0.5 * (scanner_options.phantom.bars - 1) * cell_mm;
+      const double half = 0.5 * (design.bars - 1) * cell_mm;
       for (const Vector3d &p : crossings) {
         imaged.push_back(acquisition.believed_mm(p));
         in_ct.push_back(T_ct_device * p);
@@ -192,17 +206,23 @@ void field_from_images(Report &report, const MriBenchOptions &options) {
         }
       }
       const Points3 imaged_truth = points_of(imaged), ct_truth = points_of(in_ct);
-      int wrong = 0;
-      ct_errors.add(distances(ct->points_mm, ct_truth, cell_mm, &wrong));
-      add_chain(chain, ct->chain_mm, mr->chain_mm, scanner, acquisition, imaged_truth, cell_mm, probes);
-      add_chain(repaired, ct->points_mm, mr->points_mm, scanner, acquisition, imaged_truth, cell_mm, probes);
-      add_chain(truth, ct_truth, imaged_truth, scanner, acquisition, imaged_truth, cell_mm, probes);
+      if (b == 0) {
+        int wrong = 0;
+        ct_errors.add(distances(ct->points_mm, ct_truth, cell_mm, &wrong));
+      }
+      add_chain(chain[b], ct->chain_mm, mr->chain_mm, scanner, acquisition, imaged_truth, cell_mm, probes);
+      add_chain(repaired[b], ct->points_mm, mr->points_mm, scanner, acquisition, imaged_truth, cell_mm, probes);
+      add_chain(truth[b], ct_truth, imaged_truth, scanner, acquisition, imaged_truth, cell_mm, probes);
     }
-    const std::string name = "field, " + std::to_string(count) + " bubbles";
-    report.add(at_most(name + ", control points in CT against the truth, mean", ct_errors.mean(), "mm", 0.08));
-    report_chain(report, name + ", with lattice", repaired, true);
-    report_chain(report, name + ", the paper's chain alone", chain, false);
-    report_chain(report, name + ", true points", truth, false);
+  }
+  // With --quick the voxels are larger than those that the limit is for.
+  const std::string ct_name = "field, control points in CT against the truth, mean";
+  report.add(options.quick ? figure(ct_name, ct_errors.mean(), "mm") : at_most(ct_name, ct_errors.mean(), "mm", 0.08));
+  for (std::size_t b = 0; b < variants.size(); ++b) {
+    const std::string name = std::string("field, ") + variants[b].name;
+    report_chain(report, name + ", with lattice", repaired[b], true);
+    report_chain(report, name + ", the paper's chain alone", chain[b], false);
+    report_chain(report, name + ", true points", truth[b], false);
   }
 }
 

@@ -9,6 +9,7 @@
 
 #include "algorithms/geometry/points.hpp"
 #include "algorithms/mri/coils/robot_registration.hpp"
+#include "algorithms/mri/coils/verification.hpp"
 #include "algorithms/mri/distortion_field.hpp"
 #include "drivers/sim/scanner/simulated_scanner.hpp"
 

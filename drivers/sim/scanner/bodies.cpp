@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace bregma::sim::scanner {
 
@@ -133,6 +134,39 @@ double RegistrationFrame::plastic(const Vector3d &p_mm, double ramp_mm) const {
                             inside(x - 0.5 * (reach + kBranchHalf_mm), 0.5 * (reach + kBranchHalf_mm), ramp_mm));
   }
   return out;
+}
+
+std::vector<Rod> z_frame_design() {
+  constexpr double kSide = 70.0, kUpright = 50.0, kInclined = 34.0, kEnd = 45.0;
+  std::vector<Rod> out;
+  for (int side = 0; side < 3; ++side) {
+    const auto at = [&](double along, double z) {
+      return side == 1 ? Vector3d(along, kSide, z) : Vector3d(side == 0 ? -kSide : kSide, along, z);
+    };
+    out.push_back({at(-kUpright, -kEnd), at(-kUpright, kEnd)});
+    out.push_back({at(-kInclined, -kEnd), at(kInclined, kEnd)});
+    out.push_back({at(kUpright, -kEnd), at(kUpright, kEnd)});
+  }
+  return out;
+}
+
+ZFrame::ZFrame(std::vector<Rod> rods) : Body(kTankHalf_mm), rods_(std::move(rods)) {}
+
+double ZFrame::plastic(const Vector3d &p_mm, double ramp_mm) const {
+  double tube = 0.0;
+  for (const Rod &rod : rods_) {
+    const Vector3d along = rod.to_mm - rod.from_mm;
+    const double length = along.norm();
+    const Vector3d d = p_mm - 0.5 * (rod.from_mm + rod.to_mm);
+    const double axial = d.dot(along) / length;
+    const double radial2 = d.squaredNorm() - axial * axial;
+    const double outside = kRadius_mm + ramp_mm;
+    if (radial2 < outside * outside) {
+      tube = std::max(tube, inside(std::sqrt(std::max(0.0, radial2)), kRadius_mm, ramp_mm) *
+                                inside(axial, 0.5 * length, ramp_mm));
+    }
+  }
+  return 1.0 - tube;
 }
 
 Tank::Tank() : Body(kTankHalf_mm) {}

@@ -90,6 +90,25 @@ private:
   std::vector<Vector3d> tree_mm_; // coils at the ends of horizontal branches from a trunk on the z axis
 };
 
+// Nine tubes of water in plastic: two upright and one inclined on three sides of a square, so that every slice across
+// them shows where it cuts [Tuna 2022, its reference 24]. Ends of the tubes' axes in the frame's own frame (z along the
+// upright ones).
+struct Rod {
+  Vector3d from_mm = Vector3d::Zero();
+  Vector3d to_mm = Vector3d::Zero();
+};
+[[nodiscard]] std::vector<Rod> z_frame_design();
+
+class ZFrame final : public Body {
+public:
+  static constexpr double kRadius_mm = 3.0;
+  explicit ZFrame(std::vector<Rod> rods);
+  [[nodiscard]] double plastic(const Vector3d &p_mm, double ramp_mm) const override;
+
+private:
+  std::vector<Rod> rods_;
+};
+
 // Water without anything in it: for micro-coils and spheres of another susceptibility.
 class Tank final : public Body {
 public:
