@@ -1,4 +1,6 @@
 // One device in virtual time: live, stale, lost and reconnected; one writer at a time; health figures.
+#include <limits>
+
 #include <gtest/gtest.h>
 
 #include "server/inputs/input_guard.hpp"
@@ -255,6 +257,19 @@ TEST_F(DeviceMonitorTest, NumbersThatAreRejectedForALongTimeAreNotLost) {
   send(400, 500);
   EXPECT_EQ(health(at(499)).lost, 0U);
   EXPECT_EQ(health(at(499)).rejected[bregma_wire_REJECT_NOT_FINITE], 300U);
+}
+
+// A driver's clock may show any time (found by fuzzing).
+TEST(StatedPeriod, TimesOfAnyClockAreCompared) {
+  constexpr std::int64_t kFirst = std::numeric_limits<std::int64_t>::min();
+  constexpr std::int64_t kLast = std::numeric_limits<std::int64_t>::max();
+  StatedPeriod period;
+  EXPECT_EQ(period.check(0, kFirst, 4 * kMs), 4 * kMs);
+  EXPECT_EQ(period.check(8, kLast, 4 * kMs), 4 * kMs) << "longer than stated";
+  EXPECT_EQ(period.check(9, kFirst, kLast), kLast) << "begins anew";
+  EXPECT_EQ(period.check(10'009, kFirst + 10'000 * kMs, 2 * kMs), kMs);
+  EXPECT_EQ(period.check(10'010, kFirst + 10'001 * kMs, kMs + kMs / 5), kMs + kMs / 5) << "within the tolerance";
+  EXPECT_EQ(period.check(10'011, kFirst + 10'002 * kMs, kLast), kMs);
 }
 
 TEST_F(DeviceMonitorTest, TheStatedLatencyIsPartOfTheAgeButDoesNotMakeItStale) {
