@@ -8,6 +8,7 @@
 
 #include <Eigen/Dense>
 
+#include "algorithms/geometry/unknown.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/surface/neighbours.hpp"
 
