@@ -55,8 +55,8 @@ inline void note_open_end(std::string_view content, RawSurface &surface) {
   }
 }
 
-// The SPACE=LPS or SPACE=RAS that Slicer writes into the comments of its mesh files; a file that states both is
-// refused.
+// The SPACE=LPS or SPACE=RAS that Slicer writes into the comments of its mesh files; a file that states both, or
+// another one, is refused.
 [[nodiscard]] Parsed<std::optional<Space>> stated_space(std::string_view comments);
 
 [[nodiscard]] Parsed<RawSurface> parse_stl(std::string_view content);

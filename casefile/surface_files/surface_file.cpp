@@ -1,5 +1,6 @@
 #include "casefile/surface_files/surface_file.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/read_file.hpp"
@@ -34,12 +35,28 @@ Parsed<RawSurface> parse_ply_surface(std::string_view content) {
 } // namespace
 
 Parsed<std::optional<Space>> stated_space(std::string_view comments) {
-  const bool lps = comments.find("SPACE=LPS") != std::string_view::npos;
-  const bool ras = comments.find("SPACE=RAS") != std::string_view::npos;
-  if (lps && ras) {
-    return wrong("states both SPACE=LPS and SPACE=RAS");
+  constexpr std::string_view kKey = "SPACE=";
+  const auto is_letter = [](char c) {
+    return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || c == '_' || c == '-';
+  };
+  std::optional<Space> out;
+  for (std::size_t at = comments.find(kKey); at != std::string_view::npos; at = comments.find(kKey, at + 1)) {
+    if (at > 0 && is_letter(comments[at - 1])) { // such as COLORSPACE=sRGB
+      continue;
+    }
+    const std::string_view rest = comments.substr(at + kKey.size());
+    const auto end = std::find_if_not(rest.begin(), rest.end(), is_letter);
+    const std::string word(rest.begin(), end);
+    const auto space = space_named(word);
+    if (!space) {
+      return wrong("SPACE=" + word.substr(0, 40) + ": must be RAS or LPS");
+    }
+    if (out && *out != *space) {
+      return wrong("states both SPACE=LPS and SPACE=RAS");
+    }
+    out = space;
   }
-  return lps ? std::optional(Space::kLps) : ras ? std::optional(Space::kRas) : std::nullopt;
+  return out;
 }
 
 Parsed<RawSurface> parse_surface(std::string_view content, std::string_view file_name) {

@@ -144,6 +144,8 @@ TEST(SurfaceFile, WhatAFileStatesHoldsAgainstTheCaller) {
   }
   EXPECT_EQ(error_of("a.vtk", replaced(kVtkText, "\nskin", "\nSPACE=RAS SPACE=LPS")),
             "a.vtk: states both SPACE=LPS and SPACE=RAS");
+  EXPECT_EQ(error_of("a.vtk", replaced(kVtkText, "\nskin", "\nSPACE=LAS")), "a.vtk: SPACE=LAS: must be RAS or LPS");
+  EXPECT_EQ(error_of("a.vtk", replaced(kVtkText, "\nskin", "\nCOLORSPACE=sRGB SPACE=RAS")), "no error");
 }
 
 TEST(SurfaceFile, BregmasOwnFilesAreRas) {
