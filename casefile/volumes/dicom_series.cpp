@@ -343,6 +343,21 @@ base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &se
   return out;
 }
 
+// The first file whose pixels cannot be read; empty if there is none.
+std::string undecodable_slice(const std::vector<std::string> &files) {
+  for (const std::string &file : files) {
+    auto reader = itk::ImageFileReader<ItkVolume>::New();
+    reader->SetImageIO(itk::GDCMImageIO::New());
+    reader->SetFileName(file);
+    try {
+      reader->Update();
+    } catch (const itk::ExceptionObject &) {
+      return file;
+    }
+  }
+  return {};
+}
+
 } // namespace
 
 base::Result<PlacedVolume> read_dicom_frames(const fs::path &file) {
@@ -407,7 +422,15 @@ base::Result<PlacedVolume> read_dicom_series(const fs::path &folder, const std::
   std::transform(slices.begin(), slices.end(), std::back_inserter(sorted), [](const DicomSlice &s) { return s.file; });
   reader->SetImageIO(itk::GDCMImageIO::New());
   reader->SetFileNames(sorted);
-  reader->Update();
+  try {
+    reader->Update();
+  } catch (const itk::ExceptionObject &) {
+    const std::string damaged = undecodable_slice(sorted);
+    if (damaged.empty()) {
+      throw;
+    }
+    return base::failure(damaged + ": its pixels cannot be decoded: is it damaged?");
+  }
   const auto pixels = static_cast<itk::SizeValueType>(slices.front().size[0] * slices.front().size[1]);
   if (reader->GetOutput()->GetLargestPossibleRegion().GetNumberOfPixels() != pixels * slices.size()) {
     return base::failure(series_error(folder, "is read with another number of voxels than its slices have"));

@@ -34,11 +34,12 @@ itk::ImageIOBase::Pointer image_io_of(ImageFormat format) {
                                       : itk::ImageIOBase::Pointer(itk::MetaImageIO::New().GetPointer());
 }
 
-// An exception's text without ITK's source locations.
+// An exception's text without ITK's source locations, classes and addresses: "itk::ERROR: GDCMImageIO(0x55d5): ".
 std::string reason_of(const itk::ExceptionObject &error) {
   std::string text = error.GetDescription();
-  if (const auto end_of_class = text.find("): "); text.starts_with("itk::ERROR") && end_of_class != std::string::npos) {
-    text.erase(0, end_of_class + 3);
+  const auto address = text.find("(0x");
+  if (const auto end = text.find("): ", address); address < 64 && end != std::string::npos) {
+    text.erase(0, end + 3);
   }
   if (text.starts_with("ITK ERROR: ")) {
     text.erase(0, 11);

@@ -327,6 +327,16 @@ TEST_F(MadeSeries, ASliceThatCannotBeReadIsNotLeftOut) {
   EXPECT_NE(notes[0].find("IM11 cannot be read: it is left out"), std::string::npos) << notes[0];
 }
 
+// Run lengths, with a fragment that is none.
+TEST_F(MadeSeries, ASliceWhosePixelsCannotBeDecodedIsNamed) {
+  replace("IM5", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.5");
+  const std::string bytes = content("IM5");
+  test::write_bytes(folder / "IM5", bytes.substr(0, bytes.rfind(test::tag(0x7FE0, 0x0010))) +
+                                        test::long_element(0x7FE0, 0x0010, "OB", 0xFFFFFFFF, "") + test::item(0, "") +
+                                        test::item(64, std::string(64, '\x7F')) + test::kSequenceEnd);
+  EXPECT_NE(refusal().find("IM5: its pixels cannot be decoded: is it damaged?"), std::string::npos) << refusal();
+}
+
 // The first slice lies at 4.5\4.5\10.5.
 TEST_F(MadeSeries, NumbersAreNothingButNumbers) {
   for (const char *text : {"4.5\\4.5\\10,5", "4.5\\4\\1e999", "4.5\\4.5\\0x10", "4.5\\4 5\\10 ", "4.5\\4.5\\nan ",
