@@ -33,6 +33,8 @@ constexpr double kLeastInBrain = 0.8;                            // fraction of 
 constexpr double kBrainTolerance_mm = 3.0;                       // both surfaces are smoothed
 constexpr double kLeastInSecondImage = 0.4;                      // fraction of the scalp in a second image's grid
 constexpr double kLongestPath_mm = 150.0;
+// An entry is on the skin, the skull or the brain's surface: below that of the brain, or without one of the scalp.
+constexpr double kDeepestInBrain_mm = 10.0, kDeepestInHead_mm = 40.0;
 constexpr std::size_t kSamples = 500;
 constexpr std::size_t kChecks = 3; // of a verification, verification.min_checks of the daemon
 
@@ -172,6 +174,10 @@ private:
         say(name + " ends outside of the scalp");
       } else if (entry < target) {
         say(name + " begins deeper in the head than it ends: are entry and target exchanged?");
+      } else if (const double deep = brain_ ? -brain_->closest(path.entry_mm).signed_mm : -entry;
+                 deep > (brain_ ? kDeepestInBrain_mm : kDeepestInHead_mm)) {
+        say(name + " begins " + fixed(deep, 0) + " mm deep in the " + (brain_ ? "brain" : "head") +
+            ": its entry is a point of the skin or of the brain's surface");
       }
       if (length > kLongestPath_mm) {
         say(name + " is " + fixed(length, 0) + " mm long: a probe reaches " + fixed(kLongestPath_mm, 0) + " mm");

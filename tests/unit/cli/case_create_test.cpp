@@ -1,10 +1,12 @@
 // `bregma case create` and `case check` on a round head that is made here.
+#include <functional>
 #include <sstream>
 
 #include <gtest/gtest.h>
 
 #include "casefile/case.hpp"
 #include "casefile/markups.hpp"
+#include "tests/unit/casefile/sample_case.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
 
 namespace {
@@ -111,6 +113,69 @@ TEST_F(CaseCreate, AllPartsThatAreNeededAreNamedAtOnce) {
                      "patient: at least 3, better 6 to 8; --tools, the reference on the head and the tools that the "
                      "tracker follows (docs/first-case.md)\n");
   EXPECT_FALSE(std::filesystem::exists(file("c")));
+}
+
+// Each part is well-formed, and does not belong to the others.
+TEST_F(CaseCreate, PartsThatContradictEachOtherAreFound) {
+  using bregma::casefile::Case;
+  using bregma::tests::sphere;
+  ASSERT_EQ(run_bregma(folder_, "case create c --image head.nrrd --brain brain.nrrd --fiducials f.mrk.json "
+                                "--landmarks l.mrk.json --targets t.mrk.json --trajectories p.mrk.json "
+                                "--tools tools.toml --vertices 1000")
+                .exit_code,
+            0);
+  const auto made = bregma::casefile::load_case(file("c"));
+  ASSERT_TRUE(made) << made.error().message;
+  const auto both_sides = [](Case &c, double left_x) {
+    c.structures = {{"Precentral L", sphere({left_x, 0, 30}, 8, 2)}, {"Precentral R", sphere({-left_x, 0, 30}, 8, 2)}};
+  };
+  struct Doubt {
+    const char *found; // in the answer of the check; empty: nothing
+    std::function<void(Case &)> change;
+  };
+  const Doubt kDoubts[] = {
+      {"", [&](Case &c) { both_sides(c, -35.0); }},
+      {"\"Precentral L\", \"Precentral R\" lie on the other side than the name says: are the labels mirrored?",
+       [&](Case &c) { both_sides(c, 35.0); }},
+      {"% of the surface of \"Precentral L\" lie in the brain", [&](Case &c) { both_sides(c, -95.0); }},
+      {"% of the brain's surface lie outside of the scalp: are both of one image?",
+       [](Case &c) {
+         c.brain.mesh = sphere({60, 0, 0}, 65);
+       }},
+      {"% of the scalp's volume, 20 % to 65 % are usual: are both of one person?",
+       [](Case &c) {
+         c.brain.mesh = sphere({0, 0, 0}, 42);
+       }},
+      {"ml, a human brain has 600 to 2200: is it the whole surface of one, in mm?",
+       [](Case &c) {
+         c.brain.mesh = sphere({0, 0, 0}, 42);
+       }},
+      {"% of the scalp's volume, 20 % to 65 % are usual",
+       [](Case &c) {
+         c.brain.mesh = sphere({0, 0, 0}, 86.5);
+       }},
+      {"there are 2 landmarks, a verification checks 3", [](Case &c) { c.landmarks.pop_back(); }},
+      {"there is no target",
+       [](Case &c) {
+         c.targets.clear();
+         c.trajectories.clear();
+         c.craniotomy.reset();
+       }},
+      {"mm deep in the brain: its entry is a point of the skin or of the brain's surface",
+       [](Case &c) { c.trajectories[0].entry_mm = c.trajectories[0].target_mm + Eigen::Vector3d(15, 0, 0); }},
+      {"trajectory \"P\" is 214 mm long: a probe reaches 150 mm",
+       [](Case &c) { c.trajectories[0].entry_mm = c.trajectories[0].target_mm + Eigen::Vector3d(0, 0, 214); }},
+  };
+  for (const Doubt &doubt : kDoubts) {
+    SCOPED_TRACE(doubt.found);
+    Case changed = *made;
+    doubt.change(changed);
+    const auto saved = bregma::casefile::save_case(changed);
+    ASSERT_TRUE(saved) << saved.error().message;
+    const auto checked = run_bregma(folder_, "case check c");
+    EXPECT_EQ(checked.exit_code, *doubt.found == '\0' ? 0 : 1) << checked.out;
+    EXPECT_NE(checked.out.find(doubt.found), std::string::npos) << checked.out;
+  }
 }
 
 } // namespace
