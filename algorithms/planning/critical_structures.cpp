@@ -58,6 +58,11 @@ struct CriticalStructures::Structure {
   }
   // Distance to the surface, if it is less than bound_mm.
   [[nodiscard]] double distance_mm(const Vector3d &p, double bound_mm) const noexcept;
+  [[nodiscard]] StructurePoint surface_point(const Vector3d &p) const noexcept {
+    const auto closest = surface.closest(p);
+    const bool outside = closest.signed_mm > kTipRadius_mm;
+    return {closest.point_mm, outside ? Vector3d((p - closest.point_mm).normalized()) : closest.normal};
+  }
 
   std::string name;
   surface::SurfaceModel surface; // for inside and outside
@@ -137,9 +142,7 @@ NearestStructure CriticalStructures::nearest(const Vector3d &tip_mm, Warm &warm)
 }
 
 StructurePoint CriticalStructures::surface_point(int index, const Vector3d &tip_mm) const noexcept {
-  const auto closest = structures_[static_cast<std::size_t>(index)]->surface.closest(tip_mm);
-  const bool outside = closest.signed_mm > kTipRadius_mm;
-  return {closest.point_mm, outside ? Vector3d((tip_mm - closest.point_mm).normalized()) : closest.normal};
+  return structures_[static_cast<std::size_t>(index)]->surface_point(tip_mm);
 }
 
 std::vector<StructureClearance> CriticalStructures::path_clearance(const Vector3d &entry_mm,
@@ -152,19 +155,53 @@ std::vector<StructureClearance> CriticalStructures::path_clearance(const Vector3
   }
   at.translation() = 0.5 * (entry_mm + target_mm);
   std::vector<StructureClearance> out;
-  for (const auto &structure : structures_) {
+  for (std::size_t i = 0; i < structures_.size(); ++i) {
+    const auto &structure = structures_[i];
     double distance = 0.0;
     if (!structure->contains(entry_mm) && !structure->surface.segment_hits(entry_mm, target_mm)) {
       fcl::DistanceResultd result;
       fcl::distance(structure->mesh.get(), fcl::Transform3d::Identity(), &line, at, fcl::DistanceRequestd(), result);
       distance = std::max(result.min_distance, 0.0);
     }
-    out.push_back({structure->name, distance});
+    out.push_back({static_cast<int>(i), structure->name, distance});
   }
   std::stable_sort(out.begin(), out.end(), [](const StructureClearance &a, const StructureClearance &b) {
     return a.distance_mm < b.distance_mm;
   });
   return out;
+}
+
+// The distance along the line may have several minima: samples find the smallest one, and golden sections refine it.
+ClosestApproach CriticalStructures::closest_approach(int index, const Vector3d &entry_mm,
+                                                     const Vector3d &target_mm) const {
+  const Structure &structure = *structures_.at(static_cast<std::size_t>(index));
+  constexpr double kStep_mm = 0.5;
+  const auto signed_mm = [&](double fraction) {
+    return structure.surface.closest(entry_mm + fraction * (target_mm - entry_mm)).signed_mm;
+  };
+  const int steps = std::max(static_cast<int>(std::ceil((target_mm - entry_mm).norm() / kStep_mm)), 1);
+  int best = 0;
+  double smallest = std::numeric_limits<double>::infinity();
+  for (int i = 0; i <= steps; ++i) {
+    if (const double distance = signed_mm(static_cast<double>(i) / steps); distance < smallest) {
+      smallest = distance;
+      best = i;
+    }
+  }
+  double low = std::max(best - 1, 0) / static_cast<double>(steps);
+  double high = std::min(best + 1, steps) / static_cast<double>(steps);
+  constexpr double kGolden = 0.6180339887498949;
+  for (int i = 0; i < 9; ++i) {
+    const double left = high - kGolden * (high - low);
+    const double right = low + kGolden * (high - low);
+    if (signed_mm(left) < signed_mm(right)) {
+      high = right;
+    } else {
+      low = left;
+    }
+  }
+  const double fraction = 0.5 * (low + high);
+  return {fraction, structure.surface_point(entry_mm + fraction * (target_mm - entry_mm))};
 }
 
 std::size_t CriticalStructures::size() const noexcept { return structures_.size(); }

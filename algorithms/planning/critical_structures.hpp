@@ -28,8 +28,14 @@ struct StructurePoint {
 };
 
 struct StructureClearance {
+  int index = -1; // in the list that the constructor received
   std::string name;
   double distance_mm = 0.0; // from the line's nearest point to the surface; 0 when the line crosses it
+};
+
+struct ClosestApproach {
+  double fraction = 0.0; // of the line at which it is nearest, 0 at the entry; where it crosses, of its deepest point
+  StructurePoint surface;
 };
 
 class CriticalStructures {
@@ -56,6 +62,10 @@ public:
   // Clearance of every structure, nearest first. Allocates: for planning, not for loops.
   [[nodiscard]] std::vector<StructureClearance> path_clearance(const Eigen::Vector3d &entry_mm,
                                                                const Eigen::Vector3d &target_mm) const;
+
+  // Where a line comes nearest to a structure, to 0.01 mm. index: as from path_clearance().
+  [[nodiscard]] ClosestApproach closest_approach(int index, const Eigen::Vector3d &entry_mm,
+                                                 const Eigen::Vector3d &target_mm) const;
 
   [[nodiscard]] std::size_t size() const noexcept;
   [[nodiscard]] const std::string &name(int index) const;

@@ -44,6 +44,9 @@ void measure_to_scalp(const Case &c, CaseFacts &facts) {
   }
 }
 
+// The clearance is within this of the stated one with 95 % probability.
+double error_95_mm(const case_model::PathClearance &clearance) { return 1.96 * clearance.image_sigma_mm; }
+
 std::string clearance_text(double distance_mm) {
   return distance_mm > 0.0 ? fixed(distance_mm, 1) : "0 (passes through)";
 }
@@ -116,11 +119,8 @@ CaseFacts facts_of(const Case &c) {
   measure_to_scalp(c, facts);
   const planning::CriticalStructures structures(meshes);
   for (const casefile::Trajectory &trajectory : c.trajectories) {
-    TrajectoryFacts path{trajectory.name, (trajectory.target_mm - trajectory.entry_mm).norm(), {}};
-    for (const auto &clearance : structures.path_clearance(trajectory.entry_mm, trajectory.target_mm)) {
-      path.clearances.push_back({clearance.name, clearance.distance_mm});
-    }
-    facts.trajectories.push_back(std::move(path));
+    facts.trajectories.push_back({trajectory.name, (trajectory.target_mm - trajectory.entry_mm).norm(),
+                                  case_model::path_clearances(c, structures, trajectory)});
   }
   return facts;
 }
@@ -139,13 +139,14 @@ std::string facts_text(const Case &c, const CaseFacts &facts) {
                 fixed(point.position_mm.z(), 1), fixed(point.to_scalp_mm, 1)});
   }
   out += points.text() + "\n";
-  Table paths({"trajectory", "length mm", "critical structure", "clearance mm"});
+  Table paths({"trajectory", "length mm", "critical structure", "clearance mm", "error of images (95 %) mm"});
   for (const TrajectoryFacts &path : facts.trajectories) {
     if (path.clearances.empty()) {
-      paths.row({path.name, fixed(path.length_mm, 1), "none in the case", "-"});
+      paths.row({path.name, fixed(path.length_mm, 1), "none in the case", "-", "-"});
     }
-    for (const ClearanceFacts &clearance : path.clearances) {
-      paths.row({path.name, fixed(path.length_mm, 1), clearance.structure, clearance_text(clearance.distance_mm)});
+    for (const case_model::PathClearance &clearance : path.clearances) {
+      paths.row({path.name, fixed(path.length_mm, 1), clearance.structure, clearance_text(clearance.distance_mm),
+                 clearance.image_sigma_mm > 0.0 ? fixed(error_95_mm(clearance), 1) : "-"});
     }
   }
   if (!paths.empty()) {
@@ -184,8 +185,10 @@ json facts_json(const Case &c, const CaseFacts &facts) {
   }
   for (const TrajectoryFacts &path : facts.trajectories) {
     json clearances = json::array();
-    for (const ClearanceFacts &clearance : path.clearances) {
-      clearances.push_back({{"structure", clearance.structure}, {"distance_mm", json_number(clearance.distance_mm)}});
+    for (const case_model::PathClearance &clearance : path.clearances) {
+      clearances.push_back({{"structure", clearance.structure},
+                            {"distance_mm", json_number(clearance.distance_mm)},
+                            {"image_sigma_mm", json_number(clearance.image_sigma_mm)}});
     }
     out["trajectories"].push_back(
         {{"name", path.name}, {"length_mm", json_number(path.length_mm)}, {"clearances", std::move(clearances)}});
@@ -221,10 +224,14 @@ std::vector<std::string> find_warnings(const Case &c, const CaseFacts &facts) {
     }
   }
   for (const TrajectoryFacts &path : facts.trajectories) {
-    for (const ClearanceFacts &clearance : path.clearances) {
-      if (clearance.distance_mm < kMinClearance_mm) {
+    for (const case_model::PathClearance &clearance : path.clearances) {
+      const double error = error_95_mm(clearance);
+      if (clearance.distance_mm - error < kMinClearance_mm) {
         warnings.push_back("trajectory \"" + path.name + "\" comes to " + fixed(clearance.distance_mm, 1) +
-                           " mm of \"" + clearance.structure + "\"");
+                           " mm of \"" + clearance.structure + "\"" +
+                           (error > 0.0 ? ", +-" + fixed(error, 1) +
+                                              " mm (95 %) by the registrations of the images in which they were placed"
+                                        : std::string()));
       }
     }
   }

@@ -6,6 +6,7 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "case_model/path_clearance.hpp"
 #include "casefile/case.hpp"
 
 namespace bregma::cli {
@@ -24,15 +25,10 @@ struct PointFacts {
   double to_scalp_mm = 0.0; // unsigned
 };
 
-struct ClearanceFacts {
-  std::string structure;
-  double distance_mm = 0.0; // 0: the path passes through it
-};
-
 struct TrajectoryFacts {
   std::string name;
   double length_mm = 0.0;
-  std::vector<ClearanceFacts> clearances; // nearest first
+  std::vector<case_model::PathClearance> clearances; // nearest first
 };
 
 struct CaseFacts {

@@ -17,6 +17,7 @@
 #include "clients/cli/image/image_input.hpp"
 #include "clients/cli/image/second_image.hpp"
 #include "clients/cli/output.hpp"
+#include "clients/cli/plain_text.hpp"
 
 namespace bregma::cli {
 
@@ -136,7 +137,24 @@ struct RemoveArguments {
   bool with_plans = false;
 };
 
-// The image with everything that was placed in it.
+// What goes with an image: what was placed or made in it, and what cannot be without that.
+std::vector<std::string> depending_on(const Case &c, const std::string &image) {
+  std::vector<std::string> out = placed_in(c, image);
+  const bool without_brain = c.brain.segmented_in == image;
+  for (const casefile::NamedPoint &point : c.brain_landmarks) {
+    if (without_brain && point.placed_in != image) {
+      out.push_back("brain landmark " + point.name);
+    }
+  }
+  if (c.craniotomy) {
+    const casefile::Trajectory *path = c.trajectory(c.craniotomy->trajectory);
+    if (without_brain || (path != nullptr && (path->entry_in == image || path->target_in == image))) {
+      out.emplace_back("the planned craniotomy");
+    }
+  }
+  return out;
+}
+
 void erase_image(Case &c, const std::string &name) {
   const auto placed = [&name](const casefile::NamedPoint &point) { return point.placed_in == name; };
   for (auto *points : {&c.landmarks, &c.brain_landmarks, &c.targets}) {
@@ -145,6 +163,14 @@ void erase_image(Case &c, const std::string &name) {
   std::erase_if(c.trajectories,
                 [&name](const casefile::Trajectory &line) { return line.entry_in == name || line.target_in == name; });
   std::erase_if(c.structures, [&name](const casefile::Surface &structure) { return structure.segmented_in == name; });
+  if (c.brain.segmented_in == name) { // without a brain there is no tissue model
+    c.brain = {};
+    c.brain_landmarks.clear();
+    c.craniotomy.reset();
+  }
+  if (c.craniotomy && !c.craniotomy->trajectory.empty() && c.trajectory(c.craniotomy->trajectory) == nullptr) {
+    c.craniotomy.reset();
+  }
   std::erase_if(c.images, [&name](const RegisteredImage &image) { return image.name == name; });
 }
 
@@ -157,10 +183,14 @@ int remove(const RemoveArguments &arguments, const Context &context) {
   if (image == nullptr) {
     return fail(arguments.folder + ": the case has no image \"" + arguments.name + "\"; bregma image list names them");
   }
-  const json stated = image_json(*loaded, *image);
-  if (!arguments.with_plans && !stated["placed_in_it"].empty()) {
-    return fail(image_text(*loaded, *image) + "these are placed in \"" + arguments.name +
-                "\"; --with-plans removes them too");
+  const std::vector<std::string> removed = depending_on(*loaded, arguments.name);
+  if (!arguments.with_plans && !removed.empty()) {
+    std::string names;
+    for (const std::string &item : removed) {
+      names += (names.empty() ? "" : ", ") + item;
+    }
+    return fail(arguments.folder + ": placed or made in image \"" + arguments.name + "\": " + names +
+                "; --with-plans removes them too");
   }
   const std::filesystem::path file = image->file;
   erase_image(*loaded, arguments.name);
@@ -173,9 +203,13 @@ int remove(const RemoveArguments &arguments, const Context &context) {
   std::error_code ignored;
   std::filesystem::remove(file, ignored);
   if (context.json) {
-    print_json({{"removed", arguments.name}});
+    print_json({{"removed", arguments.name}, {"removed_with_it", removed}});
   } else {
-    print(arguments.name + " is no longer part of the case\n" + kLoadAgain);
+    std::string text = printable(arguments.name) + " is no longer part of the case\n";
+    for (const std::string &item : removed) {
+      text += "  removed with it: " + printable(item) + "\n";
+    }
+    print(text + kLoadAgain);
   }
   return kOk;
 }
@@ -231,7 +265,7 @@ void add_image_remove(CLI::App &parent, Context &context) {
   auto arguments = std::make_shared<RemoveArguments>();
   command->add_option("case", arguments->folder, "Case folder")->required();
   command->add_option("name", arguments->name, "Name of the image")->required();
-  command->add_flag("--with-plans", arguments->with_plans, "Also remove the points that were placed in it");
+  command->add_flag("--with-plans", arguments->with_plans, "Also remove the points and surfaces that were made in it");
   add_json_flag(*command, context);
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return remove(*arguments, context); }; });

@@ -128,32 +128,6 @@ base::Result<void> add_structures(Case &c, const SecondImage &image, const inten
   return {};
 }
 
-std::vector<std::string> placed_in(const Case &c, const std::string &image) {
-  std::vector<std::string> out;
-  for (const auto &[kind, points] :
-       {std::pair{"target ", &c.targets}, {"landmark ", &c.landmarks}, {"brain landmark ", &c.brain_landmarks}}) {
-    for (const NamedPoint &point : *points) {
-      if (point.placed_in == image) {
-        out.push_back(kind + point.name);
-      }
-    }
-  }
-  for (const Trajectory &line : c.trajectories) {
-    if (line.entry_in == image || line.target_in == image) {
-      out.push_back("trajectory " + line.name);
-    }
-  }
-  for (const casefile::Surface &structure : c.structures) {
-    if (structure.segmented_in == image) {
-      out.push_back("structure " + structure.name);
-    }
-  }
-  if (c.brain.segmented_in == image) {
-    out.emplace_back("the brain");
-  }
-  return out;
-}
-
 } // namespace
 
 base::Result<Case> add_to_case(const fs::path &folder, const SecondImage &image, const intensity::Volume &volume,
@@ -190,6 +164,32 @@ base::Result<Case> add_to_case(const fs::path &folder, const SecondImage &image,
     return tl::unexpected(saved.error());
   }
   return loaded;
+}
+
+std::vector<std::string> placed_in(const Case &c, const std::string &image) {
+  std::vector<std::string> out;
+  for (const auto &[kind, points] :
+       {std::pair{"target ", &c.targets}, {"landmark ", &c.landmarks}, {"brain landmark ", &c.brain_landmarks}}) {
+    for (const NamedPoint &point : *points) {
+      if (point.placed_in == image) {
+        out.push_back(kind + point.name);
+      }
+    }
+  }
+  for (const Trajectory &line : c.trajectories) {
+    if (line.entry_in == image || line.target_in == image) {
+      out.push_back("trajectory " + line.name);
+    }
+  }
+  for (const casefile::Surface &structure : c.structures) {
+    if (structure.segmented_in == image) {
+      out.push_back("structure " + structure.name);
+    }
+  }
+  if (c.brain.segmented_in == image) {
+    out.emplace_back("the brain");
+  }
+  return out;
 }
 
 std::string image_text(const Case &c, const RegisteredImage &image) {

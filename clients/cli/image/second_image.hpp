@@ -39,6 +39,9 @@ struct SecondImage {
                                                        const casefile::ImageRegistration &registration, bool replace,
                                                        std::vector<std::string> &notes);
 
+// What was placed or made in the image, by kind and name: "target Cyst", "structure Vessel", "the brain".
+[[nodiscard]] std::vector<std::string> placed_in(const casefile::Case &c, const std::string &image);
+
 // "T2: predicted error 0.35 mm RMS at the centre of the head, 0.41 mm at 60 mm from it" and the points placed in it.
 [[nodiscard]] std::string image_text(const casefile::Case &c, const casefile::RegisteredImage &image);
 [[nodiscard]] nlohmann::json image_json(const casefile::Case &c, const casefile::RegisteredImage &image);

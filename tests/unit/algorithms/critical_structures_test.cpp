@@ -125,6 +125,10 @@ TEST(CriticalStructures, PathClearanceIsTheMinimumDistanceAlongTheLine) {
         std::find_if(clearance.begin(), clearance.end(), [&](const auto &c) { return c.name == named.name; });
     ASSERT_NE(found, clearance.end());
     EXPECT_NEAR(found->distance_mm, least, 2e-3) << named.name;
+    EXPECT_EQ(given[static_cast<std::size_t>(found->index)].name, named.name);
+    const auto approach = critical.closest_approach(found->index, entry, target);
+    const Vector3d on_line = entry + approach.fraction * (target - entry);
+    EXPECT_NEAR((on_line - approach.surface.point_mm).norm(), least, 2e-3) << named.name;
   }
 }
 
@@ -134,6 +138,10 @@ TEST(CriticalStructures, ALineThroughOneHasNoClearance) {
   const auto through = critical.path_clearance({40, 0, 100}, {40, 0, -20});
   EXPECT_EQ(through.front().name, "Precentral_R");
   EXPECT_EQ(through.front().distance_mm, 0.0);
+  const auto deepest = critical.closest_approach(through.front().index, {40, 0, 100}, {40, 0, -20});
+  EXPECT_GT(deepest.fraction, 0.0);
+  EXPECT_LT(deepest.fraction, 1.0);
+  EXPECT_NEAR(deepest.surface.direction.norm(), 1.0, 1e-9);
   const auto within = critical.path_clearance({40, 0, 52}, {40, 0, 48});
   EXPECT_EQ(within.front().name, "Precentral_R");
   EXPECT_EQ(within.front().distance_mm, 0.0);
