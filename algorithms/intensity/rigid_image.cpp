@@ -15,6 +15,7 @@
 
 #include "algorithms/intensity/pose_optimiser.hpp"
 #include "algorithms/intensity/resolution.hpp"
+#include "algorithms/intensity/size_check.hpp"
 
 namespace bregma::intensity {
 
@@ -43,6 +44,10 @@ constexpr double kSame_mm = 4.0; // poses closer than this are one
 // Verdict.
 constexpr double kMinLead = 0.15;
 constexpr double kMinMirrorLead = -kSidesKnown; // means of many heads are so symmetric that 0 would be chance
+// A head that an affine map explains better by this part of the scale, and that is larger or smaller by this, is not
+// that of the other image (docs/images.md).
+constexpr double kMaxStretch = 0.02;
+constexpr double kMinStretchGain = 0.1;
 constexpr double kMinReturned = 0.6;
 constexpr double kReturned_mm = 2.0; // a restart that ends closer than this came back
 constexpr double kMinOverlap = 0.25;
@@ -57,6 +62,14 @@ std::string number(double value, int digits) {
   std::array<char, 32> out{};
   std::snprintf(out.data(), out.size(), "%.*f", digits, value);
   return out.data();
+}
+
+// The anatomical axis next to a direction of the reference.
+std::string direction_text(const Vector3d &direction) {
+  constexpr std::array kNames{"left-right", "posterior-anterior", "inferior-superior"};
+  Eigen::Index axis = 0;
+  direction.cwiseAbs().maxCoeff(&axis);
+  return kNames[static_cast<std::size_t>(axis)];
 }
 
 double unit_random(std::mt19937_64 &rng) { return static_cast<double>(rng() >> 11U) * 0x1.0p-52 - 1.0; }
@@ -95,6 +108,20 @@ struct Level {
   double spacing_mm = 0.0;
 };
 
+// Number of distinct values; counts no further than `enough`.
+std::size_t grey_values(const Volume &image, std::size_t enough) {
+  std::vector<float> known;
+  for (const float v : image.voxels) {
+    if (std::isfinite(v) && std::find(known.begin(), known.end(), v) == known.end()) {
+      known.push_back(v);
+      if (known.size() == enough) {
+        break;
+      }
+    }
+  }
+  return known.size();
+}
+
 // Why two images cannot be registered; empty: they may be.
 std::string obstacle(const Volume &image, std::string_view name) {
   constexpr int kMinVoxels = 4;
@@ -106,6 +133,11 @@ std::string obstacle(const Volume &image, std::string_view name) {
   }
   if (grey_range(image.voxels).constant()) {
     return "the " + std::string(name) + " image has one grey value only";
+  }
+  constexpr std::size_t kMinGreyValues = 8;
+  if (const std::size_t count = grey_values(image, kMinGreyValues); count < kMinGreyValues) {
+    return "the " + std::string(name) + " image has " + std::to_string(count) +
+           " grey values only: a mask or a segmentation, not a scan?";
   }
   return {};
 }
@@ -130,14 +162,15 @@ private:
     return prepared({shrunk(reference, spacing_mm, team_), shrunk(floating, spacing_mm, team_), nullptr, spacing_mm},
                     samples);
   }
-  Level prepared(Level out, std::size_t samples) const {
+  Level prepared(Level out, std::size_t samples) const { return prepared(std::move(out), samples, options_.measure); }
+  Level prepared(Level out, std::size_t samples, Measure measure) const {
     MeasureOptions of_measure = options_.measure_options;
     of_measure.max_samples = samples;
     of_measure.seed = options_.seed;
     if (out.spacing_mm > options_.finest_mm) {
       of_measure.bins = std::min(of_measure.bins, kCoarseBins);
     }
-    out.measure = make_measure(options_.measure, out.reference, out.floating, of_measure, team_);
+    out.measure = make_measure(measure, out.reference, out.floating, of_measure, team_);
     return out;
   }
 
@@ -145,7 +178,10 @@ private:
     return !options_.progress || options_.progress(done, stage);
   }
 
+  [[nodiscard]] Matrix4d centred(const Matrix3d &R) const; // with centres of mass aligned
   std::vector<Pose> starts();
+  // What a pose without relation has at 4 mm, whatever the start poses are: the scale of a lead begins there.
+  [[nodiscard]] double unrelated_value();
   Pose refine(Level &level, const Matrix4d &start, double first_step_mm, double tolerance_mm, int parameters = 6);
   // The best distinct ones.
   std::vector<Pose> distinct(std::vector<Pose> poses, std::size_t count) const;
@@ -154,6 +190,8 @@ private:
   // The best value at 4 mm of the floating image's mirror image, from `best` with the sides exchanged.
   [[nodiscard]] double mirrored_value(const Pose &best);
   void check_capture(const Pose &best, RigidImageResult &out);
+  // With another measure at 4 mm where the chosen one has no gradient.
+  void check_size(const Pose &best, double unrelated, RigidImageResult &out);
   [[nodiscard]] double smaller_mm3() const; // volume of the smaller image
   void estimate_covariance(const Pose &best, RigidImageResult &out);
   void judge(RigidImageResult &out) const;
@@ -165,15 +203,34 @@ private:
   int evaluations_ = 0;
 };
 
+Matrix4d RigidSearch::centred(const Matrix3d &R) const {
+  Matrix4d T = Matrix4d::Identity();
+  T.topLeftCorner<3, 3>() = R;
+  T.topRightCorner<3, 1>() = floating_centre_mm_ - R * centre_mm_;
+  return T;
+}
+
+double RigidSearch::unrelated_value() {
+  constexpr int kStride = 15;
+  std::vector<double> values;
+  for (int i = 0; i < kSearchRotations; i += kStride) {
+    ++evaluations_;
+    const double value = middle_.measure->value(centred(spread_rotation(i, kSearchRotations).toRotationMatrix()));
+    if (std::isfinite(value)) {
+      values.push_back(value);
+    }
+  }
+  if (values.empty()) {
+    return std::nan("");
+  }
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 std::vector<RigidSearch::Pose> RigidSearch::starts() {
   const Matrix4d given = options_.T_reference_floating.inverse().matrix();
   std::vector<Matrix4d> poses{given};
-  const auto centred = [&](const Matrix3d &R) {
-    Matrix4d T = Matrix4d::Identity();
-    T.topLeftCorner<3, 3>() = R;
-    T.topRightCorner<3, 1>() = floating_centre_mm_ - R * centre_mm_;
-    return T;
-  };
   if (options_.start != Start::kPose) {
     poses.push_back(centred(given.topLeftCorner<3, 3>()));
   }
@@ -297,6 +354,18 @@ void RigidSearch::check_capture(const Pose &best, RigidImageResult &out) {
   }
 }
 
+void RigidSearch::check_size(const Pose &best, double unrelated, RigidImageResult &out) {
+  if (!middle_.measure->has_gradient()) {
+    middle_ = prepared(std::move(middle_), kMiddleSamples, Measure::kNmi);
+    unrelated = unrelated_value();
+  }
+  const double value = middle_.measure->value(best.T_floating_reference);
+  const SizeDifference found = size_difference(*middle_.measure, best.T_floating_reference, centre_mm_, kMiddle_mm);
+  out.stretch = found.stretch;
+  out.stretch_axis = found.axis;
+  out.stretch_gain = value > unrelated ? found.gain / (value - unrelated) : 0.0;
+}
+
 double RigidSearch::smaller_mm3() const {
   const auto volume = [](const Volume &image) { // where it has values
     const auto known =
@@ -363,21 +432,26 @@ void RigidSearch::judge(RigidImageResult &out) const {
   const Matrix3d at_centre = J * out.covariance * J.transpose();
   const double rotation = out.covariance.topLeftCorner<3, 3>().trace() * kArm_mm * kArm_mm * 2.0 / 3.0;
   const double predicted = std::sqrt(at_centre.trace() + rotation);
-  if (out.overlap < kMinOverlap) {
+  if (!(out.overlap >= kMinOverlap)) {
     say(ImageVerdict::kRefused, "the images overlap by " + number(100.0 * out.overlap, 0) + " % of the smaller one; " +
                                     number(100.0 * kMinOverlap, 0) + " % are needed");
-  } else if (out.mutual_information < kMinInformation) {
+  } else if (!(out.mutual_information >= kMinInformation)) {
     say(ImageVerdict::kRefused, "the images share too little (mutual information " + number(out.mutual_information, 3) +
                                     ", " + number(kMinInformation, 2) +
                                     " is needed): another patient or part of the body?");
-  } else if (out.lead < kMinLead) {
+  } else if (!(out.lead >= kMinLead)) {
     say(ImageVerdict::kAmbiguous, "another pose explains the images nearly as well (lead " + number(out.lead, 2) +
                                       ", " + number(kMinLead, 2) +
                                       " is needed): different anatomy, or too small a part of it");
-  } else if (out.mirror_lead < kMinMirrorLead) {
+  } else if (!(out.mirror_lead >= kMinMirrorLead)) {
     say(ImageVerdict::kAmbiguous, "its mirror image explains the other image better (by " +
                                       number(-out.mirror_lead, 2) +
                                       "): are left and right exchanged in one of the two, by a header or an export?");
+  } else if (!options_.affine && std::abs(out.stretch) > kMaxStretch && out.stretch_gain > kMinStretchGain) {
+    say(ImageVerdict::kAmbiguous, "the head of the floating image is " + number(100.0 * std::abs(out.stretch), 0) +
+                                      " % " + (out.stretch > 0.0 ? "larger" : "smaller") + " along " +
+                                      direction_text(out.stretch_axis) +
+                                      ": a wrong spacing in one of the headers, or another patient?");
   } else if (out.returned < kMinReturned * out.restarts) {
     say(ImageVerdict::kAmbiguous, "only " + std::to_string(out.returned) + " of " + std::to_string(out.restarts) +
                                       " restarts from perturbed poses came back to this one");
@@ -428,25 +502,13 @@ RigidImageResult RigidSearch::run() {
   for (const Pose &pose : poses) {
     out.candidates.push_back({rigid(pose.T_floating_reference), pose.value});
   }
-  // How far the best leads, on the scale of what a start pose without relation has at this level.
-  double unrelated = 0.0;
-  {
-    std::vector<double> at_middle;
-    const std::size_t stride = std::max<std::size_t>(first.size() / 40, 1);
-    for (std::size_t i = first.size() > 40 ? 2 : 0; i < first.size(); i += stride) {
-      const double value = middle_.measure->value(first[i].T_floating_reference);
-      ++evaluations_;
-      if (std::isfinite(value)) {
-        at_middle.push_back(value);
-      }
-    }
-    std::nth_element(at_middle.begin(), at_middle.begin() + static_cast<std::ptrdiff_t>(at_middle.size() / 2),
-                     at_middle.end());
-    unrelated = at_middle.empty() ? poses.back().value : at_middle[at_middle.size() / 2];
-  }
+  const double unrelated = unrelated_value();
   const double mirrored = mirrored_value(poses.front());
-  out.mirror_lead = std::isfinite(mirrored) ? (poses[0].value - mirrored) / (poses[0].value - unrelated) : 1.0;
-  out.lead = poses.size() < 2 ? 1.0 : (poses[0].value - poses[1].value) / (poses[0].value - unrelated);
+  const double scale = poses[0].value - unrelated;
+  if (scale > 0.0) { // otherwise the best explains no more than any other: no lead
+    out.mirror_lead = std::isfinite(mirrored) ? (poses[0].value - mirrored) / scale : 1.0;
+    out.lead = poses.size() < 2 ? 1.0 : (poses[0].value - poses[1].value) / scale;
+  }
   if (!proceed(0.6, "refining at the finest level")) {
     return stopped();
   }
@@ -467,6 +529,9 @@ RigidImageResult RigidSearch::run() {
     return stopped();
   }
   check_capture(best, out);
+  if (!options_.affine) {
+    check_size(best, unrelated, out);
+  }
   estimate_covariance(best, out);
   out.affine = out.T_reference_floating.matrix();
   if (options_.affine) {

@@ -66,8 +66,14 @@ struct RigidImageResult {
   double mutual_information = 0.0;        // nats per sample, at the finest level
   double overlap = 0.0;                   // fraction of the smaller image
   std::vector<ImageCandidate> candidates; // distinct poses that were refined, best first
-  double lead = 0.0;              // 0 to 1: best over second, relative to best over the median of the start poses
-  double mirror_lead = 0.0;       // the same over the mirror image of the floating image; negative: it fits better
+  double lead = 0.0;        // 0 to 1: best over second, relative to best over the median of the start poses
+  double mirror_lead = 0.0; // the same over the mirror image of the floating image; negative: it fits better
+  // Of the floating image's head along stretch_axis (unit, in the reference), by an affine map: 0.1 if it is 10 %
+  // larger than the reference's. stretch_gain: how much better that map is, on the scale of lead. Not estimated with
+  // `affine`.
+  double stretch = 0.0;
+  Eigen::Vector3d stretch_axis = Eigen::Vector3d::UnitZ();
+  double stretch_gain = 0.0;
   int restarts = 0, returned = 0; // perturbed restarts until the verdict was decided, and how many came back
   int evaluations = 0;
 };

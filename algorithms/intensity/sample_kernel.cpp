@@ -156,9 +156,10 @@ BREGMA_INLINE void sample_linear(const SampleBlock &block, const std::array<floa
       const Float y0 = row10 - row00;
       const Float y1 = row11 - row01;
       const Float zero{};
-      const Float dx = p.inside ? x0 + p.z * (x1 - x0) : zero;
-      const Float dy = p.inside ? y0 + p.z * (y1 - y0) : zero;
-      const Float dz = p.inside ? plane1 - plane0 : zero;
+      const Int known = p.inside & (value == value); // beside a voxel without a value there is no derivative
+      const Float dx = known ? x0 + p.z * (x1 - x0) : zero;
+      const Float dy = known ? y0 + p.z * (y1 - y0) : zero;
+      const Float dz = known ? plane1 - plane0 : zero;
       store(out.dx + i, dx);
       store(out.dy + i, dy);
       store(out.dz + i, dz);

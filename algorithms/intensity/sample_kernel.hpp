@@ -24,7 +24,7 @@ struct SampledGrid {
 
 struct SampledValues {
   float *value = nullptr;
-  // Derivative with respect to the index in the sampled grid; null: not wanted.
+  // Derivative with respect to the index in the sampled grid, 0 where there is no value; null: not wanted.
   float *dx = nullptr, *dy = nullptr, *dz = nullptr;
 };
 

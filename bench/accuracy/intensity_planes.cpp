@@ -76,6 +76,23 @@ Volume second_date(Volume image, unsigned seed) {
   return with_noise(std::move(image), 0.0003, seed);
 }
 
+// One row of tables 5.1 to 5.4: NMI as printed, and MF-MI on the grid and off it.
+struct PlanePair {
+  std::string name;
+  const Volume &reference, &floating;
+  double thesis_nmi, thesis_mf;
+};
+void add_feature_row(Report &report, const PlanePair &pair, const Sweep &sweep) {
+  const std::string unit = sweep.rotation ? "deg" : "pixels";
+  const auto add = [&](Measure measure, const MeasureOptions &how, const std::string &name, double thesis) {
+    const double at = signed_error(measure, pair.reference, pair.floating, how, sweep);
+    report.add(with_peer(figure(pair.name + " " + name, at, unit), thesis, "thesis"));
+  };
+  add(Measure::kNmi, as_printed(), "NMI as printed", pair.thesis_nmi);
+  add(Measure::kMfMi, well_made(), "MF-MI", pair.thesis_mf);
+  add(Measure::kMfMi, off_grid(), "MF-MI off grid", pair.thesis_mf);
+}
+
 } // namespace
 
 void plane_noise_figures(Report &report, const IntensityOptions &options) {
@@ -175,29 +192,21 @@ void significance_figures(Report &report, const IntensityOptions &options) {
 void plane_feature_figures(Report &report, const IntensityOptions &options) {
   const Planes planes(options);
   const Volume spect = made_spect(options, 1);
-  struct Pair {
-    std::string name;
-    Volume reference, floating;
-    double thesis_nmi, thesis_mf;
-  };
-  const std::vector<Pair> pairs{{"CT/T2", planes.ct, planes.t2, 0, 0},
-                                {"T2/PD", planes.t2, planes.pd, 0, 0},
-                                {"PD/SPECT", planes.pd, spect, 2, 0},
-                                {"CT/CT", planes.ct, second_date(planes.ct, 2), 0, 0},
-                                {"T2/T2", planes.t2, second_date(planes.t2, 3), 0, 0},
-                                {"SPECT/SPECT", spect, second_date(made_spect(options, 4), 5), 0, 0}};
+  const Volume later_ct = second_date(planes.ct, 2);
+  const Volume later_t2 = second_date(planes.t2, 3);
+  const Volume later_spect = second_date(made_spect(options, 4), 5);
   report.note("Tables 5.1 and 5.2: -90 to 90 deg and pixels by 1. SPECT is made from the atlas (a random activity per "
-              "region, blurred by 4 mm, noise), and second dates by gain, a lesion and noise: neither is in the data");
+              "region, blurred by 4 mm, noise), and second dates by gain, a lesion and noise: neither is in the data. "
+              "Off grid: samples moved within their pixels, so that the grids coincide at no angle");
   for (const bool rotation : {true, false}) {
     const std::string table = rotation ? "table 5.1 " : "table 5.2 ";
-    for (const Pair &pair : pairs) {
-      const Sweep sweep{rotation, 90};
-      const double nmi = signed_error(Measure::kNmi, pair.reference, pair.floating, as_printed(), sweep);
-      const double mf = signed_error(Measure::kMfMi, pair.reference, pair.floating, well_made(), sweep);
-      const std::string unit = rotation ? "deg" : "pixels";
-      report.add(with_peer(figure(table + pair.name + " NMI as printed", nmi, unit), rotation ? pair.thesis_nmi : 0.0,
-                           "thesis"));
-      report.add(with_peer(figure(table + pair.name + " MF-MI", mf, unit), rotation ? pair.thesis_mf : 0.0, "thesis"));
+    for (const PlanePair &pair : {PlanePair{table + "CT/T2", planes.ct, planes.t2, 0, 0},
+                                  {table + "T2/PD", planes.t2, planes.pd, 0, 0},
+                                  {table + "PD/SPECT", planes.pd, spect, rotation ? 2.0 : 0.0, 0},
+                                  {table + "CT/CT", planes.ct, later_ct, 0, 0},
+                                  {table + "T2/T2", planes.t2, later_t2, 0, 0},
+                                  {table + "SPECT/SPECT", spect, later_spect, 0, 0}}) {
+      add_feature_row(report, pair, {rotation, 90});
     }
   }
   report.note("Table 5.3: CT/T2, noise on T2, rotation");
@@ -205,25 +214,14 @@ void plane_feature_figures(Report &report, const IntensityOptions &options) {
       {{0.0001, -1, 0}, {0.0003, -1, 0}, {0.002, -1, 0}, {0.007, -1, 0}, {0.01, -2, 0}}};
   for (const auto &[variance, thesis_nmi, thesis_mf] : kNoise) {
     const Volume noisy = with_noise(planes.t2, variance, 7);
-    const std::string name = "table 5.3 " + number(variance, 4);
-    report.add(with_peer(figure(name + " NMI as printed",
-                                signed_error(Measure::kNmi, planes.ct, noisy, as_printed(), {true, 90}), "deg"),
-                         thesis_nmi, "thesis"));
-    report.add(with_peer(
-        figure(name + " MF-MI", signed_error(Measure::kMfMi, planes.ct, noisy, well_made(), {true, 90}), "deg"),
-        thesis_mf, "thesis"));
+    add_feature_row(report, {"table 5.3 " + number(variance, 4), planes.ct, noisy, thesis_nmi, thesis_mf}, {true, 90});
   }
   report.note("Table 5.4: CT/T2, T2 with a smaller field of view, rotation");
   constexpr std::array<std::array<double, 3>, 5> kField{{{90, 0, 0}, {80, 0, 0}, {70, -1, 0}, {60, -1, 1}, {50, 1, 1}}};
   for (const auto &[field, thesis_nmi, thesis_mf] : kField) {
     const Volume part = with_field_of_view(planes.t2, field / 100.0);
-    const std::string name = "table 5.4 " + number(field, 0) + " %";
-    report.add(with_peer(
-        figure(name + " NMI as printed", signed_error(Measure::kNmi, planes.ct, part, as_printed(), {true, 90}), "deg"),
-        thesis_nmi, "thesis"));
-    report.add(with_peer(
-        figure(name + " MF-MI", signed_error(Measure::kMfMi, planes.ct, part, well_made(), {true, 90}), "deg"),
-        thesis_mf, "thesis"));
+    add_feature_row(report, {"table 5.4 " + number(field, 0) + " %", planes.ct, part, thesis_nmi, thesis_mf},
+                    {true, 90});
   }
 }
 

@@ -20,7 +20,7 @@ namespace bregma::test {
 namespace {
 
 constexpr double kScale = 2.6; // of the phantom: to the size of a head
-constexpr double kSpacing_mm = 3.4;
+constexpr double kSpacing_mm = 4.0;
 const Eigen::Matrix4d kT2FromPlanning = pose({4, -6, 9}, {9, -5, 7});
 const Eigen::Vector3d kCyst_mm = kHeadCentre + Eigen::Vector3d(-12, 10, 8); // in the planning image
 const Eigen::Vector3d kEntry_mm = on_head(Eigen::Vector3d(-0.35, 0.5, 0.8));
@@ -31,7 +31,7 @@ constexpr double kVesselRadius_mm = 9.0;
 casefile::Volume head_image(const Eigen::Matrix4d &T_image_planning, bool other) {
   const Eigen::Matrix4d back = T_image_planning.inverse();
   casefile::Volume out;
-  out.size = {56, 64, 64};
+  out.size = {48, 54, 54};
   const Eigen::Vector3d centre = (T_image_planning * kHeadCentre.homogeneous()).head<3>();
   for (int d = 0; d < 3; ++d) {
     out.T_image_index(d, d) = kSpacing_mm;
@@ -71,7 +71,7 @@ TEST(SecondImage, ATargetPlannedInItIsNavigatedWithTheErrorOfItsRegistration) {
   const std::vector<casefile::Trajectory> paths{{"Cyst path", in_t2(kEntry_mm), in_t2(kCyst_mm)}};
   ASSERT_TRUE(casefile::write_points(files.path() / "cyst.mrk.json", "targets", targets));
   ASSERT_TRUE(casefile::write_trajectories(files.path() / "path.mrk.json", paths));
-  run("image register t2.nii.gz '" + folder + "/image.nii.gz' --finest-mm 3.4 --result t2.json");
+  run("image register t2.nii.gz '" + folder + "/image.nii.gz' --finest-mm 4 --result t2.json");
   run("image add '" + folder +
       "' t2.nii.gz --result t2.json --name T2 --targets cyst.mrk.json --trajectories "
       "path.mrk.json --labels vessel.nii.gz --structure Vessel=1");
@@ -92,6 +92,8 @@ TEST(SecondImage, ATargetPlannedInItIsNavigatedWithTheErrorOfItsRegistration) {
   for (std::size_t at = steps.find("Biopsy"); at != std::string::npos; at = steps.find("Biopsy", at)) {
     steps.replace(at, 6, "Cyst path");
   }
+  const std::string held = "duration_s = 60.0";
+  steps.replace(steps.find(held), held.size(), "speed_mm_s = 25.0\n" + held);
   operation.start_room(steps);
   ASSERT_TRUE(operation.observe_until(
       [&] {

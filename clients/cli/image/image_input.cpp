@@ -6,13 +6,17 @@
 #include <optional>
 #include <set>
 #include <thread>
+#include <tuple>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
+#include "algorithms/intensity/padding.hpp"
 #include "casefile/volumes/label_check.hpp"
+#include "casefile/volumes/patient.hpp"
 #include "casefile/volumes/volume.hpp"
+#include "clients/cli/output.hpp"
 
 namespace bregma::cli {
 
@@ -66,6 +70,34 @@ base::Result<void> apply_mask(intensity::Volume &image, const std::string &mask_
     notes.push_back(mask_path + ": holds " + std::to_string(labels.size()) + " labels; all of them are compared");
   }
   return {};
+}
+
+void compare_patients(const ImageFile &source, const ImageFile &target, std::vector<std::string> &notes) {
+  const auto of_source = casefile::read_patient(source.path, {});
+  const auto of_target = casefile::read_patient(target.path, {});
+  if (!of_source || !of_target) {
+    return;
+  }
+  std::string differing; // the values themselves name a person, and are not printed
+  for (const auto &[what, a, b] : {std::tuple("name", &of_source->name, &of_target->name),
+                                   {"patient ID", &of_source->id, &of_target->id},
+                                   {"birth date", &of_source->birth_date, &of_target->birth_date}}) {
+    if (!a->empty() && !b->empty() && *a != *b) {
+      differing += (differing.empty() ? "" : ", ") + std::string(what);
+    }
+  }
+  if (!differing.empty()) {
+    notes.push_back("the DICOM headers of the two images differ in: " + differing +
+                    ". Make sure that both are of one patient; grey values alone do not show that");
+  }
+}
+
+void leave_out_padding(intensity::Volume &image, const std::string &path, std::vector<std::string> &notes) {
+  if (const intensity::Padding found = intensity::leave_out_padding(image); found.voxels > 0) {
+    notes.push_back(path + ": " + std::to_string(found.voxels) + " voxels are padding (" +
+                    fixed(static_cast<double>(found.value), 0) +
+                    "), far below all other values; they are not compared");
+  }
 }
 
 std::vector<std::string> measure_names() {

@@ -33,6 +33,12 @@ void add_image_file(CLI::App &command, ImageFile &file, const std::string &name,
 [[nodiscard]] base::Result<void> apply_mask(intensity::Volume &image, const std::string &mask_path,
                                             const std::string &image_path, std::vector<std::string> &notes);
 
+// Notes what the headers of two DICOM images state differently about their patient.
+void compare_patients(const ImageFile &source, const ImageFile &target, std::vector<std::string> &notes);
+
+// Leaves out what a scanner wrote where it measured nothing (intensity/padding.hpp), and notes that.
+void leave_out_padding(intensity::Volume &image, const std::string &path, std::vector<std::string> &notes);
+
 // --bins and the names of measures.
 [[nodiscard]] std::vector<std::string> measure_names();
 [[nodiscard]] intensity::Measure measure_named(const std::string &name);

@@ -160,14 +160,16 @@ int profile_images(const ProfileArguments &arguments, const Context &context) {
     }
   }
   std::vector<std::string> notes;
-  const auto source = read_image(arguments.source, notes);
+  auto source = read_image(arguments.source, notes);
   if (!source) {
     return fail(source.error());
   }
-  const auto target = read_image(arguments.target, notes);
+  auto target = read_image(arguments.target, notes);
   if (!target) {
     return fail(target.error());
   }
+  leave_out_padding(*source, arguments.source.path, notes);
+  leave_out_padding(*target, arguments.target.path, notes);
   const auto profile = profile_of(arguments, *source, *target);
   if (!profile) {
     return fail(profile.error());

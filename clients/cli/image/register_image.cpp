@@ -102,6 +102,8 @@ json common_json(const RigidImageResult &result, const RegisterImageArguments &a
           {"overlap", json_number(result.overlap)},
           {"lead", json_number(result.lead)},
           {"mirror_lead", json_number(result.mirror_lead)},
+          {"stretch", json_number(result.stretch)},
+          {"stretch_gain", json_number(result.stretch_gain)},
           {"restarts", result.restarts},
           {"restarts_returned", result.returned},
           {"evaluations", result.evaluations},
@@ -113,8 +115,9 @@ std::string summary_text(const RigidImageResult &result, const RegisterImageArgu
   return "\n" + arguments.measure + " " + fixed(result.similarity, 4) + ", overlap " +
          fixed(100.0 * result.overlap, 0) + " % of the smaller image, " + std::to_string(result.returned) + " of " +
          std::to_string(result.restarts) + " perturbed restarts came back, lead over the next pose " +
-         fixed(result.lead, 2) + ", over the mirror image " + fixed(result.mirror_lead, 2) + "\n" +
-         std::to_string(result.evaluations) + " comparisons in " + fixed(time_ms, 0, "ms") + "\n";
+         fixed(result.lead, 2) + ", over the mirror image " + fixed(result.mirror_lead, 2) +
+         (arguments.affine ? std::string() : ", size of the head " + fixed(100.0 * (1.0 + result.stretch), 1) + " %") +
+         "\n" + std::to_string(result.evaluations) + " comparisons in " + fixed(time_ms, 0, "ms") + "\n";
 }
 
 // From a point of the target to the source, mm.
@@ -218,9 +221,11 @@ base::Result<std::string> keep(const casefile::ImageRegistration &registration, 
   });
 }
 
+// The voxels that are compared.
 base::Result<Volume> masked(const Volume &image, const std::string &mask, const std::string &path,
                             std::vector<std::string> &notes) {
   Volume out = image;
+  leave_out_padding(out, path, notes);
   if (!mask.empty()) {
     if (auto applied = apply_mask(out, mask, path, notes); !applied) {
       return tl::unexpected(applied.error());
@@ -255,6 +260,7 @@ int register_image(const RegisterImageArguments &arguments, const Context &conte
   if (!target) {
     return fail(target.error());
   }
+  compare_patients(arguments.source, arguments.target, notes);
   const auto masked_source = masked(*source, arguments.moving_mask, arguments.source.path, notes);
   if (!masked_source) {
     return fail(masked_source.error());

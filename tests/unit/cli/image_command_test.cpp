@@ -182,9 +182,23 @@ TEST(ImageCommand, ASegmentationOnTheSecondImagesGridEntersTheCase) {
   for (const Eigen::Vector3d &vertex : vessel.mesh.vertices_mm) {
     ASSERT_NEAR((vertex - centre).norm(), kRadius_mm, 2.5) << "voxels of 3.3 mm";
   }
-  EXPECT_NE(files.run("image remove case T2").err.find("structure Vessel"), std::string::npos);
-  EXPECT_EQ(files.run("image remove case T2 --with-plans").exit_code, 0);
-  EXPECT_EQ(casefile::load_case(folder)->structures.size(), loaded->structures.size() - 1);
+  // A brain that was made on it, too, and what needs that brain: all of it is named, and removed only if wanted.
+  casefile::Case with_brain = *loaded;
+  with_brain.brain.segmented_in = "T2";
+  with_brain.craniotomy = {.trajectory = "Biopsy", .radius_mm = std::nullopt};
+  ASSERT_TRUE(casefile::save_case(with_brain));
+  EXPECT_EQ(files.run("image remove case T2").err,
+            "bregma: case: placed or made in image \"T2\": structure Vessel, the brain, brain landmark Anterior "
+            "commissure, the planned craniotomy; --with-plans removes them too\n");
+  const auto removed = files.run("image remove case T2 --with-plans");
+  EXPECT_EQ(removed.exit_code, 0) << removed.err;
+  EXPECT_NE(removed.out.find("removed with it: the brain\n"), std::string::npos) << removed.out;
+  const auto after = casefile::load_case(folder);
+  ASSERT_TRUE(after) << after.error().message;
+  EXPECT_EQ(after->structures.size(), loaded->structures.size() - 1);
+  EXPECT_TRUE(after->brain.mesh.triangles.empty());
+  EXPECT_FALSE(after->craniotomy);
+  EXPECT_TRUE(after->brain_landmarks.empty());
 }
 
 TEST(ImageCommand, MasksLeaveOutWhatTheTwoImagesDoNotShare) {
@@ -206,6 +220,29 @@ TEST(ImageCommand, MasksLeaveOutWhatTheTwoImagesDoNotShare) {
   const auto T = casefile::read_itk_rigid(files.folder.path() / "out.tfm");
   ASSERT_TRUE(T.has_value());
   const Eigen::Matrix4d truth = test::pose({5, -8, 12}, {12, -7, 9}).inverse();
+  EXPECT_LT((T->matrix() - truth).topRightCorner(3, 1).norm(), 0.7);
+}
+
+// Outside the circle of both scans; as grey values, the two circles would be what is registered.
+TEST(ImageCommand, PaddingIsNotCompared) {
+  const Files files;
+  const auto padded = [](casefile::Volume image) {
+    const Eigen::Vector3d centre = image.point_mm(0.5 * Eigen::Vector3d(image.size[0] - 1, image.size[1] - 1, 0));
+    for (std::size_t i = 0; i < image.voxels.size(); ++i) {
+      const bool outside = (image.pixel_mm(i) - centre).head<2>().norm() > 1.65 * image.size[0];
+      image.voxels[i] = outside ? -2000.0F : image.voxels[i];
+    }
+    return image;
+  };
+  files.write("target.nii.gz", padded(head({50, 58, 46}, false)));
+  files.write("source.nii.gz", padded(head({48, 56, 48}, true, test::pose({0, 0, 12}, {12, -7, 9}))));
+  const auto run = files.run("image register source.nii.gz target.nii.gz --start centres --finest-mm 3.3 --tfm out.tfm "
+                             "--json");
+  ASSERT_EQ(run.exit_code, 0) << run.err << run.out;
+  EXPECT_NE(run.json()["notes"][0].get<std::string>().find("voxels are padding (-2000)"), std::string::npos);
+  const auto T = casefile::read_itk_rigid(files.folder.path() / "out.tfm");
+  ASSERT_TRUE(T.has_value());
+  const Eigen::Matrix4d truth = test::pose({0, 0, 12}, {12, -7, 9}).inverse();
   EXPECT_LT((T->matrix() - truth).topRightCorner(3, 1).norm(), 0.7);
 }
 
@@ -302,6 +339,19 @@ TEST(ImageCommand, ADicomSeriesIsRegistered) {
   ASSERT_TRUE(T.has_value());
   EXPECT_LT((T->matrix() - Eigen::Matrix4d::Identity()).topRightCorner(3, 1).norm(), 0.5);
   EXPECT_LT((T->matrix() - Eigen::Matrix4d::Identity()).topLeftCorner(3, 3).norm(), 0.01);
+
+  // The same voxels under another name: said, without the names.
+  std::filesystem::copy(files.folder.path() / "dicom", files.folder.path() / "other");
+  for (const auto &slice : std::filesystem::directory_iterator(files.folder.path() / "other")) {
+    std::string bytes = tests::read_file(slice.path().string());
+    bytes.replace(bytes.find("Doe^Jane"), 8, "Roe^Anna");
+    std::ofstream(slice.path(), std::ios::binary) << bytes;
+  }
+  const auto two = files.run("image register other dicom --start header --finest-mm 4");
+  EXPECT_NE(two.notes.find("the DICOM headers of the two images differ in: name. "), std::string::npos) << two.notes;
+  EXPECT_EQ(two.notes.find("Anna"), std::string::npos);
+  EXPECT_EQ(files.run("image register dicom dicom --start header --finest-mm 4").notes.find("differ in"),
+            std::string::npos);
 }
 
 // A head that was bent smoothly and posed: the field leads back to it. Its error is not predicted, so it is no
@@ -327,8 +377,8 @@ TEST(ImageCommand, NonrigidWritesAFieldAndIsNoRegistrationOfACase) {
     source.voxels[i] = 90.0F * std::sin(test::phantom_grey(unbend(q) / kScale) / 45.0F);
   }
   files.write("bent.nii.gz", source);
-  const std::string words = "image register bent.nii.gz target.nii.gz --finest-mm 3.3 --nonrigid ";
-  const auto run = files.run(words + "--field field.nrrd --resampled moved.nii.gz --json");
+  const std::string words = "image register bent.nii.gz target.nii.gz --start centres --nonrigid ";
+  const auto run = files.run(words + "--finest-mm 3.3 --field field.nrrd --resampled moved.nii.gz --json");
   ASSERT_EQ(run.exit_code, 0) << run.err << run.out;
   const auto out = run.json();
   EXPECT_TRUE(out["nonrigid"]["found"]);
@@ -338,8 +388,10 @@ TEST(ImageCommand, NonrigidWritesAFieldAndIsNoRegistrationOfACase) {
   EXPECT_FALSE(out.contains("targets"));
   EXPECT_TRUE(tests::read_file(files.folder.path() / "field.nrrd").starts_with("NRRD"));
   // The source on the target's grid, beside what the source would show there: in the brain, where the head was bent.
-  ASSERT_EQ(files.run("image register bent.nii.gz target.nii.gz --finest-mm 3.3 --resampled rigid.nii.gz").exit_code,
-            0);
+  ASSERT_EQ(
+      files.run("image register bent.nii.gz target.nii.gz --start centres --finest-mm 3.3 --resampled rigid.nii.gz")
+          .exit_code,
+      0);
   const casefile::Volume target = head({50, 58, 46}, false);
   const auto residual = [&](const char *name) {
     const auto moved = casefile::read_volume(files.folder.path() / name);
@@ -357,7 +409,8 @@ TEST(ImageCommand, NonrigidWritesAFieldAndIsNoRegistrationOfACase) {
   };
   EXPECT_LT(residual("moved.nii.gz"), 0.5 * residual("rigid.nii.gz"));
 
-  EXPECT_NE(files.run(words).out.find("Its error is not predicted: not for navigation"), std::string::npos);
+  EXPECT_NE(files.run(words + "--finest-mm 4").out.find("Its error is not predicted: not for navigation"),
+            std::string::npos);
   const auto into = files.run(words + "--into case --name Later");
   EXPECT_EQ(into.exit_code, 2);
   EXPECT_NE(into.err.find("its registration is rigid; leave out --affine and --nonrigid"), std::string::npos);

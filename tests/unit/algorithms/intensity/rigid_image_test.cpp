@@ -83,6 +83,28 @@ TEST(RigidImage, NearTheHeadersBothOptimisersAndEveryThreadCountAgree) {
   EXPECT_LT(apart_mm(lines.T_reference_floating, alone.T_reference_floating, Vector3d::Zero()), 0.2);
 }
 
+// As by a moving mask, or padding: beside a voxel without a value the derivative is unknown, and must not become that
+// of all.
+TEST(RigidImage, MissingVoxelsOfEitherImageAreLeftOut) {
+  parallel::Team team(2);
+  const ReferenceFromFloating truth = placed({4, -6, 5}, {8, -4, 6});
+  const auto in_circle = [](Volume image) {
+    const Vector3d centre = image.point_mm(0.5 * Vector3d(image.size[0] - 1, image.size[1] - 1, image.size[2] - 1));
+    for (std::size_t i = 0; i < image.voxels.size(); ++i) {
+      if ((image.pixel_mm(i) - centre).head<2>().norm() > 75.0) {
+        image.voxels[i] = std::nanf("");
+      }
+    }
+    return image;
+  };
+  RigidImageOptions options = quick();
+  options.start = Start::kPose;
+  const RigidImageResult found =
+      register_rigid(in_circle(reference_head()), in_circle(head({50, 56, 50}, 3.4, truth, true)), options, team);
+  EXPECT_EQ(found.verdict, ImageVerdict::kFound) << found.reason;
+  EXPECT_LT(apart_mm(found.T_reference_floating, truth, Vector3d::Zero()), 0.5);
+}
+
 TEST(RigidImage, AffineFindsAScale) {
   parallel::Team team(2);
   const Volume reference = reference_head();
@@ -94,6 +116,45 @@ TEST(RigidImage, AffineFindsAScale) {
   const RigidImageResult found = register_rigid(reference, floating, options, team);
   EXPECT_NEAR(found.affine(0, 0), 1.0 / 1.04, 0.003);
   EXPECT_NEAR(found.affine(1, 1), 1.0, 0.003);
+}
+
+// The usual case: two images of one session. The lead is on the scale of unrelated poses, not of the start poses.
+TEST(RigidImage, CorrectHeadersAreConfirmedFromThem) {
+  parallel::Team team(2);
+  RigidImageOptions options = quick();
+  for (const Start start : {Start::kPose, Start::kCentres}) {
+    options.start = start;
+    const RigidImageResult found = register_rigid(reference_head(), head({50, 56, 50}, 3.4, {}, true), options, team);
+    EXPECT_EQ(found.verdict, ImageVerdict::kFound) << found.reason;
+    EXPECT_GT(found.mirror_lead, 0.0);
+    EXPECT_LE(found.mirror_lead, 1.0);
+    EXPECT_LT(std::abs(found.stretch), 0.01);
+  }
+}
+
+// A header with a wrong spacing, or the head of another patient: the best rigid pose is wrong by millimetres at the
+// border, and restarts, lead and mirror image show nothing of it.
+TEST(RigidImage, DoesNotFindAHeadOfAnotherSize) {
+  parallel::Team team(2);
+  const Volume reference = reference_head();
+  const ReferenceFromFloating truth = placed({4, -6, 5}, {8, -4, 6});
+  const auto result = [&](const Vector3d &scale, bool affine = false) {
+    Volume floating = head({50, 56, 50}, 3.4, truth, true);
+    floating.T_image_index.topRows<3>() = (scale.asDiagonal() * floating.T_image_index.topRows<3>()).eval();
+    RigidImageOptions options = quick();
+    options.start = Start::kCentres;
+    options.affine = affine;
+    return register_rigid(reference, floating, options, team);
+  };
+  const RigidImageResult thick = result({1.0, 1.0, 1.06});
+  EXPECT_EQ(thick.verdict, ImageVerdict::kAmbiguous);
+  EXPECT_EQ(thick.reason,
+            "the head of the floating image is 6 % larger along inferior-superior: a wrong spacing in one "
+            "of the headers, or another patient?");
+  EXPECT_NEAR(thick.stretch, 0.06, 0.01);
+  EXPECT_EQ(result({0.96, 0.96, 0.96}).verdict, ImageVerdict::kAmbiguous);
+  EXPECT_EQ(result({1.0, 1.008, 1.0}).verdict, ImageVerdict::kFound) << "a scanner's gradients are not better";
+  EXPECT_EQ(result({1.0, 1.0, 1.06}, true).verdict, ImageVerdict::kFound) << "the scale is wanted";
 }
 
 TEST(RigidImage, RefusesWhatCannotBeRegistered) {
@@ -111,6 +172,11 @@ TEST(RigidImage, RefusesWhatCannotBeRegistered) {
   Volume flat = reference;
   std::fill(flat.voxels.begin(), flat.voxels.end(), 3.0F);
   EXPECT_EQ(reason(flat), "the floating image has one grey value only");
+  Volume mask = reference;
+  for (float &v : mask.voxels) {
+    v = v > 40.0F ? 1.0F : 0.0F;
+  }
+  EXPECT_EQ(reason(mask), "the floating image has 2 grey values only: a mask or a segmentation, not a scan?");
   EXPECT_EQ(reason(head({50, 56, 50}, 3.4, placed({0, 0, 0}, {900, 0, 0}), true), Start::kPose),
             "the images do not overlap where their headers place them");
 }

@@ -138,6 +138,13 @@ TEST_P(EveryMeasure, LeavesMaskedVoxelsOut) {
   EXPECT_NE(clean, compare(GetParam().measure, spoiled, other, binned(32)));
   // The mask of the floating image does the same, up to neighbours of the slab.
   EXPECT_TRUE(std::isfinite(compare(GetParam().measure, other, masked, binned(32))));
+  parallel::Team team(2);
+  const auto measure = make_measure(GetParam().measure, other, masked, {}, team);
+  if (measure->has_gradient()) {
+    AffineGradient gradient;
+    EXPECT_TRUE(std::isfinite(measure->value_and_gradient(Matrix4d::Identity(), gradient)));
+    EXPECT_TRUE(gradient.allFinite());
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Measures, EveryMeasure, testing::ValuesIn(kMeasures), [](const auto &made) {
