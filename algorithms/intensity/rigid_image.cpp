@@ -359,11 +359,10 @@ void RigidSearch::check_size(const Pose &best, double unrelated, RigidImageResul
     middle_ = prepared(std::move(middle_), kMiddleSamples, Measure::kNmi);
     unrelated = unrelated_value();
   }
-  const double value = middle_.measure->value(best.T_floating_reference);
   const SizeDifference found = size_difference(*middle_.measure, best.T_floating_reference, centre_mm_, kMiddle_mm);
   out.stretch = found.stretch;
   out.stretch_axis = found.axis;
-  out.stretch_gain = value > unrelated ? found.gain / (value - unrelated) : 0.0;
+  out.stretch_gain = found.rigid > unrelated ? found.gain / (found.rigid - unrelated) : 0.0;
 }
 
 double RigidSearch::smaller_mm3() const {

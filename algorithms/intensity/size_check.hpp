@@ -13,7 +13,8 @@ struct SizeDifference {
   // larger. 0 if no affine map is better than the pose.
   double stretch = 0.0;
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ(); // in the reference, unit
-  double gain = 0.0;                               // of the affine map over the rigid pose, in units of the measure
+  double rigid = 0.0;                              // the measure at the rigid pose
+  double gain = 0.0;                               // of the affine map over it
 };
 
 // Continues a rigid pose with 12 parameters. The measure needs a gradient. centre_mm: in the reference.
