@@ -24,6 +24,9 @@ constexpr double kInverseTolerance = 1e-6; // mm
 constexpr double kUsefulShare = 0.97;      // of the error held out without a spline
 // Of the error at points held out that the spline itself may have between its centres.
 constexpr double kSplineErrorShare = 0.5;
+// Error outside by what is not harmonic, per its size inside and spacing of the distance. Of fields that are no
+// solution of Laplace's equation (./dev bench mri --only pillars).
+constexpr double kNotHarmonicGrowth = 3.0;
 
 // Directions spread evenly over the sphere [Gonzalez 2010].
 Points3 sphere_directions(int count) {
@@ -113,6 +116,7 @@ void DistortionField::fit_spline(const Points3 &residual_mm) {
   if (auto spline = ThinPlateSpline<3>::fit(control_mm_, residual_mm, options)) {
     spline_ = std::move(*spline);
     spline_sigma_mm_ = kSplineErrorShare * best / std::sqrt(3.0);
+    spline_part_mm_ = spline_->map(control_mm_).rowwise().norm() / std::sqrt(static_cast<double>(control_mm_.cols()));
   }
 }
 
@@ -161,14 +165,16 @@ std::optional<Vector3d> DistortionField::to_true(const Vector &imaged_mm) const 
 
 DistortionField::Assessment DistortionField::assess(const Vector &true_mm) const noexcept {
   Assessment out;
+  out.distance_mm = distance_outside(true_mm);
+  // What is not harmonic inside is not continued outside, where it may be as large and grow.
+  const Vector not_continued = kNotHarmonicGrowth * out.distance_mm / spacing_mm_ * spline_part_mm_;
   for (Index axis = 0; axis < 3; ++axis) {
     const double sigma = harmonics_[static_cast<std::size_t>(axis)].estimate(true_mm).sigma;
-    out.sigma_mm[axis] = std::hypot(sigma, spline_ ? spline_sigma_mm_ : 0.0);
+    out.sigma_mm[axis] = std::hypot(sigma, spline_ ? spline_sigma_mm_ : 0.0, not_continued[axis]);
   }
   // At most the quantile of equal coordinates with the same variance in sum.
   out.error_95_mm = kQuantile95 / std::sqrt(3.0) * out.sigma_mm.norm();
   out.error_95_mm = std::max(out.error_95_mm, 1.96 * out.sigma_mm.maxCoeff());
-  out.distance_mm = distance_outside(true_mm);
   // A hollow phantom has no points inside, but harmonics are determined there by those around.
   if (out.distance_mm <= 0.0) {
     out.coverage = Coverage::kInterpolates;

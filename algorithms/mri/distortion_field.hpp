@@ -79,6 +79,7 @@ private:
   std::vector<HarmonicSeries> harmonics_; // x, y, z
   std::optional<registration::ThinPlateSpline<3>> spline_;
   double spline_sigma_mm_ = 0.0;
+  Vector spline_part_mm_ = Vector::Zero(); // RMS of the spline at the control points, of each coordinate
   geometry::Points3 control_mm_;
   double spacing_mm_ = 0.0;
   geometry::Points3 hull_directions_; // the volume of the control points: direction . p <= extent for all

@@ -183,6 +183,47 @@ TEST(DistortionField, SaysWhereItExtrapolatesAndWhereItDoesNotKnow) {
   EXPECT_STREQ(name(Coverage::kUnknown), "unknown");
 }
 
+// Displacements that solve no equation of Laplace: the spline has what the harmonics lack inside, and nothing has it
+// outside.
+TEST(DistortionField, WhatIsNotHarmonicInsideEnlargesTheStatedErrorOutside) {
+  struct Bump {
+    Vector3d centre_mm, height_mm;
+    double width_mm = 0.0;
+  };
+  std::mt19937 rng(7);
+  std::uniform_real_distribution<double> place(-130.0, 130.0);
+  std::normal_distribution<double> gauss;
+  std::vector<Bump> bumps;
+  for (int i = 0; i < 24; ++i) {
+    bumps.push_back(
+        {{place(rng), place(rng), place(rng)}, {gauss(rng), gauss(rng), gauss(rng)}, i < 12 ? 120.0 : 60.0});
+  }
+  const auto image_of = [&](const Vector3d &p) {
+    Vector3d out = p;
+    for (const Bump &b : bumps) {
+      out += std::exp(-0.5 * (p - b.centre_mm).squaredNorm() / (b.width_mm * b.width_mm)) * b.height_mm;
+    }
+    return out;
+  };
+  const Points3 truth = test::lattice(11, 16.0);
+  Points3 imaged = truth;
+  for (Eigen::Index i = 0; i < truth.cols(); ++i) {
+    imaged.col(i) = image_of(truth.col(i));
+  }
+  const auto field = DistortionField::fit(truth, test::with_noise(imaged, 0.05, 3));
+  ASSERT_TRUE(field) << field.error();
+  ASSERT_TRUE(field->has_spline());
+  int covered = 0, places = 0;
+  for (double x = -60.0; x <= 60.0; x += 20.0) {
+    for (double z = 84.0; z <= 100.0; z += 4.0) {
+      const Vector3d at(x, 10.0, z);
+      covered += (field->to_imaged(at) - image_of(at)).norm() <= field->assess(at).error_95_mm ? 1 : 0;
+      ++places;
+    }
+  }
+  EXPECT_GE(covered, places * 9 / 10) << "of " << places;
+}
+
 TEST(DistortionField, SummariesAreThoseOfTableThree) {
   Points3 errors(3, 2);
   errors << 3.0, -1.0, -4.0, 2.0, 0.0, 2.0;
