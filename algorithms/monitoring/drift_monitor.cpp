@@ -35,6 +35,7 @@ void DriftMonitor::reset(const Matrix6d &registration_covariance) noexcept {
   covariance_.setZero();
   covariance_.topLeftCorner<6, 6>() = registration_covariance;
   known_.fill(false);
+  common_known_ = false;
   onset_count_ = 0;
   surface_count_ = 0;
 }
@@ -121,8 +122,9 @@ void DriftMonitor::add_check(const CheckTouch &touch) noexcept {
 }
 
 void DriftMonitor::add_surface_residual(const Vector3d &point_mm, double signed_mm, double sigma_mm,
-                                        const Vector3d &normal) noexcept {
-  if (!point_mm.allFinite() || !normal.allFinite() || !std::isfinite(signed_mm) || !(sigma_mm > 0.0)) {
+                                        const Vector3d &normal, const Matrix3d &common_covariance) noexcept {
+  if (!point_mm.allFinite() || !normal.allFinite() || !std::isfinite(signed_mm) || !(sigma_mm > 0.0) ||
+      !common_covariance.allFinite()) {
     return;
   }
   const auto kept = static_cast<std::size_t>(std::min<std::int64_t>(surface_count_, kRecent));
@@ -137,6 +139,13 @@ void DriftMonitor::add_surface_residual(const Vector3d &point_mm, double signed_
   }
   Eigen::Matrix<double, 1, kMaxState> H = Eigen::Matrix<double, 1, kMaxState>::Zero();
   H.leftCols<6>() = normal.transpose() * geometry::point_jacobian(point_mm);
+  if (common_covariance.trace() > 0.0) {
+    H.middleCols<3>(kCommon) = normal.transpose();
+    if (!common_known_) {
+      covariance_.block<3, 3>(kCommon, kCommon) = common_covariance;
+      common_known_ = true;
+    }
+  }
   update<1>(H, normal.transpose(), Eigen::Matrix<double, 1, 1>(signed_mm),
             Eigen::Matrix<double, 1, 1>(sigma_mm * sigma_mm));
   judge();

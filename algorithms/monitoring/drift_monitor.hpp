@@ -6,7 +6,7 @@
 // drift a constant shift is added from some touch on. The test is the generalised likelihood ratio over the unknown
 // shift and the unknown first touch, by the innovations of a Kalman filter without drift [Willsky 1976]. Errors that
 // are common to all touches cancel, so that a landmark touched before and after a bump counts for more than one that
-// was touched only after it.
+// was touched only after it. The common error of a scan is an unknown like the offset of a landmark.
 //
 // Frame: Image, mm. No allocation, no exceptions; one thread at a time.
 #pragma once
@@ -45,9 +45,11 @@ public:
   void add_check(const CheckTouch &touch) noexcept;
   // signed_mm: distance of a traced point from the surface, positive outside; normal: outward unit normal there;
   // sigma_mm: error of the sample (skin, segmentation, tracker). Samples nearer than correlation_length_mm to one of
-  // the last 16 used samples add no information and are left out.
-  void add_surface_residual(const Vector3d &point_mm, double signed_mm, double sigma_mm,
-                            const Vector3d &normal) noexcept;
+  // the last 16 used samples add no information and are left out. common_covariance: of an error that all samples of a
+  // scan have in common, such as that of its sensor's beam and curve; not part of sigma_mm. It is one unknown, with the
+  // covariance of the first such sample.
+  void add_surface_residual(const Vector3d &point_mm, double signed_mm, double sigma_mm, const Vector3d &normal,
+                            const Matrix3d &common_covariance = Matrix3d::Zero()) noexcept;
 
   // The 95 % bound of the length of this touch's residual if nothing has moved, from the covariances of registration,
   // landmark and touch [Satterthwaite 1946]. Earlier touches are not used.
@@ -61,7 +63,8 @@ public:
   [[nodiscard]] const Vector3d &shift_mm() const noexcept { return shift_; }
 
 private:
-  static constexpr int kMaxState = 6 + 3 * kMaxLandmarks;
+  static constexpr int kCommon = 6 + 3 * kMaxLandmarks; // of the scans
+  static constexpr int kMaxState = kCommon + 3;
   static constexpr int kRecent = 16;
   using StateVector = Eigen::Matrix<double, kMaxState, 1>;
   using StateMatrix = Eigen::Matrix<double, kMaxState, kMaxState>;
@@ -84,9 +87,10 @@ private:
   int checks_ = 0;
   Vector3d shift_ = Vector3d::Zero();
   Matrix6d registration_covariance_ = Matrix6d::Zero();
-  StateVector state_; // twist of the registration's error, then the landmarks' offsets
+  StateVector state_; // twist of the registration's error, the landmarks' offsets, the common error of scans
   StateMatrix covariance_;
   std::array<bool, kMaxLandmarks> known_{};
+  bool common_known_ = false;
   std::array<Onset, kMaxOnsets> onsets_;
   int onset_count_ = 0;
   std::array<Vector3d, kRecent> recent_surface_;

@@ -141,7 +141,8 @@ void MonitoringPipeline::add(const SurfaceSample &sample) noexcept {
   const auto closest = case_->scalp.closest(point);
   const double own = closest.normal.dot(R * matrix_of(sample.covariance_mm2) * R.transpose() * closest.normal);
   const double skin = case_->data->limits.surface_sigma_mm;
-  drift_.add_surface_residual(point, closest.signed_mm, std::sqrt(skin * skin + own), closest.normal);
+  drift_.add_surface_residual(point, closest.signed_mm, std::sqrt(skin * skin + own), closest.normal,
+                              R * matrix_of(sample.common_mm2) * R.transpose());
 }
 
 void MonitoringPipeline::predict_targets() noexcept {
