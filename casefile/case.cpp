@@ -197,6 +197,7 @@ void read_robot(base::TableReader &root, Case &c) {
                        .role = ToolRole::kPointer,
                        .markers_mm = {},
                        .axis = tool.axis,
+                       .axis_sigma_rad = tool.sigma_rad,
                        .nominal_tip_mm = tool.tip_mm});
   }
 }

@@ -57,6 +57,7 @@ struct ToolModel {
   std::vector<Eigen::Vector3d> markers_mm;
   Eigen::Vector3d normal = Eigen::Vector3d::UnitZ();        // direction that the markers face, in the body frame
   Eigen::Vector3d axis = -Eigen::Vector3d::UnitX();         // from the body towards the tip
+  double axis_sigma_rad = 0.0;                              // error of the axis about the tip, 1 sigma; 0: not stated
   Eigen::Vector3d nominal_tip_mm = Eigen::Vector3d::Zero(); // as manufactured; navigation needs a calibrated tip
 };
 

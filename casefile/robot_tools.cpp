@@ -8,7 +8,9 @@
 #include <nlohmann/json.hpp>
 
 #include "algorithms/geometry/angles.hpp"
+#include "base/read_file.hpp"
 #include "base/table_reader.hpp"
+#include "casefile/dh_arm.hpp"
 
 namespace bregma::casefile {
 
@@ -98,6 +100,7 @@ RangeSensorModel read_sensor(base::TableReader &table, const std::filesystem::pa
   sensor.sigma_mm = table.number("sigma_mm", sensor.sigma_mm, "mm", 0.0, 100.0);
   sensor.near_mm = table.number("near_mm", sensor.near_mm, "mm", 0.0, 1e4);
   sensor.far_mm = table.number("far_mm", sensor.far_mm, "mm", 1.0, 1e4);
+  sensor.radius_mm = table.number("radius_mm", sensor.radius_mm, "mm", 0.5, 500.0);
   if (sensor.near_mm >= sensor.far_mm) {
     table.refuse("near_mm", "must be below far_mm");
   }
@@ -108,6 +111,22 @@ RangeSensorModel read_sensor(base::TableReader &table, const std::filesystem::pa
     table.refuse("curve", read.error().message);
   }
   return sensor;
+}
+
+void read_links(base::TableReader &root, const std::filesystem::path &folder, RobotEquipment &out) {
+  const std::string arm = root.string("arm", "");
+  out.table_z_mm = root.optional_number("table_mm", "mm", -1e4, 1e4);
+  if (arm.empty()) {
+    return;
+  }
+  const auto text = base::read_file(folder / arm);
+  auto links =
+      text ? parse_dh_arm(*text, (folder / arm).string()) : base::Result<robot::ArmModel>(tl::unexpected(text.error()));
+  if (!links) {
+    root.refuse("arm", links.error().message);
+    return;
+  }
+  out.arm = std::move(*links);
 }
 
 template <class Item> void check_name(base::TableReader &table, const Item &item, const std::vector<Item> &others) {
@@ -128,6 +147,7 @@ base::Result<RobotEquipment> read_robot_equipment(const std::filesystem::path &f
   }
   base::TableReader root = document->root();
   RobotEquipment out;
+  read_links(root, file.parent_path(), out);
   for (base::TableReader &table : root.tables("tools")) {
     RobotToolModel tool;
     tool.name = table.require_string("name");
@@ -135,6 +155,7 @@ base::Result<RobotEquipment> read_robot_equipment(const std::filesystem::path &f
     tool.axis = table.vector3("axis", tool.axis);
     tool.sigma_mm = table.require_number("sigma_mm", "mm", 0.001, 10.0);
     tool.sigma_rad = table.number("sigma_deg", 0.0, "deg", 0.0, 10.0) * geometry::kRadiansPerDegree;
+    tool.radius_mm = table.number("radius_mm", tool.radius_mm, "mm", 0.5, 500.0);
     check_name(table, tool, out.tools);
     if (tool.axis.norm() < kMinAxisLength) {
       table.refuse("axis", "has no length");

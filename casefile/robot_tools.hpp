@@ -1,11 +1,15 @@
 // What an arm carries, with its calibration in the flange (TOML): tools, and range sensors.
 //
+//   arm = "mz07f.toml"        # the arm's links (dh_arm.hpp); optional: without it the daemon plans no motion
+//   table_mm = 0              # height of the table in RobotBase, an obstacle; optional
+//
 //   [[tools]]
 //   name = "Guide"
 //   tip_mm = [0, 0, 120]      # in the flange
 //   axis = [0, 0, 1]          # in the flange, from the flange towards the tip
 //   sigma_mm = 0.1            # of each coordinate of the tip
 //   sigma_deg = 0.1           # of the axis; optional
+//   radius_mm = 6             # of its body, from the flange to the tip; optional
 //
 //   [[sensors]]
 //   name = "Range"            # of the device
@@ -16,6 +20,7 @@
 //   sigma_mm = 0.5            # of a filtered value; optional: as the sensor states
 //   near_mm = 100
 //   far_mm = 400
+//   radius_mm = 25            # of its body, from the flange to the beam's origin; optional
 //
 // Files are named relative to this one. Errors name file, line, key and value.
 #pragma once
@@ -28,6 +33,7 @@
 
 #include <Eigen/Core>
 
+#include "algorithms/robot/arm_model.hpp"
 #include "base/result.hpp"
 
 namespace bregma::casefile {
@@ -38,6 +44,7 @@ struct RobotToolModel {
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ(); // unit length
   double sigma_mm = 0.1;
   double sigma_rad = 0.0;
+  double radius_mm = 6.0;
 };
 
 // True distance = scale * stated distance ^ exponent.
@@ -57,15 +64,18 @@ struct RangeSensorModel {
   double delay_ms = 0.0;
   double sigma_mm = 0.0; // 1 sigma of a filtered value; 0: as the sensor states
   double near_mm = 0.0, far_mm = 1e4;
+  double radius_mm = 25.0;
 };
 
 struct RobotEquipment {
+  std::optional<robot::ArmModel> arm;
+  std::optional<double> table_z_mm; // in RobotBase
   std::vector<RobotToolModel> tools;
   std::vector<RangeSensorModel> sensors;
 };
 
 // Refused: no tools, names that repeat or are too long for the wire, an axis without length, and a calibration that was
-// refused itself or is that of voltages.
+// refused itself or is that of voltages; an arm that is not described by its table.
 [[nodiscard]] base::Result<RobotEquipment> read_robot_equipment(const std::filesystem::path &file);
 
 } // namespace bregma::casefile

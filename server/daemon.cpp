@@ -83,6 +83,7 @@ private:
   [[nodiscard]] base::Result<std::optional<std::filesystem::path>> case_changed(const casefile::Case *loaded,
                                                                                 std::int64_t utc_ns) override;
   [[nodiscard]] wire::BootIdentity boot_id() const override { return wire::boot_id(); }
+  [[nodiscard]] std::uint64_t run_id() const override { return run_id_; }
   [[nodiscard]] AlarmEvents *conditions() noexcept override { return &alarms_.events; }
   void complete(wire::SystemHealth &health) override;
 

@@ -14,6 +14,7 @@
 #include "server/stages/navigation/stage.hpp"
 #include "server/stages/pose_search/stage.hpp"
 #include "server/stages/registration/stage.hpp"
+#include "server/stages/robot_motion/stage.hpp"
 #include "server/stages/robot_tool/stage.hpp"
 #include "server/stages/scanner/stage.hpp"
 #include "server/stages/sensors/stage.hpp"
@@ -30,6 +31,8 @@ using Stages = StageTable< //
     Reads<SensorStage>,
     Reads<SurfaceScanStage, &SessionStage::to_scan, &SensorStage::flanges_to_scan, &SensorStage::readings>,
     Reads<RobotToolStage, &SensorStage::robots, &ScannerStage::pose>,
+    Reads<RobotMotionStage, &SessionStage::to_arm, &SessionStage::cases, &SensorStage::robots,
+          &NavigationStage::tracking, &RegistrationStage::estimate>,
     Reads<ScannerStage, &SessionStage::to_scanner, &RobotToolStage::tools>,
     Reads<RegistrationStage, &SessionStage::to_registration, &SessionStage::cases, &PoseSearchStage::answer>,
     Reads<PoseSearchStage, &SessionStage::cases, &RegistrationStage::search>,
@@ -39,7 +42,8 @@ using Stages = StageTable< //
     Reads<DeformationStage, &SessionStage::cases, &TissueModelStage::model, &NavigationStage::probe,
           &SensorStage::force>,
     Reads<SessionStage, &NavigationStage::events, &MonitoringStage::conditions, &RegistrationStage::estimate,
-          &ScannerStage::answers, &ScannerStage::conditions, &SurfaceScanStage::events, &SurfaceScanStage::conditions>,
+          &ScannerStage::answers, &ScannerStage::conditions, &SurfaceScanStage::events, &SurfaceScanStage::conditions,
+          &RobotMotionStage::answers>,
     Reads<EchoStage, &NavigationStage::probe>,
     Reads<HealthStage, &NavigationStage::devices, &SensorStage::devices, &ScannerStage::devices, &SessionStage::view,
           &NavigationStage::events, &MonitoringStage::conditions, &MonitoringStage::clock>>;

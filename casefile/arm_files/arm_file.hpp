@@ -1,13 +1,4 @@
-// Descriptions of six-axis arms: Denavit-Hartenberg tables in TOML, and URDF.
-//
-//   name = "Nachi MZ07F"       # robots/mz07f.toml
-//   [[joints]]                 # six, the one nearest to the base first
-//   d_mm = 355                 # Rz(q + offset) Tz(d) Tx(a) Rx(alpha)
-//   alpha_deg = 90
-//   a_mm = 50
-//   offset_deg = 0             # optional
-//   min_deg = -170
-//   max_deg = 170
+// Descriptions of six-axis arms: Denavit-Hartenberg tables in TOML (casefile/dh_arm.hpp), and URDF.
 //
 // Of URDF the links and joints are read: revolute and continuous joints with limits, fixed joints between them; lengths
 // in m. The base is the root link. The flange is the only link without children that six moving joints lead to.
@@ -17,10 +8,12 @@
 #pragma once
 
 #include <filesystem>
+#include <string>
 #include <string_view>
 
 #include "algorithms/robot/arm_model.hpp"
 #include "base/result.hpp"
+#include "casefile/dh_arm.hpp"
 
 namespace bregma::casefile {
 
@@ -28,7 +21,6 @@ namespace bregma::casefile {
 [[nodiscard]] base::Result<robot::ArmModel> read_arm(const std::filesystem::path &file);
 
 // From text; `name` is the file in error messages.
-[[nodiscard]] base::Result<robot::ArmModel> parse_dh_arm(std::string_view text, const std::string &name);
 [[nodiscard]] base::Result<robot::ArmModel> parse_urdf_arm(std::string_view text, const std::string &name);
 
 } // namespace bregma::casefile

@@ -398,10 +398,14 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
   (void)wire::set_name(command.client, client_); // it was made to fit
   command.id = next_id_++;
   command.sent_time_ns = Now::read().utc_ns;
-  if (*command.receiver != '\0') {
+  // A motion of an arm is passed on by the daemon, and answered by the arm's driver.
+  const std::string device = command.kind == bregma_wire_COMMAND_MOVE_TO_TRAJECTORY
+                                 ? wire::text(command.body._u.motion.device)
+                                 : wire::text(command.receiver);
+  if (!device.empty()) {
     to_devices_.insert(command.id);
-    if (!wait_for_device(wire::text(command.receiver))) {
-      return failure("no device \"" + wire::text(command.receiver) + "\" answers on domain " + std::to_string(domain_) +
+    if (!wait_for_device(device)) {
+      return failure("no device \"" + device + "\" answers on domain " + std::to_string(domain_) +
                      ": is its driver running?");
     }
   }

@@ -37,7 +37,8 @@ public:
   [[nodiscard]] base::Result<void> wait_for_daemon(Duration timeout);
 
   // Waits for the daemon if necessary, sends, and waits for the reply to this command. A refusal is a reply (see result
-  // and text), not an error. A command with a receiver is answered by that device. Precondition: the role is kCommands.
+  // and text), not an error. A command with a receiver is answered by that device; a motion of an arm by the daemon or
+  // the arm. Precondition: the role is kCommands.
   [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command,
                                                       Duration timeout = std::chrono::seconds(5));
 

@@ -56,6 +56,7 @@ public:
   void add(const casefile::RobotToolModel &tool) { // name, tip and axis are those of the case's tools
     add(tool.sigma_mm);
     add(tool.sigma_rad);
+    add(tool.radius_mm);
   }
   void add(const casefile::RangeSensorModel &sensor) {
     add(std::string_view(sensor.name));
@@ -63,9 +64,9 @@ public:
     add(sensor.direction);
     crc_.process_bytes(sensor.covariance.data(), sizeof(double) * 36);
     const casefile::RangeCurveModel curve = sensor.curve.value_or(casefile::RangeCurveModel{});
-    for (const double value :
-         {curve.scale_mm, curve.exponent, curve.covariance(0, 0), curve.covariance(0, 1), curve.covariance(1, 1),
-          static_cast<double>(sensor.window), sensor.delay_ms, sensor.sigma_mm, sensor.near_mm, sensor.far_mm}) {
+    for (const double value : {curve.scale_mm, curve.exponent, curve.covariance(0, 0), curve.covariance(0, 1),
+                               curve.covariance(1, 1), static_cast<double>(sensor.window), sensor.delay_ms,
+                               sensor.sigma_mm, sensor.near_mm, sensor.far_mm, sensor.radius_mm}) {
       add(value);
     }
   }
@@ -73,6 +74,22 @@ public:
     add(std::string_view(surface.name));
     add(surface.mesh.vertices_mm);
     add(surface.mesh.triangles);
+  }
+  void add(const std::optional<robot::ArmModel> &arm) {
+    add(static_cast<std::uint8_t>(arm ? 1 : 0));
+    if (!arm) {
+      return;
+    }
+    for (const robot::JointAxis &axis : arm->axes_at_zero()) {
+      add(axis.direction);
+      add(axis.point_mm);
+    }
+    for (const robot::JointLimits &limits : arm->limits()) {
+      add(limits.lower_rad);
+      add(limits.upper_rad);
+    }
+    const Eigen::Matrix4d flange = arm->flange_at_zero().matrix();
+    crc_.process_bytes(flange.data(), sizeof(double) * 16);
   }
   void add(const std::optional<double> &value) {
     add(static_cast<std::uint8_t>(value.has_value() ? 1 : 0));
@@ -133,6 +150,8 @@ std::string case_checksum(const casefile::Case &a_case) {
     digest.add(std::string_view(a_case.robot->device));
     digest.add(a_case.robot->equipment.tools);
     digest.add(a_case.robot->equipment.sensors);
+    digest.add(a_case.robot->equipment.table_z_mm);
+    digest.add(a_case.robot->equipment.arm);
   }
   return digest.text();
 }

@@ -205,16 +205,17 @@ struct ArmReplaced {
   std::int64_t time_ns;
 };
 
-// ---- from the scanner's stage ----
+// ---- from the stages scanner and robot motion ----
 
-// The answer to a command that the session passed on to it.
-struct ScannerAnswer {
+// The answer to a command that the session passed on to them.
+struct StageAnswer {
   wire::Name client; // this and the next three as in the command
   std::uint64_t id;
   std::int64_t sent_time_ns;
   wire::CommandKind kind;
   wire::CommandResult result;
   char text[256];
+  bool by_device; // a device has published this reply: the session does not publish it again
 };
 
 // ---- from monitoring, inputs and recorder ----
@@ -248,7 +249,7 @@ using NavigationEvent = std::variant<CaptureResult, SurfaceSample, PivotPose, Ar
 static_assert(std::is_trivially_copyable_v<NavigationMessage> && std::is_trivially_copyable_v<RegistrationMessage> &&
               std::is_trivially_copyable_v<MonitoringMessage> && std::is_trivially_copyable_v<NavigationEvent> &&
               std::is_trivially_copyable_v<AlarmCondition> && std::is_trivially_copyable_v<ScanRequest> &&
-              std::is_trivially_copyable_v<ScannerAnswer>);
+              std::is_trivially_copyable_v<StageAnswer>);
 
 // Names of alarms, common to the senders, the session and the command line.
 namespace alarm {

@@ -91,9 +91,13 @@ wire::CommandReply Session::Impl::make_reply(const Ticket &ticket, const Answer 
 
 void Session::Impl::publish_reply(const Ticket &ticket, const wire::CommandReply &reply) {
   reply_cache_.answer(ticket, reply);
+  log_reply(ticket, reply);
+  ports_.publish(reply);
+}
+
+void Session::Impl::log_reply(const Ticket &ticket, const wire::CommandReply &reply) {
   ports_.log(ticket.client + " " + std::to_string(ticket.id) + " " + wire::command_name(ticket.kind) + ": " +
              (reply.result == bregma_wire_COMMAND_DONE ? "" : "refused: ") + reply.text);
-  ports_.publish(reply);
 }
 
 // Publishes changes of the state to clients and loops.
@@ -170,7 +174,7 @@ void Session::Impl::poll() {
     answer(ticket, refused("the registration loop has not answered: no estimate of the latest samples"));
   }
   poll_checks();
-  poll_scanner();
+  poll_passed_on();
   poll_storage();
 }
 
@@ -206,9 +210,9 @@ void Session::on(const wire::RegistrationState &estimate, std::int64_t now_ns) {
   impl_->on_estimate(estimate);
 }
 
-void Session::on(const ScannerAnswer &answer, std::int64_t now_ns) {
+void Session::on(const StageAnswer &answer, std::int64_t now_ns) {
   impl_->begin(now_ns);
-  impl_->on_scanner(answer);
+  impl_->on_stage_answer(answer);
 }
 
 void Session::on(const AlarmCondition &condition, std::int64_t now_ns) {

@@ -39,8 +39,9 @@ public:
   virtual void send(const NavigationMessage &message) = 0;
   virtual void send(const RegistrationMessage &message) = 0;
   virtual void send(const MonitoringMessage &message) = 0;
-  // A command of the scanner's procedure; its stage answers by a ScannerAnswer.
-  virtual void send(const wire::Command &command) = 0;
+  // A command of the scanner's procedure, or about the motion of an arm; its stage answers by a StageAnswer.
+  virtual void send_to_scanner(const wire::Command &command) = 0;
+  virtual void send_to_arm(const wire::Command &command) = 0;
   virtual void send(const ScanRequest &request) = 0;
 
   virtual void publish(const wire::CommandReply &reply) = 0;
@@ -63,8 +64,9 @@ struct SessionConfig {
   std::size_t min_checks = 3; // check touches at different landmarks, required for a verification
   // In a case without a tracker a verification ends when the last check touch is older.
   double check_valid_min = 15.0;
-  double answer_timeout_ms = 2000.0; // the command fails if a loop has not answered within this time
-  double load_timeout_ms = 30'000.0; // a case that is not loaded within this time is refused
+  double answer_timeout_ms = 2000.0;   // the command fails if a loop has not answered within this time
+  double motion_timeout_ms = 15'000.0; // the same for motions of an arm, whose path is planned and checked first
+  double load_timeout_ms = 30'000.0;   // a case that is not loaded within this time is refused
 };
 
 class Session {
@@ -85,7 +87,7 @@ public:
   void on(const NavigationEvent &event, std::int64_t now_ns);
   void on(const wire::RegistrationState &estimate, std::int64_t now_ns);
   void on(const AlarmCondition &condition, std::int64_t now_ns);
-  void on(const ScannerAnswer &answer, std::int64_t now_ns);
+  void on(const StageAnswer &answer, std::int64_t now_ns);
   // Sends answers that wait for a loop, a worker or a timeout. Call it at 10 Hz or more.
   void poll(std::int64_t now_ns);
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "idl/commands.hpp"
 #include "server/session/session_core.hpp"
 #include "server/session/session_text.hpp"
 
@@ -48,41 +49,70 @@ Outcome Session::Impl::carry_out(const Ticket &ticket, const wire::CommandBody &
   case bregma_wire_COMMAND_CONFIRM_SCANNER_STEP:
   case bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION:
   case bregma_wire_COMMAND_RESET_SCANNER_REGISTRATION:
-    return pass_to_scanner(ticket, body);
+    ports_.send_to_scanner(pass_on(ticket, body, config_.answer_timeout_ms));
+    return std::nullopt;
+  case bregma_wire_COMMAND_MOVE_TO_TRAJECTORY:
+    return move_guide(ticket, body);
+  case bregma_wire_COMMAND_HOLD_ROBOT:
+  case bregma_wire_COMMAND_STOP_ROBOT:
+  case bregma_wire_COMMAND_RESET_ROBOT:
+    ports_.send_to_arm(pass_on(ticket, body, config_.motion_timeout_ms));
+    return std::nullopt;
   }
   return refused("not a command"); // the input check has rejected it already
 }
 
-Outcome Session::Impl::pass_to_scanner(const Ticket &ticket, const wire::CommandBody &body) {
+wire::Command Session::Impl::pass_on(const Ticket &ticket, const wire::CommandBody &body, double timeout_ms) {
   wire::Command command{};
   (void)wire::set_name(command.client, ticket.client); // it was received as a valid name
   command.id = ticket.id;
   command.sent_time_ns = ticket.sent_time_ns;
   command.kind = ticket.kind;
   command.body = body;
-  scanner_.push_back({ticket, now_ns + std::llround(config_.answer_timeout_ms * kNanosecondsPerMs)});
-  ports_.send(command);
+  passed_on_.push_back({ticket, now_ns + std::llround(timeout_ms * kNanosecondsPerMs)});
+  return command;
+}
+
+Outcome Session::Impl::move_guide(const Ticket &ticket, const wire::CommandBody &body) {
+  const std::string device = wire::text(body._u.motion.device);
+  const std::string trajectory = wire::text(body._u.motion.trajectory);
+  if (const auto refusal = refuse_arm(device)) {
+    return *refusal;
+  }
+  if (case_->trajectory(trajectory) == nullptr) {
+    return refused(not_in_case(*case_, "trajectory", trajectory, case_->trajectories));
+  }
+  ports_.send_to_arm(pass_on(ticket, body, config_.motion_timeout_ms));
   return std::nullopt;
 }
 
-void Session::Impl::on_scanner(const ScannerAnswer &result) {
-  const auto found = std::find_if(scanner_.begin(), scanner_.end(), [&](const PendingScanner &pending) {
+void Session::Impl::on_stage_answer(const StageAnswer &result) {
+  const auto found = std::find_if(passed_on_.begin(), passed_on_.end(), [&](const PassedOn &pending) {
     return pending.ticket.client == wire::view(result.client) && pending.ticket.id == result.id &&
            pending.ticket.sent_time_ns == result.sent_time_ns && pending.ticket.kind == result.kind;
   });
-  if (found == scanner_.end()) {
+  if (found == passed_on_.end()) {
     return; // answered by its time-out
   }
   const Ticket ticket = found->ticket;
-  scanner_.erase(found);
-  answer(ticket, {result.result, std::string(result.text, strnlen(result.text, sizeof result.text))});
+  passed_on_.erase(found);
+  const Answer told{result.result, std::string(result.text, strnlen(result.text, sizeof result.text))};
+  if (result.by_device) {
+    reply_cache_.answer(ticket, make_reply(ticket, told));
+    log_reply(ticket, make_reply(ticket, told));
+  } else {
+    answer(ticket, told);
+  }
 }
 
-void Session::Impl::poll_scanner() {
-  while (!scanner_.empty() && now_ns >= scanner_.front().deadline_ns) {
-    const Ticket ticket = scanner_.front().ticket;
-    scanner_.pop_front();
-    answer(ticket, refused("the scanner's stage has not answered"));
+void Session::Impl::poll_passed_on() {
+  const auto late = [this](const PassedOn &pending) { return now_ns >= pending.deadline_ns; };
+  for (auto found = std::find_if(passed_on_.begin(), passed_on_.end(), late); found != passed_on_.end();
+       found = std::find_if(passed_on_.begin(), passed_on_.end(), late)) {
+    const Ticket ticket = found->ticket;
+    passed_on_.erase(found);
+    const char *deed = wire::find_command(ticket.kind)->deed;
+    answer(ticket, refused(std::string("cannot ") + deed + ": the stage that does it has not answered"));
   }
 }
 

@@ -61,7 +61,7 @@ public:
   void on_arm_replaced();
   void on_estimate(const wire::RegistrationState &estimate);
   // session_commands.cpp
-  void on_scanner(const ScannerAnswer &answer);
+  void on_stage_answer(const StageAnswer &answer);
 
   std::int64_t now_ns = 0; // time of the current call
   [[nodiscard]] const StateMachine &machine() const { return machine_; }
@@ -78,7 +78,7 @@ private:
     Ticket ticket;
     std::int64_t deadline_ns = 0;
   };
-  struct PendingScanner { // a command that the scanner's stage carries out
+  struct PassedOn { // a command that the stage of the scanner or of the arm's motion carries out
     Ticket ticket;
     std::int64_t deadline_ns = 0;
   };
@@ -106,6 +106,7 @@ private:
   void answer(const Ticket &ticket, const Answer &answer);
   [[nodiscard]] wire::CommandReply make_reply(const Ticket &ticket, const Answer &answer) const;
   void publish_reply(const Ticket &ticket, const wire::CommandReply &reply);
+  void log_reply(const Ticket &ticket, const wire::CommandReply &reply);
   void settle();
   void condition(const char *kind, std::string_view subject, bool active, wire::AlarmSeverity severity,
                  std::string_view text);
@@ -131,8 +132,10 @@ private:
 
   // session_commands.cpp
   [[nodiscard]] Outcome carry_out(const Ticket &ticket, const wire::CommandBody &body);
-  [[nodiscard]] Outcome pass_to_scanner(const Ticket &ticket, const wire::CommandBody &body);
-  void poll_scanner();
+  // Keeps the ticket until the answer; the command is for the stage.
+  [[nodiscard]] wire::Command pass_on(const Ticket &ticket, const wire::CommandBody &body, double timeout_ms);
+  [[nodiscard]] Outcome move_guide(const Ticket &ticket, const wire::CommandBody &body);
+  void poll_passed_on();
   [[nodiscard]] Outcome load_case(const Ticket &ticket, const std::string &folder);
   [[nodiscard]] Answer take_case(const LoadedFolder &folder);
   void take_tips_of_arm();
@@ -151,6 +154,8 @@ private:
   [[nodiscard]] Answer stop_trace(const std::string &tool);
   [[nodiscard]] Answer start_scan(const bregma_wire_ScanBody &body);
   [[nodiscard]] Answer stop_scan(const std::string &device);
+  // The case has no such arm.
+  [[nodiscard]] std::optional<Answer> refuse_arm(const std::string &device) const;
   // Why no trace or scan can begin.
   [[nodiscard]] std::optional<Answer> refuse_surface() const;
   // In a case without a tracker: the last check touch is too old.
@@ -198,7 +203,7 @@ private:
   std::uint64_t next_request_ = 1;
   std::optional<PendingCapture> capture_;
   std::optional<PendingAccept> accept_;
-  std::deque<PendingScanner> scanner_;
+  std::deque<PassedOn> passed_on_;
   std::optional<PivotRun> pivot_;
   std::optional<Ticket> pivot_ticket_; // the FINISH_PIVOT that waits for the estimate
   std::optional<PlanSelected> plan_;   // plan of the navigated tool

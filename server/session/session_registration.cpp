@@ -188,14 +188,21 @@ std::optional<Answer> Session::Impl::refuse_surface() const {
 
 // The points of the scan are samples like those of a trace, made by the sensor instead of a tip. Its motion is
 // commanded separately, from the arm.
-Answer Session::Impl::start_scan(const bregma_wire_ScanBody &body) {
-  const std::string device = wire::text(body.device);
-  const std::string name = wire::text(body.sensor);
+std::optional<Answer> Session::Impl::refuse_arm(const std::string &device) const {
   if (!case_->robot) {
     return refused("case " + case_->id + " has no arm: [robot] in its case.toml names one");
   }
   if (device != case_->robot->device) {
     return refused("arm \"" + device + "\" is not that of case " + case_->id + ", " + case_->robot->device);
+  }
+  return std::nullopt;
+}
+
+Answer Session::Impl::start_scan(const bregma_wire_ScanBody &body) {
+  const std::string device = wire::text(body.device);
+  const std::string name = wire::text(body.sensor);
+  if (auto refusal = refuse_arm(device)) {
+    return *refusal;
   }
   const auto &sensors = case_->robot->equipment.sensors;
   const auto sensor = std::find_if(sensors.begin(), sensors.end(), [&](const auto &one) { return one.name == name; });

@@ -40,6 +40,11 @@ constexpr Row kTable[] = {
     {bregma_wire_COMMAND_STOP_TRACE, kRegistering, kNavigating, kSame, false, ""},
     {bregma_wire_COMMAND_START_SURFACE_SCAN, kRegistering, kNavigating, kSame, true, ""},
     {bregma_wire_COMMAND_STOP_SURFACE_SCAN, kRegistering, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_MOVE_TO_TRAJECTORY, kVerified, kNavigating, kSame, true, ""},
+    // Passed on to the arm's driver in every state; they need no case.
+    {bregma_wire_COMMAND_HOLD_ROBOT, kIdle, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_STOP_ROBOT, kIdle, kNavigating, kSame, false, ""},
+    {bregma_wire_COMMAND_RESET_ROBOT, kIdle, kNavigating, kSame, false, ""},
     {bregma_wire_COMMAND_ACCEPT_REGISTRATION, kRegistering, kRegistering, kRegistered, false,
      "one is accepted; start a new registration to replace it"},
     {bregma_wire_COMMAND_CHECK_TOUCH, kRegistered, kNavigating, kSame, true, ""},
@@ -111,8 +116,9 @@ bool StateMachine::verified() const { return fault_.empty() && stage_ >= kVerifi
 std::optional<std::string> StateMachine::refusal(CommandKind kind) const {
   const Row &command = *find_row(kind);
   const std::string opening = std::string("cannot ") + wire::find_command(kind)->deed + " while ";
-  if (kind == bregma_wire_COMMAND_ACKNOWLEDGE_ALARM) {
-    return std::nullopt;
+  if (kind == bregma_wire_COMMAND_ACKNOWLEDGE_ALARM || kind == bregma_wire_COMMAND_STOP_ROBOT ||
+      kind == bregma_wire_COMMAND_HOLD_ROBOT) {
+    return std::nullopt; // also in Fault
   }
   if (!fault_.empty()) {
     if (kind == bregma_wire_COMMAND_CLOSE_CASE) {

@@ -34,6 +34,8 @@ public:
   // ---- workers, and any stage during construction ----
   // Identity of the machine's current boot.
   [[nodiscard]] virtual wire::BootIdentity boot_id() const { return {}; }
+  // SystemHealth::run_id of this process.
+  [[nodiscard]] virtual std::uint64_t run_id() const { return 0; }
   virtual void log(LogLevel, const std::string & /*line*/) {}
   // Runs the job on another thread (server/session/work.hpp); the base class runs it at once.
   virtual void run_elsewhere(Work /*work*/, const std::function<void()> &job) { job(); }

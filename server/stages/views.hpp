@@ -7,6 +7,7 @@
 #include "idl/topics.hpp"
 #include "server/runtime/mailbox.hpp"
 #include "server/runtime/spsc_ring.hpp"
+#include "server/session/messages.hpp"
 #include "server/stages/plausibility/body_judge.hpp"
 
 namespace bregma::tissue {
@@ -44,6 +45,8 @@ struct RobotView {
   std::int64_t period_ns = 0;
   bool lost = false;
   wire::RobotMode mode = bregma_wire_ROBOT_UNKNOWN;
+  std::uint32_t joint_count = 0;
+  double joint_position_rad[bregma_wire_MAX_JOINTS] = {};
   wire::Pose T_base_flange{};
   wire::PoseCovariance covariance{}; // all 0: not stated
   // Of the last two frames, while the later follows the earlier closely: left perturbation in RobotBase, rad/s and
@@ -101,8 +104,11 @@ struct ScannerPoseView {
   double covariance[36] = {};
 };
 
-// Commands of the scanner's procedure, from the session to the scanner's stage. Each gets one ScannerAnswer.
+// Commands of the scanner's procedure, and about the motion of an arm, from the session to their stages. Each gets one
+// StageAnswer.
 using ScannerInbox = runtime::Mailbox<wire::Command, 16>;
+using RobotMotionInbox = runtime::Mailbox<wire::Command, 16>;
+using StageAnswers = runtime::SpscRing<StageAnswer, 64>;
 
 // The latest navigation states, for monitoring.
 struct TrackingView {

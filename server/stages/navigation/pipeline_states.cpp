@@ -121,6 +121,12 @@ bool NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noe
   // The tip's calibration error, in the axes of Reference, affects only the tip's position.
   const Matrix3d R = moving.T_reference_tip.pose.rotation_matrix();
   moving.T_reference_tip.covariance.bottomRightCorner<3, 3>() += R * tool.tip_covariance * R.transpose();
+  // That of the axis turns the tool about its tip: by the lever arm to Reference's origin it is an error there.
+  Matrix6d axis_error = Matrix6d::Zero();
+  axis_error.topLeftCorner<3, 3>().diagonal().setConstant(tool.model->axis_sigma_rad * tool.model->axis_sigma_rad);
+  Matrix6d about_origin = Matrix6d::Identity();
+  about_origin.bottomLeftCorner<3, 3>() = geometry::skew(moving.T_reference_tip.pose.translation());
+  moving.T_reference_tip.covariance += about_origin * axis_error * about_origin.transpose();
   const auto T_image_tip = *registration_ * moving.T_reference_tip;
   const Vector3d tip = T_image_tip.pose.translation();
   const Matrix3d position_covariance = uncertainty::tre_covariance(T_image_tip.covariance, tip);

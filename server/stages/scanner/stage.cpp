@@ -200,7 +200,7 @@ void ScannerStage::take_commands(const Moment &now) {
       answer = procedure_.reset(wire::text(body.device.device), now.utc_ns);
       break;
     }
-    ScannerAnswer out{};
+    StageAnswer out{};
     copy_name(out.client, command.client);
     out.id = command.id;
     out.sent_time_ns = command.sent_time_ns;

@@ -49,7 +49,6 @@ public:
   // Client of the commands to scanner and coils.
   static constexpr const char *kClient = "bregmad scanner";
   using Parameters = ScannerParameters;
-  using Answers = runtime::SpscRing<ScannerAnswer, 64>;
 
   // Throws std::invalid_argument for files that cannot be read and for patterns that the frame does not have.
   ScannerStage(const ScannerParameters &parameters, const StageContext &context);
@@ -59,7 +58,7 @@ public:
 
   runtime::LatestValue<ScannerPoseView> pose;
   runtime::LatestValue<inputs::StreamHealth> devices; // per tick
-  Answers answers;
+  StageAnswers answers;
   AlarmEvents conditions;
 
 private:

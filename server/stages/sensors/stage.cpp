@@ -133,6 +133,8 @@ void SensorStage::take_robot(const wire::RobotState &sample, const inputs::Verdi
   view.period_ns = verdict.period_ns;
   view.lost = false;
   view.mode = sample.mode;
+  view.joint_count = sample.joint_count;
+  std::copy(std::begin(sample.joint_position_rad), std::end(sample.joint_position_rad), view.joint_position_rad);
   view.T_base_flange = sample.T_base_flange;
   std::copy(std::begin(sample.covariance), std::end(sample.covariance), view.covariance);
   robots.store(robots_view_);

@@ -1,6 +1,8 @@
 #include "server/stages/session/stage.hpp"
 
+#include <algorithm>
 #include <exception>
+#include <iterator>
 #include <stdexcept>
 #include <utility>
 
@@ -85,18 +87,19 @@ void declare(base::ParameterSet &set, SessionParameters &p) {
 SessionStage::SessionStage(const SessionParameters &parameters, const StageContext &context)
     : Stage(kName, {.thread = ThreadClass::kWorker, .rate_hz = kPollRate_hz, .triggered = true}),
       parameters_(parameters), host_(context.host), commands_(context.link), replies_(context.link),
-      alarms_(context.link), captures_(context.link),
+      to_driver_(context.link), alarms_(context.link), captures_(context.link),
       session_(config_of(parameters), static_cast<SessionPorts &>(*this),
                [this](Work work, const std::function<void()> &job) { host_.run_elsewhere(work, job); }) {}
 
 void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
-                           const runtime::LatestValue<wire::RegistrationState> &estimate,
-                           ScannerStage::Answers &scanner_answers, AlarmEvents &scanner_conditions,
-                           NavigationEvents &scan_events, AlarmEvents &scan_conditions) {
+                           const runtime::LatestValue<wire::RegistrationState> &estimate, StageAnswers &scanner_answers,
+                           AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions,
+                           StageAnswers &motion_answers) {
   events_ = &events;
   scan_events_ = &scan_events;
   scan_conditions_ = &scan_conditions;
   scanner_answers_ = &scanner_answers;
+  motion_answers_ = &motion_answers;
   scanner_conditions_ = &scanner_conditions;
   conditions_ = &conditions;
   estimate_.connect(estimate);
@@ -121,6 +124,7 @@ void SessionStage::step(const Moment &now) noexcept {
   to_registration.flush();
   to_monitoring.flush();
   to_scanner.flush();
+  to_arm.flush();
   to_scan.flush();
   cases.free_unused();
   share_view();
@@ -168,9 +172,11 @@ void SessionStage::take_in() {
     }
   }
   AlarmCondition condition;
-  ScannerAnswer answer;
-  while (scanner_answers_->try_pop(answer)) {
-    session_.on(answer, now_ns_);
+  StageAnswer answer;
+  for (StageAnswers *answers : {scanner_answers_, motion_answers_}) {
+    while (answers != nullptr && answers->try_pop(answer)) {
+      session_.on(answer, now_ns_);
+    }
   }
   for (AlarmEvents *conditions : {conditions_, scanner_conditions_, scan_conditions_, host_.conditions()}) {
     while (conditions != nullptr && conditions->try_pop(condition)) {
@@ -223,6 +229,17 @@ void SessionStage::tell_of_recording() {
       session_.recording_to(*file->value());
     }
     recordings_.pop_front();
+  }
+}
+
+// A hold or a stop does not wait for a path that is being planned. The stage robot motion watches for the reply; it
+// knows the command before the driver does.
+void SessionStage::send_to_arm(const wire::Command &command) {
+  to_arm.send(command);
+  if (command.kind != bregma_wire_COMMAND_MOVE_TO_TRAJECTORY) {
+    wire::Command out = command;
+    std::copy(std::begin(command.body._u.device.device), std::end(command.body._u.device.device), out.receiver);
+    to_driver_(out, now_ns_);
   }
 }
 

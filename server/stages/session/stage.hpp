@@ -46,8 +46,9 @@ public:
 
   SessionStage(const SessionParameters &parameters, const StageContext &context);
   void connect(NavigationEvents &events, AlarmEvents &conditions,
-               const runtime::LatestValue<wire::RegistrationState> &estimate, ScannerStage::Answers &scanner_answers,
-               AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions);
+               const runtime::LatestValue<wire::RegistrationState> &estimate, StageAnswers &scanner_answers,
+               AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions,
+               StageAnswers &motion_answers);
 
   // Restores the last session, so that what the other stages take from their first step on belongs to it.
   void begin(const Moment &now) override;
@@ -60,6 +61,7 @@ public:
   RegistrationStage::Inbox to_registration;
   MonitoringStage::Inbox to_monitoring;
   ScannerInbox to_scanner;
+  RobotMotionInbox to_arm;
   SurfaceScanStage::Inbox to_scan;
   runtime::LatestValue<SessionView> view;
 
@@ -69,7 +71,8 @@ private:
   void send(const NavigationMessage &message) override { to_navigation.send(message); }
   void send(const RegistrationMessage &message) override { to_registration.send(message); }
   void send(const MonitoringMessage &message) override { to_monitoring.send(message); }
-  void send(const wire::Command &command) override { to_scanner.send(command); }
+  void send_to_scanner(const wire::Command &command) override { to_scanner.send(command); }
+  void send_to_arm(const wire::Command &command) override;
   void send(const ScanRequest &request) override { to_scan.send(request); }
   void publish(const wire::CommandReply &reply) override;
   void publish(const wire::Alarm &alarm) override;
@@ -89,13 +92,15 @@ private:
   Host &host_;
   Subscriber<wire::Command> commands_;
   Publisher<wire::CommandReply> replies_;
+  Publisher<wire::Command> to_driver_; // of the arm
   Publisher<wire::Alarm> alarms_;
   Publisher<wire::CapturedPoint> captures_;
   NavigationEvents *events_ = nullptr;
   NavigationEvents *scan_events_ = nullptr;
   AlarmEvents *scan_conditions_ = nullptr;
   AlarmEvents *conditions_ = nullptr;
-  ScannerStage::Answers *scanner_answers_ = nullptr;
+  StageAnswers *scanner_answers_ = nullptr;
+  StageAnswers *motion_answers_ = nullptr;
   AlarmEvents *scanner_conditions_ = nullptr;
   runtime::LatestInput<wire::RegistrationState> estimate_;
   std::int64_t now_ns_ = 0;                           // UTC, of the step under way

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <random>
 #include <stdexcept>
 #include <utility>
@@ -104,6 +105,9 @@ RobotCase::RobotCase(std::uint64_t seed) {
       point.position_mm = skin.closest(point.position_mm).point_mm;
     }
   }
+  // The arm faces the face: a way that it reaches.
+  case_.trajectories.push_back(
+      {"Frontal", skin.closest(on_head(Vector3d(0.2, 0.9, 0.35))).point_mm, case_.targets.front().position_mm});
   case_.tools.clear();
   case_.image = folder_.path() / "image.nii.gz";
   std::ofstream(case_.image) << "only its name matters to the daemon\n";
@@ -122,7 +126,8 @@ RobotCase::RobotCase(std::uint64_t seed) {
 void RobotCase::write_equipment(std::uint64_t seed) {
   (void)seed;
   std::ofstream(folder_.path() / "robot.toml")
-      << "[[tools]]\nname = \"Pointer\"\ntip_mm = [-5, 3, 150]\nsigma_mm = 0.1\n"
+      << "arm = \"" BREGMA_SOURCE_DIR "/robots/mz07f.toml\"\n"
+      << "[[tools]]\nname = \"Pointer\"\ntip_mm = [-5, 3, 150]\nsigma_mm = 0.1\nsigma_deg = 0.2\n"
          "[[tools]]\nname = \"Drill\"\ntip_mm = [0, 0, 100]\nsigma_mm = 0.1\n"
          "[[sensors]]\nname = \"Range\"\nbeam = \"beam.json\"\ncurve = \"curve.json\"\nwindow = 100\ndelay_ms = 38.3\n"
          "sigma_mm = 0.8\nnear_mm = 150\nfar_mm = 240\n";
@@ -157,7 +162,9 @@ class RobotRoom::ArmBus final : public ArmWire {
 public:
   explicit ArmBus(RobotRoom &room) : room_(room) {}
   bool write(std::string_view topic, const void *sample) override {
-    if (topic == wire::Topic<wire::RobotState>::kName && room_.deliver_arm) {
+    if (topic == wire::Topic<wire::RobotState>::kName && !room_.deliver_arm) {
+      ++room_.undelivered;
+    } else if (topic == wire::Topic<wire::RobotState>::kName) {
       wire::RobotState state = *static_cast<const wire::RobotState *>(sample);
       room_.tamper(state);
       room_.topics_.put(state, room_.arm_writer);
@@ -166,6 +173,7 @@ public:
       room_.topics_.put(room_.motions.back(), room_.arm_writer);
     } else if (topic == wire::Topic<wire::CommandReply>::kName) {
       room_.replies_.push_back(*static_cast<const wire::CommandReply *>(sample));
+      room_.topics_.put(room_.replies_.back());
     }
     return true;
   }
@@ -223,6 +231,12 @@ RobotRoom::RobotRoom(const RobotCase &a_case, std::uint64_t seed)
     }
   });
   topics_.observe<wire::CommandReply>([this](const wire::CommandReply &reply) { replies_.push_back(reply); });
+  topics_.observe<wire::Command>([this](const wire::Command &command) {
+    if (deliver_commands) {
+      arm_bus_->commands.push_back(command);
+    }
+  });
+  topics_.observe<wire::RobotPath>([this](const wire::RobotPath &path) { arm_bus_->paths.push_back(path); });
   topics_.observe<wire::AccuracyState>([this](const wire::AccuracyState &sample) { accuracy = sample; });
   topics_.observe<wire::RegistrationState>([this](const wire::RegistrationState &sample) {
     registration = sample;
@@ -279,6 +293,24 @@ sim::BeamTarget RobotRoom::beam_target() const {
 }
 
 Vector3d RobotRoom::tip_in_image() const { return T_base_image_.inverse() * (flange() * case_.tip_mm()); }
+
+Vector3d RobotRoom::axis_in_image() const {
+  return T_base_image_.rotation().inverse() * (flange().rotation() * Vector3d::UnitZ());
+}
+
+double RobotRoom::tool_clearance_mm() const {
+  const auto T_image_flange = T_base_image_.inverse() * flange();
+  double out = std::numeric_limits<double>::infinity();
+  for (double part = 0.0; part <= 1.0; part += 0.05) {
+    out = std::min(out, head_.clearance_mm(T_image_flange * Vector3d(part * case_.tip_mm())));
+  }
+  return out;
+}
+
+std::size_t RobotRoom::replies_to(std::uint64_t id) const {
+  return static_cast<std::size_t>(
+      std::count_if(replies_.begin(), replies_.end(), [id](const auto &reply) { return reply.id == id; }));
+}
 
 RobotRoom::Flange RobotRoom::touching(const Vector3d &image_mm, double before_mm) const {
   const Eigen::Quaterniond R = flange().rotation();

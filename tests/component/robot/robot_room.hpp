@@ -69,6 +69,14 @@ public:
   // Commands the arm along these poses and holds the deadman until it is there; false if it does not get there.
   [[nodiscard]] bool move(const std::vector<Flange> &path, double speed_mm_s);
   void release_deadman() { held_ = 0; }
+  // Holds the deadman of the last command.
+  void hold_deadman() { held_ = id_; }
+  [[nodiscard]] std::uint64_t last_id() const { return id_; }
+  [[nodiscard]] std::size_t replies_to(std::uint64_t id) const;
+  [[nodiscard]] std::string last_reply() const { return replies_.empty() ? "" : std::string(replies_.back().text); }
+  [[nodiscard]] wire::RobotMotionPhase phase() const {
+    return motions.empty() ? bregma_wire_MOTION_UNKNOWN : motions.back().phase;
+  }
   // Begins such a motion without waiting for its end.
   void start_move(const std::vector<Flange> &path, double speed_mm_s);
 
@@ -78,6 +86,9 @@ public:
   }
   [[nodiscard]] Flange flange() const { return arm_.true_flange(); }
   [[nodiscard]] geometry::Vector3d tip_in_image() const;
+  [[nodiscard]] geometry::Vector3d axis_in_image() const; // of the tool, towards the tip
+  // Smallest distance of the tool's middle line from the true skin.
+  [[nodiscard]] double tool_clearance_mm() const;
   // The flange with its present orientation and the tip, or the beam at this distance, at a point in Image.
   [[nodiscard]] Flange touching(const geometry::Vector3d &image_mm, double before_mm = 0.0) const;
   [[nodiscard]] Flange above(const geometry::Vector3d &image_mm, double distance_mm) const;
@@ -87,6 +98,8 @@ public:
   // Faults.
   std::function<void(wire::RobotState &)> tamper = [](wire::RobotState &) {};
   bool deliver_arm = true;
+  std::uint64_t undelivered = 0; // samples of the arm, while deliver_arm is false
+  bool deliver_commands = true;  // of the daemon to the arm's driver
   std::uint64_t arm_writer = MemoryTopics::kWriter;
   void unplug_sensor() { terminal_.reset(); }
   void plug_sensor(const std::string &serial);
@@ -116,7 +129,8 @@ private:
   bool wait_until(std::int64_t /*time_ns*/) override { return true; }
   [[nodiscard]] bool stopping() const override { return false; }
   [[nodiscard]] wire::BootIdentity boot_id() const override { return kDaemonBoot; }
-  void complete(wire::SystemHealth &sample) override { sample.run_id = 77; }
+  [[nodiscard]] std::uint64_t run_id() const override { return 77; }
+  void complete(wire::SystemHealth &sample) override { sample.run_id = run_id(); }
 
   void step();
   void serve_arm();

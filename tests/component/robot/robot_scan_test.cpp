@@ -12,96 +12,14 @@
 #include "idl/names.hpp"
 #include "idl/validity.hpp"
 #include "server/session/messages.hpp"
-#include "tests/component/robot/robot_room.hpp"
+#include "tests/component/robot/robot_test.hpp"
 
 namespace bregma::test {
 namespace {
 
 using geometry::Vector3d;
 
-constexpr std::uint64_t kSeed = 5;
-constexpr std::int64_t kLimit_ns = 100'000'000; // of a live pose, as no arm's period is longer than a third of it
-
-void expect_done(const wire::CommandReply &reply) { EXPECT_EQ(reply.result, bregma_wire_COMMAND_DONE) << reply.text; }
-
-class RobotScan : public testing::Test {
-protected:
-  void begin() {
-    ASSERT_TRUE(room.run(3.0, [&] { return room.device("Range") != nullptr && room.device("Range")->taken > 0; }))
-        << room.range_error;
-    room.run(0.5);
-    expect_done(room.command(bregma_wire_COMMAND_LOAD_CASE, {the_case.loaded().folder.string()}));
-    expect_done(room.command(bregma_wire_COMMAND_START_REGISTRATION));
-  }
-  // The whole raster, and the search of the pose.
-  void scan(double spacing_mm = 8.0, double speed_mm_s = 50.0) {
-    const auto path = room.raster(48.0, 56.0, spacing_mm);
-    ASSERT_TRUE(room.move({path.front()}, 80.0));
-    expect_done(room.command(bregma_wire_COMMAND_START_SURFACE_SCAN, {"Robot", "Range", "0", "3"}));
-    ASSERT_TRUE(room.move(path, speed_mm_s));
-    expect_done(room.command(bregma_wire_COMMAND_STOP_SURFACE_SCAN, {"Robot"}));
-    room.run(1.0);
-  }
-  // Touches a point with the tip, from 30 mm before it, and returns the reply to the command.
-  wire::CommandReply touch(wire::CommandKind kind, const casefile::NamedPoint &point) {
-    EXPECT_TRUE(room.move({room.touching(point.position_mm, 30.0), room.touching(point.position_mm)}, 80.0))
-        << point.name;
-    const wire::CommandReply reply = room.command(kind, {"Pointer", point.name});
-    EXPECT_TRUE(room.move({room.touching(point.position_mm, 30.0)}, 80.0)) << point.name;
-    return reply;
-  }
-  void touch_fiducials() {
-    for (const casefile::NamedPoint &fiducial : the_case.loaded().fiducials) {
-      expect_done(touch(bregma_wire_COMMAND_CAPTURE_FIDUCIAL, fiducial));
-    }
-  }
-  void verify() {
-    for (const casefile::NamedPoint &landmark : the_case.loaded().landmarks) {
-      expect_done(touch(bregma_wire_COMMAND_CHECK_TOUCH, landmark));
-    }
-    expect_done(room.command(bregma_wire_COMMAND_CONFIRM_VERIFICATION));
-  }
-  // Registered by touches, verified, and navigating.
-  void navigate() {
-    ASSERT_NO_FATAL_FAILURE(begin());
-    touch_fiducials();
-    expect_done(room.command(bregma_wire_COMMAND_ACCEPT_REGISTRATION));
-    verify();
-    expect_done(room.command(bregma_wire_COMMAND_START_NAVIGATION, {"Pointer", ""}));
-    ASSERT_TRUE(room.run(1.0, [&] { return live(); }));
-  }
-  [[nodiscard]] bool live() const { return !room.states.empty() && room.states.back().status == bregma_wire_POSE_LIVE; }
-  [[nodiscard]] static bool shown(const wire::NavigationState &state) {
-    return state.status == bregma_wire_POSE_LIVE || state.status == bregma_wire_POSE_UNVERIFIED;
-  }
-  // Lets the fault act for this time; no pose is shown later than the limit after its begin, and its age never is
-  // above.
-  void expect_not_live(double seconds = 1.0) {
-    const std::int64_t begin_ns = room.now();
-    room.states.clear();
-    room.run(seconds);
-    for (const wire::NavigationState &state : room.states) {
-      if (shown(state)) {
-        ASSERT_LE(state.published_time_ns - begin_ns, kLimit_ns) << "shown too late";
-        ASSERT_LE(state.valid_for_ns + state.age_ns, kLimit_ns);
-      } else {
-        ASSERT_TRUE(std::isnan(state.T_image_tip.translation_mm[0]) && std::isnan(state.covariance[0]));
-        ASSERT_EQ(state.valid_for_ns, 0);
-      }
-    }
-    ASSERT_FALSE(room.states.empty());
-    ASSERT_FALSE(shown(room.states.back()));
-  }
-  [[nodiscard]] double target_error_mm() const {
-    const auto T = wire::from_wire<geometry::frame::Image, geometry::frame::RobotBase>(
-        room.registration.accepted_T_image_reference);
-    const Vector3d target = the_case.loaded().targets.front().position_mm;
-    return (T * (room.T_base_image() * target) - target).norm();
-  }
-
-  RobotCase the_case{kSeed};
-  RobotRoom room{the_case, kSeed};
-};
+class RobotScan : public RobotTest {};
 
 TEST_F(RobotScan, RegistersByTheScanAloneAndNavigates) {
   ASSERT_NO_FATAL_FAILURE(begin());
@@ -144,6 +62,21 @@ TEST_F(RobotScan, TheArmRegistersByTouchesAsAStylusDoes) {
   ASSERT_NO_FATAL_FAILURE(navigate());
   EXPECT_EQ(room.registration.fiducial_count, the_case.loaded().fiducials.size());
   EXPECT_LT(target_error_mm(), 1.0);
+  // The error of the tool's axis (0.2 degrees) turns it about its tip, and does not displace the tip.
+  const Vector3d tip = Vector3d::Map(room.states.back().T_image_tip.translation_mm);
+  geometry::Matrix6d about_tip = geometry::Matrix6d::Identity();
+  about_tip.bottomLeftCorner<3, 3>() = -geometry::skew(tip);
+  const geometry::Matrix6d covariance =
+      about_tip * Eigen::Matrix<double, 6, 6, Eigen::RowMajor>::Map(room.states.back().covariance) *
+      about_tip.transpose();
+  const double axis_rad2 = 3.0 * std::pow(0.2 * M_PI / 180.0, 2);
+  const double turn_rad2 = covariance.topLeftCorner<3, 3>().trace();
+  const double registration_rad2 =
+      Eigen::Matrix<double, 6, 6, Eigen::RowMajor>::Map(room.registration.accepted_covariance)
+          .topLeftCorner<3, 3>()
+          .trace();
+  EXPECT_NEAR(turn_rad2 - registration_rad2, axis_rad2, 0.2 * axis_rad2); // the flange's own error is much smaller
+  EXPECT_LT(std::sqrt(covariance.bottomRightCorner<3, 3>().trace()), 1.0);
   std::printf("touches: error at the target %.2f mm, FRE %.2f mm, predicted RMS %.2f mm\n", target_error_mm(),
               room.registration.fre_mm, room.accuracy.targets[0].tre_rms_mm);
 }

@@ -60,6 +60,22 @@ TEST_F(RobotEquipmentFile, ReadsTheCalibrationsOfASensor) {
   EXPECT_EQ(sensor.far_mm, 300.0);
 }
 
+TEST_F(RobotEquipmentFile, ReadsTheArmsLinksTheTableAndTheSizesOfTools) {
+  const auto without = read(kTool);
+  ASSERT_TRUE(without) << without.error().message;
+  EXPECT_FALSE(without->arm);
+  EXPECT_FALSE(without->table_z_mm);
+  EXPECT_EQ(without->tools.front().radius_mm, 6.0);
+  const std::string arm = std::string("arm = \"") + BREGMA_SOURCE_DIR + "/robots/mz07f.toml\"\ntable_mm = -20\n";
+  const auto with = read(arm + kTool + "radius_mm = 4\n");
+  ASSERT_TRUE(with) << with.error().message;
+  ASSERT_TRUE(with->arm);
+  EXPECT_EQ(with->arm->name(), "Nachi MZ07F");
+  EXPECT_EQ(with->table_z_mm, -20.0);
+  EXPECT_EQ(with->tools.front().radius_mm, 4.0);
+  EXPECT_NE(error(std::string("arm = \"none.toml\"\n") + kTool).find("none.toml"), std::string::npos);
+}
+
 TEST_F(RobotEquipmentFile, RefusesCalibrationsThatWereRefusedOrAreOthers) {
   write_curve(1.0);
   EXPECT_NE(error(std::string(kTool) + kSensor).find("is no result of `bregma calibrate beam --json`"),

@@ -56,9 +56,11 @@ inline casefile::Case sample_case(const std::filesystem::path &folder) {
   c.targets = {{"Lesion", {10, -5, 20}}};
   c.trajectories = {{"Biopsy", {0, 40, 80}, {10, -5, 20}}};
   const std::vector<Eigen::Vector3d> markers{{0, 0, 0}, {0, 50, 0}, {60, -25, 0}, {-40, -10, 5}};
-  c.tools = {{"Reference", ToolRole::kReference, markers, {0, 0, 1}, {-1, 0, 0}, {0, 0, 0}},
-             {"Stylus", ToolRole::kPointer, markers, {0, 0, 1}, {-1, 0, 0}, {-150, 0, 0}},
-             {"Probe", ToolRole::kProbe, markers, {0, 0, 1}, {-1, 0, 0}, {-200, 0, -20}}};
+  const auto tool = [&](const char *name, ToolRole role, const Eigen::Vector3d &tip_mm) {
+    return casefile::ToolModel{.name = name, .role = role, .markers_mm = markers, .nominal_tip_mm = tip_mm};
+  };
+  c.tools = {tool("Reference", ToolRole::kReference, {0, 0, 0}), tool("Stylus", ToolRole::kPointer, {-150, 0, 0}),
+             tool("Probe", ToolRole::kProbe, {-200, 0, -20})};
   c.limits.max_check_mm = 2.5;
   return c;
 }

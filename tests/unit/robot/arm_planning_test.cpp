@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/planning/arm_collision.hpp"
+#include "algorithms/planning/guide_move.hpp"
 #include "algorithms/planning/scan_program.hpp"
 #include "algorithms/robot/straight_path.hpp"
 #include "tests/unit/algorithms/head.hpp"
@@ -184,6 +185,84 @@ TEST(ScanProgram, TheFlangeHoldsTheBeamOverThePosition) {
     EXPECT_LT((flange * sensor.origin_mm - at).norm(), 1e-9);
     EXPECT_LT((flange.rotation() * sensor.direction + Vector3d::UnitZ()).norm(), 1e-9);
   }
+}
+
+// A head in front of the guide, and goals around it.
+struct GuideScene {
+  robot::ArmModel arm = test::mz07f();
+  robot::InverseKinematics inverse{arm};
+  robot::FlangePose start = arm.forward(scanning());
+  Vector3d ahead = start.rotation() * Vector3d::UnitZ();
+  Vector3d middle = start * Vector3d(0.0, 0.0, 120.0) + 170.0 * ahead;
+  double radius = 80.0;
+  GuideOnFlange guide{Vector3d(0.0, 0.0, 120.0), Vector3d::UnitZ()};
+
+  [[nodiscard]] ArmCollision collision() const {
+    ArmScene scene;
+    scene.obstacles.push_back({"head", test::make_sphere(4, radius, middle)});
+    return {arm, with_guide(), scene};
+  }
+  // From outside on to the middle, turned off the guide's present axis by this angle.
+  [[nodiscard]] GuideGoal goal(double off_rad, double standoff_mm) const {
+    const Vector3d side = ahead.unitOrthogonal();
+    GuideGoal out;
+    out.direction = (std::cos(off_rad) * ahead + std::sin(off_rad) * side).normalized();
+    out.entry_mm = middle - radius * out.direction;
+    out.standoff_mm = standoff_mm;
+    return out;
+  }
+};
+
+TEST(GuideMove, BringsTheGuideOntoTheLine) {
+  const GuideScene scene;
+  for (const double off_rad : {0.0, 0.3, 0.6}) {
+    const GuideGoal goal = scene.goal(off_rad, 40.0);
+    const GuideMove move = plan_guide_move(scene.collision(), scene.inverse, scanning(), scene.guide, goal);
+    ASSERT_TRUE(move.found()) << off_rad << ": " << move.check.text;
+    EXPECT_GE(move.check.nearest.distance_mm, 10.0);
+    const robot::FlangePose &end = move.waypoints.back();
+    EXPECT_LT((end * scene.guide.tip_mm - (goal.entry_mm - 40.0 * goal.direction)).norm(), 1e-9);
+    EXPECT_LT((end.rotation() * scene.guide.axis - goal.direction).norm(), 1e-9);
+    const robot::FlangePose reached = scene.arm.forward(move.check.end);
+    EXPECT_LT((reached.translation() - end.translation()).norm(), 1e-6);
+  }
+}
+
+TEST(GuideMove, GoesAroundWhatIsInTheWay) {
+  const GuideScene scene;
+  const GuideGoal goal = scene.goal(0.6, 40.0);
+  ArmScene around;
+  around.obstacles.push_back({"head", test::make_sphere(4, scene.radius, scene.middle)});
+  // A ball on the straight line of the tip.
+  const Vector3d from = scene.start * scene.guide.tip_mm;
+  const Vector3d to = goal.entry_mm - goal.standoff_mm * goal.direction;
+  around.obstacles.push_back({"lamp", test::make_sphere(3, 6.0, 0.5 * (from + to))});
+  const ArmCollision collision(scene.arm, with_guide(), around);
+  const robot::FlangePose straight = flange_at_goal(scene.start, scene.guide, goal, 0.0);
+  EXPECT_EQ(check_path(collision, scene.inverse, scanning(), {&straight, 1}).verdict, PathVerdict::kTooClose);
+  const GuideMove move = plan_guide_move(collision, scene.inverse, scanning(), scene.guide, goal);
+  ASSERT_TRUE(move.found()) << move.check.text;
+  EXPECT_GE(move.check.nearest.distance_mm, 10.0);
+}
+
+TEST(GuideMove, SaysWhyThereIsNoPath) {
+  const GuideScene scene;
+  // The goal is too near to the head.
+  const GuideMove near =
+      plan_guide_move(scene.collision(), scene.inverse, scanning(), scene.guide, scene.goal(0.0, 5.0));
+  EXPECT_FALSE(near.found());
+  EXPECT_NE(near.check.text.find("of head"), std::string::npos) << near.check.text;
+  // From behind the head it would have to go through it, or is out of reach.
+  const GuideMove behind =
+      plan_guide_move(scene.collision(), scene.inverse, scanning(), scene.guide, scene.goal(std::numbers::pi, 40.0));
+  EXPECT_FALSE(behind.found()) << behind.check.text;
+  // The arm is where nothing helps.
+  ArmScene tight;
+  tight.obstacles.push_back({"wall", test::make_sphere(3, 20.0, scene.start * Vector3d(0.0, 30.0, 120.0))});
+  const GuideMove stuck = plan_guide_move(ArmCollision(scene.arm, with_guide(), tight), scene.inverse, scanning(),
+                                          scene.guide, scene.goal(0.0, 40.0));
+  EXPECT_FALSE(stuck.found());
+  EXPECT_EQ(stuck.check.at_mm, 0.0);
 }
 
 } // namespace

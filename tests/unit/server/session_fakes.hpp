@@ -40,7 +40,8 @@ public:
   void send(const NavigationMessage &message) override { navigation.push_back(message); }
   void send(const RegistrationMessage &message) override;
   void send(const MonitoringMessage &message) override { monitoring.push_back(message); }
-  void send(const wire::Command &command) override { to_scanner.push_back(command); }
+  void send_to_scanner(const wire::Command &command) override { to_scanner.push_back(command); }
+  void send_to_arm(const wire::Command &command) override { to_arm.push_back(command); }
   void send(const ScanRequest &request) override { to_scan.push_back(request); }
   void publish(const wire::CommandReply &reply) override { replies.push_back(reply); }
   void publish(const wire::Alarm &alarm) override { alarms.push_back(alarm); }
@@ -75,7 +76,7 @@ public:
   std::vector<NavigationMessage> navigation;
   std::vector<RegistrationMessage> registration;
   std::vector<MonitoringMessage> monitoring;
-  std::vector<wire::Command> to_scanner;
+  std::vector<wire::Command> to_scanner, to_arm;
   std::vector<ScanRequest> to_scan;
   std::vector<wire::CommandReply> replies;
   std::vector<wire::Alarm> alarms;

@@ -236,8 +236,8 @@ TEST_F(RefusalTest, CommandsThatThisDaemonCannotCarryOut) {
   expect(command, "command kind 77 is not known: this daemon speaks wire " + kOwnWire);
   command.kind = bregma_wire_COMMAND_UNKNOWN;
   expect(command, "command kind 0 is not known: this daemon speaks wire " + kOwnWire);
-  expect(harness.command(bregma_wire_COMMAND_STOP_ROBOT, "Arm"),
-         "this daemon cannot stop the robot (STOP_ROBOT): it has no part that does it");
+  expect(harness.command(bregma_wire_COMMAND_ACQUIRE_SERIES, "Scanner", "T1"),
+         "this daemon cannot acquire a series (ACQUIRE_SERIES): it has no part that does it");
 }
 
 TEST_F(RefusalTest, AScanNeedsACaseWithAnArm) {
@@ -259,7 +259,7 @@ TEST_F(RefusalTest, ACommandOfTheScannerIsAnsweredByItsStageOrByTheTimeOut) {
   EXPECT_FALSE(harness.send(command));
   ASSERT_EQ(loops.to_scanner.size(), 1U);
   EXPECT_STREQ(loops.to_scanner[0].body._u.device.device, "Scanner");
-  ScannerAnswer answer{};
+  StageAnswer answer{};
   (void)wire::set_name(answer.client, wire::view(command.client));
   answer.id = command.id;
   answer.sent_time_ns = command.sent_time_ns;
@@ -277,7 +277,38 @@ TEST_F(RefusalTest, ACommandOfTheScannerIsAnsweredByItsStageOrByTheTimeOut) {
   harness.run(3000.0);
   EXPECT_EQ(loops.replies.back().id, silent.id);
   EXPECT_EQ(loops.replies.back().result, bregma_wire_COMMAND_REFUSED);
-  EXPECT_STREQ(loops.replies.back().text, "the scanner's stage has not answered");
+  EXPECT_STREQ(loops.replies.back().text,
+               "cannot confirm a step of the scanner's registration: the stage that does it has not answered");
+}
+
+TEST_F(RefusalTest, ACommandThatADeviceHasAnsweredIsNotAnsweredAgain) {
+  const auto command = harness.command(bregma_wire_COMMAND_STOP_ROBOT, "Robot");
+  EXPECT_FALSE(harness.send(command)); // in every state, without a case
+  ASSERT_EQ(loops.to_arm.size(), 1U);
+  EXPECT_STREQ(loops.to_arm[0].body._u.device.device, "Robot");
+  EXPECT_EQ(wire::view(loops.to_arm[0].client), wire::view(command.client));
+  StageAnswer answer{};
+  (void)wire::set_name(answer.client, wire::view(command.client));
+  answer.id = command.id;
+  answer.sent_time_ns = command.sent_time_ns;
+  answer.kind = command.kind;
+  answer.result = bregma_wire_COMMAND_DONE;
+  wire::set_text(answer.text, "the stop is latched");
+  answer.by_device = true;
+  const std::size_t before = loops.replies.size();
+  harness.session->on(answer, harness.now_ns);
+  EXPECT_EQ(loops.replies.size(), before) << "the driver has published it";
+  const auto again = harness.send(command); // sent again: not carried out again
+  ASSERT_TRUE(again);
+  EXPECT_STREQ(again->text, "the stop is latched");
+  EXPECT_EQ(loops.to_arm.size(), 1U);
+
+  wire::Command move = harness.command(bregma_wire_COMMAND_STOP_ROBOT, "Robot");
+  ASSERT_EQ(wire::fill_command(move, bregma_wire_COMMAND_MOVE_TO_TRAJECTORY, {"Robot", "Biopsy", "50", "20"}), "");
+  const auto refused = harness.send(move);
+  ASSERT_TRUE(refused);
+  EXPECT_EQ(refused->result, bregma_wire_COMMAND_REFUSED_BY_STATE);
+  EXPECT_EQ(loops.to_arm.size(), 1U);
 }
 
 TEST_F(RefusalTest, ACommandToAnotherReceiverIsLeftToIt) {

@@ -87,6 +87,23 @@ TEST(StateMachine, EveryCommandInEveryState) {
   }
 }
 
+TEST(StateMachine, AnArmIsStoppedInEveryStateAndMovedOnlyWhenVerified) {
+  for (const wire::SessionState stage : kStages) {
+    StateMachine machine = at(stage);
+    EXPECT_EQ(machine.refusal(bregma_wire_COMMAND_MOVE_TO_TRAJECTORY).has_value(), stage != kV && stage != kN);
+    EXPECT_FALSE(machine.refusal(bregma_wire_COMMAND_RESET_ROBOT));
+    machine.degrade("robot_lost Robot");
+    EXPECT_TRUE(machine.refusal(bregma_wire_COMMAND_MOVE_TO_TRAJECTORY));
+    machine.fault("out of memory");
+    EXPECT_TRUE(machine.refusal(bregma_wire_COMMAND_MOVE_TO_TRAJECTORY));
+    for (const auto kind : {bregma_wire_COMMAND_STOP_ROBOT, bregma_wire_COMMAND_HOLD_ROBOT}) {
+      EXPECT_FALSE(machine.refusal(kind)) << wire::command_name(kind);
+      machine.done(kind);
+      EXPECT_EQ(machine.stage(), stage);
+    }
+  }
+}
+
 TEST(StateMachine, RefusalsNameTheMissingStep) {
   const auto says = [](wire::SessionState stage, wire::CommandKind kind) { return *at(stage).refusal(kind); };
   EXPECT_EQ(says(kG, bregma_wire_COMMAND_CHECK_TOUCH),

@@ -27,11 +27,14 @@ casefile::Case make_case() {
   const Vector3d target = bregma::test::kHeadCentre + Vector3d(15, 0, 0);
   out.targets.push_back({"Deep", target});
   out.trajectories.push_back({"Biopsy", bregma::test::on_head(Vector3d(0.45, 0.45, 0.75)), target});
-  casefile::ToolModel reference{"Reference", casefile::ToolRole::kReference, {}, {0, 0, 1}, {0, -1, 0}, {0, 0, 0}};
+  casefile::ToolModel reference{
+      .name = "Reference", .role = casefile::ToolRole::kReference, .markers_mm = {}, .axis = {0, -1, 0}};
   reference.markers_mm = {{0, 0, 0}, {98, 0, 0}, {22, 71, 0}, {71, 52, 0}};
-  casefile::ToolModel stylus{"Stylus", casefile::ToolRole::kPointer, {}, {0, 0, 1}, {-1, 0, 0}, {-150, 0, -12}};
+  casefile::ToolModel stylus{
+      .name = "Stylus", .role = casefile::ToolRole::kPointer, .markers_mm = {}, .nominal_tip_mm = {-150, 0, -12}};
   stylus.markers_mm = {{0, 0, 0}, {52, 31, 0}, {55, -27, 0}, {88, 6, 0}};
-  casefile::ToolModel probe{"Probe", casefile::ToolRole::kProbe, {}, {0, 0, 1}, {-1, 0, 0}, {-140, 0, -10}};
+  casefile::ToolModel probe{
+      .name = "Probe", .role = casefile::ToolRole::kProbe, .markers_mm = {}, .nominal_tip_mm = {-140, 0, -10}};
   probe.markers_mm = {{0, 0, 0}, {28, 47, 0}, {36, -41, 0}, {74, 35, 0}, {92, -18, 0}};
   out.tools = {reference, stylus, probe};
   return out;

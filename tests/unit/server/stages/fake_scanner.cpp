@@ -283,13 +283,13 @@ void ScannerBench::step() {
   }
 }
 
-ScannerAnswer ScannerBench::command(wire::CommandKind kind, std::initializer_list<std::string_view> values) {
+StageAnswer ScannerBench::command(wire::CommandKind kind, std::initializer_list<std::string_view> values) {
   wire::Command out{};
   EXPECT_EQ(wire::fill_command(out, kind, values), "");
   (void)wire::set_name(out.client, "test");
   inbox.send(out);
   step();
-  ScannerAnswer answer{};
+  StageAnswer answer{};
   EXPECT_TRUE(stage->answers.try_pop(answer));
   return answer;
 }

@@ -88,10 +88,8 @@ public:
   explicit ScannerBench(bool with_phantom = false);
 
   // Sends a command and returns the answer.
-  ScannerAnswer command(wire::CommandKind kind, std::initializer_list<std::string_view> values);
-  ScannerAnswer confirm(const char *step) {
-    return command(bregma_wire_COMMAND_CONFIRM_SCANNER_STEP, {"Scanner", step});
-  }
+  StageAnswer command(wire::CommandKind kind, std::initializer_list<std::string_view> values);
+  StageAnswer confirm(const char *step) { return command(bregma_wire_COMMAND_CONFIRM_SCANNER_STEP, {"Scanner", step}); }
   void step();
   // Steps until the procedure waits for the operator or has failed; false after 120 s.
   bool settle();

@@ -1,0 +1,74 @@
+// Stage robot motion: commands about the motion of an arm. It plans and checks the move of the guide onto a trajectory
+// (guide_plan.hpp), sends the path, and passes the command on to the arm's driver in the name of the client, who holds
+// the deadman. Hold, stop and reset do not pass through it: the session's stage has sent them to the driver already.
+//
+// The driver answers a command that was passed on; its reply is the command's only one. The stage watches for it, and
+// answers itself when it does not come. It moves nothing: the conditions of a motion are the driver's
+// (drivers/arm/motion_control.hpp).
+//
+// A worker that may be busy for a second with a path. It must run (no rate of 0), because the session waits for it.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "base/parameters.hpp"
+#include "server/runtime/latest_value.hpp"
+#include "server/stages/case_store.hpp"
+#include "server/stages/host.hpp"
+#include "server/stages/ports.hpp"
+#include "server/stages/stage.hpp"
+#include "server/stages/views.hpp"
+
+namespace bregma::server {
+
+struct RobotMotionParameters {
+  double rate_hz = 50.0;
+  double min_distance_mm = 10.0;
+};
+void declare(base::ParameterSet &set, RobotMotionParameters &parameters);
+
+class RobotMotionStage final : public Stage {
+public:
+  static constexpr const char *kName = "robot motion";
+  using Parameters = RobotMotionParameters;
+
+  RobotMotionStage(const RobotMotionParameters &parameters, const StageContext &context);
+  void connect(RobotMotionInbox &commands, CaseStore &cases, const runtime::LatestValue<RobotsView> &robots,
+               const runtime::LatestValue<TrackingView> &tracking,
+               const runtime::LatestValue<wire::RegistrationState> &registration);
+
+  void step(const Moment &now) noexcept override;
+
+  StageAnswers answers;
+
+private:
+  struct Waiting { // for the driver's reply
+    wire::Command command{};
+    std::int64_t deadline_ns = 0; // set by the next step: this one may have planned for seconds
+  };
+
+  void move(const wire::Command &command, const Moment &now);
+  void take_replies(std::int64_t now_ns);
+  void give_up(std::int64_t now_ns);
+  void answer(const wire::Command &command, wire::CommandResult result, const std::string &text,
+              bool by_device = false);
+  [[nodiscard]] const RobotView *robot_named(const wire::Name &device) const;
+
+  double min_distance_mm_;
+  Host &host_;
+  Subscriber<wire::CommandReply> replies_;
+  Publisher<wire::Command> commands_;
+  Publisher<wire::RobotPath> paths_;
+  RobotMotionInbox *inbox_ = nullptr;
+  CaseLease lease_;
+  const casefile::Case *case_ = nullptr;
+  runtime::LatestInput<RobotsView> robots_;
+  runtime::LatestInput<TrackingView> tracking_;
+  runtime::LatestInput<wire::RegistrationState> registration_;
+  std::vector<wire::Command> arrived_; // of this step; its capacity stays
+  std::vector<Waiting> waiting_;
+};
+
+} // namespace bregma::server
