@@ -39,8 +39,9 @@ public:
     c.brain.mesh = tests::sphere({0, 0, 5}, 70, 0);
     static_cast<void>(folder_.write("image.nii.gz", ""));
     require(casefile::save_case(c).has_value());
-    for (const auto &entry : std::filesystem::directory_iterator(folder_.path())) {
-      if (const auto name = entry.path().filename(); name.extension() == ".ply" || name.extension() == ".json") {
+    for (const auto &entry : std::filesystem::recursive_directory_iterator(folder_.path())) {
+      if (const auto name = entry.path().lexically_relative(folder_.path());
+          name.extension() == ".ply" || name.extension() == ".json") {
         parts_.emplace_back(name, tests::read_file(entry.path()));
       } else if (name == "case.toml") {
         toml_ = tests::read_file(entry.path());
@@ -80,7 +81,7 @@ private:
 
   test::TemporaryFolder folder_;
   std::string toml_;
-  std::vector<std::pair<std::filesystem::path, std::string>> parts_; // name and content
+  std::vector<std::pair<std::filesystem::path, std::string>> parts_; // path in the folder, and content
 };
 
 void configure(std::string_view toml) {
