@@ -5,13 +5,17 @@
 #include <iterator>
 #include <thread>
 
+#include "tests/faults/arm_run.hpp"
+
 namespace bregma::faults {
 
 std::vector<Planned> all_runs() {
   std::vector<Planned> out;
   for (const Cell &cell : matrix()) {
     for (const During session : kAllSessions) {
-      out.push_back({&cell, session});
+      if (!is_arm_cell(cell) || meets_arm(cell, session)) {
+        out.push_back({&cell, session});
+      }
     }
   }
   return out;
@@ -22,6 +26,9 @@ std::vector<Planned> sampled_runs() {
   std::erase(others, During::kNavigating);
   std::vector<Planned> out;
   for (std::size_t i = 0; i < matrix().size(); ++i) {
+    if (is_arm_cell(matrix()[i])) {
+      continue; // minutes of registering by an arm; ctest -R RobotScan has the same faults
+    }
     out.push_back({&matrix()[i], During::kNavigating});
     out.push_back({&matrix()[i], others[i % others.size()]});
   }

@@ -17,7 +17,8 @@ struct Planned {
 };
 // Every cell in every session.
 [[nodiscard]] std::vector<Planned> all_runs();
-// Every cell while navigating and in one of the other sessions, in turn, and the runs that are known to fail.
+// Every cell while navigating and in one of the other sessions, in turn, and the runs that are known to fail. Without
+// the cells of the arm, which take seconds each.
 [[nodiscard]] std::vector<Planned> sampled_runs();
 
 // A known failure is not a success, but does not fail the campaign.

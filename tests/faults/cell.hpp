@@ -7,7 +7,20 @@
 
 namespace bregma::faults {
 
-enum class Subject { kNothing, kTracker, kRobot, kForce, kRange, kClient, kDaemon, kDisk, kClock, kNetwork };
+enum class Subject {
+  kNothing,
+  kTracker,
+  kRobot,
+  kForce,
+  kRange,
+  kArm,
+  kScanSensor,
+  kClient,
+  kDaemon,
+  kDisk,
+  kClock,
+  kNetwork
+};
 enum class Fault {
   kNone,
   kSilent,
@@ -69,7 +82,13 @@ enum class Content {
   kDriverClock,       // the wall clock of the driver's host is set; it stays so
   kRenumbered,        // the device restarts: numbers from 1, another clock, another writer; it stays so
   kFlood,             // 20 times the stated rate; made by the room
-  kSecondWriter       // another writer of the same name, 20 mm beside
+  kSecondWriter,      // another writer of the same name, 20 mm beside
+  // Of the arm that navigates, and of the range sensor that it carries (arm_run.hpp):
+  kOtherTool,   // the arm states to carry another tool
+  kOtherDriver, // silent, then another driver sends for it
+  kUnplugged,   // the sensor's line, until the fault ends
+  kReplugged,   // the same sensor, which counts anew
+  kSwapped      // another sensor
 };
 
 // What happens to the daemon, its host or its disk.

@@ -125,6 +125,27 @@ void add_sensor(std::vector<Cell> &out, Subject subject, const char *device) {
   add(kFlooded, "20 times the rate", {.lasts_s = 1.0, .content = Content::kFlood, .expect = noticed({name})});
 }
 
+// A case without a tracker: the arm navigates, and its sensor scans.
+void add_arm(std::vector<Cell> &out) {
+  const auto add = adder(out, kArm);
+  add(kSilent, "", {.lasts_s = 1.0, .link = {.cut = true}, .expect = critical({"robot_lost Robot"})});
+  add(kJumping, "30 mm", {.lasts_s = 1.0, .content = Content::kJump, .expect = implausible({"implausible Pointer"})});
+  add(kFrozen, "numbers go on",
+      {.lasts_s = 1.0, .content = Content::kFrozen, .expect = implausible({"implausible Pointer"})});
+  add(kWrongTool, "another one is mounted",
+      {.lasts_s = 1.0, .content = Content::kOtherTool, .expect = implausible({"implausible RobotBase"})});
+  out.back().expect.reverify = true;
+  add(kRestarted, "another driver",
+      {.lasts_s = 1.0, .content = Content::kOtherDriver, .expect = critical({"robot_lost Robot"})});
+  out.back().expect.reverify = true;
+  const auto sensor = adder(out, kScanSensor);
+  sensor(kSilent, "unplugged",
+         {.lasts_s = 2.0, .content = Content::kUnplugged, .expect = alarm({"device_lost Range"})});
+  sensor(kRestarted, "replugged",
+         {.lasts_s = 0.2, .content = Content::kReplugged, .expect = critical({"scan_interrupted Range"})});
+  sensor(kWrongTool, "swapped", {.lasts_s = 2.0, .content = Content::kSwapped, .expect = alarm({"device_lost Range"})});
+}
+
 void add_client(std::vector<Cell> &out) {
   const auto add = adder(out, kClient);
   add(kSilent, "link cut", {.lasts_s = 1.5, .link = {.cut = true}, .expect = undisturbed()});
@@ -225,6 +246,7 @@ const std::vector<Cell> &matrix() {
     add_sensor(out, kRobot, "Robot");
     add_sensor(out, kForce, "Force");
     add_sensor(out, kRange, "Range");
+    add_arm(out);
     add_client(out);
     add_daemon(out);
     add_clocks(out);

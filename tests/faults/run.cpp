@@ -1,5 +1,7 @@
 #include "tests/faults/run.hpp"
 
+#include "tests/faults/arm_run.hpp"
+
 namespace bregma::faults {
 
 std::uint64_t seed_of(const Cell &cell, During session) {
@@ -11,6 +13,9 @@ std::uint64_t seed_of(const Cell &cell, During session) {
 }
 
 Outcome run(const Sessions &sessions, const Cell &cell, During session) {
+  if (is_arm_cell(cell)) {
+    return run_arm(cell, session);
+  }
   constexpr double kLimit_s = 300.0; // of virtual time, for a hang
   const test::TemporaryFolder state;
   sessions.prepare(session, state.path());
