@@ -367,8 +367,9 @@ Answer Session::Impl::take_registration() {
   return {.text = (worst.target.empty()
                        ? std::string("the case has no target")
                        : "predicted TRE at " + worst.target + " " + mm(worst.rms_mm) + placing_text(worst)) +
-                  "; check at least " + std::to_string(config_.min_checks) + " landmarks (FRE " +
-                  mm(estimate_->fre_mm) + " says nothing about accuracy)",
+                  "; check at least " + std::to_string(config_.min_checks) + " landmarks" +
+                  (std::isfinite(estimate_->fre_mm) ? " (FRE " + mm(estimate_->fre_mm) + " says nothing about accuracy)"
+                                                    : std::string()),
           .value_mm = estimate_->fre_mm};
 }
 

@@ -71,8 +71,8 @@ AcrossPlan across(const casefile::Trajectory &plan) {
 
 void summarise_path(SessionAnalysis &out) {
   // A pass: samples one after the other that are not farther from the target, along the path, than its entry is. Of
-  // all, the one that came nearest to the target: a tool that is carried past the head crosses the same depths. Beyond
-  // the target a deviation is none of the path.
+  // all, the one that came nearest to the target, and nearer than its entry is: a tool that is carried past the head
+  // crosses the same depths. Beyond the target a deviation is none of the path.
   PathSummary pass;
   double pass_mm = geometry::kUnknown; // nearest distance from the target
   double best_mm = geometry::kUnknown;
@@ -92,7 +92,7 @@ void summarise_path(SessionAnalysis &out) {
       pass = {sample.trajectory, sample.time_ns, sample.lateral_mm, sample.remaining_depth_mm};
     }
     pass_mm = std::fmin(pass_mm, std::hypot(sample.remaining_depth_mm, sample.lateral_mm));
-    if (!(pass_mm > best_mm)) { // also the first
+    if (pass_mm <= length_mm && !(pass_mm > best_mm)) { // also the first
       best_mm = pass_mm;
       out.path_summary = pass;
     }

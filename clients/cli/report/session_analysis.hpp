@@ -100,7 +100,8 @@ struct PathSample {
   double lateral_mm = geometry::kUnknown;
 };
 
-// The largest lateral deviation between entry and target, of the pass that came nearest to the target.
+// The largest lateral deviation between entry and target, of the pass that came nearest to the target. None where the
+// tool was never nearer to the target than the entry is.
 struct PathSummary {
   std::string trajectory;
   std::int64_t time_ns = 0;

@@ -528,6 +528,13 @@ TEST(PathSummary, IsOfThePassThatCameNearestToTheTarget) {
   ASSERT_TRUE(session.path_summary);
   EXPECT_EQ(session.path_summary->largest_lateral_mm, 0.9);
   EXPECT_EQ(session.path_summary->remaining_depth_mm, 30.0);
+  SessionAnalysis outside; // a guide that stays before the skin
+  outside.plans = session.plans;
+  std::swap(session, outside);
+  add(45.0, 130.0);
+  add(110.0, 0.1);
+  cli::report::summarise_path(session);
+  EXPECT_FALSE(session.path_summary);
 }
 
 } // namespace
