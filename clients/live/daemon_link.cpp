@@ -391,7 +391,8 @@ bool DaemonLink::wait_for_device(const std::string &device) {
   }
 }
 
-Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration timeout) {
+Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration timeout,
+                                            const std::function<void(std::uint64_t)> &sent) {
   if (auto there = wait_for_daemon(); !there) {
     return tl::unexpected(there.error());
   }
@@ -411,6 +412,9 @@ Result<wire::CommandReply> DaemonLink::send(wire::Command command, Duration time
   }
   if (!control_->commands.write(command)) {
     return failure("the command could not be sent on domain " + std::to_string(domain_));
+  }
+  if (sent) {
+    sent(command.id);
   }
   const auto end = Clock::now() + timeout;
   for (;;) {

@@ -6,6 +6,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <initializer_list>
 #include <map>
 #include <optional>
@@ -39,8 +40,9 @@ public:
   // Waits for the daemon if necessary, sends, and waits for the reply to this command. A refusal is a reply (see result
   // and text), not an error. A command with a receiver is answered by that device; a motion of an arm by the daemon or
   // the arm. Precondition: the role is kCommands.
-  [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command,
-                                                      Duration timeout = std::chrono::seconds(5));
+  // sent: called with the command's id when it has been written, for what belongs to it on another topic.
+  [[nodiscard]] base::Result<wire::CommandReply> send(wire::Command command, Duration timeout = std::chrono::seconds(5),
+                                                      const std::function<void(std::uint64_t)> &sent = {});
 
   // Reads received samples; waits up to timeout if there are none. True if there were new ones. The time of a sample's
   // arrival is that of this call: a program that shows poses calls it at least every few milliseconds.

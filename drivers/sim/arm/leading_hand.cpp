@@ -2,14 +2,12 @@
 
 #include <array>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <utility>
 
 #include <fcntl.h>
-#include <nlohmann/json.hpp>
 #include <unistd.h>
-
-#include "base/write_file.hpp"
 
 namespace bregma::sim {
 
@@ -23,15 +21,6 @@ base::Result<FaceBeforeArm> FaceBeforeArm::of_case(const std::filesystem::path &
   Head head(loaded->scalp.mesh, kSkinError_mm, kCorrelation_mm, seed);
   const BaseImage T_base_image = lying_head(head, nose_mm, yaw_rad);
   return FaceBeforeArm{std::move(*loaded), std::move(head), T_base_image};
-}
-
-base::Result<void> FaceBeforeArm::write_truth(const std::filesystem::path &file) const {
-  nlohmann::json rows = nlohmann::json::array();
-  const Eigen::Matrix4d matrix = T_base_image.matrix();
-  for (Eigen::Index row = 0; row < 4; ++row) {
-    rows.push_back({matrix(row, 0), matrix(row, 1), matrix(row, 2), matrix(row, 3)});
-  }
-  return base::write_file(file, nlohmann::json{{"T_base_image", rows}}.dump(2) + "\n");
 }
 
 base::Result<LeadingHand> LeadingHand::open(const std::filesystem::path &fifo, const FaceBeforeArm &face,
@@ -71,6 +60,12 @@ std::string LeadingHand::serve(SimulatedArm &arm) {
   }
   std::string name = received_.substr(0, end);
   received_.erase(0, end + 1);
+  if (name == "where") {
+    const Vector3d tip = face_->T_base_image.inverse() * (arm.true_flange() * tip_mm_);
+    std::array<char, 100> text{};
+    std::snprintf(text.data(), text.size(), "tip %.3f %.3f %.3f", tip.x(), tip.y(), tip.z());
+    return text.data();
+  }
   const std::string problem = lead(arm, name);
   if (!problem.empty()) {
     return name + ": " + problem;

@@ -22,11 +22,10 @@ struct FaceBeforeArm {
 
   [[nodiscard]] static base::Result<FaceBeforeArm> of_case(const std::filesystem::path &folder, const Vector3d &nose_mm,
                                                            double yaw_rad, std::uint64_t seed);
-  // JSON: T_base_image, four rows.
-  [[nodiscard]] base::Result<void> write_truth(const std::filesystem::path &file) const;
 };
 
-// Reads a FIFO: the name of a fiducial or landmark per line leads the tip there, from above; "up" leads away.
+// Reads a FIFO: the name of a fiducial or landmark per line leads the tip there, from above; "up" leads away; "where"
+// leads nowhere.
 class LeadingHand {
 public:
   static constexpr double kUp_mm = 40.0, kSpeed_mm_s = 60.0;
@@ -38,7 +37,8 @@ public:
   LeadingHand &operator=(LeadingHand &&) = delete;
   ~LeadingHand();
 
-  // "at NAME" when the arm has come there, or why it is not led; else empty.
+  // "at NAME" when the arm has come there, or why it is not led; "tip R A S", in mm, where the tip truly is in Image;
+  // else empty.
   [[nodiscard]] std::string serve(SimulatedArm &arm);
 
 private:

@@ -47,7 +47,7 @@ struct Options {
   double face_yaw_deg = 0.0;
   bregma::sim::FlangeBeam beam;
   bregma::range::Identity sensor{.model = "GP2Y0A21", .serial = "A4"};
-  std::string sensor_link, truth, hand;
+  std::string sensor_link, hand;
   bregma::geometry::Vector3d tip_mm{0.0, 0.0, 150.0};
 };
 
@@ -175,10 +175,6 @@ int run(const Options &options) {
       return fail(read.error());
     }
     face.emplace(std::move(*read));
-    if (const auto written = options.truth.empty() ? bregma::base::Result<void>() : face->write_truth(options.truth);
-        !written) {
-      return fail(written.error());
-    }
     auto opened = bregma::sim::CarriedSensor::open(face->head, face->T_base_image, options.beam, options.sensor,
                                                    options.sensor_link, options.seed);
     if (!opened) {
@@ -244,11 +240,11 @@ int main(int argc, char **argv) {
   three("--beam", options.beam.direction, "Direction of the beam in the flange [0 0 1]");
   app.add_option("--sensor-serial", options.sensor.serial, "Serial number of the sensor")->capture_default_str();
   app.add_option("--sensor-link", options.sensor_link, "Path at which its line appears, as udev names a device");
-  app.add_option("--hand", options.hand,
-                 "A FIFO from which the names of fiducials and landmarks are read, one per line: a person leads the "
-                 "arm there, so that its tip touches the skin; \"up\" leads away");
+  app.add_option(
+      "--hand", options.hand,
+      "A FIFO from which the names of fiducials and landmarks are read, one per line: a person leads the "
+      "arm there, so that its tip touches the skin; \"up\" leads away, \"where\" prints where the tip truly is");
   three("--tip-mm", options.tip_mm, "The tip that touches, in the flange [0 0 150]");
-  app.add_option("--truth", options.truth, "Writes where the head lies, as JSON");
   app.footer("SIGUSR1 presses the emergency stop, and releases it.\n"
              "Examples:\n  bregma-sim-arm --arm robots/mz07f.toml\n"
              "  bregma-arm --set address=tcp://127.0.0.1:4700\n"

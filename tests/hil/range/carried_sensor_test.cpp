@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <numbers>
 #include <sstream>
 #include <string>
@@ -140,11 +141,11 @@ TEST(LedArm, APersonTouchesALandmarkByItsName) {
   const casefile::NamedPoint &landmark = face.a_case.landmarks.front();
   const int end = ::open(fifo.c_str(), O_WRONLY | O_NONBLOCK);
   ASSERT_GE(end, 0);
-  const std::string lines = landmark.name + "\nNobody\n";
+  const std::string lines = landmark.name + "\nNobody\nwhere\n";
   ASSERT_EQ(::write(end, lines.data(), lines.size()), static_cast<ssize_t>(lines.size()));
   std::vector<std::string> news;
   double touch_mm = 1e9;
-  for (std::int64_t now_ns = 1'000'000'000; now_ns < 31'000'000'000 && news.size() < 2; now_ns += 4'000'000) {
+  for (std::int64_t now_ns = 1'000'000'000; now_ns < 31'000'000'000 && news.size() < 3; now_ns += 4'000'000) {
     (void)arm.advance(now_ns);
     if (std::string said = hand->serve(arm); !said.empty()) {
       news.push_back(std::move(said));
@@ -154,9 +155,13 @@ TEST(LedArm, APersonTouchesALandmarkByItsName) {
     }
   }
   ::close(end);
-  ASSERT_EQ(news.size(), 2U);
+  ASSERT_EQ(news.size(), 3U);
   EXPECT_EQ(news[0], "at " + landmark.name);
   EXPECT_EQ(news[1], "Nobody: is no fiducial or landmark of the case");
+  const Vector3d skin_mm = face.head.skin(landmark.position_mm).point_mm;
+  Vector3d told_mm;
+  ASSERT_EQ(std::sscanf(news[2].c_str(), "tip %lf %lf %lf", &told_mm.x(), &told_mm.y(), &told_mm.z()), 3) << news[2];
+  EXPECT_LT((told_mm - skin_mm).norm(), 0.05);
   EXPECT_LT(touch_mm, 0.05);
   EXPECT_FALSE(LeadingHand::open(folder.path() / "none", face, tip_mm));
 }
