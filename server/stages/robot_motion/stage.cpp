@@ -94,8 +94,9 @@ void RobotMotionStage::move(const wire::Command &command, const Moment &now) {
   }
   // What may have changed while the path was planned. The driver checks the session and the registration again.
   if (robots_.refresh()) {
-    const robot::JointAngles joints(robot_named(body.device)->joint_position_rad);
-    if (!((joints - plan->start).cwiseAbs().maxCoeff() <= kMaxMoved_rad)) {
+    const RobotView *newest = robot_named(body.device);
+    if (newest == nullptr ||
+        !((robot::JointAngles(newest->joint_position_rad) - plan->start).cwiseAbs().maxCoeff() <= kMaxMoved_rad)) {
       answer(command, bregma_wire_COMMAND_REFUSED, "the arm has moved while its path was planned");
       return;
     }

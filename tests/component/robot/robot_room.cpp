@@ -280,16 +280,7 @@ void RobotRoom::plug_sensor(const std::string &serial) {
 }
 
 sim::BeamTarget RobotRoom::beam_target() const {
-  const auto T_image_flange = T_base_image_.inverse() * arm_.true_flange();
-  const Vector3d from = T_image_flange * case_.beam_origin_mm();
-  const Vector3d along = T_image_flange.rotation() * case_.beam_direction();
-  const auto hit = head_.first_hit(from, along);
-  if (!hit) {
-    return {2000.0, 0.0, std::nan("")};
-  }
-  const auto on = head_.closest(*hit);
-  const double cosine = std::clamp(-on.normal.dot(along), 0.1, 1.0);
-  return {(*hit - from).norm() - head_.skin_error_mm(*hit) / cosine, std::acos(cosine), std::nan("")};
+  return sim::beam_on_head(head_, T_base_image_, arm_.true_flange(), {case_.beam_origin_mm(), case_.beam_direction()});
 }
 
 Vector3d RobotRoom::tip_in_image() const { return T_base_image_.inverse() * (flange() * case_.tip_mm()); }

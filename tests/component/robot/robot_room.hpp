@@ -17,6 +17,7 @@
 
 #include "drivers/arm/arm_driver.hpp"
 #include "drivers/range/range_sensor.hpp"
+#include "drivers/sim/arm/carried_sensor.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 #include "drivers/sim/head.hpp"
 #include "drivers/sim/range/sharp_sensor.hpp"
