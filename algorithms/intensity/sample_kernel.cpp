@@ -156,7 +156,8 @@ BREGMA_INLINE void sample_linear(const SampleBlock &block, const std::array<floa
       const Float y0 = row10 - row00;
       const Float y1 = row11 - row01;
       const Float zero{};
-      const Int known = p.inside & (value == value); // beside a voxel without a value there is no derivative
+      // Beside a voxel without a value there is no derivative: NaN differs from itself.
+      const Int known = p.inside & (value == value); // NOLINT(misc-redundant-expression)
       const Float dx = known ? x0 + p.z * (x1 - x0) : zero;
       const Float dy = known ? y0 + p.z * (y1 - y0) : zero;
       const Float dz = known ? plane1 - plane0 : zero;

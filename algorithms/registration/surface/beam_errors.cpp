@@ -16,36 +16,20 @@ namespace bregma::registration {
 
 namespace {
 
-// Unknowns: the twist, the excess and its two slopes, the offset.
-constexpr Eigen::Index kExcess = 6, kOffset = 9;
-constexpr int kMinPoints = 9;
-constexpr double kMadToNormal = 1.4826;
-constexpr double kInlier = 3.0;
-constexpr double kFull = 2.5, kNone = 4.5; // Hampel's weights, in sigma
-constexpr double kSettled_mm = 0.005;      // a step of a head or of the excess that ends the iteration
-constexpr double kNearlySettled_mm = 0.1;  // at the maximum of iterations
-// The scale and the choice of points follow for so many steps; then they are constant, so that the last ones converge.
-constexpr int kScaledSteps = 8;
-constexpr double kUneven = 0.5; // 1 sigma of the excess's slopes, over that of the excess
 using MatrixAll = Eigen::Matrix<double, 10, 10>;
 using VectorAll = Eigen::Matrix<double, 10, 1>;
 
-struct Row {
+struct BeamRow {
   VectorAll jacobian = VectorAll::Zero(); // of the distance by twist about the centre, excess and offset
   double residual = 0.0;
   double weight = 0.0;
   bool used = false; // not on steep skin
 };
 
-double hampel(double z) {
-  const double size = std::abs(z);
-  return size <= kFull ? 1.0 : size >= kNone ? 0.0 : kFull / size * (kNone - size) / (kNone - kFull);
-}
-
-class Estimate {
+class BeamEstimate {
 public:
-  Estimate(const surface::SurfaceField &field, std::span<const Vector3d> source_mm, const Vector3d &up,
-           const BeamErrorOptions &options)
+  BeamEstimate(const surface::SurfaceField &field, std::span<const Vector3d> source_mm, const Vector3d &up,
+               const BeamErrorOptions &options)
       : field_(field), options_(options), up_(up), side_(up.unitOrthogonal()),
         sigma_(std::hypot(options.sigma_mm, options.model_sigma_mm)),
         correlated_(std::pow(options.model_sigma_mm / sigma_, 2)),
@@ -84,7 +68,7 @@ public:
       // The offset stays where its prior has it: the pose follows it entirely.
       const MatrixAll normal = normal_matrix();
       VectorAll gradient = VectorAll::Zero();
-      for (const Row &row : rows_) {
+      for (const BeamRow &row : rows_) {
         gradient += row.weight * row.residual * row.jacobian;
       }
       gradient.segment<3>(kExcess) += prior().segment<3>(kExcess).cwiseProduct(excess);
@@ -93,9 +77,8 @@ public:
       if (!step.allFinite()) {
         return spoilt(out);
       }
-      constexpr double kLever_mm = 80.0;
-      const double size_mm =
-          std::max({kLever_mm * step.head<3>().norm(), step.segment<3>(3).norm(), step.segment<3>(kExcess).norm()});
+      const double size_mm = std::max(
+          {kHeadRadius_mm * step.head<3>().norm(), step.segment<3>(3).norm(), step.segment<3>(kExcess).norm()});
       // The surface is curved within the step, and two closest points alternate: the minimum lies on the edge between.
       if (size_mm > 0.5 * last_size_mm) {
         damping *= 0.6;
@@ -121,7 +104,7 @@ public:
     out.excess_mm = excess[0];
     out.excess_sigma_mm = std::sqrt(covariance(kExcess, kExcess));
     double squares = 0.0;
-    for (const Row &row : rows_) {
+    for (const BeamRow &row : rows_) {
       if (row.weight > 0.0 && std::abs(row.residual) <= kInlier * scale_) {
         ++out.inliers;
         squares += row.residual * row.residual;
@@ -132,6 +115,25 @@ public:
   }
 
 private:
+  // Unknowns: the twist, the excess and its two slopes, the offset.
+  static constexpr Eigen::Index kExcess = 6, kOffset = 9;
+  static constexpr int kMinPoints = 9;
+  static constexpr double kHeadRadius_mm = 80.0; // turns a rotation into a motion
+  static constexpr double kMadToNormal = 1.4826;
+  static constexpr double kInlier = 3.0;
+  static constexpr double kFull = 2.5, kNone = 4.5; // Hampel's weights, in sigma
+  static constexpr double kSettled_mm = 0.005;      // a step of a head or of the excess that ends the iteration
+  static constexpr double kNearlySettled_mm = 0.1;  // at the maximum of iterations
+  // The scale and the choice of points follow for so many steps; then they are constant, so that the last ones
+  // converge.
+  static constexpr int kScaledSteps = 8;
+  static constexpr double kUneven = 0.5; // 1 sigma of the excess's slopes, over that of the excess
+
+  static double hampel(double z) {
+    const double size = std::abs(z);
+    return size <= kFull ? 1.0 : size >= kNone ? 0.0 : kFull / size * (kNone - size) / (kNone - kFull);
+  }
+
   static BeamErrorFit spoilt(BeamErrorFit out) {
     out.converged = false;
     out.covariance.setConstant(geometry::kUnknown);
@@ -150,7 +152,7 @@ private:
     magnitudes_.clear();
     used_ = 0;
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      Row &row = rows_[i];
+      BeamRow &row = rows_[i];
       const Vector3d place = T * points_[i];
       // The tilt where the point lies decides by how much it is raised, and the raised point where it lies.
       const Vector3d p = place + too_far(field_.closest(place).normal).dot(excess) * up;
@@ -193,7 +195,7 @@ private:
 
   [[nodiscard]] MatrixAll normal_matrix() const {
     MatrixAll out = prior().asDiagonal();
-    for (const Row &row : rows_) {
+    for (const BeamRow &row : rows_) {
       out += row.weight * row.jacobian * row.jacobian.transpose();
     }
     return out;
@@ -221,7 +223,7 @@ private:
   surface::Neighbours neighbours_;
   std::vector<Vector3d> points_;
   std::vector<double> correlation_sum_, magnitudes_;
-  std::vector<Row> rows_;
+  std::vector<BeamRow> rows_;
   Vector3d centre_source_ = Vector3d::Zero(), centre_ = Vector3d::Zero();
   double scale_ = 1.0;
   int used_ = 0;
@@ -235,7 +237,7 @@ BeamErrorFit fit_beam_errors(const surface::SurfaceField &field, std::span<const
       !(options.excess_sigma_mm >= 0.0) || !(options.max_tilt_rad > 0.0)) {
     throw std::invalid_argument("errors of a beam must not be negative, sigma_mm and max_tilt_rad must be positive");
   }
-  return Estimate(field, source_mm, towards_sensor.normalized(), options).run(start);
+  return BeamEstimate(field, source_mm, towards_sensor.normalized(), options).run(start);
 }
 
 } // namespace bregma::registration
