@@ -239,7 +239,7 @@ void robot_fiducials(Report &report, const MriBenchOptions &options) {
   Study coils, rods, eight, four;
   Progress progress("fiducials", seeds);
   for (int seed = 1; seed <= seeds; ++seed, progress.step()) {
-    const auto number = static_cast<std::uint64_t>(options.first + seed);
+    const auto number = static_cast<std::uint64_t>(options.first) + static_cast<std::uint64_t>(seed);
     ScannerOptions scanner;
     scanner.fine_groups = {"mid-top", "mid-bottom"};
     MriSession session(scanner, number);

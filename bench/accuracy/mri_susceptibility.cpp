@@ -92,7 +92,7 @@ void robot_susceptibility(Report &report, const MriBenchOptions &options) {
   for (const double ppm : {0.0, 1.0, 2.0, 3.0}) {
     Outcome out;
     for (int run = 0; run < runs; ++run, progress.step()) {
-      one_run(out, ppm, 700000 + static_cast<std::uint64_t>(options.first + run));
+      one_run(out, ppm, 700000 + static_cast<std::uint64_t>(options.first) + static_cast<std::uint64_t>(run));
     }
     for (std::size_t i = 0; i < 2; ++i) {
       plot.series[i].points.insert(plot.series[i].points.end(), out.errors_over_offset[i].begin(),
