@@ -34,7 +34,7 @@ base::Result<LeadingHand> LeadingHand::open(const std::filesystem::path &fifo, c
 }
 
 LeadingHand::LeadingHand(LeadingHand &&other) noexcept
-    : face_(other.face_), tip_mm_(other.tip_mm_), fifo_(std::exchange(other.fifo_, -1)),
+    : face_(other.face_), tip_mm_(std::move(other.tip_mm_)), fifo_(std::exchange(other.fifo_, -1)),
       received_(std::move(other.received_)), going_to_(std::move(other.going_to_)) {}
 
 LeadingHand::~LeadingHand() {
