@@ -76,12 +76,21 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t *data, std::size_t size
     return 0;
   }
   const json value = json::parse(text.substr(equals + 1), nullptr, false);
+  // A path with a long index would make a list of as many members, which no file of this size holds.
+  const std::string path = text.substr(0, equals);
+  constexpr std::size_t kMaxDigits = 3;
+  for (std::size_t digits = 0; const char letter : path) {
+    digits = letter >= '0' && letter <= '9' ? digits + 1 : 0;
+    if (digits > kMaxDigits) {
+      return 0;
+    }
+  }
   if (value.is_discarded()) {
     return 0;
   }
   try {
     json session = session_of_whole;
-    session[json::json_pointer(text.substr(0, equals))] = value;
+    session[json::json_pointer(path)] = value;
     static_cast<void>(restore(with_checksum(session)));
   } catch (const json::exception &) { // the path does not fit the session
   }
