@@ -76,15 +76,16 @@ base::Result<void> read_curve(const std::filesystem::path &file, RangeSensorMode
     curve.scale_mm = document->at("scale_mm").get<double>();
     curve.exponent = document->at("exponent").get<double>();
     curve.covariance = numbers_of<2, 2>(document->at("covariance"));
+    curve.rms_mm = document->value("rms_mm", 0.0); // a curve of an earlier version has none
   } catch (const json::exception &) {
-    return base::failure(file.string() + ": scale_mm, exponent or covariance is missing");
+    return base::failure(file.string() + ": scale_mm, exponent or covariance is missing, or a value is no number");
   }
   if (!(curve.exponent > 0.0)) {
     return base::failure(file.string() + ": is the curve of a voltage: it belongs to the driver (curve.scale_mm, "
                                          "curve.exponent); here the readings are the driver's distances");
   }
-  if (!(curve.scale_mm > 0.0) || !curve.covariance.allFinite()) {
-    return base::failure(file.string() + ": is no curve: scale_mm must be above 0");
+  if (!(curve.scale_mm > 0.0) || !curve.covariance.allFinite() || !(curve.rms_mm >= 0.0)) {
+    return base::failure(file.string() + ": is no curve: scale_mm must be above 0, rms_mm not below");
   }
   sensor.curve = curve;
   return {};

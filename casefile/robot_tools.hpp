@@ -52,6 +52,7 @@ struct RangeCurveModel {
   double scale_mm = 1.0;
   double exponent = 1.0;
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero(); // of scale (mm) and exponent
+  double rms_mm = 0.0; // of the calibration's points about the law, which nearby points have in common; 0: not stated
 };
 
 struct RangeSensorModel {

@@ -176,9 +176,10 @@ void plans(Report &report, ScanStudy &study, int runs, bool quick) {
     return plan;
   };
   const Cell paper = study.run(paper_plan, runs, 0.0, kKnownBias_mm);
-  report.note(line_of("the paper's procedure (1 mm/s, its chain, its delay kept, lines 23 mm apart): %.0f points, "
-                      "%.1f min, TRE median %.2f mm, found %d of %d",
-                      paper.points, paper.seconds / 60.0, paper.median_mm(), paper.found, paper.runs));
+  report.note(line_of(
+      "the paper's scan (1 mm/s, its chain, its delay kept, lines 23 mm apart), registered as ours: %.0f points, "
+      "%.1f min, TRE median %.2f mm, found %d of %d",
+      paper.points, paper.seconds / 60.0, paper.median_mm(), paper.found, paper.runs));
   report.add(figure("robot.scan.paper.time", paper.seconds / 60.0, "min"));
   report.add(figure("robot.scan.paper.tre.median", paper.median_mm(), "mm"));
   struct Candidate {

@@ -65,8 +65,8 @@ public:
     crc_.process_bytes(sensor.covariance.data(), sizeof(double) * 36);
     const casefile::RangeCurveModel curve = sensor.curve.value_or(casefile::RangeCurveModel{});
     for (const double value : {curve.scale_mm, curve.exponent, curve.covariance(0, 0), curve.covariance(0, 1),
-                               curve.covariance(1, 1), static_cast<double>(sensor.window), sensor.delay_ms,
-                               sensor.sigma_mm, sensor.near_mm, sensor.far_mm, sensor.radius_mm}) {
+                               curve.covariance(1, 1), curve.rms_mm, static_cast<double>(sensor.window),
+                               sensor.delay_ms, sensor.sigma_mm, sensor.near_mm, sensor.far_mm, sensor.radius_mm}) {
       add(value);
     }
   }

@@ -159,6 +159,7 @@ struct ScanRequest {
   bool curved;
   double curve_scale_mm, curve_exponent;
   std::array<double, 4> curve_covariance; // of scale and exponent
+  double curve_rms_mm;                    // that the law does not fit
   std::int64_t window;                    // readings
   std::int64_t delay_ns;
   double sigma_mm; // 0: as the sensor states

@@ -225,6 +225,7 @@ Answer Session::Impl::start_scan(const bregma_wire_ScanBody &body) {
     request.curve_scale_mm = sensor->curve->scale_mm;
     request.curve_exponent = sensor->curve->exponent;
     Eigen::Map<Eigen::Matrix2d>(request.curve_covariance.data()) = sensor->curve->covariance;
+    request.curve_rms_mm = sensor->curve->rms_mm;
   }
   request.window = sensor->window;
   request.delay_ns = std::llround(sensor->delay_ms * kNanosecondsPerMs);

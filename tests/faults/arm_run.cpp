@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <optional>
 
 #include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
@@ -65,15 +64,7 @@ private:
     } else if (on && cell_.content == Content::kOtherTool) {
       room_.tamper = [](wire::RobotState &state) { (void)wire::set_name(state.tool, "Drill"); };
     } else if (on && cell_.content == Content::kFrozen) {
-      room_.tamper = [frozen = std::optional<wire::RobotState>()](wire::RobotState &state) mutable {
-        frozen = frozen.value_or(state);
-        wire::RobotState repeated = *frozen;
-        repeated.frame = state.frame;
-        repeated.device_time_ns = state.device_time_ns;
-        repeated.sent_time_ns = state.sent_time_ns;
-        repeated.sent_boot_ns = state.sent_boot_ns;
-        state = repeated;
-      };
+      room_.tamper = test::frozen_values();
     }
   }
 

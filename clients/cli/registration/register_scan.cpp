@@ -278,12 +278,13 @@ void add_register_scan(CLI::App &parent, Context &context) {
       ->capture_default_str();
   add_surface_options(*command, arguments->surface);
   add_json_flag(*command, context);
-  command->footer("A point is the robot's x and y and the height --height-mm less the distance. The pose is searched\n"
-                  "without a start; verdicts as of `register surface`. In JSON the transform is null unless it was\n"
-                  "found.\n\nExamples:\n"
-                  "  bregma register scan scan.txt scalp.ply --curve curve.json --targets lesion.mrk.json\n"
-                  "  bregma register scan scan.txt scalp.ply --curve curve.json --chain neuroguide --keep-delay\n"
-                  "  bregma register scan scan.txt head.nii.gz --scale-mm 130 --exponent -1.1 --every 500 --json");
+  command->footer(
+      "A point is the robot's x and y and the height --height-mm less the distance. The pose is searched\n"
+      "without a start; verdicts as of `register surface`. In JSON the transform is null unless it was\n"
+      "found.\n\nExamples:\n"
+      "  bregma register scan scan.txt scalp.ply --curve curve.json --targets lesion.mrk.json\n"
+      "  bregma register scan scan.txt scalp.ply --curve curve.json --chain neuroguide --keep-delay --excess-mm 0\n"
+      "  bregma register scan scan.txt head.nii.gz --scale-mm 130 --exponent -1.1 --every 500 --json");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return register_scan(*arguments, context); }; });
 }

@@ -146,7 +146,8 @@ SurfaceScan::Point SurfaceScan::point_of(const Value &value, const Pair &flanges
     range_mm = request_.curve_scale_mm * std::pow(value.range_mm, request_.curve_exponent);
     slope = request_.curve_exponent * range_mm / value.range_mm;
     const Eigen::Vector2d J(range_mm / request_.curve_scale_mm, range_mm * std::log(value.range_mm));
-    curve_variance_mm2 = J.dot(Eigen::Matrix2d::Map(request_.curve_covariance.data()) * J);
+    curve_variance_mm2 = J.dot(Eigen::Matrix2d::Map(request_.curve_covariance.data()) * J) +
+                         request_.curve_rms_mm * request_.curve_rms_mm;
   }
   Point out;
   out.frame = value.frame;

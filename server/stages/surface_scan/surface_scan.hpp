@@ -5,8 +5,8 @@
 // (algorithms/range/range_filters.hpp). One value per window is used, so that the values are independent.
 //
 // The error of a point has two parts. The reading, the flange and the time give an independent one per point. Beam and
-// curve give one that all points of a scan have in common; it does not average out, and goes into the registration as a
-// whole.
+// curve, with what the curve does not fit, give one that all points of a scan have in common; it does not average out,
+// and goes into the registration as a whole.
 //
 // A reading is dropped, and counted, where no flange is known at its time: the arm is silent, or repeats its values to
 // the bit. The scan is interrupted until it is started anew when another driver sends for arm or sensor, or the arm

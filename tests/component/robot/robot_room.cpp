@@ -154,7 +154,20 @@ void RobotCase::write_equipment(std::uint64_t seed) {
                                                        {"text", fit.text},
                                                        {"scale_mm", fit.law.scale_mm},
                                                        {"exponent", fit.law.exponent},
-                                                       {"covariance", rows_of(fit.covariance)}};
+                                                       {"covariance", rows_of(fit.covariance)},
+                                                       {"rms_mm", fit.rms_mm}};
+}
+
+std::function<void(wire::RobotState &)> frozen_values() {
+  return [frozen = std::optional<wire::RobotState>()](wire::RobotState &state) mutable {
+    frozen = frozen.value_or(state);
+    wire::RobotState repeated = *frozen;
+    repeated.frame = state.frame;
+    repeated.device_time_ns = state.device_time_ns;
+    repeated.sent_time_ns = state.sent_time_ns;
+    repeated.sent_boot_ns = state.sent_boot_ns;
+    state = repeated;
+  };
 }
 
 // The driver's side of the wire.

@@ -53,6 +53,9 @@ private:
   geometry::Vector3d origin_mm_, direction_, tip_mm_;
 };
 
+// RobotRoom::tamper of an arm that repeats the values of its first state, with numbers and times going on.
+[[nodiscard]] std::function<void(wire::RobotState &)> frozen_values();
+
 class RobotRoom final : private server::Host, private driver::Host {
 public:
   using Flange = robot::FlangePose;

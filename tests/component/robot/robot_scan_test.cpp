@@ -110,16 +110,7 @@ TEST_F(RobotScan, AnArmThatFreezesWithNumbersGoingOnIsRefused) {
   ASSERT_NO_FATAL_FAILURE(navigate());
   room.start_move({room.touching(the_case.loaded().fiducials[0].position_mm, 30.0)}, 50.0);
   ASSERT_FALSE(room.run(0.5));
-  std::optional<wire::RobotState> frozen;
-  room.tamper = [&frozen](wire::RobotState &state) {
-    frozen = frozen.value_or(state);
-    wire::RobotState repeated = *frozen;
-    repeated.frame = state.frame;
-    repeated.device_time_ns = state.device_time_ns;
-    repeated.sent_time_ns = state.sent_time_ns;
-    repeated.sent_boot_ns = state.sent_boot_ns;
-    state = repeated;
-  };
+  room.tamper = frozen_values();
   ASSERT_NO_FATAL_FAILURE(expect_not_live());
   EXPECT_TRUE(room.alarm_raised(server::alarm::kImplausible, "Pointer"));
 }

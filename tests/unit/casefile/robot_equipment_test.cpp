@@ -27,8 +27,9 @@ protected:
                            direction + ", \"covariance\": [" + rows + "]}");
   }
   void write_curve(double exponent) const {
-    write("curve.json", "{\"accepted\": true, \"text\": \"accepted\", \"scale_mm\": 1.1, \"exponent\": " +
-                            std::to_string(exponent) + ", \"covariance\": [[0.0001, 0], [0, 0.0001]]}");
+    write("curve.json",
+          "{\"accepted\": true, \"text\": \"accepted\", \"rms_mm\": 0.7, \"scale_mm\": 1.1, \"exponent\": " +
+              std::to_string(exponent) + ", \"covariance\": [[0.0001, 0], [0, 0.0001]]}");
   }
   [[nodiscard]] base::Result<RobotEquipment> read(const std::string &text) const {
     write("robot.toml", text);
@@ -56,6 +57,7 @@ TEST_F(RobotEquipmentFile, ReadsTheCalibrationsOfASensor) {
   EXPECT_EQ(sensor.covariance(3, 0), 0.01);
   ASSERT_TRUE(sensor.curve);
   EXPECT_EQ(sensor.curve->exponent, 0.98);
+  EXPECT_EQ(sensor.curve->rms_mm, 0.7);
   EXPECT_EQ(sensor.window, 200);
   EXPECT_EQ(sensor.far_mm, 300.0);
 }
