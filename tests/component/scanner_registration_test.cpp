@@ -170,14 +170,9 @@ TEST_F(ScannerOverDds, IsGuidedFromThePhantomToCorrectedSlicesWithTheRobotsTip) 
   EXPECT_GT(tool->scanner_error_95_mm, state->accepted_tre_95_mm) << "the tip is far from the target";
 
   ASSERT_NO_FATAL_FAILURE(command(bregma_wire_COMMAND_ACQUIRE_SERIES, {"Scanner", "tree-coronal", "12"}, "Scanner"));
-  std::map<std::uint32_t, wire::CorrectedSlice> last;
-  ASSERT_TRUE(until([&] {
-    for (const wire::CorrectedSlice &slice : corrected) {
-      last[slice.slice.index] = slice;
-    }
-    return last.contains(12) && last.size() >= 6; // the topic keeps the newest only
-  })) << logs();
-  for (const auto &[index, slice] : last) {
+  // The topic keeps the newest only: which of those before the last one are seen is up to the machine.
+  ASSERT_TRUE(until([&] { return !corrected.empty() && corrected.back().slice.index == 12; })) << logs();
+  for (const wire::CorrectedSlice &slice : corrected) {
     EXPECT_NE(slice.slice.correction, bregma_wire_CORRECTION_NONE);
     EXPECT_GT(slice.max_shift_mm, 0.2);
     EXPECT_EQ(slice.tip_status, bregma_wire_POSE_LIVE);

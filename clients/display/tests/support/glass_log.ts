@@ -63,9 +63,10 @@ export function assertGoneInTime(log: GlassLog): number {
 
 const kFrame_ms = 17; // of the screen: a draw begins with one
 
-// Shown again within a second of the first valid state that another client received. Returns that time.
-export function assertBackInTime(log: GlassLog, valid_ms: number): number {
-  const back = log.looks.find((look) => look.at_ms >= valid_ms && look.tools > 0);
+// After `resumed_ms`, shown again within a second of the first valid state that another client received. Returns that
+// time; negative: the page was the first.
+export function assertBackInTime(log: GlassLog, resumed_ms: number, valid_ms: number): number {
+  const back = log.looks.find((look) => look.at_ms >= resumed_ms && look.tools > 0);
   assert.ok(back, "the probe did not come back");
   const took = back.at_ms - valid_ms;
   const allowed = 1000 + log.draw_ms + log.pause_ms;
