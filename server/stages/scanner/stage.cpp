@@ -258,10 +258,11 @@ void ScannerStage::correct(const Moment &now) {
       refused_ns_ = now.utc_ns;
       continue;
     }
-    publish_corrected(std::move(*corrected), field, now);
+    // The earlier ones first: the topic keeps what was written last, and that is to be the newest slice.
     while (auto again = corrector_.correct_again()) {
       publish_corrected(std::move(*again), field, now);
     }
+    publish_corrected(std::move(*corrected), field, now);
   }
 }
 
