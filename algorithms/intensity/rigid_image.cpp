@@ -1,11 +1,8 @@
 #include "algorithms/intensity/rigid_image.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 #include <memory>
-#include <numbers>
 #include <random>
 #include <utility>
 
@@ -14,7 +11,9 @@
 #include <Eigen/LU>
 
 #include "algorithms/intensity/pose_optimiser.hpp"
+#include "algorithms/intensity/pose_starts.hpp"
 #include "algorithms/intensity/resolution.hpp"
+#include "algorithms/intensity/rigid_verdict.hpp"
 #include "algorithms/intensity/size_check.hpp"
 
 namespace bregma::intensity {
@@ -40,107 +39,20 @@ constexpr std::size_t kRefinedAtFine = 2;
 // level.
 constexpr double kFarBehind = 0.4;
 constexpr double kClearLead = 0.3;
-constexpr double kSame_mm = 4.0; // poses closer than this are one
-// Verdict.
-constexpr double kMinLead = 0.15;
-constexpr double kMinMirrorLead = -kSidesKnown; // means of many heads are so symmetric that 0 would be chance
-// A head that an affine map explains better by this part of the scale, and that is larger or smaller by this, is not
-// that of the other image (docs/images.md).
-constexpr double kMaxStretch = 0.02;
-constexpr double kMinStretchGain = 0.1;
-constexpr double kMinReturned = 0.6;
-constexpr double kReturned_mm = 2.0; // a restart that ends closer than this came back
-constexpr double kMinOverlap = 0.25;
-constexpr double kMinInformation = 0.03; // nats per sample
-constexpr double kMaxError_mm = 3.0;     // predicted, rms at kArm_mm
-constexpr double kPerturbed_mm = 8.0;    // of each restart, translation and rotation at kArm_mm
+constexpr double kSame_mm = 4.0;      // poses closer than this are one
+constexpr double kReturned_mm = 2.0;  // a restart that ends closer than this came back
+constexpr double kPerturbed_mm = 8.0; // of each restart, translation and rotation at kArm_mm
 // Voxels and samples that count as one independent sample (docs/images.md: how they were measured).
 constexpr double kVoxelsPerIndependent = 260.0;
 constexpr double kSamplesPerIndependent = 14.4;
 
-std::string number(double value, int digits) {
-  std::array<char, 32> out{};
-  std::snprintf(out.data(), out.size(), "%.*f", digits, value);
-  return out.data();
-}
-
-// The anatomical axis next to a direction of the reference.
-std::string direction_text(const Vector3d &direction) {
-  constexpr std::array kNames{"left-right", "posterior-anterior", "inferior-superior"};
-  Eigen::Index axis = 0;
-  direction.cwiseAbs().maxCoeff(&axis);
-  return kNames[static_cast<std::size_t>(axis)];
-}
-
 double unit_random(std::mt19937_64 &rng) { return static_cast<double>(rng() >> 11U) * 0x1.0p-52 - 1.0; }
-
-// Centre of the grey values above the darkest.
-Vector3d centre_of_mass(const Volume &image) {
-  const GreyRange range = grey_range(image.voxels, 0.01);
-  Vector3d sum = Vector3d::Zero();
-  double total = 0.0;
-  for (std::size_t i = 0; i < image.voxels.size(); ++i) {
-    const float v = image.voxels[i];
-    if (std::isfinite(v)) {
-      const double weight = static_cast<double>(std::clamp(v, range.low, range.high) - range.low);
-      sum += weight * image.pixel_mm(i);
-      total += weight;
-    }
-  }
-  return total > 0.0 ? Vector3d(sum / total) : image.point_mm(Vector3d::Zero());
-}
-
-// Rotations that cover SO(3) evenly: super-Fibonacci spirals [Alexa 2022].
-Eigen::Quaterniond spread_rotation(int i, int count) {
-  constexpr double kPhi = std::numbers::sqrt2;
-  constexpr double kPsi = 1.533751168755204288118041;
-  const double s = i + 0.5;
-  const double r = std::sqrt(s / count);
-  const double R = std::sqrt(1.0 - s / count);
-  const double alpha = 2.0 * std::numbers::pi * s / kPhi;
-  const double beta = 2.0 * std::numbers::pi * s / kPsi;
-  return {R * std::cos(beta), r * std::sin(alpha), r * std::cos(alpha), R * std::sin(beta)};
-}
 
 struct Level {
   Volume reference, floating;
   std::unique_ptr<SimilarityMeasure> measure;
   double spacing_mm = 0.0;
 };
-
-// Number of distinct values; counts no further than `enough`.
-std::size_t grey_values(const Volume &image, std::size_t enough) {
-  std::vector<float> known;
-  for (const float v : image.voxels) {
-    if (std::isfinite(v) && std::find(known.begin(), known.end(), v) == known.end()) {
-      known.push_back(v);
-      if (known.size() == enough) {
-        break;
-      }
-    }
-  }
-  return known.size();
-}
-
-// Why two images cannot be registered; empty: they may be.
-std::string obstacle(const Volume &image, std::string_view name) {
-  constexpr int kMinVoxels = 4;
-  for (const int size : image.size) {
-    if (size < kMinVoxels) {
-      return "the " + std::string(name) + " image has " + std::to_string(size) + (size == 1 ? " slice" : " slices") +
-             " along an axis; at least " + std::to_string(kMinVoxels) + " are needed for a pose in space";
-    }
-  }
-  if (grey_range(image.voxels).constant()) {
-    return "the " + std::string(name) + " image has one grey value only";
-  }
-  constexpr std::size_t kMinGreyValues = 8;
-  if (const std::size_t count = grey_values(image, kMinGreyValues); count < kMinGreyValues) {
-    return "the " + std::string(name) + " image has " + std::to_string(count) +
-           " grey values only: a mask or a segmentation, not a scan?";
-  }
-  return {};
-}
 
 class RigidSearch {
 public:
@@ -194,7 +106,6 @@ private:
   void check_size(const Pose &best, double unrelated, RigidImageResult &out);
   [[nodiscard]] double smaller_mm3() const; // volume of the smaller image
   void estimate_covariance(const Pose &best, RigidImageResult &out);
-  void judge(RigidImageResult &out) const;
 
   const RigidImageOptions &options_;
   parallel::Team &team_;
@@ -422,46 +333,6 @@ void RigidSearch::estimate_covariance(const Pose &best, RigidImageResult &out) {
   out.covariance = J * C * J.transpose();
 }
 
-void RigidSearch::judge(RigidImageResult &out) const {
-  const auto say = [&](ImageVerdict verdict, std::string reason) {
-    out.verdict = verdict;
-    out.reason = std::move(reason);
-  };
-  const geometry::Matrix36d J = geometry::point_jacobian(centre_mm_);
-  const Matrix3d at_centre = J * out.covariance * J.transpose();
-  const double rotation = out.covariance.topLeftCorner<3, 3>().trace() * kArm_mm * kArm_mm * 2.0 / 3.0;
-  const double predicted = std::sqrt(at_centre.trace() + rotation);
-  if (!(out.overlap >= kMinOverlap)) {
-    say(ImageVerdict::kRefused, "the images overlap by " + number(100.0 * out.overlap, 0) + " % of the smaller one; " +
-                                    number(100.0 * kMinOverlap, 0) + " % are needed");
-  } else if (!(out.mutual_information >= kMinInformation)) {
-    say(ImageVerdict::kRefused, "the images share too little (mutual information " + number(out.mutual_information, 3) +
-                                    ", " + number(kMinInformation, 2) +
-                                    " is needed): another patient or part of the body?");
-  } else if (!(out.lead >= kMinLead)) {
-    say(ImageVerdict::kAmbiguous, "another pose explains the images nearly as well (lead " + number(out.lead, 2) +
-                                      ", " + number(kMinLead, 2) +
-                                      " is needed): different anatomy, or too small a part of it");
-  } else if (!(out.mirror_lead >= kMinMirrorLead)) {
-    say(ImageVerdict::kAmbiguous, "its mirror image explains the other image better (by " +
-                                      number(-out.mirror_lead, 2) +
-                                      "): are left and right exchanged in one of the two, by a header or an export?");
-  } else if (!options_.affine && std::abs(out.stretch) > kMaxStretch && out.stretch_gain > kMinStretchGain) {
-    say(ImageVerdict::kAmbiguous, "the head of the floating image is " + number(100.0 * std::abs(out.stretch), 0) +
-                                      " % " + (out.stretch > 0.0 ? "larger" : "smaller") + " along " +
-                                      direction_text(out.stretch_axis) +
-                                      ": a wrong spacing in one of the headers, or another patient?");
-  } else if (out.returned < kMinReturned * out.restarts) {
-    say(ImageVerdict::kAmbiguous, "only " + std::to_string(out.returned) + " of " + std::to_string(out.restarts) +
-                                      " restarts from perturbed poses came back to this one");
-  } else if (!(predicted <= kMaxError_mm)) {
-    say(ImageVerdict::kAmbiguous, "the predicted error of " + number(predicted, 1) + " mm rms at " +
-                                      number(kArm_mm, 0) + " mm from the centre is too large: a direction is free");
-  } else {
-    say(ImageVerdict::kFound, {});
-  }
-}
-
 RigidImageResult RigidSearch::run() {
   RigidImageResult out;
   const auto stopped = [&] {
@@ -538,7 +409,7 @@ RigidImageResult RigidSearch::run() {
     out.affine = affine.T_floating_reference.inverse();
     out.similarity = affine.value;
   }
-  judge(out);
+  judge(out, centre_mm_, options_.affine);
   out.evaluations = evaluations_;
   return out;
 }
@@ -551,7 +422,6 @@ std::string_view name_of(ImageVerdict verdict) {
 
 double apart_mm(const ReferenceFromFloating &a, const ReferenceFromFloating &b, const Vector3d &centre_mm) {
   // Mean over a sphere of |(R - I) r|^2: |R - I|^2 r^2 / 3.
-  // r^2.
   const auto difference = a * b.inverse();
   const Matrix3d turn = difference.rotation_matrix() - Matrix3d::Identity();
   const double shift2 = (difference * centre_mm - centre_mm).squaredNorm();
