@@ -58,6 +58,12 @@ std::string unit_text(const Json &value) {
   return value.is_object() && value.contains("codeValue") ? shown(value["codeValue"]) : shown(value);
 }
 
+// null is no label.
+std::string label_of(const Json &point) {
+  const bool has_label = point.is_object() && point.contains("label") && !point["label"].is_null();
+  return has_label ? shown(point["label"]) : std::string();
+}
+
 // Keeps a note, or refuses the file where no notes are kept.
 base::Result<void> leave_out(const std::string &sentence, const char *remedy, Notes *notes) {
   if (notes == nullptr) {
@@ -178,6 +184,10 @@ private:
         return tl::unexpected(taken.error());
       }
     }
+    // Slicer 4 and 5.0 do not write it, and mm is the default of the format: also a reader without notes takes it.
+    if (!item.contains("coordinateUnits") && notes_ != nullptr) {
+      notes_->push_back(file_ + ": " + which + ": its coordinateUnits are not stated: mm is assumed");
+    }
     const std::string unit_name = item.contains("coordinateUnits") ? unit_text(item["coordinateUnits"]) : "mm";
     const auto unit = unit_named(unit_name);
     if (!unit) {
@@ -190,7 +200,7 @@ private:
     std::size_t number = 0;
     for (const Json &point : *points) {
       std::string place = file_ + ": " + which + ", control point " + std::to_string(++number);
-      const std::string label = point.is_object() && point.contains("label") ? shown(point["label"]) : "";
+      const std::string label = label_of(point);
       place += label.find_first_not_of(' ') == std::string::npos ? "" : " (" + label + ")";
       if (point.is_object() && point.contains("positionStatus") && shown(point["positionStatus"]) != "defined") {
         const std::string never =

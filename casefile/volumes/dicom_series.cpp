@@ -194,9 +194,13 @@ std::string described(const std::string &uid, const std::vector<std::string> &fi
          ")";
 }
 
+struct Listing {
+  std::vector<fs::path> files, folders;
+};
+
 // With those of its folders, as on a CD.
-base::Result<std::vector<fs::path>> files_in(const fs::path &folder) {
-  std::vector<fs::path> out;
+base::Result<Listing> listing_of(const fs::path &folder) {
+  Listing out;
   std::error_code error;
   for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
     std::error_code ignored;
@@ -204,13 +208,16 @@ base::Result<std::vector<fs::path>> files_in(const fs::path &folder) {
       return base::failure(entry->path().string() + ": is a link to a file that is missing");
     }
     if (entry->is_regular_file(ignored)) {
-      out.push_back(entry->path());
+      out.files.push_back(entry->path());
+    } else if (entry->is_directory(ignored)) {
+      out.folders.push_back(entry->path());
     }
   }
   if (error) {
     return base::failure(folder.string() + ": cannot be listed: " + error.message());
   }
-  std::sort(out.begin(), out.end());
+  std::sort(out.files.begin(), out.files.end());
+  std::sort(out.folders.begin(), out.folders.end());
   return out;
 }
 
@@ -231,16 +238,18 @@ struct FolderFiles {
   };
   std::vector<Image> dicom;     // whole
   std::vector<fs::path> others; // without the mark of DICOM
+  std::vector<fs::path> folders;
 };
 
 // A damaged file is an error: it may be the slice at the end of a stack, which would be missing in silence.
 base::Result<FolderFiles> whole_files(const fs::path &folder) {
-  const auto files = files_in(folder);
-  if (!files) {
-    return tl::unexpected(files.error());
+  auto listing = listing_of(folder);
+  if (!listing) {
+    return tl::unexpected(listing.error());
   }
   FolderFiles out;
-  for (const fs::path &file : *files) {
+  out.folders = std::move(listing->folders);
+  for (const fs::path &file : listing->files) {
     if (!is_dicom_file(file)) {
       out.others.push_back(file);
       continue;
@@ -272,6 +281,16 @@ base::Result<std::vector<std::string>> notes_of_others(const FolderFiles &files,
       out.push_back(file.string() + (has_pixels ? " cannot be read" : " holds no image") + ": it is left out");
     }
   }
+  const auto like_slice = [&patterns](const fs::path &file) {
+    const std::string extension = base::lower(file.extension().string());
+    return patterns.contains(pattern_of(file)) || extension == ".dcm" || extension == ".ima" || extension == ".dicom";
+  };
+  for (const fs::path &folder : files.folders) {
+    const auto inside = used.lower_bound((folder / "").string());
+    if (like_slice(folder) && (inside == used.end() || !inside->starts_with((folder / "").string()))) {
+      return base::failure(folder.string() + ": is named like a slice, and is a folder without slices");
+    }
+  }
   constexpr std::size_t kMaxNamed = 5;
   std::string names;
   std::size_t count = 0;
@@ -279,8 +298,7 @@ base::Result<std::vector<std::string>> notes_of_others(const FolderFiles &files,
     if (used.contains(file.string())) {
       continue;
     }
-    const std::string extension = base::lower(file.extension().string());
-    if (patterns.contains(pattern_of(file)) || extension == ".dcm" || extension == ".ima" || extension == ".dicom") {
+    if (like_slice(file)) {
       return base::failure(file.string() + ": is named like a slice, and is no DICOM file: is it damaged?");
     }
     names += ++count > kMaxNamed ? "" : (names.empty() ? "" : ", ") + file.string();

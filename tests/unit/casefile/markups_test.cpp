@@ -142,9 +142,11 @@ TEST(Markups, UnitsOfAnyFormAreApplied) {
 TEST(Markups, WhatCannotBeUsedBesideAListIsLeftOutAndSaid) {
   TemporaryFolder folder;
   const auto file = folder.write("b.mrk.json", R"({"markups": [{"type": "Plane", "controlPoints": []},
-      {"type": "Fiducial", "coordinateSystem": "LPS", "controlPoints": [{"label": "A", "position": [0, 0, 0]},
+      {"type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm",
+       "controlPoints": [{"label": "A", "position": [0, 0, 0]},
         {"label": "B", "position": [0, 0, 0], "positionStatus": "preview"}]},
-      {"type": "Line", "name": "L", "coordinateSystem": "LPS", "controlPoints": [{"position": [0, 0, 0]}, {"position": [0, 0, 1]}]}]})");
+      {"type": "Line", "name": "L", "coordinateSystem": "LPS", "coordinateUnits": "mm",
+       "controlPoints": [{"position": [0, 0, 0]}, {"position": [0, 0, 1]}]}]})");
   Notes notes;
   const auto points = read_points(file, &notes);
   ASSERT_TRUE(points) << points.error().message;
@@ -167,10 +169,33 @@ TEST(Markups, ASpaceThatIsNotStatedIsSaid) {
     const auto points = read_points(file, &notes);
     ASSERT_TRUE(points) << points.error().message;
     EXPECT_EQ(points->front().position_mm, Eigen::Vector3d(1, 2, 3));
-    ASSERT_EQ(notes.size(), 1U);
+    ASSERT_FALSE(notes.empty());
     EXPECT_NE(notes[0].find("is not stated: " + std::string(assumed) + " is assumed"), std::string::npos) << notes[0];
     EXPECT_FALSE(read_points(file)) << "a reader that prints no notes";
   }
+}
+
+TEST(Markups, AUnitThatIsNotStatedIsSaid) {
+  TemporaryFolder folder;
+  Notes notes;
+  const auto file = folder.write("a.mrk.json", points_file(R"({"label": "A", "position": [-1, -2, 3]})"));
+  const auto points = read_points(file, &notes);
+  ASSERT_TRUE(points) << points.error().message;
+  EXPECT_EQ(points->front().position_mm, Eigen::Vector3d(1, 2, 3));
+  EXPECT_EQ(notes, Notes{file.string() + ": markup 1: its coordinateUnits are not stated: mm is assumed"});
+  notes.clear();
+  const std::string stated = std::string(kLps) + "\"coordinateUnits\": \"mm\",";
+  ASSERT_TRUE(read_points(folder.write("b.mrk.json", points_file("", stated)), &notes));
+  EXPECT_EQ(notes, Notes{});
+}
+
+TEST(Markups, ALabelOfNullIsNone) {
+  TemporaryFolder folder;
+  const auto points = read_points(folder.write("a.mrk.json", points_file(R"({"label": null, "position": [1, 2, 3]},
+                                                            {"label": 7, "position": [4, 5, 6]})")));
+  ASSERT_TRUE(points) << points.error().message;
+  EXPECT_EQ(points->front().name, "");
+  EXPECT_EQ(points->back().name, "7");
 }
 
 TEST(Markups, AKeyThatIsStatedTwiceIsRefused) {

@@ -287,6 +287,25 @@ TEST_F(MadeSeries, ASliceThatIsNoDicomFileIsNotLeftOut) {
   EXPECT_NE(refusal().find("IM11: is a link to a file that is missing"), std::string::npos) << refusal();
 }
 
+TEST_F(MadeSeries, AFolderInPlaceOfASliceIsNotLeftOut) {
+  fs::create_directory(folder / "other");
+  EXPECT_TRUE(read_volume(folder));
+  for (const char *name : {"IM12", "image.dcm"}) {
+    fs::create_directory(folder / name);
+    EXPECT_NE(refusal().find(std::string(name) + ": is named like a slice, and is a folder without slices"),
+              std::string::npos)
+        << refusal();
+    test::write_bytes(folder / name / "notes.txt", "text");
+    EXPECT_FALSE(read_volume(folder));
+    fs::remove_all(folder / name);
+  }
+  fs::create_directory(folder / "second.dcm");
+  fs::rename(folder / "IM11", folder / "second.dcm/IM11");
+  const auto volume = read_volume(folder);
+  ASSERT_TRUE(volume) << volume.error().message;
+  EXPECT_EQ(volume->size[2], 12) << "a folder of slices may have any name";
+}
+
 TEST_F(MadeSeries, WhatIsLeftOutIsNamed) {
   test::write_bytes(folder / "README.txt", "from the archive");
   test::write_bytes(folder / "IM12.gz", "");
