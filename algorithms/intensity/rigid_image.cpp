@@ -30,8 +30,8 @@ constexpr double kMiddle_mm = 4.0;
 constexpr std::size_t kCoarseSamples = 6'000;
 constexpr std::size_t kMiddleSamples = 20'000;
 constexpr int kCoarseBins = 32;
-constexpr int kSearchRotations = 600; // about 25 degrees apart
-constexpr std::size_t kRefinedAtCoarse = 24;
+constexpr int kSearchRotations = 400; // about 29 degrees apart
+constexpr std::size_t kRefinedAtCoarse = 16;
 constexpr std::size_t kRefinedAtMiddle = 6;
 constexpr std::size_t kRefinedAtFine = 2;
 // On the scale from an unrelated pose to the best: a pose that is farther behind the best at 8 mm is not refined at 4
@@ -122,7 +122,7 @@ Matrix4d RigidSearch::centred(const Matrix3d &R) const {
 }
 
 double RigidSearch::unrelated_value() {
-  constexpr int kStride = 15;
+  constexpr int kStride = 10;
   std::vector<double> values;
   for (int i = 0; i < kSearchRotations; i += kStride) {
     ++evaluations_;
