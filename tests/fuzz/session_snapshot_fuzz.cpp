@@ -43,8 +43,8 @@ std::string with_checksum(const json &session) {
   crc.process_bytes(content.data(), content.size());
   char sum[16];
   (void)std::snprintf(sum, sizeof sum, "%08x", static_cast<unsigned>(crc.checksum()));
-  static const json written = json::parse(server::to_json({}));
-  return dump({{"bregma_session", written["bregma_session"]}, {"crc32", sum}, {"session", session}}) + "\n";
+  static const std::string version = dump(json::parse(server::to_json({}))["bregma_session"]);
+  return "{\"bregma_session\":" + version + ",\"crc32\":\"" + sum + "\",\"session\":" + content + "}\n";
 }
 
 // A session with every part.

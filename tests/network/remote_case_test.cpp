@@ -44,7 +44,8 @@ constexpr std::size_t kLabelBytes = std::size_t{146} * 180 * 146;
 constexpr std::size_t kMeshBytes = 550'000; // of each of three
 
 constexpr auto kStatePeriod = 5ms;
-constexpr int kRounds = 8; // transfers per fault: more than 1,000 states during them
+constexpr auto kPause = 300ms; // between two transfers
+constexpr int kRounds = 20;    // transfers per fault: about 1,000 states during them
 constexpr double kMaxSeconds = 3.0;
 constexpr double kMaxRatio = 1.2; // of the states' p99 during transfers to that without
 constexpr double kBusy_ms = 1.0;  // by which both differ on a machine with other work
@@ -244,7 +245,7 @@ TEST_F(RemoteCase, TheCaseArrivesWholeAlsoWithLossAndStatesGoOn) {
     // Both in turns, because the machine does not stay the same.
     for (int round = 0; round < kRounds; ++round) {
       take_delays(ignored);
-      std::this_thread::sleep_for(1s);
+      std::this_thread::sleep_for(kPause);
       take_delays(without);
       const auto took = fetch(seed++, during);
       ASSERT_TRUE(took);

@@ -25,7 +25,9 @@ export class ScannerPage implements Part {
   private readonly validity = h("p", { class: "lead" });
   private readonly rows = h("dl", { class: "pairs" });
   private readonly coils = h("div");
+  private readonly coilsTitle = h("h3", {}, "Coils");
   private readonly tools = h("div");
+  private readonly toolsTitle = h("h3", {}, "Robot’s tip in the scanner");
   readonly element = h(
     "section",
     { class: "page", id: "scanner-page" },
@@ -35,23 +37,26 @@ export class ScannerPage implements Part {
     h("h3", {}, "Registration of the robot"),
     this.validity,
     this.rows,
-    h("h3", {}, "Robot’s tip in the scanner"),
+    this.toolsTitle,
     this.tools,
-    h("h3", {}, "Coils"),
+    this.coilsTitle,
     this.coils,
   );
 
   update({ store, gateway_ms }: PageContext): void {
     const scanner = store.all("scanner")[0];
-    setText(this.status, scanner ? statusText(scanner) : "No scanner is registered to");
+    setText(this.status, scanner ? statusText(scanner) : "No scanner is known");
     setClass(this.status, "bad", scanner?.activity === ScannerActivity.FAILED);
     setText(this.next, scanner?.next ?? "");
-    setText(this.validity, scanner ? validityText(scanner) : "");
+    const validity = scanner ? validityText(scanner) : "";
+    setText(this.validity, validity.charAt(0).toUpperCase() + validity.slice(1));
     setClass(this.validity, "bad", scanner !== undefined && isVoid(scanner));
     fill(this.rows, `${store.revision("scanner")}`, () => (scanner ? pairsOf(scanner) : []));
     const coils = store.all("scanner_coil").filter((c) => c.device === scanner?.device);
     fill(this.coils, `${store.revision("scanner_coil")}`, () => (coils.length > 0 ? [coilTable(coils)] : []));
+    this.coilsTitle.hidden = coils.length === 0;
     const tools = store.all("robot_tool");
+    this.toolsTitle.hidden = tools.length === 0;
     const lines = tools.map((t) => tipText(t, gateway_ms));
     fill(this.tools, lines.join("\n"), () => lines.map((line) => h("p", { class: "small" }, line)));
   }
@@ -63,7 +68,9 @@ const isVoid = (s: Scanner) =>
 function statusText(s: Scanner): string {
   const activity = scannerActivityText(s.activity);
   const slices = s.protocol ? `, ${s.protocol} ${s.slices} of ${s.slices_expected} slices` : "";
-  return `${scannerStepText(s.step)}${activity ? `: ${activity}` : ""}${slices}${s.text ? ` (${s.text})` : ""}`;
+  const step = scannerStepText(s.step);
+  const more = s.text && s.text.toLowerCase() !== step.toLowerCase() ? ` (${s.text})` : "";
+  return `${step}${activity ? `: ${activity}` : ""}${slices}${more}`;
 }
 
 export function validityText(s: Scanner): string {

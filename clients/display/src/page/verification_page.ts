@@ -31,7 +31,7 @@ export class VerificationPage implements Part {
     setClass(this.check, "bad", last > limit);
     setText(
       this.detail,
-      `${accuracy?.checks ?? 0} checks; 95 % bound ${figure(accuracy?.last_check_limit_mm ?? Number.NaN, 2, "mm")}, limit ${figure(limit, 1, "mm")}`,
+      `${accuracy?.checks ?? 0} ${accuracy?.checks === 1 ? "check" : "checks"}; 95 % bound ${figure(accuracy?.last_check_limit_mm ?? Number.NaN, 2, "mm")}, limit ${figure(limit, 1, "mm")}`,
     );
     const distances = data.landmarks.map((l) =>
       scene.followedTool ? distanceTo(scene.followedTool.tip, l.position_mm) : Number.NaN,

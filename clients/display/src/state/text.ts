@@ -119,7 +119,7 @@ const coil: Record<number, string> = {
   [CoilOutcome.USED]: "used",
   [CoilOutcome.OUTLIER]: "left out",
   [CoilOutcome.VERIFIES]: "verifies",
-  [CoilOutcome.IDLE]: "has not carried current",
+  [CoilOutcome.IDLE]: "no current yet",
 };
 export const coilText = (value: number): string => look(coil, value);
 

@@ -154,7 +154,7 @@ export class Display {
 
   private begin(): void {
     const gl = this.picture.getContext("webgl2", { antialias: false, alpha: false, preserveDrawingBuffer: true });
-    if (!gl) throw new Error("this browser has no WebGL 2");
+    if (!gl) throw new Error("It has no WebGL 2: no graphics card, or a driver that it does not trust");
     gl.clearColor(0, 0, 0, 1);
     const slices = new SliceRenderer(gl);
     this.graphics = {

@@ -55,6 +55,20 @@ test("its browser draws the page, and sound needs no click", async () => {
   await until(ready, (on) => on, "sound without a click");
 });
 
+test("a browser that cannot draw says so, instead of a dark screen", async () => {
+  const other = await context.newPage();
+  await other.addInitScript(() => {
+    HTMLCanvasElement.prototype.getContext = () => null;
+  });
+  await other.goto(page.url());
+  const text = await other.locator(".cover").textContent();
+  assert.match(
+    text ?? "",
+    /^This browser cannot draw\s*It has no WebGL 2: no graphics card, or a driver that it does not trust\.$/,
+  );
+  await other.close();
+});
+
 test("a browser that was faster than its gateway loads the page when that is there", async () => {
   const { port } = new URL(page.url());
   await gateway.stop();
