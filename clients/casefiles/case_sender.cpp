@@ -12,8 +12,8 @@ namespace {
 
 constexpr std::uint64_t kSentChunkBytes = bregma_wire_CASE_CHUNK_BYTES;
 constexpr std::uint32_t kMaxChunks = 64; // per request
-// Between two chunks, per reader: 64 MB/s, half of a gigabit link. At most one chunk, 0.3 ms of it, is before a state in
-// the queue of the network card. Chunks as fast as they are asked for would be 4 ms.
+// Between two chunks, per reader: 64 MB/s, half of a gigabit link. At most one chunk, 0.3 ms of it, is before a state
+// in the queue of the network card. Chunks as fast as they are asked for would be 4 ms.
 constexpr std::chrono::microseconds kPeriod{500};
 constexpr std::size_t kMaxQueue = 1024; // 16 displays that have asked for all they may at once
 

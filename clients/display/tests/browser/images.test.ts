@@ -200,10 +200,10 @@ test("the page of the scanner shows the step, the validity and the coils", async
   );
   await open.page.getByRole("tab", { name: "Scanner" }).click();
   const text = async () => (await open.page.locator("#scanner-page").textContent()) ?? "";
-  await until(text, (t) => /valid, predicted error at the target 0\.31 mm/.test(t), "the registration");
+  await until(text, (t) => /Valid, predicted error at the target 0\.31 mm/.test(t), "the registration");
   assert.match(await text(), /confirm verify[\s\S]*mid-top-1left out4\.00/);
   open.gateway.others.set("scanner", record("scanner", { ...said, validity: 3, validity_text: "the table moved" }));
-  await until(text, (t) => t.includes("void: the table moved"), "the registration is void");
+  await until(text, (t) => t.includes("Void: the table moved"), "the registration is void");
   assert.ok(await open.page.locator("#scanner-page .lead.bad").count());
   open.gateway.others.delete("scanner");
   open.gateway.others.delete("coil");
