@@ -101,6 +101,17 @@ base::Result<void> place_meta(const fs::path &path, const Tags &tags, std::optio
   if (spacing.size() != 3) {
     return refuse_tag(path, "ElementSpacing", spacing_text, "must be three numbers");
   }
+  if (std::any_of(spacing.begin(), spacing.end(), [](double value) { return !(value > 0.0); })) {
+    return refuse_tag(path, "ElementSpacing", spacing_text,
+                      "must be above 0: whether a negative one mirrors the image is not stated");
+  }
+  constexpr double kRounding = 1e-3;
+  for (std::size_t axis = 0; 3 * axis + 2 < matrix.size(); ++axis) {
+    if (!(std::abs(Eigen::Vector3d(matrix.data() + 3 * axis).norm() - 1.0) <= kRounding)) {
+      return refuse_tag(path, "TransformMatrix", matrix_text,
+                        "its axes must have the length 1: whether another one scales the image is not stated");
+    }
+  }
   if (std::any_of(centre.begin(), centre.end(), [](double value) { return value != 0.0; })) {
     return refuse_tag(path, "CenterOfRotation", centre_text,
                       "programs disagree about a centre that is not 0; write the image with the centre 0");

@@ -135,6 +135,16 @@ Eigen::Matrix4d sform_of(const NiftiFields &header) {
   return out;
 }
 
+Eigen::Vector3d pixel_sizes_of(const NiftiFields &header) {
+  return {header.pixel_sizes[1], header.pixel_sizes[2], header.pixel_sizes[3]};
+}
+
+std::string text_of_sizes(const Eigen::Vector3d &sizes) {
+  char text[96];
+  (void)std::snprintf(text, sizeof text, "%.4g x %.4g x %.4g", sizes.x(), sizes.y(), sizes.z());
+  return text;
+}
+
 // Largest distance between the corners of the image under the two.
 double corners_apart(const Eigen::Matrix4d &a, const Eigen::Matrix4d &b, const std::array<std::int64_t, 3> &size) {
   double apart = 0.0;
@@ -171,8 +181,21 @@ base::Result<void> place_nifti(const fs::path &path, const NiftiFields &header, 
     return nifti_failure(path, "its qform is no rotation: quatern_b, c and d have a square of " +
                                    std::to_string(header.quaternion.squaredNorm()));
   }
+  // nifti1.h asks for sizes above 0; programs take a negative one as its size, as 1, or as a mirror image.
+  if (header.qform_code > 0 && header.sform_code <= 0 && !(pixel_sizes_of(header).array() > 0.0).all()) {
+    return nifti_failure(path, "pixdim = " + text_of_sizes(pixel_sizes_of(header)) +
+                                   ": a qform needs sizes of voxels above 0");
+  }
   const Eigen::Matrix4d qform = qform_of(header);
   const Eigen::Matrix4d sform = sform_of(header);
+  if (header.qform_code <= 0) {
+    const Eigen::Vector3d stated = pixel_sizes_of(header).cwiseAbs();
+    const Eigen::Vector3d used = sform.topLeftCorner<3, 3>().colwise().norm().transpose();
+    if (!((stated - used).cwiseAbs().array() <= kRounding * used.array()).all()) {
+      out.notes.push_back(path.string() + ": pixdim states voxels of " + text_of_sizes(stated) + ", its sform of " +
+                          text_of_sizes(used) + ": the sform is used");
+    }
+  }
   out.T_ras_index = header.sform_code > 0 ? sform : qform;
   out.T_ras_index.topRows<3>() *= scale;
   if (header.qform_code > 0 && header.sform_code > 0) {

@@ -104,6 +104,26 @@ TEST(FaultInput, AMetaImageThatContradictsItselfIsRefused) {
   }
 }
 
+// Programs disagree about what they mean: a mirror image, a larger one, or nothing.
+TEST(FaultInput, AMetaImageWithASpacingOrAxesOfAnotherKindIsRefused) {
+  const test::TemporaryFolder folder;
+  for (const auto &[matrix, spacing, said] :
+       {std::tuple("1 0 0 0 1 0 0 0 1", "2 2 2", ""),
+        {"1 0 0 0 1 0 0 0 1", "-2 2 2", "ElementSpacing = \"-2 2 2\": must be above 0"},
+        {"1 0 0 0 1 0 0 0 1", "2 0 2", "ElementSpacing = \"2 0 2\": must be above 0"},
+        {"2 0 0 0 2 0 0 0 2", "2 2 2", "its axes must have the length 1"},
+        {"1 0 0 0 0 0 0 0 1", "2 2 2", "its axes must have the length 1"},
+        {"0 1 0 -1 0 0 0 0 1", "2 2 2", ""}}) {
+    test::write_bytes(folder / "v.mha",
+                      "ObjectType = Image\nNDims = 3\nTransformMatrix = " + std::string(matrix) +
+                          "\nOffset = 1 2 3\nElementSpacing = " + spacing +
+                          "\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n12345678");
+    const auto volume = read_volume(folder / "v.mha");
+    EXPECT_EQ(volume.has_value(), *said == '\0') << matrix << ", " << spacing;
+    EXPECT_TRUE(volume || volume.error().message.find(said) != std::string::npos) << volume.error().message;
+  }
+}
+
 // With another size, or none, ITK reads a part of the voxels, and the rest is what the memory held.
 TEST(FaultInput, APackedMetaImageStatesItsSize) {
   const test::TemporaryFolder folder;

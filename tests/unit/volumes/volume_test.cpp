@@ -221,6 +221,27 @@ TEST(Volume, ANiftiHeaderThatIsDamagedIsRefused) {
               put<float>(b, 256, 3.0F);
             }).find("its qform is no rotation"),
             std::string::npos);
+  EXPECT_NE(refusal([](std::string &b) {
+              put<std::int16_t>(b, 252, 1);
+              put<std::int16_t>(b, 254, 0);
+              put<float>(b, 84, -2.0F);
+            }).find("a qform needs sizes of voxels above 0"),
+            std::string::npos);
+}
+
+TEST(Volume, SizesOfVoxelsThatContradictTheSformAreSaid) {
+  const TemporaryFolder scratch;
+  const Volume original = pattern(Eigen::Matrix3d::Identity());
+  std::string bytes = nifti(original);
+  write_bytes(scratch / "a.nii", bytes);
+  Notes notes;
+  expect_same(original, read_volume(scratch / "a.nii", {}, &notes), 1e-4, "as written");
+  EXPECT_TRUE(notes.empty());
+  put<float>(bytes, 80, 77.0F);
+  write_bytes(scratch / "a.nii", bytes);
+  expect_same(original, read_volume(scratch / "a.nii", {}, &notes), 1e-4, "with another pixdim");
+  ASSERT_EQ(notes.size(), 1U);
+  EXPECT_NE(notes[0].find("pixdim states voxels of 77 x "), std::string::npos) << notes[0];
 }
 
 double sample(const Volume &volume, const Eigen::Matrix4d &T_index_image, const Eigen::Vector3d &point) {
