@@ -10,10 +10,6 @@
 
 namespace bregma::bench {
 
-inline const std::vector<std::string> kIntensityParts = {"noise",    "significance", "features", "readings",
-                                                         "variants", "rigid",        "measures", "one-mm",
-                                                         "speed",    "nonrigid",     "coverage", "figures"};
-
 struct IntensityOptions : Options {
   std::string mni = "../shared/data/images/mni";                  // CT, T1, T2 and PD templates, 2 mm
   std::string colin = "/usr/share/mricron/templates/ch2.nii.gz";  // one head, 1 mm
@@ -66,7 +62,8 @@ void one_mm_figures(Report &report, const IntensityOptions &options);
 void speed_figures(Report &report, const IntensityOptions &options);    // beside elastix
 void nonrigid_figures(Report &report, const IntensityOptions &options); // beside elastix
 void coverage_figures(Report &report, const IntensityOptions &options);
-void drawn_figures(Report &report, const IntensityOptions &options); // 2.3, 4.3 to 4.5, 5.1 and 5.4, into `pictures`
+void search_figures(Report &report, const IntensityOptions &options); // synthetic pairs from any pose
+void drawn_figures(Report &report, const IntensityOptions &options);  // 2.3, 4.3 to 4.5, 5.1 and 5.4, into `pictures`
 
 // A pair made from one head: grey-value map, bias field, noise, pose and field of view.
 struct SyntheticPair {
