@@ -41,6 +41,8 @@ const NamedUnit &entry_of(LengthUnit unit) { return kUnits[static_cast<std::size
 
 double mm_per(LengthUnit unit) { return entry_of(unit).mm; }
 
+std::string_view name_of(LengthUnit unit) { return entry_of(unit).name; }
+
 std::optional<LengthUnit> unit_named(std::string_view name) {
   for (const NamedUnit &known : kUnits) {
     if (known.name == name) {

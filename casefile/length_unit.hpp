@@ -14,6 +14,7 @@ namespace bregma::casefile {
 enum class LengthUnit { kMillimetre, kCentimetre, kMetre, kMicrometre };
 
 [[nodiscard]] double mm_per(LengthUnit unit);
+[[nodiscard]] std::string_view name_of(LengthUnit unit);
 // "mm", "cm", "m", "um"; no result for another name.
 [[nodiscard]] std::optional<LengthUnit> unit_named(std::string_view name);
 

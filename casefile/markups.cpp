@@ -124,7 +124,8 @@ std::string image_of(const Json &point) {
 // Reader of one file. Every message starts with the file's name.
 class JsonMarkups {
 public:
-  JsonMarkups(const fs::path &file, Notes *notes) : file_(file.string()), notes_(notes) {}
+  JsonMarkups(const fs::path &file, Notes *notes, const MarkupDefaults &defaults)
+      : file_(file.string()), notes_(notes), defaults_(defaults) {}
 
   base::Result<std::vector<Markup>> read(const Json &document) const {
     const auto markups = document.find("markups");
@@ -174,21 +175,24 @@ private:
     if (item.contains("name") && item["name"].is_string()) {
       markup.name = item["name"].get<std::string>();
     }
-    const std::string space_text = item.contains("coordinateSystem") ? shown(item["coordinateSystem"]) : "LPS";
+    const std::string default_space(name_of(defaults_.space.value_or(Space::kLps)));
+    const std::string space_text = item.contains("coordinateSystem") ? shown(item["coordinateSystem"]) : default_space;
     const auto space = space_of(space_text);
     if (!space) {
       return base::failure(file_ + ": " + which + ": coordinateSystem = \"" + space_text + "\": must be LPS or RAS");
     }
     if (!item.contains("coordinateSystem")) {
-      if (auto taken = assume(file_ + ": " + which + ": its coordinateSystem is not stated", "LPS", notes_); !taken) {
+      if (auto taken = assume(file_ + ": " + which + ": its coordinateSystem is not stated", default_space, notes_);
+          !taken) {
         return tl::unexpected(taken.error());
       }
     }
+    const std::string default_unit(name_of(defaults_.unit.value_or(LengthUnit::kMillimetre)));
     // Slicer 4 and 5.0 do not write it, and mm is the default of the format: also a reader without notes takes it.
     if (!item.contains("coordinateUnits") && notes_ != nullptr) {
-      notes_->push_back(file_ + ": " + which + ": its coordinateUnits are not stated: mm is assumed");
+      notes_->push_back(file_ + ": " + which + ": its coordinateUnits are not stated: " + default_unit + " is assumed");
     }
-    const std::string unit_name = item.contains("coordinateUnits") ? unit_text(item["coordinateUnits"]) : "mm";
+    const std::string unit_name = item.contains("coordinateUnits") ? unit_text(item["coordinateUnits"]) : default_unit;
     const auto unit = unit_named(unit_name);
     if (!unit) {
       return base::failure(file_ + ": " + which + ": coordinateUnits = \"" + unit_name + "\": must be mm, cm, m or um");
@@ -248,13 +252,14 @@ private:
 
   std::string file_;
   Notes *notes_;
+  MarkupDefaults defaults_;
 };
 
 // Slicer's older format: comment lines with the coordinate system and the columns, then one point per line. Slicer 5
 // writes two cells more than it names: the status of the position, and whether it was made automatically.
 class Fcsv {
 public:
-  static base::Result<std::vector<Markup>> read(const fs::path &file, Notes *notes) {
+  static base::Result<std::vector<Markup>> read(const fs::path &file, Notes *notes, const MarkupDefaults &defaults) {
     const auto table = base::read_csv(file);
     if (!table) {
       return tl::unexpected(table.error());
@@ -264,7 +269,10 @@ public:
       return tl::unexpected(header.error());
     }
     if (!reader.space_) {
-      if (auto taken = assume(file.string() + ": its CoordinateSystem is not stated", "RAS", notes); !taken) {
+      reader.space_ = defaults.space.value_or(Space::kRas);
+      if (auto taken = assume(file.string() + ": its CoordinateSystem is not stated",
+                              std::string(name_of(*reader.space_)), notes);
+          !taken) {
         return tl::unexpected(taken.error());
       }
     }
@@ -301,6 +309,7 @@ private:
   explicit Fcsv(const base::CsvTable &table) : table_(table) {}
 
   base::Result<void> read_comments() {
+    bool columns_stated = false;
     for (const base::CsvComment &comment : table_.comments) {
       const std::size_t equals = comment.text.find('=');
       const std::string value(equals == std::string::npos ? "" : base::trimmed(comment.text.substr(equals + 1)));
@@ -310,9 +319,19 @@ private:
           return base::failure(table_.file + ":" + std::to_string(comment.line) + ": CoordinateSystem = " + value +
                                ": must be LPS or RAS (1 or 0)");
         }
+        if (space_ && space_ != given) {
+          return base::failure(table_.file + ":" + std::to_string(comment.line) + ": CoordinateSystem = " + value +
+                               ": is stated before as another one");
+        }
         space_ = *given;
       } else if (comment.text.find("columns") != std::string::npos) {
-        columns_ = base::csv_cells(value).value_or(columns_);
+        const auto columns = base::csv_cells(value).value_or(columns_);
+        if (columns_stated && columns != columns_) {
+          return base::failure(table_.file + ":" + std::to_string(comment.line) +
+                               ": the columns are stated before in another way");
+        }
+        columns_ = columns;
+        columns_stated = true;
       }
     }
     return {};
@@ -351,7 +370,7 @@ private:
   }
 
   const base::CsvTable &table_;
-  std::optional<Space> space_; // RAS is the default of Slicer 4
+  std::optional<Space> space_;
   std::vector<std::string> columns_{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
 };
 
@@ -388,9 +407,9 @@ base::Result<void> write(const fs::path &file, Json markups) {
 }
 
 // Markups of one kind. Others beside them are left out; a file of others alone is refused.
-base::Result<std::vector<Markup>> read_only(const fs::path &file, Notes *notes, const char *expected,
-                                            const std::function<bool(Markup::Kind)> &wanted) {
-  auto markups = read_markups(file, notes);
+base::Result<std::vector<Markup>> read_only(const fs::path &file, Notes *notes, const MarkupDefaults &defaults,
+                                            const char *expected, const std::function<bool(Markup::Kind)> &wanted) {
+  auto markups = read_markups(file, notes, defaults);
   if (!markups) {
     return markups;
   }
@@ -414,9 +433,9 @@ base::Result<std::vector<Markup>> read_only(const fs::path &file, Notes *notes, 
 
 } // namespace
 
-base::Result<std::vector<Markup>> read_markups(const fs::path &file, Notes *notes) {
+base::Result<std::vector<Markup>> read_markups(const fs::path &file, Notes *notes, const MarkupDefaults &defaults) {
   if (base::lower(file.extension().string()) == ".fcsv") {
-    return Fcsv::read(file, notes);
+    return Fcsv::read(file, notes, defaults);
   }
   if (is_point_table(file)) {
     return base::failure(file.string() + ": is a table; Slicer's lists are read here, .mrk.json or .fcsv");
@@ -432,7 +451,7 @@ base::Result<std::vector<Markup>> read_markups(const fs::path &file, Notes *note
     if (!parsed.repeated.empty()) {
       return base::failure(file.string() + ": the key \"" + parsed.repeated + "\" is stated twice in one place");
     }
-    return JsonMarkups(file, notes).read(parsed.document);
+    return JsonMarkups(file, notes, defaults).read(parsed.document);
   } catch (const Json::parse_error &problem) {
     // The number of characters read, with that at which the error was noticed.
     const std::size_t at = std::min(std::max<std::size_t>(problem.byte, 1) - 1, content->size());
@@ -447,8 +466,9 @@ base::Result<std::vector<Markup>> read_markups(const fs::path &file, Notes *note
   }
 }
 
-base::Result<std::vector<NamedPoint>> read_points(const fs::path &file, Notes *notes) {
-  const auto lists = read_only(file, notes, "points", [](Markup::Kind kind) { return kind == Markup::Kind::kPoints; });
+base::Result<std::vector<NamedPoint>> read_points(const fs::path &file, Notes *notes, const MarkupDefaults &defaults) {
+  const auto lists =
+      read_only(file, notes, defaults, "points", [](Markup::Kind kind) { return kind == Markup::Kind::kPoints; });
   if (!lists) {
     return tl::unexpected(lists.error());
   }
@@ -460,7 +480,7 @@ base::Result<std::vector<NamedPoint>> read_points(const fs::path &file, Notes *n
 }
 
 base::Result<std::vector<Trajectory>> read_trajectories(const fs::path &file, Notes *notes) {
-  const auto lines = read_only(file, notes, "lines", [](Markup::Kind kind) { return kind == Markup::Kind::kLine; });
+  const auto lines = read_only(file, notes, {}, "lines", [](Markup::Kind kind) { return kind == Markup::Kind::kLine; });
   if (!lines) {
     return tl::unexpected(lines.error());
   }

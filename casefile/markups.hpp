@@ -8,12 +8,15 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "base/result.hpp"
 #include "casefile/case.hpp"
+#include "casefile/length_unit.hpp"
+#include "casefile/space.hpp"
 
 namespace bregma::casefile {
 
@@ -33,17 +36,25 @@ struct MarkedCurve {
   bool closed = false;
 };
 
+// For what a file does not state; without them LPS for .mrk.json and RAS for .fcsv, as Slicer takes it, and mm. A .fcsv
+// is always in mm.
+struct MarkupDefaults {
+  std::optional<Space> space = std::nullopt;
+  std::optional<LengthUnit> unit = std::nullopt;
+};
+
 // What a reader left out: sentences that name the file. A reader without it (nullptr) refuses the file instead.
 using Notes = std::vector<std::string>;
 
 // Every markup of a file, in its order. Left out: points that were never placed, and kinds other than Fiducial, Line,
 // Curve and ClosedCurve beside one of these.
-[[nodiscard]] base::Result<std::vector<Markup>> read_markups(const std::filesystem::path &file, Notes *notes = nullptr);
+[[nodiscard]] base::Result<std::vector<Markup>> read_markups(const std::filesystem::path &file, Notes *notes = nullptr,
+                                                             const MarkupDefaults &defaults = {});
 
 // The points of all lists of a file, in order. Left out: other kinds beside a list. Labels are not checked here, but by
 // load_case.
-[[nodiscard]] base::Result<std::vector<NamedPoint>> read_points(const std::filesystem::path &file,
-                                                                Notes *notes = nullptr);
+[[nodiscard]] base::Result<std::vector<NamedPoint>>
+read_points(const std::filesystem::path &file, Notes *notes = nullptr, const MarkupDefaults &defaults = {});
 
 // Every line of a file: the first control point is the entry, the second the target. A line without a name gets that of
 // its file. Left out: other kinds beside a line.

@@ -34,15 +34,26 @@ Result<PointFile> read_table(const std::filesystem::path &file, const PointFileO
 
 Result<PointFile> read_slicer(const std::filesystem::path &file, const PointFileOptions &options) {
   PointFile out;
-  auto points = casefile::read_points(file, &out.notes);
+  casefile::MarkupDefaults defaults;
+  defaults.space = options.space;
+  if (options.unit != casefile::LengthUnit::kMillimetre) {
+    defaults.unit = options.unit;
+  }
+  auto points = casefile::read_points(file, &out.notes, defaults);
   if (!points) {
     return tl::unexpected(points.error());
   }
   out.points = std::move(*points);
+  for (const casefile::NamedPoint &point : out.points) {
+    if (!point.placed_in.empty()) {
+      out.notes.push_back(file.string() + ": " + point.name + " was placed in the image " + point.placed_in +
+                          ", and is in its coordinates");
+    }
+  }
   const auto has_name = [](const casefile::NamedPoint &point) { return !base::trimmed(point.name).empty(); };
   out.named = std::all_of(out.points.begin(), out.points.end(), has_name);
   if (options.unit != casefile::LengthUnit::kMillimetre || options.space) {
-    out.notes.push_back(file.string() + " states its space and its unit: they have priority over options");
+    out.notes.push_back(file.string() + ": a space or a unit that it states has priority over options");
   }
   return out;
 }

@@ -21,7 +21,7 @@ struct PointFile {
 };
 
 struct PointFileOptions {
-  // Of a table that does not state its own. Slicer's files state space and unit.
+  // Of a file that does not state its own. A .fcsv is always in mm.
   std::optional<casefile::Space> space = std::nullopt;
   casefile::LengthUnit unit = casefile::LengthUnit::kMillimetre;
   casefile::SizeLimits size = casefile::kPointsSize; // not checked for a single point

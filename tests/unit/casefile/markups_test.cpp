@@ -127,6 +127,18 @@ TEST(Markups, FcsvIsRead) {
             ":1: CoordinateSystem = 7: must be LPS or RAS (1 or 0)");
 }
 
+// As in two files that were joined.
+TEST(Markups, AnFcsvThatStatesTwoThingsIsRefused) {
+  const std::string header = "# CoordinateSystem = LPS\n# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label\n";
+  const std::string row = "vtk_1,1,2,3,0,0,0,1,1,1,0,A\n";
+  TemporaryFolder folder;
+  EXPECT_TRUE(read_points(folder.write("a.fcsv", header + row + header + row)));
+  EXPECT_EQ(markups_error(header + row + "# CoordinateSystem = RAS\n" + row, "a.fcsv"),
+            ":4: CoordinateSystem = RAS: is stated before as another one");
+  EXPECT_EQ(markups_error(header + row + "# columns = id,y,x,z\n" + row, "a.fcsv"),
+            ":4: the columns are stated before in another way");
+}
+
 TEST(Markups, UnitsOfAnyFormAreApplied) {
   TemporaryFolder folder;
   for (const char *unit :
@@ -187,6 +199,30 @@ TEST(Markups, AUnitThatIsNotStatedIsSaid) {
   const std::string stated = std::string(kLps) + "\"coordinateUnits\": \"mm\",";
   ASSERT_TRUE(read_points(folder.write("b.mrk.json", points_file("", stated)), &notes));
   EXPECT_EQ(notes, Notes{});
+}
+
+TEST(Markups, WhatIsNotStatedCanBeGiven) {
+  TemporaryFolder folder;
+  const std::string point = R"({"label": "A", "position": [0.01, 0.02, 0.03]})";
+  const MarkupDefaults given{Space::kRas, LengthUnit::kMetre};
+  const auto bare = folder.write("a.mrk.json", points_file(point, ""));
+  Notes notes;
+  const auto read = read_points(bare, &notes, given);
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_TRUE(read->front().position_mm.isApprox(Eigen::Vector3d(10, 20, 30)));
+  ASSERT_EQ(notes.size(), 2U);
+  EXPECT_NE(notes[0].find("RAS is assumed"), std::string::npos) << notes[0];
+  EXPECT_NE(notes[1].find("m is assumed"), std::string::npos) << notes[1];
+  notes.clear();
+  const auto stating =
+      folder.write("b.mrk.json", points_file(point, std::string(kLps) + "\"coordinateUnits\": \"cm\","));
+  const auto stated = read_points(stating, &notes, given);
+  ASSERT_TRUE(stated) << stated.error().message;
+  EXPECT_TRUE(stated->front().position_mm.isApprox(Eigen::Vector3d(-0.1, -0.2, 0.3)));
+  EXPECT_TRUE(notes.empty());
+  const auto old = read_points(folder.write("a.fcsv", "vtk_1,1,2,3,0,0,0,1,1,1,0,AC,,\n"), &notes, {Space::kLps, {}});
+  ASSERT_TRUE(old) << old.error().message;
+  EXPECT_EQ(old->front().position_mm, Eigen::Vector3d(-1, -2, 3));
 }
 
 TEST(Markups, ALabelOfNullIsNone) {
