@@ -178,11 +178,8 @@ PlanFiles read_table(base::TableReader &root, Case &c) {
   return files;
 }
 
-// Reads the arm's equipment; its base is the reference, and what it carries are the tools.
+// Reads the arm's equipment. What it carries are tools; its base is the reference, unless a tracker beside it sees one.
 void read_robot(base::TableReader &root, Case &c) {
-  if (!c.tools.empty()) {
-    root.refuse("tools", "a case with [robot] has no [[tools]]: the arm's are in the file of robot.tools");
-  }
   CaseRobot &robot = *c.robot;
   robot.equipment_file = c.folder / robot.equipment_file;
   auto equipment = read_robot_equipment(robot.equipment_file);
@@ -191,7 +188,18 @@ void read_robot(base::TableReader &root, Case &c) {
     return;
   }
   robot.equipment = std::move(*equipment);
-  c.tools.push_back({.name = kRobotBase, .role = ToolRole::kReference, .markers_mm = {}});
+  if (const HandEyeModel *hand_eye = c.hand_eye()) {
+    const ToolModel *body = c.tool(hand_eye->flange_body);
+    if (!hand_eye->flange_body.empty() && (body == nullptr || body->role == ToolRole::kReference)) {
+      root.refuse("tools", "the body on the flange, \"" + hand_eye->flange_body +
+                               "\", must be a tool of the case, and not the reference");
+    }
+  } else if (!c.tools.empty()) {
+    root.refuse("tools", "a case with [robot] has no [[tools]]: the arm's are in the file of robot.tools. Tracked ones "
+                         "need [hand_eye] there");
+  } else {
+    c.tools.push_back({.name = kRobotBase, .role = ToolRole::kReference, .markers_mm = {}});
+  }
   for (const RobotToolModel &tool : robot.equipment.tools) {
     c.tools.push_back({.name = tool.name,
                        .role = ToolRole::kPointer,
@@ -205,6 +213,10 @@ void read_robot(base::TableReader &root, Case &c) {
 } // namespace
 
 const ToolModel *Case::tool(std::string_view name) const { return find_by_name(tools, name); }
+
+bool Case::carried_by_arm(std::string_view name) const {
+  return robot && find_by_name(robot->equipment.tools, name) != nullptr;
+}
 
 const ToolModel *Case::reference() const {
   const auto it =

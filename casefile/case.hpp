@@ -98,8 +98,10 @@ struct LabelImage {
   std::filesystem::path table;
 };
 
-// An arm that registers and navigates without a tracker. The patient is then registered in the arm's base, the tool
-// kRobotBase with the role of the reference, and the case's other tools are those that the arm carries.
+// An arm that registers and navigates. Without hand-eye (equipment.hand_eye) there is no tracker: the patient is
+// registered in the arm's base, the tool kRobotBase with the role of the reference, and the case's other tools are
+// those that the arm carries. With it the reference is a body that the tracker beside the arm sees, as in a case
+// without an arm, and the arm's tools follow the tracked ones in the list.
 inline constexpr const char *kRobotBase = "RobotBase";
 struct CaseRobot {
   std::string device; // as RobotState::device
@@ -125,8 +127,15 @@ struct Case {
   Limits limits;
   std::optional<CraniotomyPlan> craniotomy;
   std::optional<TissueChoice> tissue;
-  std::optional<CaseRobot> robot; // the case has no tracker
+  std::optional<CaseRobot> robot;
 
+  // A tracker beside the arm; nullptr: none, or the case has no arm.
+  [[nodiscard]] const HandEyeModel *hand_eye() const {
+    return robot && robot->equipment.hand_eye ? &*robot->equipment.hand_eye : nullptr;
+  }
+  // Nothing measures whether the patient moves: there is an arm without a tracker.
+  [[nodiscard]] bool arm_alone() const { return robot && !robot->equipment.hand_eye; }
+  [[nodiscard]] bool carried_by_arm(std::string_view tool) const;
   [[nodiscard]] const ToolModel *tool(std::string_view name) const;
   [[nodiscard]] const ToolModel *reference() const;
   [[nodiscard]] const Trajectory *trajectory(std::string_view name) const;

@@ -51,8 +51,8 @@ std::string labels_text(const Case &c) {
 }
 
 std::string robot_text(const Case &c) {
-  return "\n# An arm instead of a tracker, and the file of what it carries.\n[robot]\ndevice = " +
-         text(c.robot->device) + "\ntools = " + file_text(c, c.robot->equipment_file) + "\n";
+  return "\n# An arm, and the file of what it carries.\n[robot]\ndevice = " + text(c.robot->device) +
+         "\ntools = " + file_text(c, c.robot->equipment_file) + "\n";
 }
 
 std::string tool_text(const ToolModel &tool) {
@@ -145,13 +145,12 @@ base::Result<void> save_case(const Case &c) {
     steps.run([&] { return write_mesh(c.folder / file, structure.mesh); });
   }
   steps.run([&] { return detail::save_images(c).map([&toml](const std::string &tables) { toml += tables; }); });
-  if (c.robot) { // its tools are in their own file
-    toml += robot_text(c);
-  } else {
-    for (const ToolModel &tool : c.tools) {
+  for (const ToolModel &tool : c.tools) {
+    if (!c.carried_by_arm(tool.name) && !c.arm_alone()) { // an arm's tools are in their own file
       toml += tool_text(tool);
     }
   }
+  toml += c.robot ? robot_text(c) : std::string();
   toml += limits_text(c.limits) + detail::tissue_tables_text(c);
   steps.run([&] { return base::write_file(c.folder / "case.toml", toml); });
   return steps.result();

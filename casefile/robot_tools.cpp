@@ -5,6 +5,7 @@
 #include <fstream>
 #include <utility>
 
+#include <Eigen/Eigenvalues>
 #include <nlohmann/json.hpp>
 
 #include "algorithms/geometry/angles.hpp"
@@ -91,6 +92,64 @@ base::Result<void> read_curve(const std::filesystem::path &file, RangeSensorMode
   return {};
 }
 
+bool is_covariance(const Eigen::MatrixXd &matrix) {
+  constexpr double kRounding = 1e-9; // of the largest entry
+  const double largest = matrix.cwiseAbs().maxCoeff();
+  return matrix.allFinite() && (matrix - matrix.transpose()).cwiseAbs().maxCoeff() <= kRounding * largest &&
+         Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(matrix).eigenvalues().minCoeff() >= -kRounding * largest;
+}
+
+template <class Target, class Source>
+bool read_pose(const Eigen::Matrix4d &matrix, geometry::Rigid3<Target, Source> &out) {
+  constexpr double kRounding = 1e-6;
+  const Eigen::Matrix3d R = matrix.topLeftCorner<3, 3>();
+  if (!matrix.allFinite() || !((R * R.transpose()).isIdentity(kRounding)) || !(R.determinant() > 0.0) ||
+      !(matrix.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).isZero(kRounding)) {
+    return false;
+  }
+  out = {R, Eigen::Vector3d(matrix.topRightCorner<3, 1>())};
+  return true;
+}
+
+base::Result<void> read_hand_eye_file(const std::filesystem::path &file, HandEyeModel &out) {
+  const auto document = read_calibration(file, "hand-eye");
+  if (!document) {
+    return tl::unexpected(document.error());
+  }
+  if (!document->contains("Y")) {
+    return base::failure(file.string() + ": is made from motions alone (A X = X B), which do not tell where the "
+                                         "tracker stands");
+  }
+  Eigen::Matrix4d X, Y;
+  try {
+    X = numbers_of<4, 4>(document->at("X"));
+    Y = numbers_of<4, 4>(document->at("Y"));
+    out.joint = numbers_of<12, 12>(document->at("covariance_joint"));
+  } catch (const json::exception &) {
+    return base::failure(file.string() + ": X, Y or covariance_joint is missing, or has another size");
+  }
+  if (!read_pose(X, out.T_flange_body.pose) || !read_pose(Y, out.T_base_tracker.pose) || !is_covariance(out.joint)) {
+    return base::failure(file.string() + ": X or Y is no rigid motion, or covariance_joint is no covariance");
+  }
+  out.T_flange_body.covariance = out.joint.topLeftCorner<6, 6>();
+  out.T_base_tracker.covariance = out.joint.bottomRightCorner<6, 6>();
+  return {};
+}
+
+HandEyeModel read_hand_eye(base::TableReader &table, const std::filesystem::path &folder) {
+  HandEyeModel out;
+  const std::string file = table.require_string("file");
+  out.tracker = table.require_string("tracker");
+  out.flange_body = table.string("flange_body", "");
+  if (out.tracker.empty() || out.tracker.size() > kMaxName) {
+    table.refuse("tracker", "must have 1 to 31 bytes");
+  }
+  if (const auto read = file.empty() ? base::Result<void>() : read_hand_eye_file(folder / file, out); !read) {
+    table.refuse("file", read.error().message);
+  }
+  return out;
+}
+
 RangeSensorModel read_sensor(base::TableReader &table, const std::filesystem::path &folder) {
   RangeSensorModel sensor;
   sensor.name = table.require_string("name");
@@ -174,6 +233,12 @@ base::Result<RobotEquipment> read_robot_equipment(const std::filesystem::path &f
       return tl::unexpected(ok.error());
     }
     out.sensors.push_back(std::move(sensor));
+  }
+  if (auto table = root.table("hand_eye")) {
+    out.hand_eye = read_hand_eye(*table, file.parent_path());
+    if (auto ok = table->finish(); !ok) {
+      return tl::unexpected(ok.error());
+    }
   }
   if (out.tools.empty()) {
     root.refuse("tools", "at least one is needed");

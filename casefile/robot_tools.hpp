@@ -22,6 +22,12 @@
 //   far_mm = 400
 //   radius_mm = 25            # of its body, from the flange to the beam's origin; optional
 //
+//   [hand_eye]                # a tracker beside the arm, which sees the patient's reference; optional
+//   file = "hand_eye.json"    # as `bregma calibrate hand-eye --json` writes it (A X = Y B)
+//   tracker = "Tracker"       # the device that was calibrated
+//   flange_body = "Marker"    # the tracked body on the flange (X), a tool of the case; optional: without it the
+//                             # calibration is not checked while the arm navigates
+//
 // Files are named relative to this one. Errors name file, line, key and value.
 #pragma once
 
@@ -33,6 +39,7 @@
 
 #include <Eigen/Core>
 
+#include "algorithms/geometry/pose_covariance.hpp"
 #include "algorithms/robot/arm_model.hpp"
 #include "base/result.hpp"
 
@@ -68,15 +75,27 @@ struct RangeSensorModel {
   double radius_mm = 25.0;
 };
 
+// Where a tracker stands beside the arm, and where a body that it tracks sits on the flange
+// (algorithms/calibration/hand_eye.hpp).
+struct HandEyeModel {
+  std::string tracker; // as TrackerFrame::device
+  geometry::UncertainPose<geometry::frame::RobotBase, geometry::frame::Tracker> T_base_tracker;
+  std::string flange_body; // name of the tracked body; empty: none is tracked
+  geometry::UncertainPose<geometry::frame::RobotFlange, geometry::frame::Tool> T_flange_body;
+  // Of the left perturbations of T_flange_body and T_base_tracker, in this order. Their errors compensate each other.
+  Eigen::Matrix<double, 12, 12> joint = Eigen::Matrix<double, 12, 12>::Zero();
+};
+
 struct RobotEquipment {
   std::optional<robot::ArmModel> arm;
   std::optional<double> table_z_mm; // in RobotBase
   std::vector<RobotToolModel> tools;
   std::vector<RangeSensorModel> sensors;
+  std::optional<HandEyeModel> hand_eye; // empty: no tracker beside the arm
 };
 
 // Refused: no tools, names that repeat or are too long for the wire, an axis without length, and a calibration that was
-// refused itself or is that of voltages; an arm that is not described by its table.
+// refused itself, is that of voltages, or of motions alone (A X = X B); an arm that is not described by its table.
 [[nodiscard]] base::Result<RobotEquipment> read_robot_equipment(const std::filesystem::path &file);
 
 } // namespace bregma::casefile

@@ -166,15 +166,17 @@ int calibrate_hand_eye_files(HandEyeArguments arguments, const Context &context)
                      {"p_value", json_number(result.p_value)}});
     details += "\n" + matrix_text("X: the tracked body in the flange, mm", result.X.matrix());
     if (!arguments.motions) {
-      document.update({{"Y", json_matrix(result.Y.matrix())}, {"covariance_Y", json_matrix(result.covariance_Y)}});
+      document.update({{"Y", json_matrix(result.Y.matrix())},
+                       {"covariance_Y", json_matrix(result.covariance_Y)},
+                       {"covariance_joint", json_matrix(result.joint)}});
       details += "\n" + matrix_text("Y: the tracker in the robot's base, mm", result.Y.matrix());
     }
   }
   if (arguments.motions) {
     return show(std::move(document), {"X", "covariance_X"}, result.text, details, result.accepted(), context);
   }
-  return show(std::move(document), {"X", "covariance_X", "Y", "covariance_Y"}, result.text, details, result.accepted(),
-              context);
+  return show(std::move(document), {"X", "covariance_X", "Y", "covariance_Y", "covariance_joint"}, result.text, details,
+              result.accepted(), context);
 }
 
 // --- beam

@@ -70,6 +70,18 @@ public:
       add(value);
     }
   }
+  void add(const std::optional<casefile::HandEyeModel> &hand_eye) {
+    if (!hand_eye) {
+      return; // sessions of cases without one keep their checksum
+    }
+    add(std::string_view(hand_eye->tracker));
+    add(std::string_view(hand_eye->flange_body));
+    const Eigen::Matrix4d X = hand_eye->T_flange_body.pose.matrix();
+    const Eigen::Matrix4d Y = hand_eye->T_base_tracker.pose.matrix();
+    crc_.process_bytes(X.data(), sizeof(double) * 16);
+    crc_.process_bytes(Y.data(), sizeof(double) * 16);
+    crc_.process_bytes(hand_eye->joint.data(), sizeof(double) * 144);
+  }
   void add(const casefile::Surface &surface) {
     add(std::string_view(surface.name));
     add(surface.mesh.vertices_mm);
@@ -152,6 +164,7 @@ std::string case_checksum(const casefile::Case &a_case) {
     digest.add(a_case.robot->equipment.sensors);
     digest.add(a_case.robot->equipment.table_z_mm);
     digest.add(a_case.robot->equipment.arm);
+    digest.add(a_case.robot->equipment.hand_eye);
   }
   return digest.text();
 }

@@ -103,6 +103,7 @@ struct FiducialSample { // replaces an earlier sample of the same point
   std::int64_t acquired_time_ns;
   Array3 position_mm;
   Array9 covariance_mm2; // tracker, tip and averaging; not the placement error of the touch (limits.fle_touch_mm)
+  Array9 common_mm2;     // that all touches have in common (hand-eye); not part of covariance_mm2
 };
 
 struct FiducialRemoved {
@@ -118,7 +119,8 @@ struct SurfaceSample {
   std::int64_t acquired_time_ns;
   Array3 position_mm;
   Array9 covariance_mm2;
-  // Error that all samples of one scan have in common (beam and curve of the sensor); not part of covariance_mm2.
+  // Error that all samples of one scan have in common (beam and curve of the sensor, hand-eye); not part of
+  // covariance_mm2.
   Array9 common_mm2;
 };
 
@@ -164,6 +166,12 @@ struct ScanRequest {
   std::int64_t delay_ns;
   double sigma_mm; // 0: as the sensor states
   double near_mm, far_mm;
+  // A tracker beside the arm: points are those of its reference. Else they are in the arm's base, and the rest is not
+  // valid.
+  bool beside_tracker;
+  wire::Name reference;
+  wire::Pose T_base_tracker;
+  Array36 tracker_covariance; // of T_base_tracker
 };
 
 // ---- from the navigation loop ----
@@ -188,6 +196,7 @@ struct CaptureResult {
   std::int64_t acquired_time_ns;
   Array3 position_mm;    // mean; this and the next fields only with kOk, motion_mm also with kMoved
   Array9 covariance_mm2; // covariance of the mean
+  Array9 common_mm2;     // error that all touches with an arm's tool have in common: hand-eye; not part of the former
   double motion_mm;      // motion of the tip about the mean, beyond the noise of the markers
 };
 
@@ -261,6 +270,7 @@ inline constexpr const char *kCheckExpired = "check_expired"; // demotes: the pa
 inline constexpr const char *kScanStalled = "scan_stalled";
 inline constexpr const char *kScanLost = "scan_lost"; // readings without a place
 inline constexpr const char *kScanInterrupted = "scan_interrupted";
+inline constexpr const char *kHandEye = "hand_eye"; // the tracker is not where it was calibrated against the arm
 inline constexpr const char *kReferenceHidden = "reference_hidden";
 inline constexpr const char *kToolHidden = "tool_hidden";
 inline constexpr const char *kDrift = "drift";              // demotes

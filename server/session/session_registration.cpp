@@ -68,8 +68,9 @@ void Session::Impl::on_capture(const CaptureResult &result) {
 }
 
 Answer Session::Impl::take_fiducial(const CaptureRequest &request, const CaptureResult &result) {
-  FiducialSample sample{++data_.revision,     {}, {}, result.frame, result.acquired_time_ns, result.position_mm,
-                        result.covariance_mm2};
+  FiducialSample sample{
+      ++data_.revision, {}, {}, result.frame, result.acquired_time_ns, result.position_mm, result.covariance_mm2,
+      result.common_mm2};
   std::copy(std::begin(request.tool), std::end(request.tool), sample.tool);
   std::copy(std::begin(request.point), std::end(request.point), sample.point);
   const std::string point = wire::text(request.point);
@@ -232,6 +233,13 @@ Answer Session::Impl::start_scan(const bregma_wire_ScanBody &body) {
   request.sigma_mm = sensor->sigma_mm;
   request.near_mm = sensor->near_mm;
   request.far_mm = sensor->far_mm;
+  if (const casefile::HandEyeModel *hand_eye = case_->hand_eye()) {
+    request.beside_tracker = true;
+    (void)wire::set_name(request.reference, case_->reference()->name);
+    request.T_base_tracker = wire::to_wire(hand_eye->T_base_tracker.pose);
+    Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(request.tracker_covariance.data()) =
+        hand_eye->T_base_tracker.covariance;
+  }
   scan_ = request;
   tracing_ = name;
   traced_ = 0;
@@ -256,7 +264,7 @@ void Session::Impl::on_arm_replaced() {
 
 // Nothing measures whether the patient still lies where the registration was made: only a touch does.
 void Session::Impl::poll_checks() {
-  if (!case_ || !case_->robot || !machine_.verified()) {
+  if (!case_ || !case_->arm_alone() || !machine_.verified()) {
     return;
   }
   std::int64_t newest_ns = 0;

@@ -45,13 +45,22 @@ CalibratedTip read_tip(const json &from) {
   return {from.at("tip_mm"), from.at("covariance_mm2"), from.at("rms_mm"), from.at("time_ns")};
 }
 
-// Fiducial and surface samples differ only by the name of the point. They get the set's revision again when sent.
+template <class Sample> constexpr bool kHasCommon = requires(Sample sample) { sample.common_mm2; };
+
+// Fiducial and surface samples differ only by the name of the point. They get the set's revision again when sent. A
+// common error is 0 for samples of a stylus, and then not written.
 template <class Sample> json write_sample(const Sample &sample) {
-  return {{"tool", wire::text(sample.tool)},
-          {"frame", sample.frame},
-          {"acquired_time_ns", sample.acquired_time_ns},
-          {"position_mm", sample.position_mm},
-          {"covariance_mm2", sample.covariance_mm2}};
+  json out = {{"tool", wire::text(sample.tool)},
+              {"frame", sample.frame},
+              {"acquired_time_ns", sample.acquired_time_ns},
+              {"position_mm", sample.position_mm},
+              {"covariance_mm2", sample.covariance_mm2}};
+  if constexpr (kHasCommon<Sample>) {
+    if (sample.common_mm2 != Array9{}) {
+      out["common_mm2"] = sample.common_mm2;
+    }
+  }
+  return out;
 }
 
 template <class Sample> Sample read_sample(const json &from) {
@@ -61,22 +70,10 @@ template <class Sample> Sample read_sample(const json &from) {
   from.at("acquired_time_ns").get_to(out.acquired_time_ns);
   from.at("position_mm").get_to(out.position_mm);
   from.at("covariance_mm2").get_to(out.covariance_mm2);
-  return out;
-}
-
-// The common error is 0 for a trace, and then not written.
-json write_surface(const SurfaceSample &sample) {
-  json out = write_sample(sample);
-  if (sample.common_mm2 != Array9{}) {
-    out["common_mm2"] = sample.common_mm2;
-  }
-  return out;
-}
-
-SurfaceSample read_surface(const json &from) {
-  auto out = read_sample<SurfaceSample>(from);
-  if (from.contains("common_mm2")) {
-    from.at("common_mm2").get_to(out.common_mm2);
+  if constexpr (kHasCommon<Sample>) {
+    if (from.contains("common_mm2")) {
+      from.at("common_mm2").get_to(out.common_mm2);
+    }
   }
   return out;
 }
@@ -139,7 +136,7 @@ SessionData read_session(const json &from) {
     read_name({{"point", point}}, "point", fiducial.point);
   }
   for (const json &sample : from.at("surface")) {
-    data.surface.push_back(read_surface(sample));
+    data.surface.push_back(read_sample<SurfaceSample>(sample));
   }
   if (from.contains("accepted")) {
     data.accepted = read_accepted(from.at("accepted"));
@@ -165,7 +162,7 @@ std::string to_json(const SessionData &data) {
     session["fiducials"][point] = write_sample(sample);
   }
   for (const SurfaceSample &sample : data.surface) {
-    session["surface"].push_back(write_surface(sample));
+    session["surface"].push_back(write_sample(sample));
   }
   if (data.accepted) {
     session["accepted"] = write(*data.accepted);

@@ -132,8 +132,9 @@ JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccept
   monitoring::CheckTouch judged;
   judged.landmark_mm = landmark.position_mm;
   judged.residual_mm = shown - landmark.position_mm;
-  judged.touch_covariance =
-      R * matrix_of(touch.covariance_mm2) * R.transpose() + isotropic(the_case.limits.fle_touch_mm);
+  // The common error is in the registration too, but where the patient has moved it does not cancel.
+  const Matrix3d own = matrix_of(touch.covariance_mm2) + matrix_of(touch.common_mm2);
+  judged.touch_covariance = R * own * R.transpose() + isotropic(the_case.limits.fle_touch_mm);
   judged.landmark_covariance = isotropic(the_case.limits.landmark_sigma_mm) + landmark.placing_covariance_mm2;
   monitoring::DriftMonitor from_registration;
   from_registration.reset(covariance_of(registration));

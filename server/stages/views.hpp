@@ -78,6 +78,16 @@ struct FlangeSample {
 };
 using FlangeRing = runtime::SpscRing<FlangeSample, 512>;
 
+// The tracked reference in a frame that may be measured with, for the surface scan by an arm beside the tracker.
+struct ReferenceSample {
+  std::int64_t acquired_ns = 0;
+  std::int64_t age_sigma_ns = 0;
+  std::int64_t period_ns = 0;
+  wire::Pose T_tracker_reference{};
+  double covariance[36] = {};
+};
+using ReferenceRing = runtime::SpscRing<ReferenceSample, 256>;
+
 // Every accepted sample of a range sensor.
 struct RangeReading {
   wire::Name device{};
@@ -114,7 +124,10 @@ using StageAnswers = runtime::SpscRing<StageAnswer, 64>;
 struct TrackingView {
   bool by_arm = false; // the case is navigated by an arm: the patient is not tracked
   bool reference_visible = false;
-  wire::Name tracker{}; // empty before its first frame
+  wire::Name tracker{};            // empty before its first frame
+  bool hand_eye_disagrees = false; // of a tracker beside the arm (hand_eye_check.hpp); the rest is of the last frame
+  double hand_eye_statistic = 0.0;
+  double hand_eye_mm = 0.0;
   BodyReport reference;
   std::uint32_t tool_count = 0;
   struct Tool {

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "server/stages/monitoring/plausibility_text.hpp"
+#include "server/stages/navigation/hand_eye_check.hpp"
 #include "server/stages/schedules.hpp"
 #include "server/stages/wire_values.hpp"
 
@@ -66,7 +67,7 @@ void MonitoringPipeline::end_state(std::int64_t now_ns) noexcept {
 void MonitoringPipeline::on(const CaseChanged &change) noexcept {
   // Conditions about tools and reference of an earlier case are void.
   for (const char *kind : {alarm::kToolHidden, alarm::kLatency, alarm::kReferenceHidden, alarm::kDrift,
-                           alarm::kImplausible, alarm::kUnknownTool}) {
+                           alarm::kImplausible, alarm::kHandEye, alarm::kUnknownTool}) {
     alarms_.forget(kind, accuracy_.time_ns);
   }
   case_ = change.loaded;
@@ -183,6 +184,7 @@ void MonitoringPipeline::step(const MonitoringView &view, std::int64_t now_ns) n
   watch_devices(view, now_ns);
   watch_tracking(view.tracking, now_ns);
   watch_plausibility(view.tracking, now_ns);
+  watch_hand_eye(view.tracking, now_ns);
   watch_unknown(view, now_ns);
   watch_system(view, now_ns);
   watch_clock(view.wall_lead_ns, now_ns);
@@ -226,11 +228,14 @@ void MonitoringPipeline::watch_devices(const MonitoringView &view, std::int64_t 
   }
 }
 
-// Without a tracker the arm of the case takes its place, and a tracker is a device like others.
+// Without a tracker the arm of the case takes its place, and a tracker is a device like others. Beside a tracker that
+// hand-eye ties to it, no pose of the arm's tools is shown without either.
 void MonitoringPipeline::watch_loss(const wire::DeviceHealth &device, std::int64_t now_ns) noexcept {
   const std::string_view name = wire::view(device.device);
   const auto *robot = case_ != nullptr && case_->data->robot ? &*case_->data->robot : nullptr;
-  const bool tracker = robot == nullptr && device.kind == bregma_wire_DEVICE_TRACKER;
+  const casefile::HandEyeModel *hand_eye = case_ != nullptr ? case_->data->hand_eye() : nullptr;
+  const bool tracker = device.kind == bregma_wire_DEVICE_TRACKER &&
+                       (robot == nullptr || (hand_eye != nullptr && name == hand_eye->tracker));
   const bool arm = robot != nullptr && device.kind == bregma_wire_DEVICE_ROBOT && name == robot->device;
   Sentence text;
   text << name << (tracker || arm ? " is silent: no pose is shown" : " is silent");
@@ -257,7 +262,8 @@ void MonitoringPipeline::watch_tracking(const TrackingView &tracking, std::int64
     tracked = tracked || (tool.status != bregma_wire_POSE_LOST && tool.status != bregma_wire_POSE_STALE);
     const bool shown = tool.status == bregma_wire_POSE_LIVE || tool.status == bregma_wire_POSE_UNVERIFIED;
     Sentence hidden;
-    hidden << name << (tracking.by_arm ? " is not the tool that the arm carries" : " is not seen by the tracker");
+    const bool carried = case_ != nullptr && case_->data->carried_by_arm(name);
+    hidden << name << (carried ? " is not the tool that the arm carries" : " is not seen by the tracker");
     alarms_.update(kind(alarm::kToolHidden, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone), name,
                    navigating && tool.planned && tool.status == bregma_wire_POSE_TOOL_HIDDEN, hidden.text, now_ns);
     const bool stale = tool.status == bregma_wire_POSE_STALE;
@@ -292,6 +298,23 @@ void MonitoringPipeline::watch_plausibility(const TrackingView &tracking, std::i
   for (std::uint32_t i = 0; i < tracking.tool_count; ++i) {
     watch(tracking.tools[i].body, wire::view(tracking.tools[i].tool), false, refusals_seen_[1 + i]);
   }
+}
+
+// Raised at once: no tool of the arm is shown any more. It ends when the body on the flange is where it must be again.
+void MonitoringPipeline::watch_hand_eye(const TrackingView &tracking, std::int64_t now_ns) noexcept {
+  const casefile::HandEyeModel *hand_eye = case_ != nullptr ? case_->data->hand_eye() : nullptr;
+  char text[256] = {};
+  if (hand_eye != nullptr) {
+    (void)std::snprintf(text, sizeof text,
+                        "%s is seen %.1f mm from where the arm carries it (statistic %.0f, limit %.0f): the tracker, "
+                        "the arm's base or the body has moved; no tool of the arm is shown. Calibrate hand-eye anew",
+                        hand_eye->flange_body.c_str(), tracking.hand_eye_mm, tracking.hand_eye_statistic,
+                        HandEyeCheck::kThreshold);
+  }
+  alarms_.update(
+      {alarm::kHandEye, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)},
+      hand_eye != nullptr ? std::string_view(hand_eye->tracker) : std::string_view(),
+      hand_eye != nullptr && tracking.hand_eye_disagrees, text, now_ns);
 }
 
 void MonitoringPipeline::watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept {

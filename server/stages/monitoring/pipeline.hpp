@@ -63,6 +63,7 @@ private:
   void watch_devices(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_loss(const wire::DeviceHealth &device, std::int64_t now_ns) noexcept;
   void watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_hand_eye(const TrackingView &tracking, std::int64_t now_ns) noexcept;
   void watch_plausibility(const TrackingView &tracking, std::int64_t now_ns) noexcept;
   void watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept;

@@ -40,6 +40,7 @@ void TouchCapture::add(FrameContent content, const TipInReference &tip, std::uin
   ++used_;
   marker_sum_ += tip.marker_covariance;
   tip_covariance_ = tip.tip_covariance;
+  common_covariance_ = tip.common_covariance;
   last_frame_ = frame;
   last_acquired_ns_ = acquired_ns;
 }
@@ -81,6 +82,7 @@ std::optional<CaptureResult> TouchCapture::finish(std::int64_t now_ns) noexcept 
   result.position_mm = array_of(mean);
   // Averaging over frames reduces the markers' noise, but not the error of the tip.
   result.covariance_mm2 = array_of(Matrix3d(marker_sum_ / (count * count) + tip_covariance_));
+  result.common_mm2 = array_of(common_covariance_);
   return result;
 }
 
@@ -115,6 +117,7 @@ std::optional<SurfaceSample> SurfaceTrace::add(const TipInReference &tip, std::u
   sample.acquired_time_ns = acquired_ns;
   sample.position_mm = array_of(tip.position_mm);
   sample.covariance_mm2 = array_of(Matrix3d(tip.marker_covariance + tip.tip_covariance));
+  sample.common_mm2 = array_of(tip.common_covariance);
   return sample;
 }
 

@@ -11,12 +11,14 @@
 
 namespace bregma::server {
 
-// The tip of one tool in one frame, in Reference, with two errors: that of the markers, independent per frame, and that
-// of the tip's calibration, common to all frames.
+// The tip of one tool in one frame, in Reference, with its errors: that of the markers, independent per frame; that of
+// the tip's calibration, common to all frames; and, for a tool of an arm beside the tracker, that of hand-eye, common
+// to all touches.
 struct TipInReference {
   geometry::Vector3d position_mm;
   geometry::Matrix3d marker_covariance;
   geometry::Matrix3d tip_covariance;
+  geometry::Matrix3d common_covariance;
 };
 
 // kNotNew: the frame repeats an old pose or is too old to measure with.
@@ -57,7 +59,7 @@ private:
   std::uint64_t last_frame_ = 0;
   std::int64_t last_acquired_ns_ = 0;
   geometry::Matrix3d marker_sum_;
-  geometry::Matrix3d tip_covariance_;
+  geometry::Matrix3d tip_covariance_, common_covariance_;
 };
 
 // Takes a sample whenever the tip has moved by the spacing.

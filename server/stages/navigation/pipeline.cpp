@@ -38,6 +38,12 @@ void NavigationPipeline::on(const CaseChanged &change) noexcept {
   case_ = change.loaded;
   any_frame_ = any_frame_ && was_by_arm == by_arm(); // the last frame was of another kind of source
   arm_ = {};
+  hand_eye_ = case_ != nullptr ? case_->data->hand_eye() : nullptr;
+  flange_model_ = hand_eye_ != nullptr ? case_->data->tool(hand_eye_->flange_body) : nullptr;
+  flanges_.clear();
+  pending_count_ = 0;
+  flange_body_ = {};
+  hand_eye_check_.reset();
   generation_ = change.generation;
   registration_.reset();
   reference_ = {};
@@ -49,12 +55,13 @@ void NavigationPipeline::on(const CaseChanged &change) noexcept {
     return;
   }
   for (const casefile::ToolModel &model : case_->data->tools) {
-    if (model.role == casefile::ToolRole::kReference || tool_count_ == tools_.size()) {
+    if (model.role == casefile::ToolRole::kReference || &model == flange_model_ || tool_count_ == tools_.size()) {
       continue;
     }
     Tool &tool = tools_[tool_count_];
     tool = Tool{};
     tool.model = &model;
+    tool.carried = hand_eye_ != nullptr && case_->data->carried_by_arm(model.name);
     (void)wire::set_name(tool.name, model.name); // load_case rejects names that are too long
     states_[tool_count_] = wire::NavigationState{};
     copy_name(states_[tool_count_].tool, tool.name);
@@ -119,8 +126,42 @@ NavigationPipeline::Tool *NavigationPipeline::find(const wire::Name &name) noexc
   return nullptr;
 }
 
-void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposure &exposure,
+bool NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposure &exposure,
                                   std::int64_t now_ns) noexcept {
+  if (hand_eye_ == nullptr) {
+    take(frame, exposure, now_ns);
+    return true;
+  }
+  const std::uint64_t updates = updates_;
+  if (pending_count_ == kMaxPending) { // a tracker far faster than the arm
+    take(pending_[0].frame, pending_[0].exposure, now_ns);
+    std::move(pending_.begin() + 1, pending_.end(), pending_.begin());
+    --pending_count_;
+  }
+  pending_[pending_count_++] = {frame, exposure};
+  take_pending(now_ns);
+  return updates_ != updates;
+}
+
+// Frames whose flange has come, or does not come.
+void NavigationPipeline::take_pending(std::int64_t now_ns) noexcept {
+  std::size_t taken = 0;
+  while (taken < pending_count_ && !waits(std::min(pending_[taken].exposure.acquired_ns, now_ns), now_ns)) {
+    take(pending_[taken].frame, pending_[taken].exposure, now_ns);
+    ++taken;
+  }
+  const auto first = pending_.begin() + static_cast<std::ptrdiff_t>(taken);
+  std::move(first, pending_.begin() + static_cast<std::ptrdiff_t>(pending_count_), pending_.begin());
+  pending_count_ -= taken;
+}
+
+// Not for an arm that is silent: the tracked tools are shown as without it.
+bool NavigationPipeline::waits(std::int64_t exposed_ns, std::int64_t now_ns) const noexcept {
+  return !flanges_.reaches(exposed_ns) && now_ns - exposed_ns < kFlangeWait_ns &&
+         now_ns - arm_.anew_ns < kFlangeWait_ns;
+}
+
+void NavigationPipeline::take(const wire::TrackerFrame &frame, const Exposure &exposure, std::int64_t now_ns) noexcept {
   any_frame_ = true;
   frame_ = frame.frame;
   frame_sent_ns_ = exposure.written_ns;
@@ -132,16 +173,28 @@ void NavigationPipeline::on_frame(const wire::TrackerFrame &frame, const Exposur
       locate(frame, *reference, reference_);
     }
     for (std::size_t i = 0; i < tool_count_; ++i) {
-      locate(frame, *tools_[i].model, tools_[i].body);
+      if (tools_[i].carried) {
+        carry_beside(tools_[i]);
+      } else {
+        locate(frame, *tools_[i].model, tools_[i].body);
+      }
     }
+    check_hand_eye(frame);
     evaluate(now_ns);
+    share_reference();
   }
   update_states(now_ns);
 }
 
-void NavigationPipeline::on_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept {
-  if (!by_arm() || wire::view(sample.device) != case_->data->robot->device) {
-    return;
+bool NavigationPipeline::on_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept {
+  if (!has_arm() || wire::view(sample.device) != case_->data->robot->device) {
+    return false;
+  }
+  if (hand_eye_ != nullptr) {
+    const std::uint64_t updates = updates_;
+    watch_arm(sample, now_ns);
+    take_pending(now_ns);
+    return updates_ != updates;
   }
   any_frame_ = true;
   frame_ = sample.frame;
@@ -155,6 +208,7 @@ void NavigationPipeline::on_arm(const FlangeSample &sample, std::int64_t now_ns)
   }
   evaluate(now_ns);
   update_states(now_ns);
+  return true;
 }
 
 void NavigationPipeline::evaluate(std::int64_t now_ns) noexcept {
@@ -166,7 +220,10 @@ void NavigationPipeline::evaluate(std::int64_t now_ns) noexcept {
   }
 }
 
-void NavigationPipeline::on_tick(std::int64_t now_ns) noexcept { update_states(now_ns); }
+void NavigationPipeline::on_tick(std::int64_t now_ns) noexcept {
+  take_pending(now_ns);
+  update_states(now_ns);
+}
 
 std::int64_t NavigationPipeline::acquired_ns(const Tool &tool) const noexcept {
   const bool posed = reference_.visible && tool.body.visible;
@@ -217,7 +274,7 @@ FrameContent NavigationPipeline::content_of(const Tool &tool, bool check_touch, 
     return FrameContent::kNotCalibrated;
   }
   const std::size_t index = index_of(tool);
-  if (!(check_touch ? judge_.steady(index) : judge_.trusted(index))) {
+  if (misplaced(tool) || !(check_touch ? judge_.steady(index) : judge_.trusted(index))) {
     return FrameContent::kImplausible;
   }
   const bool repeated = acquired_ns(tool) != exposure_.acquired_ns;
@@ -236,7 +293,10 @@ void NavigationPipeline::record(Tool &tool, std::int64_t now_ns) noexcept {
       const TipPose T = tip_in_reference(tool);
       const Matrix3d R = T.pose.rotation_matrix();
       tip = {T.pose.translation(), uncertainty::tre_covariance(T.covariance, T.pose.translation()),
-             R * tool.tip_covariance * R.transpose()};
+             R * tool.tip_covariance * R.transpose(), Matrix3d::Zero()};
+      if (tool.carried) {
+        tip.common_covariance = uncertainty::tre_covariance(hand_eye_covariance(), tip.position_mm);
+      }
     }
     if (touching) {
       touch_.add(content, tip, frame_, exposure_.acquired_ns);
@@ -288,7 +348,7 @@ wire::PoseStatus NavigationPipeline::status_of(const Tool &tool, std::int64_t no
   if (!registration_) {
     return bregma_wire_POSE_NOT_REGISTERED;
   }
-  if (!judge_.trusted(index_of(tool))) {
+  if (misplaced(tool) || !judge_.trusted(index_of(tool))) {
     return bregma_wire_POSE_IMPLAUSIBLE;
   }
   if (now_ns >= stale_at_ns(tool)) { // frames arrive, but repeat an old pose

@@ -13,6 +13,11 @@
 // A case without a tracker is navigated by an arm: Reference is the arm's base, and the tool that the arm states to
 // carry is a body at its flange (on_arm()). The base does not follow the patient. All other rules are the same.
 //
+// With a tracker beside the arm (hand-eye) the tracker's frames navigate, and the tool that the arm carries is one more
+// body in them, T_tracker_tool = T_base_tracker^-1 T_base_flange, with the flange interpolated at the exposure; a frame
+// waits for the flange for at most kFlangeWait_ns. The error of the hand-eye calibration is common to all frames: it is
+// part of each stated error, and is averaged nowhere.
+//
 // One thread at a time. No allocation, exceptions, locks or logging. The caller passes the time: ns UTC, host clock.
 #pragma once
 
@@ -21,6 +26,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <variant>
 
 #include "algorithms/planning/critical_structures.hpp"
@@ -29,10 +35,12 @@
 #include "server/session/messages.hpp"
 #include "server/stages/loaded_case.hpp"
 #include "server/stages/navigation/capture.hpp"
+#include "server/stages/navigation/hand_eye_check.hpp"
 #include "server/stages/navigation/tip_filter.hpp"
 #include "server/stages/navigation/turn_rate.hpp"
 #include "server/stages/plausibility/frame_judge.hpp"
 #include "server/stages/plausibility/tracker_volume.hpp"
+#include "server/stages/pose_history.hpp"
 #include "server/stages/robot_tool/tool_pose.hpp"
 #include "server/stages/views.hpp"
 
@@ -71,12 +79,20 @@ public:
   NavigationPipeline(const NavigationParameters &parameters, NavigationEvents &events);
 
   void handle(const NavigationInput &input) noexcept;
-  // A frame that has passed the input check.
-  void on_frame(const wire::TrackerFrame &frame, const Exposure &exposure, std::int64_t now_ns) noexcept;
-  // A measurement of an arm; ignored unless the case is navigated by this arm.
-  void on_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept;
+  // Where references go that a surface scan measures with; must outlive the pipeline.
+  void share_references(ReferenceRing &references) noexcept { references_ = &references; }
+  // A frame that has passed the input check. True if the states were updated; else the frame waits for the arm.
+  bool on_frame(const wire::TrackerFrame &frame, const Exposure &exposure, std::int64_t now_ns) noexcept;
+  // A measurement of an arm; ignored unless it is the case's. True if the states were updated by it.
+  bool on_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept;
   // The case has an arm instead of a tracker.
-  [[nodiscard]] bool by_arm() const noexcept { return case_ != nullptr && case_->data->robot.has_value(); }
+  [[nodiscard]] bool by_arm() const noexcept { return case_ != nullptr && case_->data->arm_alone(); }
+  [[nodiscard]] bool has_arm() const noexcept { return case_ != nullptr && case_->data->robot.has_value(); }
+  // Frames of this tracker navigate.
+  [[nodiscard]] bool takes(std::string_view tracker) const noexcept {
+    return !by_arm() && (hand_eye_ == nullptr || tracker == hand_eye_->tracker);
+  }
+  [[nodiscard]] const HandEyeCheck &hand_eye_check() const noexcept { return hand_eye_check_; }
   // Predicted positions of the targets; predictions older than 0.25 s are not shown.
   void on(const PredictedTargets &predicted) noexcept { predicted_ = predicted; }
   // Turns the states into the last ones of their instances: the case is closed or replaced.
@@ -113,6 +129,7 @@ private:
   };
   struct Tool {
     const casefile::ToolModel *model = nullptr;
+    bool carried = false; // by the arm beside the tracker
     wire::Name name{};
     BodyInTracker body;
     bool calibrated = false;
@@ -131,6 +148,22 @@ private:
   [[nodiscard]] Tool *find(const wire::Name &name) noexcept;
   void locate(const wire::TrackerFrame &frame, const casefile::ToolModel &model, BodyInTracker &body) const noexcept;
   void locate(const wire::TrackedTool &seen, const casefile::ToolModel &model, BodyInTracker &body) const noexcept;
+  // With a tracker beside the arm: frames wait for the flange at their exposure.
+  struct PendingFrame {
+    wire::TrackerFrame frame{};
+    Exposure exposure;
+  };
+  void take(const wire::TrackerFrame &frame, const Exposure &exposure, std::int64_t now_ns) noexcept;
+  void take_pending(std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool waits(std::int64_t exposed_ns, std::int64_t now_ns) const noexcept;
+  // The tool that the arm carries, in the tracker.
+  void carry_beside(Tool &tool) noexcept;
+  void check_hand_eye(const wire::TrackerFrame &frame) noexcept;
+  void share_reference() noexcept;
+  // Error of the hand-eye calibration, in Reference: a left perturbation of each pose of a carried tool.
+  [[nodiscard]] geometry::Matrix6d hand_eye_covariance() const noexcept;
+  // A tool of the arm whose hand-eye calibration is contradicted.
+  [[nodiscard]] bool misplaced(const Tool &tool) const noexcept { return tool.carried && hand_eye_check_.disagrees(); }
   // The arm's base as the reference, and the tool that it carries.
   void place_base() noexcept;
   void carry(const FlangeSample &sample, Tool &tool) noexcept;
@@ -190,9 +223,23 @@ private:
     bool seen = false;
     std::uint32_t incarnation = 0;
     wire::Name tool{};
-    bool replaced = false; // the session does not know it yet
+    bool replaced = false;                 // the session does not know it yet
+    std::int64_t seen_ns = 0, anew_ns = 0; // its last measurement, and the last that differed from the one before
   };
   Arm arm_;
+
+  // A tracker beside the arm.
+  static constexpr std::int64_t kFlangeWait_ns = 50'000'000;
+  static constexpr std::size_t kMaxPending = 4;
+  using Flanges = PoseHistory<geometry::frame::RobotBase, geometry::frame::RobotFlange, 64>;
+  const casefile::HandEyeModel *hand_eye_ = nullptr; // of the case
+  const casefile::ToolModel *flange_model_ = nullptr;
+  Flanges flanges_;
+  std::array<PendingFrame, kMaxPending> pending_;
+  std::size_t pending_count_ = 0;
+  BodyInTracker flange_body_;
+  HandEyeCheck hand_eye_check_;
+  ReferenceRing *references_ = nullptr;
   std::uint64_t malformed_bodies_ = 0;
   bool any_frame_ = false;
   std::uint64_t frame_ = 0;
@@ -200,6 +247,7 @@ private:
   wire::Name source_{};           // the tracker
   Exposure exposure_;             // of the last frame
   std::int64_t evaluated_ns_ = 0; // time of the last update of states_
+  std::uint64_t updates_ = 0;     // of states_
 };
 
 } // namespace bregma::server

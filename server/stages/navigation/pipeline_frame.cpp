@@ -14,6 +14,9 @@ namespace {
 
 using inputs::MarkerFault;
 
+// 1 sigma between the times of an arm and of a tracker: no stated latency is better.
+constexpr std::int64_t kBetweenDevices_ns = 2'000'000;
+
 // Expected RMS residual of a fit to n markers: of the 3n coordinates' errors the fit takes up 6, of any direction.
 double expected_residual_mm(int markers, const NavigationParameters &parameters) noexcept {
   const double variance = 2.0 * parameters.marker_sigma_lateral_mm * parameters.marker_sigma_lateral_mm +
@@ -103,11 +106,23 @@ void NavigationPipeline::locate(const wire::TrackedTool &seen, const casefile::T
 // a landmark was touched.
 void NavigationPipeline::watch_arm(const FlangeSample &sample, std::int64_t now_ns) noexcept {
   const bool replaced = arm_.seen && sample.incarnation != arm_.incarnation;
+  if (replaced) {
+    flanges_.clear();
+  }
   if (replaced || (arm_.seen && !same(sample.tool, arm_.tool))) {
     judge_.require_touch();
   }
   arm_.replaced = arm_.replaced || replaced;
   arm_.seen = true;
+  arm_.seen_ns = sample.acquired_ns;
+  if (sample.measured_anew) {
+    arm_.anew_ns = sample.acquired_ns;
+    const auto T = wire::from_wire<frame::RobotBase, frame::RobotFlange>(sample.T_base_flange);
+    flanges_.add({sample.acquired_ns,
+                  std::max(sample.age_sigma_ns, kBetweenDevices_ns),
+                  sample.period_ns,
+                  {T, flange_covariance(sample.covariance, T.translation(), parameters_.arm)}});
+  }
   arm_.incarnation = sample.incarnation;
   copy_name(arm_.tool, sample.tool);
   if (arm_.replaced && events_.try_push(ArmReplaced{now_ns})) { // a full ring: with the next sample
@@ -143,6 +158,63 @@ void NavigationPipeline::carry(const FlangeSample &sample, Tool &tool) noexcept 
     body.in_frame.content = BodyFrame::Content::kRepeated;
     body.in_frame.repeated_ns = exposure_.acquired_ns - body.acquired_ns;
   }
+}
+
+void NavigationPipeline::carry_beside(Tool &tool) noexcept {
+  BodyInTracker &body = tool.body;
+  body.visible = false;
+  body.in_frame = {};
+  if (!arm_.seen || !same(arm_.tool, tool.name)) {
+    return;
+  }
+  const auto flange = flanges_.at(exposure_.acquired_ns);
+  if (!flange) {
+    if (arm_.seen_ns > arm_.anew_ns) { // numbers go on, and measure nothing
+      body.in_frame.content = BodyFrame::Content::kRepeated;
+      body.in_frame.repeated_ns = std::max<std::int64_t>(exposure_.acquired_ns - arm_.anew_ns, 0);
+    }
+    return;
+  }
+  const geometry::UncertainPose<frame::Tracker, frame::RobotBase> T_tracker_base{
+      hand_eye_->T_base_tracker.pose.inverse(), Matrix6d::Zero()};
+  const auto T = T_tracker_base * *flange;
+  body.visible = true;
+  body.T_tracker_body = {T.pose.as<frame::Tracker, frame::Tool>(), T.covariance};
+  body.acquired_ns = exposure_.acquired_ns;
+  body.in_frame.content = BodyFrame::Content::kNew;
+}
+
+void NavigationPipeline::check_hand_eye(const wire::TrackerFrame &frame) noexcept {
+  if (hand_eye_ == nullptr || flange_model_ == nullptr) {
+    return;
+  }
+  locate(frame, *flange_model_, flange_body_);
+  const auto flange = flanges_.at(exposure_.acquired_ns);
+  if (flange && flange_body_.visible && flange_body_.in_frame.content == BodyFrame::Content::kNew) {
+    hand_eye_check_.add(*hand_eye_, *flange, flange_body_.T_tracker_body);
+  }
+}
+
+void NavigationPipeline::share_reference() noexcept {
+  const bool fresh = reference_.visible && reference_.acquired_ns == exposure_.acquired_ns;
+  if (hand_eye_ == nullptr || references_ == nullptr || !fresh || !judge_.reference_trusted() ||
+      hand_eye_check_.disagrees()) {
+    return;
+  }
+  ReferenceSample out;
+  out.acquired_ns = exposure_.acquired_ns;
+  out.age_sigma_ns = exposure_.sigma_ns;
+  out.period_ns = exposure_.period_ns;
+  out.T_tracker_reference = wire::to_wire(reference_.T_tracker_body.pose);
+  put(reference_.T_tracker_body.covariance, out.covariance);
+  (void)references_->try_push(out); // a full ring counts dropped values
+}
+
+Matrix6d NavigationPipeline::hand_eye_covariance() const noexcept {
+  const auto T_reference_tracker = reference_.T_tracker_body.pose.as<frame::Tracker, frame::Reference>().inverse();
+  const auto T_reference_base = T_reference_tracker * hand_eye_->T_base_tracker.pose.inverse();
+  const Matrix6d ad = geometry::adjoint(T_reference_base);
+  return ad * hand_eye_->T_base_tracker.covariance * ad.transpose();
 }
 
 // Tests the bodies of the last frame, and inflates the covariances of those whose markers fit badly.

@@ -50,6 +50,7 @@ void NavigationPipeline::clear_pose(wire::NavigationState &state) noexcept {
 
 void NavigationPipeline::update_states(std::int64_t now_ns) noexcept {
   evaluated_ns_ = now_ns;
+  ++updates_;
   if (const auto result = touch_.finish(now_ns)) {
     (void)events_.try_push(*result);
   }
@@ -127,6 +128,9 @@ bool NavigationPipeline::fill_pose(Tool &tool, wire::NavigationState &state) noe
   Matrix6d about_origin = Matrix6d::Identity();
   about_origin.bottomLeftCorner<3, 3>() = geometry::skew(moving.T_reference_tip.pose.translation());
   moving.T_reference_tip.covariance += about_origin * axis_error * about_origin.transpose();
+  if (tool.carried) {
+    moving.T_reference_tip.covariance += hand_eye_covariance();
+  }
   const auto T_image_tip = *registration_ * moving.T_reference_tip;
   const Vector3d tip = T_image_tip.pose.translation();
   const Matrix3d position_covariance = uncertainty::tre_covariance(T_image_tip.covariance, tip);

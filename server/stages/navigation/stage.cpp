@@ -66,7 +66,9 @@ NavigationStage::NavigationStage(const NavigationParameters &parameters, const S
                     .rate_hz = parameters.floor_rate_hz,
                     .triggered = true}),
       guard_(inputs::split_names(parameters.trackers), tracker_options(parameters)), pipeline_(parameters, events),
-      volume_(parameters.volume), frames_(context.link), states_(context.link), boot_id_(context.host.boot_id()) {}
+      volume_(parameters.volume), frames_(context.link), states_(context.link), boot_id_(context.host.boot_id()) {
+  pipeline_.share_references(references);
+}
 
 void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<PredictedTargets> &predicted,
                               FlangeRing &flanges) {
@@ -79,7 +81,7 @@ void NavigationStage::connect(Inbox &inbox, CaseStore &cases, const runtime::Lat
 std::int64_t NavigationStage::wake_ns(const Moment &now) const noexcept {
   const std::int64_t change_utc_ns = pipeline_.next_change_ns();
   const std::int64_t change_ns = change_utc_ns == kNever ? kNever : now.monotonic_ns + (change_utc_ns - now.utc_ns);
-  return pipeline_.by_arm() ? std::min(change_ns, looked_ns_ + kArmInterval_ns) : change_ns;
+  return pipeline_.has_arm() ? std::min(change_ns, looked_ns_ + kArmInterval_ns) : change_ns;
 }
 
 // The arm's measurements come from the stage sensors, which is not disturbed by a flood, and disturbs nobody here.
@@ -90,9 +92,8 @@ void NavigationStage::take_flanges(const Moment &now) noexcept {
   while (flanges_->try_pop(sample)) {
     if (pipeline_.by_arm()) {
       frame_period_ns_ = sample.period_ns;
-      pipeline_.on_arm(sample, now.utc_ns);
-      taken = true;
     }
+    taken = pipeline_.on_arm(sample, now.utc_ns) || taken;
   }
   if (taken) {
     publish(now);
@@ -108,14 +109,16 @@ void NavigationStage::step(const Moment &now) noexcept {
   const std::size_t taken =
       frames_.take_each(now.utc_ns, [&](const wire::TrackerFrame &frame, std::uint64_t writer) noexcept {
         const inputs::Verdict verdict = guard_.check(frame, writer, now.utc_ns);
-        if (verdict.accepted && !pipeline_.by_arm() && navigates(verdict.device, now.utc_ns)) {
+        if (verdict.accepted && pipeline_.takes(wire::view(frame.device)) && navigates(verdict.device, now.utc_ns)) {
           frame_period_ns_ = frame.period_ns;
           const std::uint64_t malformed = pipeline_.malformed_bodies();
-          pipeline_.on_frame(
+          const bool updated = pipeline_.on_frame(
               frame, {verdict.acquired_time_ns, verdict.age_sigma_ns, verdict.period_ns, verdict.written_time_ns},
               now.utc_ns);
           malformed_bodies_[static_cast<std::size_t>(verdict.device)] += pipeline_.malformed_bodies() - malformed;
-          publish(now);
+          if (updated) {
+            publish(now);
+          }
         }
       });
   take_flanges(now);
@@ -185,6 +188,9 @@ void NavigationStage::share(const Moment &now) noexcept {
   devices.store(health);
   TrackingView view;
   view.by_arm = pipeline_.by_arm();
+  view.hand_eye_disagrees = pipeline_.hand_eye_check().disagrees();
+  view.hand_eye_statistic = pipeline_.hand_eye_check().statistic();
+  view.hand_eye_mm = pipeline_.hand_eye_check().distance_mm();
   view.reference_visible = pipeline_.reference_visible();
   copy_name(view.tracker, pipeline_.tracker());
   view.reference = pipeline_.reference_report();

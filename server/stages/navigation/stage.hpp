@@ -34,6 +34,7 @@ public:
   [[nodiscard]] std::int64_t budget_ns() const noexcept override { return frame_period_ns_; }
 
   NavigationEvents events;                            // captures, traces, pivots; for the session
+  ReferenceRing references;                           // for the surface scan, in a case with an arm beside the tracker
   runtime::LatestValue<ProbeView> probe;              // per frame
   runtime::LatestValue<TrackingView> tracking;        // a few times per second, like the next
   runtime::LatestValue<inputs::StreamHealth> devices; // trackers

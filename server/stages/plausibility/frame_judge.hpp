@@ -51,6 +51,8 @@ public:
   // A touch of a landmark was where it is expected.
   void confirm(std::size_t tool) noexcept;
 
+  // What is measured against the reference may be used.
+  [[nodiscard]] bool reference_trusted() const noexcept;
   // Poses of this tool may be shown and measured with.
   [[nodiscard]] bool trusted(std::size_t tool) const noexcept;
   // Good enough for a check touch.
@@ -63,8 +65,6 @@ public:
   [[nodiscard]] const BodyJudge &tool(std::size_t index) const noexcept { return tools_[index]; }
 
 private:
-  [[nodiscard]] bool reference_trusted() const noexcept;
-
   BodyJudge reference_;
   std::array<BodyJudge, bregma_wire_MAX_TOOLS> tools_;
   bool guarded_ = false;

@@ -42,7 +42,7 @@ RegistrationPipeline::RegistrationPipeline() {
 void RegistrationPipeline::clear() noexcept {
   sample_count_ = 0;
   surface_.clear();
-  common_sum_mm2_.setZero();
+  surface_common_mm2_.setZero();
   previous_.reset();
   located_.reset();
   search_text_ = {};
@@ -107,7 +107,7 @@ void RegistrationPipeline::on(const RegistrationMessage &message) noexcept {
     void operator()(const SurfaceSample &sample) const noexcept {
       if (self.surface_.size() < self.surface_.capacity()) {
         self.surface_.push_back({vector_of(sample.position_mm), matrix_of(sample.covariance_mm2)});
-        self.common_sum_mm2_ += matrix_of(sample.common_mm2);
+        self.surface_common_mm2_ += matrix_of(sample.common_mm2);
       }
       self.revision_ = sample.revision;
       self.changed_ = true;
@@ -222,12 +222,35 @@ void RegistrationPipeline::estimate() noexcept {
 }
 
 // A displacement of all samples by d in Reference displaces the estimate by -R d in Image, wherever a target lies. Its
-// mean over the samples is taken: fiducials beside them reduce its part, which is not counted.
+// mean over the samples is taken: of a scan beside touched fiducials these reduce its part, which is not counted. The
+// tracker's turn against the arm is common too: a turn of all samples about their middle.
 Matrix6d RegistrationPipeline::with_common(const registration::RegistrationResult &result) const noexcept {
   Matrix6d out = result.covariance;
-  if (!surface_.empty()) {
-    const Matrix3d R = result.T_image_reference.rotation_matrix();
-    out.bottomRightCorner<3, 3>() += R * common_sum_mm2_ * R.transpose() / static_cast<double>(surface_.size());
+  Matrix3d common = surface_common_mm2_;
+  Vector3d middle = Vector3d::Zero();
+  for (const auto &sample : surface_) {
+    middle += sample.reference_mm;
+  }
+  std::size_t placed_by_arm = surface_common_mm2_.isZero() ? 0 : surface_.size();
+  for (std::size_t i = 0; i < sample_count_; ++i) {
+    const Matrix3d of_touch = matrix_of(samples_[i].common_mm2);
+    common += of_touch;
+    middle += vector_of(samples_[i].position_mm);
+    placed_by_arm += of_touch.isZero() ? 0 : 1;
+  }
+  if (placed_by_arm == 0) {
+    return out;
+  }
+  const Matrix3d R = result.T_image_reference.rotation_matrix();
+  out.bottomRightCorner<3, 3>() += R * common * R.transpose() / static_cast<double>(placed_by_arm);
+  if (const casefile::HandEyeModel *hand_eye = case_->data->hand_eye()) {
+    middle /= static_cast<double>(surface_.size() + sample_count_);
+    Matrix6d turn = Matrix6d::Zero(); // about an axis that differs with the place of the patient: the trace bounds all
+    turn.topLeftCorner<3, 3>().diagonal().setConstant(
+        hand_eye->T_base_tracker.covariance.topLeftCorner<3, 3>().trace());
+    Matrix6d about_origin = Matrix6d::Identity();
+    about_origin.bottomLeftCorner<3, 3>() = geometry::skew(result.T_image_reference * middle);
+    out += about_origin * turn * about_origin.transpose();
   }
   return out;
 }

@@ -66,8 +66,8 @@ private:
   std::array<FiducialSample, registration::kMaxFiducials> samples_{};
   std::size_t sample_count_ = 0;
   std::array<registration::FiducialObservation, registration::kMaxFiducials> observations_{};
-  std::vector<registration::SurfaceSample> surface_;               // reserved once
-  geometry::Matrix3d common_sum_mm2_ = geometry::Matrix3d::Zero(); // of SurfaceSample::common_mm2
+  std::vector<registration::SurfaceSample> surface_;                   // reserved once
+  geometry::Matrix3d surface_common_mm2_ = geometry::Matrix3d::Zero(); // sum of SurfaceSample::common_mm2
   std::array<Eigen::Vector3d, bregma_wire_MAX_TARGETS> targets_;
   std::size_t target_count_ = 0;
   std::optional<registration::ImageFromReference> previous_;

@@ -85,6 +85,9 @@ base::Result<GuidePlan> plan_guide(const GuidePlanInputs &inputs, std::string_vi
   if (line == nullptr || !a_case->robot) {
     return refuse("the case was closed");
   }
+  if (a_case->hand_eye() != nullptr) {
+    return refuse("beside a tracker no motion is planned: the patient may move while the arm does");
+  }
   if (!a_case->robot->equipment.arm) {
     return refuse("no motion can be planned: the file of robot.tools does not state the arm's links (arm = \"...\")");
   }

@@ -52,10 +52,11 @@ SurfaceScanStage::SurfaceScanStage(const SurfaceScanParameters &parameters, cons
     : Stage(kName, {.thread = ThreadClass::kWorker, .rate_hz = parameters.rate_hz}), scan_(parameters.arm),
       alarms_(conditions), points_(context.link) {}
 
-void SurfaceScanStage::connect(Inbox &inbox, FlangeRing &flanges, RangeRing &readings) {
+void SurfaceScanStage::connect(Inbox &inbox, FlangeRing &flanges, RangeRing &readings, ReferenceRing &references) {
   inbox_ = &inbox;
   flanges_ = &flanges;
   readings_ = &readings;
+  references_ = &references;
 }
 
 void SurfaceScanStage::step(const Moment &now) noexcept {
@@ -75,11 +76,15 @@ void SurfaceScanStage::take(const Moment &now) {
   inbox_->take_each([&](const ScanRequest &request) {
     scan_.request(request);
     began_ns_ = now.utc_ns;
-    lost_seen_ = flanges_->dropped() + readings_->dropped();
+    lost_seen_ = flanges_->dropped() + readings_->dropped() + references_->dropped();
   });
   FlangeSample flange;
   while (flanges_->try_pop(flange)) {
     scan_.add(flange);
+  }
+  ReferenceSample reference;
+  while (references_->try_pop(reference)) {
+    scan_.add(reference);
   }
   RangeReading reading;
   while (readings_->try_pop(reading)) {
@@ -120,7 +125,8 @@ void SurfaceScanStage::publish(const Moment &now) {
   out.frame = ++frame_;
   out.device_time_ns = time_ns_.back();
   out.sent_time_ns = now.utc_ns;
-  (void)wire::set_name(out.frame_name, casefile::kRobotBase);
+  const bool beside_tracker = scan_.request().beside_tracker;
+  (void)wire::set_name(out.frame_name, beside_tracker ? wire::view(scan_.request().reference) : casefile::kRobotBase);
   fill(out.xyz_mm, xyz_mm_);
   fill(out.covariance_mm2, covariance_mm2_);
   fill(out.time_ns, time_ns_);
@@ -137,18 +143,20 @@ void SurfaceScanStage::watch(const Moment &now) {
   const std::int64_t progress_ns = std::max(began_ns_, scan_.placed_ns());
   const bool stalled = scan_.on() && !interrupted && now.utc_ns - progress_ns > kStalled_ns;
   char text[256];
-  (void)std::snprintf(text, sizeof text,
-                      "the scan stands still: of %" PRIu64 " readings %" PRIu64 " are missing, %" PRIu64
-                      " out of the calibrated range, and %" PRIu64 " values have no pose of the arm",
-                      counts.readings, counts.missing, counts.out_of_range, counts.without_flange);
+  (void)std::snprintf(
+      text, sizeof text,
+      "the scan stands still: of %" PRIu64 " readings %" PRIu64 " are missing, %" PRIu64
+      " out of the calibrated range; %" PRIu64 " values have no pose of the arm and %" PRIu64 " none of the reference",
+      counts.readings, counts.missing, counts.out_of_range, counts.without_flange, counts.without_reference);
   alarms_.update(kScanStalled, sensor, stalled, text, now.utc_ns);
 
-  const std::uint64_t rings = flanges_->dropped() + readings_->dropped() + events.dropped();
-  const std::uint64_t lost = rings + counts.without_flange + counts.overflown;
+  const std::uint64_t rings = flanges_->dropped() + readings_->dropped() + references_->dropped() + events.dropped();
+  const std::uint64_t lost = rings + counts.without_flange + counts.without_reference + counts.overflown;
   lost_ns_ = scan_.on() && lost > std::exchange(lost_seen_, lost) ? now.utc_ns : lost_ns_;
   (void)std::snprintf(text, sizeof text,
-                      "values are lost: %" PRIu64 " without a pose of the arm, %" PRIu64 " in full tables",
-                      counts.without_flange, rings + counts.overflown);
+                      "values are lost: %" PRIu64 " without a pose of the arm, %" PRIu64
+                      " without one of the reference, %" PRIu64 " in full tables",
+                      counts.without_flange, counts.without_reference, rings + counts.overflown);
   alarms_.update(kScanLost, sensor, scan_.on() && lost_ns_ != 0 && now.utc_ns - lost_ns_ < kLossShown_ns, text,
                  now.utc_ns);
 }

@@ -30,7 +30,7 @@ public:
   using Inbox = runtime::Mailbox<ScanRequest, 16>;
 
   SurfaceScanStage(const SurfaceScanParameters &parameters, const StageContext &context);
-  void connect(Inbox &inbox, FlangeRing &flanges, RangeRing &readings);
+  void connect(Inbox &inbox, FlangeRing &flanges, RangeRing &readings, ReferenceRing &references);
 
   void step(const Moment &now) noexcept override;
 
@@ -48,6 +48,7 @@ private:
   Inbox *inbox_ = nullptr;
   FlangeRing *flanges_ = nullptr;
   RangeRing *readings_ = nullptr;
+  ReferenceRing *references_ = nullptr;
   std::vector<float> xyz_mm_, covariance_mm2_;
   std::vector<std::int64_t> time_ns_;
   std::uint64_t frame_ = 0;

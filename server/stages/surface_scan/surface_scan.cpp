@@ -9,11 +9,12 @@ namespace bregma::server {
 
 namespace {
 
-constexpr std::int64_t kMaxGapPeriods = 3;      // between two flanges, and between two readings of a window
-constexpr std::int64_t kMinGap_ns = 20'000'000; // a shorter one is not a gap
-constexpr double kJumpScatter_mm = 1.0;
+using geometry::frame::Reference;
+using geometry::frame::RobotBase;
+using geometry::frame::RobotFlange;
+using geometry::frame::Tracker;
 
-std::int64_t max_gap_ns(std::int64_t period_ns) { return std::max(kMaxGapPeriods * period_ns, kMinGap_ns); }
+constexpr double kJumpScatter_mm = 1.0;
 
 } // namespace
 
@@ -31,7 +32,12 @@ void SurfaceScan::request(const ScanRequest &request) {
   beam_.beam = {vector_of(request.origin_mm), vector_of(request.direction)};
   beam_.covariance = matrix_of(request.beam_covariance);
   exact_.beam = beam_.beam;
+  if (request.beside_tracker) {
+    T_tracker_base_ = geometry::inverse(geometry::UncertainPose<RobotBase, Tracker>{
+        wire::from_wire<RobotBase, Tracker>(request.T_base_tracker), matrix_of(request.tracker_covariance)});
+  }
   flanges_.clear();
+  references_.clear();
   waiting_.clear();
   sigma_sum_mm_ = 0.0;
   since_value_ = valid_ = 0;
@@ -55,21 +61,28 @@ void SurfaceScan::add(const FlangeSample &sample) {
   if (!sample.measured_anew) {
     return; // no new measurement: the pose of an arm that is frozen holds at no other time
   }
-  Flange flange{sample.acquired_ns, sample.age_sigma_ns, sample.period_ns,
-                wire::from_wire<frame::RobotBase, frame::RobotFlange>(sample.T_base_flange)};
-  std::copy(std::begin(sample.covariance), std::end(sample.covariance), flange.covariance);
-  if (!flanges_.empty()) {
-    const Flange &last = flanges_.back();
-    const double elapsed_s = 1e-9 * static_cast<double>(flange.time_ns - last.time_ns);
-    const double moved_mm = (flange.T_base_flange.translation() - last.T_base_flange.translation()).norm();
+  const auto T = wire::from_wire<RobotBase, RobotFlange>(sample.T_base_flange);
+  if (const Flanges::Sample *last = flanges_.newest()) {
+    const double elapsed_s = 1e-9 * static_cast<double>(sample.acquired_ns - last->time_ns);
+    const double moved_mm = (T.translation() - last->T.pose.translation()).norm();
     if (moved_mm > kMaxFlangeSpeed_mm_s * elapsed_s + kJumpScatter_mm) {
       interruption_ = Interruption::kArmJumped;
       return;
     }
   }
-  flanges_.push_back(flange);
-  if (flanges_.size() > kMaxFlanges) {
-    flanges_.pop_front();
+  flanges_.add({sample.acquired_ns,
+                sample.age_sigma_ns,
+                sample.period_ns,
+                {T, flange_covariance(sample.covariance, T.translation(), options_)}});
+}
+
+void SurfaceScan::add(const ReferenceSample &sample) {
+  if (request_.on && request_.beside_tracker) {
+    references_.add(
+        {sample.acquired_ns,
+         sample.age_sigma_ns,
+         sample.period_ns,
+         {wire::from_wire<Tracker, Reference>(sample.T_tracker_reference), RowMajor<6>::Map(sample.covariance)}});
   }
 }
 
@@ -122,23 +135,12 @@ void SurfaceScan::add(const RangeReading &reading, std::int64_t now_ns) {
   waiting_.push_back({reading.frame, filtered->time_ns, filtered->value, sigma_mm});
 }
 
-std::optional<SurfaceScan::Pair> SurfaceScan::around(std::int64_t time_ns) const {
-  const auto after = std::lower_bound(flanges_.begin(), flanges_.end(), time_ns,
-                                      [](const Flange &flange, std::int64_t time) { return flange.time_ns < time; });
-  if (after == flanges_.end() || after == flanges_.begin()) {
-    return std::nullopt;
-  }
-  return Pair{&*(after - 1), &*after};
+bool SurfaceScan::settled(std::int64_t time_ns) const {
+  return flanges_.reaches(time_ns) && (!request_.beside_tracker || references_.reaches(time_ns));
 }
 
-SurfaceScan::Point SurfaceScan::point_of(const Value &value, const Pair &flanges) const {
-  const Flange &a = *flanges.before;
-  const Flange &b = *flanges.after;
-  const auto whole_ns = static_cast<double>(b.time_ns - a.time_ns);
-  const double fraction = static_cast<double>(value.time_ns - a.time_ns) / whole_ns;
-  const calibration::BeamFlange T(a.T_base_flange.rotation().slerp(fraction, b.T_base_flange.rotation()),
-                                  (1.0 - fraction) * a.T_base_flange.translation() +
-                                      fraction * b.T_base_flange.translation());
+SurfaceScan::Point SurfaceScan::point_of(const Value &value, const Flanges::Pose &T_base_flange) const {
+  const calibration::BeamFlange &T = T_base_flange.pose;
   double range_mm = value.range_mm;
   double slope = 1.0;
   double curve_variance_mm2 = 0.0;
@@ -153,38 +155,51 @@ SurfaceScan::Point SurfaceScan::point_of(const Value &value, const Pair &flanges
   out.frame = value.frame;
   out.time_ns = value.time_ns;
   out.position_mm = calibration::beam_point(beam_.beam, {T, range_mm});
-  const Vector3d from = calibration::beam_point(beam_.beam, {a.T_base_flange, range_mm});
-  const Vector3d to = calibration::beam_point(beam_.beam, {b.T_base_flange, range_mm});
-  const Vector3d path_of_a_sigma = static_cast<double>(b.sigma_ns) / whole_ns * (to - from);
-  const Matrix6d flange = flange_covariance(b.covariance, T.translation(), options_);
   out.independent_mm2 = calibration::beam_point_covariance(exact_, {T, range_mm}, slope * value.sigma_mm, 0.0) +
-                        uncertainty::tre_covariance(flange, out.position_mm) +
-                        path_of_a_sigma * path_of_a_sigma.transpose();
+                        uncertainty::tre_covariance(T_base_flange.covariance, out.position_mm);
   out.common_mm2 =
       calibration::beam_point_covariance(beam_, {T, range_mm}, std::sqrt(std::max(curve_variance_mm2, 0.0)), 0.0);
+  return out;
+}
+
+SurfaceScan::Point SurfaceScan::in_reference(const Point &in_base, const References::Pose &T_tracker_reference) const {
+  const auto T_reference_tracker = geometry::inverse(T_tracker_reference);
+  const geometry::UncertainPose<Reference, Tracker> exact{T_reference_tracker.pose, Matrix6d::Zero()};
+  const auto T_reference_base = exact * T_tracker_base_;
+  Point out = in_base;
+  out.position_mm = T_reference_base.pose * in_base.position_mm;
+  const Matrix3d R = T_reference_base.pose.rotation_matrix();
+  out.independent_mm2 = R * in_base.independent_mm2 * R.transpose() +
+                        uncertainty::tre_covariance(T_reference_tracker.covariance, out.position_mm);
+  out.common_mm2 = R * in_base.common_mm2 * R.transpose() +
+                   uncertainty::tre_covariance(T_reference_base.covariance, out.position_mm);
   return out;
 }
 
 std::optional<SurfaceScan::Point> SurfaceScan::next(std::int64_t now_ns) {
   while (request_.on && !waiting_.empty()) {
     const Value value = waiting_.front();
-    const auto flanges = around(value.time_ns);
-    const bool pending = flanges_.empty() || flanges_.back().time_ns < value.time_ns;
-    if (!flanges && pending && now_ns - value.time_ns < kWait_ns) {
-      return std::nullopt; // its flange may still come
+    if (!settled(value.time_ns) && now_ns - value.time_ns < kWait_ns) {
+      return std::nullopt; // what is missing may still come
     }
     waiting_.pop_front();
-    if (!flanges || flanges->after->time_ns - flanges->before->time_ns > max_gap_ns(flanges->after->period_ns)) {
+    const auto flange = flanges_.at(value.time_ns);
+    const auto reference = references_.at(value.time_ns);
+    counts_.without_flange += flange ? 0 : 1;
+    counts_.without_reference += flange && request_.beside_tracker && !reference ? 1 : 0;
+    if (!flange || (request_.beside_tracker && !reference)) {
+      continue;
+    }
+    Point point = point_of(value, *flange);
+    if (request_.beside_tracker) {
+      point = in_reference(point, *reference);
+    }
+    if (!point.position_mm.allFinite() || !point.independent_mm2.allFinite() || !point.common_mm2.allFinite()) {
       ++counts_.without_flange;
       continue;
     }
     ++counts_.placed;
     placed_ns_ = now_ns;
-    const Point point = point_of(value, *flanges);
-    if (!point.position_mm.allFinite() || !point.independent_mm2.allFinite() || !point.common_mm2.allFinite()) {
-      ++counts_.without_flange;
-      continue;
-    }
     if (!last_point_mm_ || (point.position_mm - *last_point_mm_).norm() >= request_.spacing_mm) {
       last_point_mm_ = point.position_mm;
       return point;

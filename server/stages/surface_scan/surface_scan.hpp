@@ -8,9 +8,14 @@
 // curve, with what the curve does not fit, give one that all points of a scan have in common; it does not average out,
 // and goes into the registration as a whole.
 //
+// With a tracker beside the arm a point is one of the tracked reference, p_reference = T_tracker_reference^-1
+// T_base_tracker^-1 p, both interpolated at the same time, so that the patient may move. The error of the hand-eye
+// calibration is common to all points.
+//
 // A reading is dropped, and counted, where no flange is known at its time: the arm is silent, or repeats its values to
-// the bit. The scan is interrupted until it is started anew when another driver sends for arm or sensor, or the arm
-// jumps: a person has to see what has changed.
+// the bit; so is one without the reference: hidden, refused, or contradicting the hand-eye calibration. The scan is
+// interrupted until it is started anew when another driver sends for arm or sensor, or the arm jumps: a person has to
+// see what has changed.
 //
 // Units mm, rad, ns UTC of the host. One thread; tables are bounded; a step may allocate.
 #pragma once
@@ -23,6 +28,7 @@
 #include "algorithms/calibration/beam.hpp"
 #include "algorithms/range/range_filters.hpp"
 #include "server/session/messages.hpp"
+#include "server/stages/pose_history.hpp"
 #include "server/stages/robot_tool/tool_pose.hpp"
 #include "server/stages/views.hpp"
 
@@ -31,14 +37,15 @@ namespace bregma::server {
 class SurfaceScan {
 public:
   static constexpr std::size_t kMaxFlanges = 512;
-  static constexpr std::size_t kMaxWaiting = 256;        // values whose flange has not come yet
-  static constexpr std::int64_t kWait_ns = 500'000'000;  // for a flange
+  static constexpr std::size_t kMaxWaiting = 256; // values whose flange has not come yet
+  static constexpr std::size_t kMaxReferences = 128;
+  static constexpr std::int64_t kWait_ns = 500'000'000;  // for a flange and a reference
   static constexpr double kMaxFlangeSpeed_mm_s = 2000.0; // faster is a jump
 
   struct Point {
     std::uint64_t frame = 0; // of the newest reading in it
     std::int64_t time_ns = 0;
-    geometry::Vector3d position_mm = geometry::Vector3d::Zero(); // in the arm's base
+    geometry::Vector3d position_mm = geometry::Vector3d::Zero(); // in the arm's base, or in the reference
     geometry::Matrix3d independent_mm2 = geometry::Matrix3d::Zero();
     geometry::Matrix3d common_mm2 = geometry::Matrix3d::Zero();
   };
@@ -48,6 +55,7 @@ public:
     std::uint64_t missing = 0;      // without a value
     std::uint64_t out_of_range = 0; // nearer or farther than the calibration allows
     std::uint64_t without_flange = 0;
+    std::uint64_t without_reference = 0;
     std::uint64_t overflown = 0; // a table was full
     std::uint64_t placed = 0;    // values that became a position, used or not
   };
@@ -58,6 +66,7 @@ public:
   // on: begins anew with this calibration; else the scan ends.
   void request(const ScanRequest &request);
   void add(const FlangeSample &sample);
+  void add(const ReferenceSample &sample);
   void add(const RangeReading &reading, std::int64_t now_ns);
   // The next point that is spacing_mm from the last one; nullopt: none yet. Call it until then.
   [[nodiscard]] std::optional<Point> next(std::int64_t now_ns);
@@ -70,25 +79,19 @@ public:
   [[nodiscard]] std::int64_t placed_ns() const { return placed_ns_; }
 
 private:
-  struct Flange {
-    std::int64_t time_ns = 0;
-    std::int64_t sigma_ns = 0;
-    std::int64_t period_ns = 0;
-    calibration::BeamFlange T_base_flange;
-    wire::PoseCovariance covariance{};
-  };
+  using Flanges = PoseHistory<geometry::frame::RobotBase, geometry::frame::RobotFlange, kMaxFlanges>;
+  using References = PoseHistory<geometry::frame::Tracker, geometry::frame::Reference, kMaxReferences>;
   struct Value {
     std::uint64_t frame = 0;
     std::int64_t time_ns = 0;
     double range_mm = 0.0; // as the sensor states
     double sigma_mm = 0.0;
   };
-  struct Pair { // of flanges about a time
-    const Flange *before;
-    const Flange *after;
-  };
-  [[nodiscard]] std::optional<Pair> around(std::int64_t time_ns) const;
-  [[nodiscard]] Point point_of(const Value &value, const Pair &flanges) const;
+  // Whether what was measured of the time is all that will be.
+  [[nodiscard]] bool settled(std::int64_t time_ns) const;
+  [[nodiscard]] Point point_of(const Value &value, const Flanges::Pose &T_base_flange) const;
+  // The same point of the reference.
+  [[nodiscard]] Point in_reference(const Point &in_base, const References::Pose &T_tracker_reference) const;
   [[nodiscard]] bool in_range(double range_mm) const;
 
   ToolPoseOptions options_;
@@ -96,11 +99,13 @@ private:
   std::optional<range::WindowFilter> filter_;
   calibration::BeamResult beam_;  // with its covariance
   calibration::BeamResult exact_; // without
-  std::deque<Flange> flanges_;    // times increase
-  std::deque<Value> waiting_;     // in the order of their times
-  double sigma_sum_mm_ = 0.0;     // of the readings since the last value
-  std::int64_t since_value_ = 0;  // readings since the last value
-  std::int64_t valid_ = 0;        // of them with a value
+  Flanges flanges_;
+  References references_;
+  geometry::UncertainPose<geometry::frame::Tracker, geometry::frame::RobotBase> T_tracker_base_; // beside a tracker
+  std::deque<Value> waiting_;    // in the order of their times
+  double sigma_sum_mm_ = 0.0;    // of the readings since the last value
+  std::int64_t since_value_ = 0; // readings since the last value
+  std::int64_t valid_ = 0;       // of them with a value
   std::int64_t last_reading_ns_ = 0;
   std::optional<std::uint32_t> arm_, sensor_; // incarnations
   std::optional<geometry::Vector3d> last_point_mm_;

@@ -11,12 +11,14 @@
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
+#include "algorithms/calibration/hand_eye.hpp"
 #include "algorithms/range/power_law.hpp"
 #include "idl/commands.hpp"
 #include "idl/names.hpp"
 #include "server/stages/session/stage.hpp"
 #include "server/stages/tissue_model/stage.hpp"
 #include "tests/support/arm_wire.hpp"
+#include "tests/support/measured_markers.hpp"
 #include "tests/unit/algorithms/head.hpp"
 #include "tests/unit/robot/arms.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
@@ -78,23 +80,43 @@ place_head(const robot::FlangePose &flange, const Vector3d &beam_origin, std::mt
   return {R, there - R * middle};
 }
 
+// A tracker that looks at the place of the head, from above and from a side of the arm.
+RobotCase::T_BaseTracker tracker_place() {
+  const Vector3d at = mz07f().forward(arm_settings().start) * Vector3d(0.0, 0.0, 240.0);
+  const Vector3d from = at + Vector3d(200.0, -1200.0, 900.0);
+  Eigen::Matrix3d axes; // z points away from the camera
+  axes.col(2) = (at - from).normalized();
+  axes.col(0) = axes.col(2).cross(Vector3d::UnitZ()).normalized();
+  axes.col(1) = axes.col(2).cross(axes.col(0));
+  return {axes, from};
+}
+
+casefile::ToolModel marker_body() {
+  casefile::ToolModel out{.name = "Marker", .role = casefile::ToolRole::kPointer, .markers_mm = {}};
+  out.markers_mm = {{0, 0, 0}, {90, 10, 0}, {15, 75, 10}, {80, 80, -10}, {45, 30, 40}};
+  return out;
+}
+
 server::Config config_for(const std::filesystem::path &state) {
   server::Config out;
   out.stages.of<server::TissueModelParameters>().elements = 0;
   out.stages.of<server::SessionParameters>().state_directory = state.string();
   out.stages.of<server::SessionParameters>().check_valid_min = RobotRoom::kCheckValid_min;
+  out.stages.of<server::NavigationParameters>().latency_ms = 1e-6 * RobotRoom::kStep_ns; // from exposure to write
   return out;
 }
 
 } // namespace
 
-RobotCase::RobotCase(std::uint64_t seed) {
+RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker) {
   std::mt19937 rng(static_cast<unsigned>(seed) + 1);
   origin_mm_ = Vector3d(12.0, -8.0, 60.0) + normal_vector(rng, kSigmaBeam_mm);
   direction_ =
       (geometry::rotation_exp(Vector3d(0.015, -0.01, 0.0) + normal_vector(rng, kSigmaBeam_rad)) * Vector3d::UnitZ())
           .normalized();
   tip_mm_ = Vector3d(-5.0, 3.0, 150.0) + normal_vector(rng, kSigmaTip_mm);
+  T_base_tracker_ = tracker_place();
+  T_flange_body_ = {geometry::rotation_exp(Vector3d(0.3, -0.2, 0.5)), Vector3d(60.0, 40.0, -20.0)};
   case_ = sim::test::make_case();
   case_.folder = folder_.path();
   case_.id = "robot";
@@ -108,11 +130,22 @@ RobotCase::RobotCase(std::uint64_t seed) {
   // The arm faces the face: a way that it reaches.
   case_.trajectories.push_back(
       {"Frontal", skin.closest(on_head(Vector3d(0.2, 0.9, 0.35))).point_mm, case_.targets.front().position_mm});
-  case_.tools.clear();
+  if (beside_tracker) {
+    case_.tools = {*case_.reference(), marker_body()};
+    write_hand_eye(seed);
+  } else {
+    case_.tools.clear();
+  }
   case_.image = folder_.path() / "image.nii.gz";
   std::ofstream(case_.image) << "only its name matters to the daemon\n";
   write_equipment(seed);
+  if (beside_tracker) {
+    std::ofstream(folder_.path() / "robot.toml", std::ios::app)
+        << "[hand_eye]\nfile = \"hand_eye.json\"\ntracker = \"Tracker\"\nflange_body = \"Marker\"\n";
+  }
   case_.robot = casefile::CaseRobot{"Robot", folder_.path() / "robot.toml", {}};
+  case_.robot->equipment.hand_eye =
+      beside_tracker ? std::optional<casefile::HandEyeModel>(std::in_place) : std::nullopt;
   if (const auto saved = casefile::save_case(case_); !saved) {
     throw std::runtime_error(saved.error().message);
   }
@@ -156,6 +189,33 @@ void RobotCase::write_equipment(std::uint64_t seed) {
                                                        {"exponent", fit.law.exponent},
                                                        {"covariance", rows_of(fit.covariance)},
                                                        {"rms_mm", fit.rms_mm}};
+}
+
+// As `bregma calibrate hand-eye` does, from poses with the errors that it assumes.
+void RobotCase::write_hand_eye(std::uint64_t seed) const {
+  std::mt19937 rng(static_cast<unsigned>(seed) + 11);
+  const robot::FlangePose start = mz07f().forward(arm_settings().start);
+  const calibration::HandEyeOptions options;
+  const auto measured = [&](const auto &T, const calibration::PoseNoise &noise) {
+    const Eigen::Quaterniond turn = geometry::rotation_exp(normal_vector(rng, noise.rotation_rad));
+    return calibration::HandEyePose(turn * T.rotation(), T.translation() + normal_vector(rng, noise.position_mm));
+  };
+  std::vector<calibration::HandEyePair> pairs;
+  for (int i = 0; i < 20; ++i) {
+    const robot::FlangePose A(start.rotation() * geometry::rotation_exp(normal_vector(rng, 0.35)),
+                              start.translation() + normal_vector(rng, 80.0));
+    const auto B = T_base_tracker_.inverse() * A * T_flange_body_;
+    pairs.push_back({measured(A, options.robot), measured(B, options.tracker)});
+  }
+  const calibration::HandEyeResult result = calibration::calibrate_hand_eye(pairs, options);
+  if (!result.accepted()) {
+    throw std::runtime_error("hand-eye: " + result.text);
+  }
+  std::ofstream(folder_.path() / "hand_eye.json") << json{{"accepted", true},
+                                                          {"text", result.text},
+                                                          {"X", rows_of(result.X.matrix())},
+                                                          {"Y", rows_of(result.Y.matrix())},
+                                                          {"covariance_joint", rows_of(result.joint)}};
 }
 
 std::function<void(wire::RobotState &)> frozen_values() {
@@ -221,7 +281,9 @@ RobotRoom::RobotRoom(const RobotCase &a_case, std::uint64_t seed)
           {}, [this](std::int64_t) { return beam_target(); }, seed),
       range_bus_(std::make_unique<RangeBus>(*this)), range_io_(*range_bus_, *this, range_status_, {.device = "Range"}) {
   std::mt19937 rng(static_cast<unsigned>(seed) + 7);
-  T_base_image_ = place_head(arm_.true_flange(), case_.beam_origin_mm(), rng);
+  T_base_image_ = resting_ = place_head(arm_.true_flange(), case_.beam_origin_mm(), rng);
+  T_image_reference_ = {geometry::rotation_exp(Vector3d(0.4, 0.1, -0.2)), kHeadCentre + Vector3d(110.0, 40.0, 90.0)};
+  tracker_noise_.seed(static_cast<unsigned>(seed) + 23);
 
   base::ParameterSet arm_parameters("bregma-arm");
   arm_driver_.declare(arm_parameters);
@@ -380,8 +442,58 @@ void RobotRoom::serve_range() {
   }
 }
 
+void RobotRoom::move_patient(const geometry::Vector6d &to, double seconds) {
+  from_ = to_;
+  to_ = to;
+  motion_begin_ns_ = now_;
+  motion_ns_ = static_cast<std::int64_t>(1e9 * seconds);
+}
+
+void RobotRoom::place_patient() {
+  const double part =
+      std::clamp(static_cast<double>(now_ - motion_begin_ns_) / static_cast<double>(motion_ns_), 0.0, 1.0);
+  const geometry::Vector6d way = from_ + part * part * (3.0 - 2.0 * part) * (to_ - from_);
+  const Vector3d middle = resting_ * kHeadCentre;
+  const Eigen::Quaterniond turn = geometry::rotation_exp(way.head<3>());
+  T_base_image_ = {turn * resting_.rotation(), middle + way.tail<3>() + turn * (resting_.translation() - middle)};
+}
+
+// 62.5 frames per second; a frame arrives a step after its exposure.
+void RobotRoom::serve_tracker() {
+  if (case_.loaded().hand_eye() == nullptr) {
+    return;
+  }
+  if (exposed_) {
+    link_.stamp(*exposed_, now_);
+    if (deliver_tracker) {
+      topics_.put(*exposed_);
+    }
+    exposed_.reset();
+    return;
+  }
+  const auto seen_from = [&](const auto &T_base_body) {
+    const auto T = case_.T_base_tracker().inverse() * T_base_body;
+    return geometry::Rigid3<geometry::frame::Tracker, geometry::frame::Tool>(T.rotation(), T.translation() + bump_mm_);
+  };
+  wire::TrackerFrame frame{};
+  (void)wire::set_name(frame.device, "Tracker");
+  frame.frame = ++tracker_frame_;
+  frame.device_time_ns = now_;
+  frame.period_ns = 2 * kStep_ns;
+  const auto add = [&](const casefile::ToolModel &model, const auto &T_base_body, bool hidden) {
+    const wire::TrackedTool seen = measured_markers(model, seen_from(T_base_body), {}, tracker_noise_);
+    if (!hidden) {
+      frame.tools[frame.tool_count++] = seen;
+    }
+  };
+  add(*case_.loaded().reference(), T_base_image_ * T_image_reference_, hide_reference);
+  add(*case_.loaded().tool("Marker"), arm_.true_flange() * case_.T_flange_body(), hide_flange_body);
+  exposed_ = frame;
+}
+
 void RobotRoom::step() {
   now_ += kStep_ns;
+  place_patient();
   if (held_ != 0 && now_ >= next_deadman_ns_) {
     next_deadman_ns_ = now_ + 48'000'000;
     wire::RobotDeadman deadman{};
@@ -393,6 +505,7 @@ void RobotRoom::step() {
     arm_bus_->deadmen.push_back(deadman);
   }
   serve_arm();
+  serve_tracker();
   serve_range();
   loops_.advance(now_);
 }

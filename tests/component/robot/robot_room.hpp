@@ -11,6 +11,7 @@
 #include <initializer_list>
 #include <memory>
 #include <optional>
+#include <random>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -37,20 +38,28 @@ namespace bregma::test {
 // curve as `bregma calibrate` writes them, with errors of the size that they state.
 class RobotCase {
 public:
-  explicit RobotCase(std::uint64_t seed);
+  // beside_tracker: with a tracker beside the arm. Its hand-eye calibration is made from 20 measured poses.
+  explicit RobotCase(std::uint64_t seed, bool beside_tracker = false);
   [[nodiscard]] const casefile::Case &loaded() const { return case_; }
 
   // The truth behind the calibrations.
   [[nodiscard]] const geometry::Vector3d &beam_origin_mm() const { return origin_mm_; }
   [[nodiscard]] const geometry::Vector3d &beam_direction() const { return direction_; }
   [[nodiscard]] const geometry::Vector3d &tip_mm() const { return tip_mm_; }
+  using T_BaseTracker = geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Tracker>;
+  using T_FlangeBody = geometry::Rigid3<geometry::frame::RobotFlange, geometry::frame::Tool>;
+  [[nodiscard]] const T_BaseTracker &T_base_tracker() const { return T_base_tracker_; }
+  [[nodiscard]] const T_FlangeBody &T_flange_body() const { return T_flange_body_; }
 
 private:
   void write_equipment(std::uint64_t seed);
+  void write_hand_eye(std::uint64_t seed) const;
 
   TemporaryFolder folder_;
   casefile::Case case_;
   geometry::Vector3d origin_mm_, direction_, tip_mm_;
+  T_BaseTracker T_base_tracker_;
+  T_FlangeBody T_flange_body_;
 };
 
 // RobotRoom::tamper of an arm that repeats the values of its first state, with numbers and times going on.
@@ -88,6 +97,9 @@ public:
   [[nodiscard]] const geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Image> &T_base_image() const {
     return T_base_image_;
   }
+  [[nodiscard]] const geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference> &T_image_reference() const {
+    return T_image_reference_;
+  }
   [[nodiscard]] Flange flange() const { return arm_.true_flange(); }
   [[nodiscard]] geometry::Vector3d tip_in_image() const;
   [[nodiscard]] geometry::Vector3d axis_in_image() const; // of the tool, towards the tip
@@ -98,6 +110,13 @@ public:
   [[nodiscard]] Flange above(const geometry::Vector3d &image_mm, double distance_mm) const;
   // Lines of constant height over the face.
   [[nodiscard]] std::vector<Flange> raster(double half_width_mm, double half_height_mm, double spacing_mm) const;
+
+  // The patient moves to this displacement about the head's middle (rad, mm, in the arm's base), from now on and within
+  // this time.
+  void move_patient(const geometry::Vector6d &to, double seconds);
+  // The tracker was moved against the arm, as seen from the camera.
+  void bump_tracker(const geometry::Vector3d &by_mm) { bump_mm_ = by_mm; }
+  bool hide_reference = false, hide_flange_body = false, deliver_tracker = true;
 
   // Faults.
   std::function<void(wire::RobotState &)> tamper = [](wire::RobotState &) {};
@@ -139,6 +158,8 @@ private:
   void step();
   void serve_arm();
   void serve_range();
+  void place_patient();
+  void serve_tracker();
   [[nodiscard]] sim::BeamTarget beam_target() const;
 
   const RobotCase &case_;
@@ -151,6 +172,16 @@ private:
   VirtualLoops loops_;
   sim::Head head_;
   geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Image> T_base_image_;
+
+  // The patient's motion, and the tracker that sees it.
+  geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Image> resting_;
+  geometry::Vector6d from_ = geometry::Vector6d::Zero(), to_ = geometry::Vector6d::Zero();
+  std::int64_t motion_begin_ns_ = 0, motion_ns_ = 1;
+  geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference> T_image_reference_;
+  geometry::Vector3d bump_mm_ = geometry::Vector3d::Zero();
+  std::mt19937 tracker_noise_;
+  std::uint64_t tracker_frame_ = 0;
+  std::optional<wire::TrackerFrame> exposed_; // at the last step, on its way
 
   sim::SimulatedArm arm_;
   TcpDevice socket_;

@@ -27,6 +27,7 @@ inline void expect_done(const wire::CommandReply &reply) {
 
 class RobotTest : public testing::Test {
 protected:
+  explicit RobotTest(bool beside_tracker = false) : the_case(kSeed, beside_tracker) {}
   void begin() { person.begin(); }
   void scan(double spacing_mm = 8.0, double speed_mm_s = 50.0) { person.scan(spacing_mm, speed_mm_s); }
   wire::CommandReply touch(wire::CommandKind kind, const casefile::NamedPoint &point) {
@@ -55,13 +56,16 @@ protected:
     ASSERT_FALSE(shown(room.states.back()));
   }
   [[nodiscard]] double target_error_mm() const {
-    const auto T = wire::from_wire<geometry::frame::Image, geometry::frame::RobotBase>(
+    const auto T = wire::from_wire<geometry::frame::Image, geometry::frame::Reference>(
         room.registration.accepted_T_image_reference);
     const geometry::Vector3d target = the_case.loaded().targets.front().position_mm;
-    return (T * (room.T_base_image() * target) - target).norm();
+    const bool tracked = the_case.loaded().hand_eye() != nullptr;
+    const geometry::Vector3d in_reference =
+        tracked ? room.T_image_reference().inverse() * target : room.T_base_image() * target;
+    return (T * in_reference - target).norm();
   }
 
-  RobotCase the_case{kSeed};
+  RobotCase the_case;
   RobotRoom room{the_case, kSeed};
   RobotOperator person{the_case, room};
 };

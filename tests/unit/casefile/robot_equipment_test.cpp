@@ -31,6 +31,20 @@ protected:
           "{\"accepted\": true, \"text\": \"accepted\", \"rms_mm\": 0.7, \"scale_mm\": 1.1, \"exponent\": " +
               std::to_string(exponent) + ", \"covariance\": [[0.0001, 0], [0, 0.0001]]}");
   }
+  // turn: the first entry of Y, 1 for a rotation. variance: on the diagonal.
+  void write_hand_eye(const std::string &turn, const std::string &variance) const {
+    std::string joint;
+    for (int row = 0; row < 12; ++row) {
+      joint += row > 0 ? ", [" : "[";
+      for (int column = 0; column < 12; ++column) {
+        joint += std::string(column > 0 ? ", " : "") + (row == column ? variance : "0");
+      }
+      joint += "]";
+    }
+    const std::string rest = ", 0, 0, 10], [0, 1, 0, 20], [0, 0, 1, 30], [0, 0, 0, 1]]";
+    write("hand_eye.json", R"({"accepted": true, "text": "accepted", "X": [[1)" + rest + R"(, "Y": [[)" + turn + rest +
+                               R"(, "covariance_joint": [)" + joint + "]}");
+  }
   [[nodiscard]] base::Result<RobotEquipment> read(const std::string &text) const {
     write("robot.toml", text);
     return read_robot_equipment(folder_.path() / "robot.toml");
@@ -96,6 +110,27 @@ TEST_F(RobotEquipmentFile, RefusesCalibrationsThatWereRefusedOrAreOthers) {
   EXPECT_NE(error(std::string(kTool) + kSensor + "near_mm = 900\nfar_mm = 300\n").find("must be below far_mm"),
             std::string::npos);
   EXPECT_NE(error(std::string(kTool) + kSensor + kSensor).find("name = \"Range\": appears twice"), std::string::npos);
+}
+
+TEST_F(RobotEquipmentFile, ReadsTheHandEyeCalibrationOfATrackerBesideTheArm) {
+  const std::string hand_eye = std::string(kTool) + "[hand_eye]\nfile = \"hand_eye.json\"\ntracker = \"Tracker\"\n";
+  EXPECT_FALSE(read(kTool)->hand_eye);
+  write_hand_eye("1", "0.01");
+  const auto equipment = read(hand_eye + "flange_body = \"Marker\"\n");
+  ASSERT_TRUE(equipment) << equipment.error().message;
+  ASSERT_TRUE(equipment->hand_eye);
+  EXPECT_EQ(equipment->hand_eye->tracker, "Tracker");
+  EXPECT_EQ(equipment->hand_eye->flange_body, "Marker");
+  EXPECT_EQ(equipment->hand_eye->T_base_tracker.pose.translation(), Eigen::Vector3d(10, 20, 30));
+  EXPECT_EQ(equipment->hand_eye->T_base_tracker.covariance(5, 5), 0.01);
+  write_hand_eye("2", "0.01");
+  EXPECT_NE(error(hand_eye).find("X or Y is no rigid motion"), std::string::npos);
+  write_hand_eye("1", "-0.01");
+  EXPECT_NE(error(hand_eye).find("covariance_joint is no covariance"), std::string::npos);
+  write("hand_eye.json", R"({"accepted": true, "X": [[1, 0, 0, 0]]})");
+  EXPECT_NE(error(hand_eye).find("from motions alone"), std::string::npos);
+  write("hand_eye.json", R"({"accepted": false, "text": "rotations about one axis"})");
+  EXPECT_NE(error(hand_eye).find("was refused: rotations about one axis"), std::string::npos);
 }
 
 } // namespace

@@ -29,7 +29,7 @@ CaptureRequest request() {
 }
 
 TipInReference tip_at(const Vector3d &position) {
-  return {position, Matrix3d::Identity() * 0.25, Matrix3d::Identity() * 0.01};
+  return {position, Matrix3d::Identity() * 0.25, Matrix3d::Identity() * 0.01, Matrix3d::Zero()};
 }
 
 // All frames of the window; content and position by frame number.

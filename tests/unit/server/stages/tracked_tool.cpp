@@ -1,10 +1,9 @@
 #include "tests/unit/server/stages/tracked_tool.hpp"
 
-#include <cmath>
 #include <utility>
 
-#include "algorithms/registration/points/paired_points.hpp"
 #include "server/stages/wire_values.hpp"
+#include "tests/support/measured_markers.hpp"
 
 namespace bregma::server::tracking_test {
 
@@ -29,26 +28,8 @@ TrackedTool::TrackedTool(std::int64_t period_ns, unsigned seed, const Navigation
 }
 
 wire::TrackedTool TrackedTool::measured(const casefile::ToolModel &model, const T_Tracker &T_tracker_tool) {
-  std::normal_distribution<double> normal;
-  std::vector<Vector3d> markers;
-  for (const Vector3d &marker : model.markers_mm) {
-    const Vector3d error(parameters_.marker_sigma_lateral_mm * normal(rng_),
-                         parameters_.marker_sigma_lateral_mm * normal(rng_),
-                         parameters_.marker_sigma_depth_mm * normal(rng_));
-    markers.push_back(T_tracker_tool * marker + error);
-  }
-  const auto fit = registration::fit_rigid(model.markers_mm, markers);
-  double sum = 0.0;
-  for (std::size_t i = 0; i < markers.size(); ++i) {
-    sum += (*fit * model.markers_mm[i] - markers[i]).squaredNorm();
-  }
-  wire::TrackedTool out{};
-  (void)wire::set_name(out.tool, model.name);
-  out.status = bregma_wire_TOOL_VISIBLE;
-  out.used_markers = (1U << markers.size()) - 1U;
-  out.T_tracker_tool = wire::to_wire(*fit);
-  out.marker_rms_mm = std::sqrt(sum / static_cast<double>(markers.size()));
-  return out;
+  return test::measured_markers(model, T_tracker_tool,
+                                {parameters_.marker_sigma_lateral_mm, parameters_.marker_sigma_depth_mm}, rng_);
 }
 
 wire::TrackerFrame TrackedTool::frame(std::uint64_t number, const Vector3d &tip_mm) {
