@@ -36,7 +36,7 @@ export class RegistrationPage implements Part {
     );
     const revision = `${store.revision("fiducial")} ${store.revision("capture")} ${data.hash}`;
     fill(this.fiducials, revision, () => [this.fiducialTable(context)]);
-    fill(this.skin, `${scene.captures.length} ${scene.captures.at(-1)?.distance_mm}`, () => coverageRows(context));
+    fill(this.skin, skinKey(scene), () => coverageRows(context));
     const consistency = registration
       ? `FRE ${figure(registration.fre_mm, 2, "mm")} (expected ${figure(registration.fre_expected_mm, 2, "mm")}): a consistency, not an accuracy. ` +
         `Skin ${figure(registration.surface_rms_mm, 2, "mm")} RMS of ${registration.surface_samples} points.`
@@ -77,6 +77,9 @@ function nextTouch({ store, data, scene }: PageContext): string {
   return region ? `Trace the skin ${region}.` : "";
 }
 
+const skinKey = (scene: PageContext["scene"]): string =>
+  `${scene.placedBy} ${scene.unplaced.length} ${scene.captures.length} ${scene.captures.at(-1)?.distance_mm}`;
+
 function coverageRows({ scene, data }: PageContext): HTMLElement[] {
   const surface = scene.captures.filter(isSurface);
   const counts = coverageOf(surface.map((c) => sub(c.position, centreOf(data))));
@@ -92,12 +95,18 @@ function coverageRows({ scene, data }: PageContext): HTMLElement[] {
     );
   });
   const distances = surface.map((c) => c.distance_mm).filter(Number.isFinite);
-  const rms = Math.sqrt(distances.reduce((sum, d) => sum + d * d, 0) / Math.max(distances.length, 1));
+  const mean = (values: number[]) => values.reduce((sum, d) => sum + d, 0) / Math.max(values.length, 1);
+  const rms = Math.sqrt(mean(distances.map((d) => d * d)));
+  const most_mm = Math.max(...distances.map(Math.abs));
   const text = distances.length
-    ? `Distance from the skin: ${figure(rms, 2, "mm")} RMS, at most ${figure(Math.max(...distances), 2, "mm")}`
+    ? `Distance from the skin: ${figure(rms, 2, "mm")} RMS, mean ${figure(mean(distances), 2, "mm")} (+ is outside), ` +
+      `at most ${figure(most_mm, 2, "mm")}`
     : "";
-  return [...bars, h("p", { class: "small" }, text)];
+  return [...bars, h("p", { class: "small" }, text || unplacedText(scene))];
 }
+
+const unplacedText = ({ unplaced, reference }: PageContext["scene"]): string =>
+  unplaced.length > 0 ? `${unplaced.length} points in ${reference}: not registered to the image yet` : "";
 
 // Middle of the scalp's vertices, else of the fiducials.
 const centres = new Map<string, readonly [number, number, number]>();

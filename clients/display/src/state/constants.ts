@@ -39,3 +39,4 @@ export const FieldStatus = { NONE: 1, VALID: 2, EXPIRED: 3 } as const;
 export const CoilOutcome = { NOT_SEEN: 1, USED: 2, OUTLIER: 3, VERIFIES: 4, IDLE: 5 } as const;
 export const DeviceKind = { TRACKER: 1, ROBOT: 2 } as const;
 export const DeviceStatus = { NEVER_SEEN: 1, LIVE: 2, STALE: 3, LOST: 4 } as const;
+export const kRobotBase = "RobotBase"; // reference of a case with an arm and without a tracker

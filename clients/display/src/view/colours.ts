@@ -12,6 +12,7 @@ export const kColours = {
   measure: "#f2f2f2",
   letter: "#dfe7ee",
   muted: "#8b98a6",
+  unknown: "#9fb3c8", // a point whose distance from the skin is not known
   axial: "#ff7a6b",
   coronal: "#63d98b",
   sagittal: "#62b3ff",

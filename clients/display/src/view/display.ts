@@ -286,10 +286,12 @@ export class Display {
     const planes = ["axial", "coronal", "sagittal"].map((kind) => view.planeOf(kind as "axial", scene.followed));
     const tools = scene.tools.map((t) => [t.tip, t.direction, t.verified, t.region_95]);
     const points = scene.points.map((p) => p.predicted);
+    const arms = scene.arms.map((arm) => [arm.flange, arm.base]);
     const shown = [
       view.cameraFor(rect),
       planes,
       tools,
+      arms,
       points,
       scene.trajectory,
       view.opacities,

@@ -1,10 +1,12 @@
 // What is drawn besides the image: from the states of the daemon, once per draw, the same for all panels.
 import type { Ellipsoid } from "../geometry/ellipsoid.ts";
-import { add, type Mat3, multiply, scale, unit, type Vec3 } from "../geometry/vector.ts";
+import { add, multiply, scale, sub, unit, type Vec3 } from "../geometry/vector.ts";
 import type { CaseData, Trajectory } from "../state/case_data.ts";
-import { CaptureKind, DeformationStatus } from "../state/constants.ts";
+import { CaptureKind, DeformationStatus, DeviceKind, kRobotBase } from "../state/constants.ts";
 import type { Store } from "../state/store.ts";
 import { type ShownTool, shownTool } from "../state/validity.ts";
+import type { PlacedCaptures } from "./captures.ts";
+import { kColours } from "./colours.ts";
 import type { ScannerSlice } from "./scanner_slice.ts";
 import type { Followed } from "./view_state.ts";
 
@@ -34,7 +36,14 @@ export interface SceneFiducial {
 export interface SceneCapture {
   readonly position: Vec3; // Image, by the latest registration
   readonly kind: number;
-  readonly distance_mm: number; // from the skin; NaN: not computed
+  readonly distance_mm: number; // from the skin, positive outside; NaN: not computed
+}
+
+// The arm that carries a tool, in Image. It is as live as that tool, and is drawn as it: its pose is all that is known.
+export interface SceneArm {
+  readonly tool: SceneTool;
+  readonly flange: Vec3;
+  readonly base: Vec3 | null; // null: the registration is not that of the arm's base
 }
 
 export interface Scene {
@@ -45,6 +54,10 @@ export interface Scene {
   readonly points: readonly ScenePoint[];
   readonly fiducials: readonly SceneFiducial[];
   readonly captures: readonly SceneCapture[];
+  readonly placedBy: PlacedCaptures["placedBy"];
+  readonly unplaced: readonly Vec3[]; // points of the skin that no registration places in Image, in Reference
+  readonly reference: string; // name of that frame
+  readonly arms: readonly SceneArm[];
   readonly trace: readonly Vec3[];
   readonly slice: ScannerSlice | null; // the scanner's latest
 }
@@ -54,7 +67,7 @@ export interface SceneInput {
   readonly store: Store;
   readonly gateway_ms: number;
   readonly followedName: string | null; // tool that the viewer chose
-  readonly captures: readonly SceneCapture[];
+  readonly captures: PlacedCaptures;
   readonly trace: readonly Vec3[];
   readonly slice: ScannerSlice | null;
 }
@@ -80,7 +93,11 @@ export function sceneOf(input: SceneInput): Scene {
       const residual = report && Number.isFinite(report.norm_mm) ? (report.residual_mm as unknown as Vec3) : null;
       return { name: f.name, position: f.position_mm, residual_mm: residual, suspect: report?.suspect === 1 };
     }),
-    captures: input.captures,
+    captures: input.captures.points,
+    placedBy: input.captures.placedBy,
+    unplaced: input.captures.unplaced,
+    reference: data.tools.find((t) => t.role === "reference")?.name ?? "",
+    arms: tools.map((tool) => armOf(tool, data, store)).filter((arm) => arm !== null),
     trace: input.trace,
     slice: input.slice,
   };
@@ -97,6 +114,18 @@ function sceneTool(shown: ShownTool, data: CaseData): SceneTool {
     region_95: shown.region_95,
     shown,
   };
+}
+
+// From the tool's pose and calibration alone: the arm's joints are not sent to displays.
+function armOf(tool: SceneTool, data: CaseData, store: Store): SceneArm | null {
+  const calibration = data.tools.find((t) => t.name === tool.name);
+  if (tool.shown.state.source_kind !== DeviceKind.ROBOT || !calibration) return null;
+  const flange = sub(tool.tip, multiply(tool.shown.rotation, calibration.tip_mm));
+  const registration = store.get("registration", kRobotBase);
+  const base = registration?.accepted_translation_mm.every(Number.isFinite)
+    ? (registration.accepted_translation_mm as unknown as Vec3)
+    : null;
+  return { tool, flange, base };
 }
 
 // The viewer's choice, else the tool on a plan, else the first.
@@ -120,30 +149,14 @@ function pointsOf(data: CaseData, store: Store): ScenePoint[] {
   });
 }
 
-// Captured points in Image by the latest estimate, else the accepted registration; none without either.
-export function capturesInImage(store: Store): { position: Vec3; kind: number; point: string }[] {
-  const registration = store.all("registration")[0];
-  if (!registration) return [];
-  const accepted = registration.accepted_rotation.every(Number.isFinite);
-  const rotation = (accepted ? registration.accepted_rotation : registration.rotation) as unknown as Mat3;
-  const translation = (accepted
-    ? registration.accepted_translation_mm
-    : registration.translation_mm) as unknown as Vec3;
-  if (![...rotation, ...translation].every(Number.isFinite)) return [];
-  return store.all("capture").map((c) => ({
-    position: add(multiply(rotation, c.position_mm as unknown as Vec3), translation),
-    kind: c.kind,
-    point: c.point,
-  }));
-}
-
 export const isSurface = (c: { kind: number }): boolean => c.kind === CaptureKind.SURFACE;
 
-// Green on the skin, yellow at 1 mm, red from 3 mm on.
+// Of a signed distance: green on the skin; outside it yellow at 1 mm and red from 3 mm on, inside it turquoise and blue.
+export const kFar_mm = 3;
 export function distanceColour(distance_mm: number): string {
-  if (!Number.isFinite(distance_mm)) return "#9fb3c8";
-  const t = Math.min(distance_mm / 3, 1);
-  return `hsl(${Math.round(130 * (1 - t))} 90% 60%)`;
+  if (!Number.isFinite(distance_mm)) return kColours.unknown;
+  const t = Math.min(Math.abs(distance_mm) / kFar_mm, 1);
+  return `hsl(${Math.round(130 + (distance_mm < 0 ? 115 : -130) * t)} 90% 60%)`;
 }
 
 export const tipAhead = (tool: SceneTool, mm: number): Vec3 => add(tool.tip, scale(tool.direction, mm));

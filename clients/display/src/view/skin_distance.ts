@@ -1,9 +1,12 @@
-// Distance of points from a surface: the triangles near a point are found in a grid of cells.
+// Signed distance of points from a closed surface, positive outside: the triangles near a point are found in a grid of
+// cells. The sign is that of the surface's normal at the nearest point; on an edge or a corner that is the mean of the
+// triangles there, weighted by their angles (Baerentzen and Aanaes, IEEE TVCG 11, 2005).
 import type { Mesh } from "../geometry/mesh_cut.ts";
-import { add, cross, distance, dot, scale, sub, type Vec3 } from "../geometry/vector.ts";
+import { add, cross, distance, dot, norm, scale, sub, unit, type Vec3 } from "../geometry/vector.ts";
 
 const kCell_mm = 8;
 const kMaxRings = 6; // farther points are stated as farther than this
+const kSame_mm = 1e-6; // triangles that meet in the nearest point are equally far up to rounding
 
 export class SkinDistance {
   private readonly cells = new Map<string, number[]>();
@@ -24,6 +27,7 @@ export class SkinDistance {
   of(point: Vec3): number {
     const [cx, cy, cz] = cellOf(point);
     let best = Number.POSITIVE_INFINITY;
+    let nearest = new Set<number>();
     for (let ring = 0; ring <= kMaxRings; ++ring) {
       // Cells of this ring are at least (ring - 1) cells away.
       if (best <= (ring - 1) * kCell_mm) break;
@@ -31,13 +35,31 @@ export class SkinDistance {
         for (let y = -ring; y <= ring; ++y) {
           for (let z = -ring; z <= ring; ++z) {
             if (Math.max(Math.abs(x), Math.abs(y), Math.abs(z)) !== ring) continue;
-            for (const t of this.cells.get(`${cx + x} ${cy + y} ${cz + z}`) ?? [])
-              best = Math.min(best, this.toTriangle(point, t));
+            for (const t of this.cells.get(`${cx + x} ${cy + y} ${cz + z}`) ?? []) {
+              const mm = distance(point, this.foot(point, t));
+              if (mm < best - kSame_mm) nearest = new Set();
+              if (mm <= best + kSame_mm) nearest.add(t);
+              best = Math.min(best, mm);
+            }
           }
         }
       }
     }
-    return best;
+    return Number.isFinite(best) && this.isInside(point, nearest) ? -best : best;
+  }
+
+  private isInside(point: Vec3, triangles: ReadonlySet<number>): boolean {
+    let height = 0;
+    for (const t of triangles) {
+      const corners = this.corners(t);
+      const n = cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]));
+      if (!(norm(n) > 0)) continue;
+      const foot = this.foot(point, t);
+      const at = corners.findIndex((c) => distance(c, foot) < kSame_mm);
+      const angle = at < 0 ? Math.PI : angleAt(corners[at], corners[(at + 1) % 3], corners[(at + 2) % 3]);
+      height += angle * dot(unit(n), sub(point, foot));
+    }
+    return height < 0;
   }
 
   private put(key: string, triangle: number): void {
@@ -51,18 +73,24 @@ export class SkinDistance {
     return [v[3 * i], v[3 * i + 1], v[3 * i + 2]];
   }
 
-  private toTriangle(p: Vec3, t: number): number {
+  private corners(t: number): [Vec3, Vec3, Vec3] {
     const { triangles } = this.mesh;
-    const [a, b, c] = [this.vertex(triangles[t]), this.vertex(triangles[t + 1]), this.vertex(triangles[t + 2])];
+    return [this.vertex(triangles[t]), this.vertex(triangles[t + 1]), this.vertex(triangles[t + 2])];
+  }
+
+  // Nearest point of a triangle.
+  private foot(p: Vec3, t: number): Vec3 {
+    const [a, b, c] = this.corners(t);
     const n = cross(sub(b, a), sub(c, a));
     const area2 = dot(n, n);
     if (area2 > 0) {
       // Barycentric coordinates of the foot on the triangle's plane.
       const wa = dot(cross(sub(c, b), sub(p, b)), n) / area2;
       const wb = dot(cross(sub(a, c), sub(p, c)), n) / area2;
-      if (wa >= 0 && wb >= 0 && wa + wb <= 1) return Math.abs(dot(sub(p, a), n)) / Math.sqrt(area2);
+      if (wa >= 0 && wb >= 0 && wa + wb <= 1) return sub(p, scale(n, dot(sub(p, a), n) / area2));
     }
-    return Math.min(toEdge(p, a, b), toEdge(p, b, c), toEdge(p, c, a));
+    const feet = [footOnEdge(p, a, b), footOnEdge(p, b, c), footOnEdge(p, c, a)];
+    return feet.reduce((best, foot) => (distance(p, foot) < distance(p, best) ? foot : best));
   }
 }
 
@@ -72,9 +100,14 @@ const cellOf = (p: Vec3): Vec3 => [
   Math.floor(p[2] / kCell_mm),
 ];
 
-function toEdge(p: Vec3, a: Vec3, b: Vec3): number {
+function footOnEdge(p: Vec3, a: Vec3, b: Vec3): Vec3 {
   const e = sub(b, a);
   const length2 = dot(e, e);
   const s = length2 > 0 ? Math.min(Math.max(dot(sub(p, a), e) / length2, 0), 1) : 0;
-  return distance(p, add(a, scale(e, s)));
+  return add(a, scale(e, s));
+}
+
+function angleAt(corner: Vec3, b: Vec3, c: Vec3): number {
+  const [u, v] = [unit(sub(b, corner)), unit(sub(c, corner))];
+  return Math.acos(Math.min(Math.max(dot(u, v), -1), 1));
 }

@@ -9,6 +9,7 @@ import { figure } from "../state/text.ts";
 import { kColours } from "./colours.ts";
 import type { Pen } from "./pen.ts";
 import { distanceColour, isSurface, type Scene, type SceneTool, tipAhead } from "./scene.ts";
+import { kNotAccepted } from "./skin_points.ts";
 import { isOrthogonal, kPanelNames, type Measurement, type PanelKind, type ViewState } from "./view_state.ts";
 
 const kNear_mm = 3; // points are drawn in full up to this distance from the plane
@@ -236,6 +237,9 @@ function drawFrame(pen: Pen, { kind, view, scene, data }: OverlayInput): void {
   if (kind !== "scanner") drawSecondText(pen, view, data, oblique || held ? 1 : 0);
   if (scene.followedTool && !scene.followedTool.verified) {
     pen.text("NOT VERIFIED", rect.x + rect.width - 12, rect.y + 18, 16, kColours.unverified, "right", true);
+  }
+  if (scene.placedBy === "candidate" && scene.captures.some(isSurface)) {
+    pen.text(kNotAccepted, rect.x + rect.width - 12, rect.y + rect.height - 14, 13, kColours.unverified, "right");
   }
   drawScaleBar(pen);
 }

@@ -11,11 +11,13 @@ import { type CaseData, type CaseMesh, colourOf } from "../state/case_data.ts";
 import { kColours } from "./colours.ts";
 import type { Rect } from "./layout.ts";
 import { Pen } from "./pen.ts";
-import { distanceColour, isSurface, type Scene, type SceneTool, tipAhead } from "./scene.ts";
+import { type Scene, type SceneArm, type SceneTool, tipAhead } from "./scene.ts";
+import { drawSkinPoints } from "./skin_points.ts";
 import type { ViewState } from "./view_state.ts";
 
 const kShaft_mm = 140;
 const kShaftRadius_mm = 1.2;
+const kFlangeRadius_mm = 5;
 
 const rgb = (css: string): Colour => colourOf(css);
 
@@ -63,7 +65,11 @@ export class SpaceView {
     if (!bare) {
       this.meshes.begin(matrix, towardsViewer(camera));
       this.drawPlan(scene);
-      for (const tool of scene.tools) this.drawTool(tool);
+      for (const tool of scene.tools) {
+        const arm = scene.arms.find((one) => one.tool === tool);
+        this.drawTool(tool, arm?.flange ?? tipAhead(tool, -kShaft_mm));
+        if (arm) this.drawArm(arm);
+      }
       this.drawMarks(view, scene, camera.mm_per_pixel);
       this.drawSurfaces(view, matrix, towardsViewer(camera), viewport);
     }
@@ -89,9 +95,18 @@ export class SpaceView {
     if (predicted) this.meshes.drawBall(predicted, 2.4, { colour: rgb(kColours.predicted), opacity: 1 });
   }
 
-  private drawTool(tool: SceneTool): void {
-    const style = { colour: rgb(tool.verified ? kColours.live : kColours.unverified), opacity: 1 };
-    this.meshes.drawRod(tipAhead(tool, -kShaft_mm), tool.tip, kShaftRadius_mm, style);
+  // Flange and base are known, the joints between them are not: a thin line, which is no link of the arm.
+  private drawArm({ tool, flange, base }: SceneArm): void {
+    const style = { colour: rgb(toolColour(tool)), opacity: 1 };
+    this.meshes.drawBall(flange, kFlangeRadius_mm, style);
+    if (!base) return;
+    this.meshes.drawBall(base, 2 * kFlangeRadius_mm, style);
+    this.meshes.drawRod(base, flange, kShaftRadius_mm / 2, style);
+  }
+
+  private drawTool(tool: SceneTool, from: Vec3): void {
+    const style = { colour: rgb(toolColour(tool)), opacity: 1 };
+    this.meshes.drawRod(from, tool.tip, kShaftRadius_mm, style);
     const { axes, semi_axes_mm } = tool.region_95;
     const axis = (i: number): Vec3 => scale([axes[3 * i], axes[3 * i + 1], axes[3 * i + 2]], semi_axes_mm[i]);
     this.meshes.drawEllipsoid(tool.tip, [axis(0), axis(1), axis(2)], { ...style, opacity: 0.45 });
@@ -154,6 +169,17 @@ export class SpaceView {
   }
 }
 
+const toolColour = (tool: SceneTool): string => (tool.verified ? kColours.live : kColours.unverified);
+
+function drawArmNames(pen: Pen, { tool, flange, base }: SceneArm): void {
+  const name = (text: string, at: Vec3) => {
+    const p = pen.pixel(at);
+    pen.text(text, p.x + 10, p.y - 10, 13, toolColour(tool));
+  };
+  name("flange", flange);
+  if (base) name("arm’s base", base);
+}
+
 // Title, captured points and the patient's axes over the 3-D panel.
 export function drawSpaceOverlay(
   c: CanvasRenderingContext2D,
@@ -170,9 +196,8 @@ export function drawSpaceOverlay(
   c.clip();
   if (!bare) {
     const viewer = towardsViewer(camera);
-    for (const capture of scene.captures) {
-      if (isSurface(capture)) pen.dot(capture.position, 3, distanceColour(capture.distance_mm));
-    }
+    drawSkinPoints(pen, scene);
+    for (const arm of scene.arms) drawArmNames(pen, arm);
     pen.polyline(scene.trace, kColours.live, 1.5);
     drawAxes(pen, viewer);
   }

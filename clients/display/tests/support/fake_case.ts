@@ -43,6 +43,8 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
       [88, 6, 0],
     ],
   });
+  // Carried by an arm.
+  const guide = { ...tool("Guide", "pointer"), tip_mm: [-60, 0, 0], markers_mm: [] };
   const json = {
     hash: kHash,
     id: "spheres",
@@ -110,7 +112,7 @@ export function fakeCase(): { json: object; files: Map<string, Buffer> } {
     ],
     landmarks: [{ name: "Nasion", position_mm: [0, 88, 0] }],
     brain_landmarks: [],
-    tools: [tool("Probe", "probe"), tool("Stylus", "pointer"), tool("Reference", "reference")],
+    tools: [tool("Probe", "probe"), tool("Stylus", "pointer"), tool("Reference", "reference"), guide],
     limits: { max_check_mm: 3, max_target_tre_mm: 2 },
   };
   return { json, files };

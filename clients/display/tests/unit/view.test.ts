@@ -5,12 +5,21 @@ import { distance, dot, type Vec3 } from "../../src/geometry/vector.ts";
 import { advice, volumeText } from "../../src/page/camera_page.ts";
 import { tipText, validityText } from "../../src/page/scanner_page.ts";
 import { orbit, viewMatrix } from "../../src/render/camera.ts";
+import type { CaseData } from "../../src/state/case_data.ts";
+import { CaptureKind, DeviceKind, PoseStatus, RegistrationStatus } from "../../src/state/constants.ts";
+import { decodeFrame } from "../../src/state/frame.ts";
 import type { RecordOf } from "../../src/state/layout.ts";
+import { Store } from "../../src/state/store.ts";
 import { figure } from "../../src/state/text.ts";
+import { Captures } from "../../src/view/captures.ts";
+import { kColours } from "../../src/view/colours.ts";
 import { coverageOf, leastCovered } from "../../src/view/coverage.ts";
 import { panelRects } from "../../src/view/layout.ts";
+import { distanceColour, sceneOf } from "../../src/view/scene.ts";
 import { SkinDistance } from "../../src/view/skin_distance.ts";
+import { insetOf } from "../../src/view/skin_points.ts";
 import { ViewState } from "../../src/view/view_state.ts";
+import { encodeFrame, liveTool, record, type TestRecord } from "../support/frames.ts";
 import { Random } from "../support/random.ts";
 
 const nothing = { line: null, trajectory: null };
@@ -112,9 +121,217 @@ test("distances from a surface equal those to all of its triangles", () => {
   for (let k = 0; k < 500; ++k) {
     const p: Vec3 = [random.between(-70, 70), random.between(-70, 70), random.between(-25, 25)];
     const over = [0, 1].map((d) => Math.max(Math.abs(p[d]) - 50, 0));
-    assert.ok(Math.abs(skin.of(p) - Math.hypot(over[0], over[1], p[2])) < 1e-6);
+    assert.ok(Math.abs(Math.abs(skin.of(p)) - Math.hypot(over[0], over[1], p[2])) < 1e-6);
   }
   assert.equal(skin.of([0, 0, 900]), Number.POSITIVE_INFINITY);
+});
+
+test("distances are positive outside and negative inside, beside faces, edges and corners", () => {
+  // A cube of 40 mm, counter-clockwise seen from outside: its corners have triangles of unlike angles.
+  const cube = {
+    vertices_mm: new Float32Array([-20, 20].flatMap((z) => [-20, -20, z, 20, -20, z, 20, 20, z, -20, 20, z])),
+    triangles: new Uint32Array(
+      [
+        [0, 2, 1, 0, 3, 2],
+        [4, 5, 6, 4, 6, 7],
+        [0, 1, 5, 0, 5, 4],
+        [1, 2, 6, 1, 6, 5],
+        [2, 3, 7, 2, 7, 6],
+        [3, 0, 4, 3, 4, 7],
+      ].flat(),
+    ),
+  };
+  const skin = new SkinDistance(cube);
+  const random = new Random(4);
+  let inside = 0;
+  for (let k = 0; k < 2000; ++k) {
+    // A third of the points is nearest to an edge or a corner.
+    const p: Vec3 = [random.between(-32, 32), random.between(-32, 32), random.between(-32, 32)];
+    const over = p.map((x) => Math.max(Math.abs(x) - 20, 0));
+    const deep = 20 - Math.max(...p.map(Math.abs));
+    const expected = deep > 0 ? -deep : Math.hypot(...over);
+    if (deep > 0) ++inside;
+    assert.ok(Math.abs(skin.of(p) - expected) < 1e-6, `${p}: ${skin.of(p)}, expected ${expected}`);
+  }
+  assert.ok(inside > 300);
+});
+
+test("colours of distances: green on the skin, red outside, blue inside, grey where not known", () => {
+  assert.equal(distanceColour(0), "hsl(130 90% 60%)");
+  assert.equal(distanceColour(3), "hsl(0 90% 60%)");
+  assert.equal(distanceColour(40), distanceColour(3));
+  assert.equal(distanceColour(-3), "hsl(245 90% 60%)");
+  for (const unknown of [Number.NaN, Number.POSITIVE_INFINITY]) assert.equal(distanceColour(unknown), kColours.unknown);
+});
+
+const kTurn = [0, -1, 0, 1, 0, 0, 0, 0, 1]; // a quarter turn about z
+const kNone9 = new Array<number>(9).fill(Number.NaN);
+const kNone3 = kNone9.slice(0, 3);
+const registered = (change: Partial<RecordOf<"registration">>) =>
+  record("registration", {
+    reference: "RobotBase",
+    status: RegistrationStatus.CANDIDATE,
+    rotation: kTurn,
+    translation_mm: [100, 0, 0],
+    accepted_rotation: kNone9,
+    accepted_translation_mm: kNone3,
+    ...change,
+  });
+const scanned = (ordinal: number, position_mm: number[]) =>
+  record("capture", { tool: "Range", ordinal, kind: CaptureKind.SURFACE, position_mm });
+const accepted = {
+  status: RegistrationStatus.ACCEPTED,
+  accepted_rotation: kTurn,
+  accepted_translation_mm: [100, 0, 0],
+};
+
+// A store that takes records, and points whose distance from the skin is their height; `asked` counts the distances.
+function scanning() {
+  const store = new Store();
+  const captures = new Captures();
+  const counter = { asked: 0 };
+  captures.setSkin({
+    of: (p) => {
+      ++counter.asked;
+      return p[2];
+    },
+  });
+  let frame = 0;
+  const take = (...records: TestRecord[]) => store.apply(decodeFrame(encodeFrame(++frame, 0, records)));
+  return { store, captures, counter, take };
+}
+
+test("points of a scan are in their own frame until a registration places them", () => {
+  const { store, captures, take } = scanning();
+  take(scanned(0, [1, 2, -3]), record("capture", { tool: "Guide", ordinal: 0, kind: 1, position_mm: [9, 9, 9] }));
+  const refused = registered({ status: RegistrationStatus.REFUSED }); // whatever pose it states
+  for (const missing of [
+    [],
+    [refused],
+    [registered({ status: RegistrationStatus.NONE })],
+    [registered({ status: 77 })],
+  ]) {
+    take(...missing);
+    assert.deepEqual(captures.update(store), { placedBy: null, points: [], unplaced: [[1, 2, -3]] });
+  }
+  take(registered({}));
+  const placed = captures.update(store);
+  assert.equal(placed.placedBy, "candidate");
+  assert.deepEqual(placed.unplaced, []);
+  assert.deepEqual(placed.points[0], { position: [98, 1, -3], kind: CaptureKind.SURFACE, distance_mm: -3 });
+  assert.ok(Number.isNaN(placed.points[1].distance_mm), "a touch of a fiducial is not on the skin");
+  take(registered(accepted));
+  assert.equal(captures.update(store).placedBy, "accepted");
+  // A later estimate does not move what the accepted registration has placed.
+  take(registered({ ...accepted, translation_mm: [0, 0, 0] }));
+  assert.deepEqual(captures.update(store).points[0].position, [98, 1, -3]);
+  take(record("registration", { reference: "RobotBase" }, true));
+  assert.equal(captures.update(store).placedBy, null, "the case was closed");
+});
+
+test("a point is measured once when it arrives, and again when another registration places it or it is another", () => {
+  const { store, captures, counter, take } = scanning();
+  take(registered({}));
+  for (let k = 0; k < 5; ++k) {
+    take(scanned(k, [k, 0, k]));
+    captures.update(store);
+    captures.update(store); // the next draw
+    assert.equal(counter.asked, k + 1);
+  }
+  take(scanned(4, [4, 0, 4])); // the same again
+  assert.equal(captures.update(store).points.length, 5);
+  assert.equal(counter.asked, 5);
+  take(registered({ translation_mm: [0, 0, 7] }));
+  assert.deepEqual(
+    captures.update(store).points.map((p) => p.distance_mm),
+    [7, 8, 9, 10, 11],
+  );
+  assert.equal(counter.asked, 10);
+  take(record("capture", { tool: "Range", ordinal: 4 }, true), scanned(0, [0, 0, 20]));
+  assert.deepEqual(
+    captures.update(store).points.map((p) => p.distance_mm),
+    [27, 8, 9, 10],
+  );
+});
+
+test("points without a registration are seen from where they spread most", () => {
+  const points: Vec3[] = [
+    [400, -100, 91],
+    [500, -100, 88],
+    [400, 100, 90],
+  ];
+  const { across, up, at } = insetOf(points, { x: 10, y: 20, width: 100, height: 100 });
+  assert.deepEqual([across, up], [0, 1]);
+  for (const { x, y } of at) assert.ok(x >= 20 && x <= 100 && y >= 30 && y <= 110, `${x} ${y}`);
+  assert.ok(at[1].x > at[0].x && at[2].y < at[0].y);
+  assert.equal(insetOf([[5, 5, 5]], { x: 0, y: 0, width: 10, height: 10 }).at[0].x, 5);
+});
+
+// A guide of 150 mm along the flange's z.
+const robotCase = {
+  hash: "",
+  meshes: [],
+  trajectories: [],
+  targets: [],
+  fiducials: [],
+  brain_landmarks: [],
+  tools: [
+    { name: "RobotBase", role: "reference", axis: [0, 0, 1], normal: [0, 0, 1], tip_mm: [0, 0, 0], markers_mm: [] },
+    { name: "Guide", role: "pointer", axis: [0, 0, 1], normal: [0, 0, 1], tip_mm: [0, 0, 150], markers_mm: [] },
+  ],
+} as unknown as CaseData;
+
+function robotScene(tool: Partial<RecordOf<"tool">>, registration: Partial<RecordOf<"registration">>, now_ms = 1000) {
+  const store = new Store();
+  const guide = {
+    ...liveTool(1000),
+    tool: "Guide",
+    trajectory: "",
+    source_kind: DeviceKind.ROBOT,
+    rotation: [0, 0, 1, 1, 0, 0, 0, 1, 0], // z of the flange along x of Image
+    tip_mm: [10, 20, 30],
+  };
+  store.apply(
+    decodeFrame(
+      encodeFrame(1, 0, [record("tool", { ...guide, ...tool }), registered({ ...accepted, ...registration })]),
+    ),
+  );
+  const captures = new Captures().update(store);
+  return sceneOf({ data: robotCase, store, gateway_ms: now_ms, followedName: null, captures, trace: [], slice: null });
+}
+
+test("the arm is drawn from the pose of the tool that it carries: its flange, and its base as it is registered", () => {
+  const { arms, tools } = robotScene({}, {});
+  assert.equal(arms.length, 1);
+  assert.equal(arms[0].tool, tools[0]);
+  assert.ok(arms[0].tool.verified);
+  assert.deepEqual(arms[0].flange, [-140, 20, 30]);
+  assert.deepEqual(arms[0].base, [100, 0, 0]);
+  assert.deepEqual(tools[0].direction, [1, 0, 0]);
+});
+
+test("no arm that is old, and none that is not an arm's", () => {
+  const kOld = liveTool(1000).valid_until_ms;
+  assert.equal(robotScene({}, {}, kOld - 1).arms.length, 1);
+  assert.equal(robotScene({}, {}, kOld).arms.length, 0);
+  for (const status of [0, 3, 4, 5, 6, 7, 8, 9, 77]) {
+    const { arms, tools } = robotScene({ status }, {});
+    assert.deepEqual([arms.length, tools.length], [0, 0], `status ${status}`);
+  }
+  assert.equal(robotScene({ plausibility: 3 }, {}).arms.length, 0);
+  assert.equal(robotScene({ tip_mm: [Number.NaN, 0, 0] }, {}).arms.length, 0);
+  assert.equal(robotScene({ source_kind: DeviceKind.TRACKER }, {}).arms.length, 0);
+  assert.equal(robotScene({ tool: "Drill" }, {}).arms.length, 0, "its flange is not known");
+});
+
+test("an arm that is not verified is drawn as such; its base only where the accepted registration is that of the base", () => {
+  const [arm] = robotScene({ status: PoseStatus.UNVERIFIED }, {}).arms;
+  assert.ok(!arm.tool.verified);
+  for (const change of [{ accepted_rotation: kNone9, accepted_translation_mm: kNone3 }, { reference: "Reference" }]) {
+    const [other] = robotScene({}, change).arms;
+    assert.equal(other.base, null);
+    assert.deepEqual(other.flange, [-140, 20, 30]);
+  }
 });
 
 test("the region that was traced least is asked for, until each has its part", () => {
