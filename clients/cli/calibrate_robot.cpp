@@ -342,6 +342,8 @@ void add_calibrate_hand_eye(CLI::App &parent, Context &context) {
   add_json_flag(*command, context);
   command->footer("The exit code is 1 when the motion is degenerate or the poses do not fit.\n\nExamples:\n"
                   "  bregma calibrate hand-eye flange.tgz body.tgz\n"
+                  "  bregma calibrate hand-eye flange.tgz body.tgz --json > hand_eye.json   "
+                  "(for bregmad: [hand_eye] of the file robot.tools)\n"
                   "  bregma calibrate hand-eye flange.tgz body.tgz --tracker-mm 0.25 --json");
   command->callback([arguments, &context] {
     context.run = [arguments, &context] { return calibrate_hand_eye_files(*arguments, context); };

@@ -133,6 +133,13 @@ TEST_F(ArmBesideTracker, ATrackerThatWasMovedAgainstTheArmIsFoundAndNothingIsSho
   room.deliver_arm = true;
   ASSERT_TRUE(room.run(3.0, [&] { return live(); }));
 
+  // Numbers and times go on, and nothing is measured.
+  room.tamper = frozen_values();
+  ASSERT_NO_FATAL_FAILURE(expect_not_live(1.0));
+  EXPECT_TRUE(room.alarm_raised(server::alarm::kImplausible, "Pointer"));
+  room.tamper = [](wire::RobotState &) {};
+  ASSERT_TRUE(room.run(3.0, [&] { return live(); }));
+
   // Slower than any test of a jump sees.
   double moved_mm = 0.0;
   while (moved_mm < 5.0 && live()) {
