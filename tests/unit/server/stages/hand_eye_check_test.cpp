@@ -46,7 +46,7 @@ template <class A, class B> UncertainPose<A, B> stated(const Rigid3<A, B> &pose,
   return {pose, about_origin * own * about_origin.transpose()};
 }
 
-struct Room {
+struct HandEyeRoom {
   Rigid3<RobotFlange, Tool> X{geometry::rotation_exp({0.1, 0.2, -0.3}), {20.0, -35.0, 90.0}};
   Rigid3<RobotBase, Tracker> Y{geometry::rotation_exp({0.4, -0.2, 1.0}), {150.0, -300.0, 1400.0}};
   calibration::HandEyeOptions options;
@@ -83,7 +83,7 @@ struct Room {
 };
 
 TEST(HandEyeCheck, ACalibrationWithinItsErrorPassesAsOftenAsStated) {
-  const Room room;
+  const HandEyeRoom room;
   std::mt19937 rng(kSeed);
   constexpr int kRuns = 300;
   int within = 0;
@@ -98,7 +98,7 @@ TEST(HandEyeCheck, ACalibrationWithinItsErrorPassesAsOftenAsStated) {
 }
 
 TEST(HandEyeCheck, AMovedTrackerIsFoundInThreeFramesAndTheCheckEndsAfterTen) {
-  const Room room;
+  const HandEyeRoom room;
   std::mt19937 rng(kSeed);
   const casefile::HandEyeModel model = room.calibrated(rng);
   HandEyeCheck check;
