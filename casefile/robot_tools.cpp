@@ -47,6 +47,13 @@ template <int Rows, int Columns> Eigen::Matrix<double, Rows, Columns> numbers_of
   return out;
 }
 
+bool is_covariance(const Eigen::MatrixXd &matrix) {
+  constexpr double kRounding = 1e-9; // of the largest entry
+  const double largest = matrix.cwiseAbs().maxCoeff();
+  return matrix.allFinite() && (matrix - matrix.transpose()).cwiseAbs().maxCoeff() <= kRounding * largest &&
+         Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(matrix).eigenvalues().minCoeff() >= -kRounding * largest;
+}
+
 base::Result<void> read_beam(const std::filesystem::path &file, RangeSensorModel &sensor) {
   const auto document = read_calibration(file, "beam");
   if (!document) {
@@ -59,9 +66,10 @@ base::Result<void> read_beam(const std::filesystem::path &file, RangeSensorModel
   } catch (const json::exception &) {
     return base::failure(file.string() + ": origin_mm, direction or covariance is missing");
   }
-  if (!sensor.origin_mm.allFinite() || !sensor.covariance.allFinite() ||
-      !(std::abs(sensor.direction.norm() - 1.0) < 1e-3) || sensor.covariance.diagonal().minCoeff() < 0.0) {
-    return base::failure(file.string() + ": is no beam: the direction has no unit length, or a number is invalid");
+  if (!sensor.origin_mm.allFinite() || !(std::abs(sensor.direction.norm() - 1.0) < 1e-3) ||
+      !is_covariance(sensor.covariance)) {
+    return base::failure(file.string() + ": is no beam: the direction has no unit length, covariance is none, or a "
+                                         "number is invalid");
   }
   sensor.direction.normalize();
   return {};
@@ -85,18 +93,12 @@ base::Result<void> read_curve(const std::filesystem::path &file, RangeSensorMode
     return base::failure(file.string() + ": is the curve of a voltage: it belongs to the driver (curve.scale_mm, "
                                          "curve.exponent); here the readings are the driver's distances");
   }
-  if (!(curve.scale_mm > 0.0) || !curve.covariance.allFinite() || !(curve.rms_mm >= 0.0)) {
-    return base::failure(file.string() + ": is no curve: scale_mm must be above 0, rms_mm not below");
+  if (!(curve.scale_mm > 0.0) || !is_covariance(curve.covariance) || !(curve.rms_mm >= 0.0)) {
+    return base::failure(file.string() + ": is no curve: scale_mm must be above 0, rms_mm not below, and covariance a "
+                                         "covariance");
   }
   sensor.curve = curve;
   return {};
-}
-
-bool is_covariance(const Eigen::MatrixXd &matrix) {
-  constexpr double kRounding = 1e-9; // of the largest entry
-  const double largest = matrix.cwiseAbs().maxCoeff();
-  return matrix.allFinite() && (matrix - matrix.transpose()).cwiseAbs().maxCoeff() <= kRounding * largest &&
-         Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(matrix).eigenvalues().minCoeff() >= -kRounding * largest;
 }
 
 template <class Target, class Source>

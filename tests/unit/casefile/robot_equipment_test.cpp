@@ -16,31 +16,33 @@ constexpr const char *kSensor = "[[sensors]]\nname = \"Range\"\nbeam = \"beam.js
 class RobotEquipmentFile : public testing::Test {
 protected:
   void write(const std::string &name, const std::string &text) const { std::ofstream(folder_.path() / name) << text; }
-  void write_beam(const std::string &accepted, const std::string &direction) const {
-    std::string rows;
-    for (int i = 0; i < 6; ++i) {
-      rows += std::string(i > 0 ? ", " : "") + "[0.01, 0, 0, 0, 0, 0]";
+  // A matrix with this text on the diagonal.
+  static std::string diagonal(int size, const std::string &variance) {
+    std::string out;
+    for (int row = 0; row < size; ++row) {
+      out += row > 0 ? ", [" : "[";
+      for (int column = 0; column < size; ++column) {
+        out += std::string(column > 0 ? ", " : "") + (row == column ? variance : "0");
+      }
+      out += "]";
     }
+    return out;
+  }
+  void write_beam(const std::string &accepted, const std::string &direction) const {
+    const std::string rows = diagonal(6, "0.01");
     write("beam.json", "{\"accepted\": " + accepted +
                            ", \"text\": \"refused: a fixed orientation\", \"origin_mm\": "
                            "[12, -8, 60], \"direction\": " +
                            direction + ", \"covariance\": [" + rows + "]}");
   }
-  void write_curve(double exponent) const {
+  void write_curve(double exponent, const std::string &covariance = "[0.0001, 0], [0, 0.0001]") const {
     write("curve.json",
           "{\"accepted\": true, \"text\": \"accepted\", \"rms_mm\": 0.7, \"scale_mm\": 1.1, \"exponent\": " +
-              std::to_string(exponent) + ", \"covariance\": [[0.0001, 0], [0, 0.0001]]}");
+              std::to_string(exponent) + ", \"covariance\": [" + covariance + "]}");
   }
   // turn: the first entry of Y, 1 for a rotation. variance: on the diagonal.
   void write_hand_eye(const std::string &turn, const std::string &variance) const {
-    std::string joint;
-    for (int row = 0; row < 12; ++row) {
-      joint += row > 0 ? ", [" : "[";
-      for (int column = 0; column < 12; ++column) {
-        joint += std::string(column > 0 ? ", " : "") + (row == column ? variance : "0");
-      }
-      joint += "]";
-    }
+    const std::string joint = diagonal(12, variance);
     const std::string rest = ", 0, 0, 10], [0, 1, 0, 20], [0, 0, 1, 30], [0, 0, 0, 1]]";
     write("hand_eye.json", R"({"accepted": true, "text": "accepted", "X": [[1)" + rest + R"(, "Y": [[)" + turn + rest +
                                R"(, "covariance_joint": [)" + joint + "]}");
@@ -68,7 +70,7 @@ TEST_F(RobotEquipmentFile, ReadsTheCalibrationsOfASensor) {
   EXPECT_EQ(sensor.name, "Range");
   EXPECT_EQ(sensor.origin_mm, Eigen::Vector3d(12, -8, 60));
   EXPECT_EQ(sensor.direction, Eigen::Vector3d::UnitZ());
-  EXPECT_EQ(sensor.covariance(3, 0), 0.01);
+  EXPECT_EQ(sensor.covariance(3, 3), 0.01);
   ASSERT_TRUE(sensor.curve);
   EXPECT_EQ(sensor.curve->exponent, 0.98);
   EXPECT_EQ(sensor.curve->rms_mm, 0.7);
@@ -106,6 +108,8 @@ TEST_F(RobotEquipmentFile, RefusesCalibrationsThatWereRefusedOrAreOthers) {
   write_curve(-1.19);
   EXPECT_NE(error(std::string(kTool) + kSensor).find("is the curve of a voltage: it belongs to the driver"),
             std::string::npos);
+  write_curve(1.0, "[0.0001, 0], [1, 8]"); // found by fuzzing
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("and covariance a covariance"), std::string::npos);
   write_curve(1.0);
   EXPECT_NE(error(std::string(kTool) + kSensor + "near_mm = 900\nfar_mm = 300\n").find("must be below far_mm"),
             std::string::npos);
