@@ -48,7 +48,8 @@ constexpr auto kPause = 300ms; // between two transfers
 constexpr int kRounds = 20;    // transfers per fault: about 1,000 states during them
 constexpr double kMaxSeconds = 3.0;
 constexpr double kMaxRatio = 1.2; // of the states' p99 during transfers to that without
-// By which both differ on a machine with other work, a slice of its scheduler; alone both are 0.25 ms (docs/display.md).
+// By which both differ on a machine with other work, a slice of its scheduler; alone both are 0.25 ms
+// (docs/display.md).
 constexpr double kBusy_ms = 4.0;
 
 void configure() {
