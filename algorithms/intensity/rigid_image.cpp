@@ -409,7 +409,7 @@ RigidImageResult RigidSearch::run() {
     out.affine = affine.T_floating_reference.inverse();
     out.similarity = affine.value;
   }
-  judge(out, centre_mm_, options_.affine);
+  judge(out, centre_mm_, options_);
   out.evaluations = evaluations_;
   return out;
 }

@@ -55,6 +55,11 @@ std::size_t grey_values(const Volume &image, std::size_t enough) {
   return known.size();
 }
 
+// Of T2 or CT onto T1, by `bench intensity --only measures` (docs/images.md).
+bool finds_wrong_poses(Measure measure) {
+  return measure == Measure::kQMi || measure == Measure::kRmi || measure == Measure::kCmi;
+}
+
 } // namespace
 
 std::string obstacle(const Volume &image, std::string_view name) {
@@ -76,7 +81,7 @@ std::string obstacle(const Volume &image, std::string_view name) {
   return {};
 }
 
-void judge(RigidImageResult &out, const Vector3d &centre_mm, bool affine) {
+void judge(RigidImageResult &out, const Vector3d &centre_mm, const RigidImageOptions &options) {
   const auto say = [&](ImageVerdict verdict, std::string reason) {
     out.verdict = verdict;
     out.reason = std::move(reason);
@@ -100,7 +105,7 @@ void judge(RigidImageResult &out, const Vector3d &centre_mm, bool affine) {
     say(ImageVerdict::kAmbiguous, "its mirror image explains the other image better (by " +
                                       number(-out.mirror_lead, 2) +
                                       "): are left and right exchanged in one of the two, by a header or an export?");
-  } else if (!affine && std::abs(out.stretch) > kMaxStretch && out.stretch_gain > kMinStretchGain) {
+  } else if (!options.affine && std::abs(out.stretch) > kMaxStretch && out.stretch_gain > kMinStretchGain) {
     say(ImageVerdict::kAmbiguous, "the head of the floating image is " + number(100.0 * std::abs(out.stretch), 0) +
                                       " % " + (out.stretch > 0.0 ? "larger" : "smaller") + " along " +
                                       direction_text(out.stretch_axis) +
@@ -111,6 +116,9 @@ void judge(RigidImageResult &out, const Vector3d &centre_mm, bool affine) {
   } else if (!(predicted <= kMaxError_mm)) {
     say(ImageVerdict::kAmbiguous, "the predicted error of " + number(predicted, 1) + " mm rms at " +
                                       number(kArm_mm, 0) + " mm from the centre is too large: a direction is free");
+  } else if (finds_wrong_poses(options.measure)) {
+    say(ImageVerdict::kAmbiguous, "this measure has found wrong poses of heads: it is there for comparison; register "
+                                  "with another one");
   } else {
     say(ImageVerdict::kFound, {});
   }

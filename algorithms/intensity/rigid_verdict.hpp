@@ -18,8 +18,8 @@ inline constexpr double kMinReturned = 0.6;
 // Why an image cannot be registered, as a sentence that calls it `name`; empty: it may be.
 [[nodiscard]] std::string obstacle(const Volume &image, std::string_view name);
 
-// Sets verdict and reason from the other members. centre_mm: of the reference; affine: the size was free, and is not
-// judged.
-void judge(RigidImageResult &result, const Eigen::Vector3d &centre_mm, bool affine);
+// Sets verdict and reason from the other members. centre_mm: of the reference. With options.affine the size was free,
+// and is not judged. A measure that was measured to find wrong poses is never found.
+void judge(RigidImageResult &result, const Eigen::Vector3d &centre_mm, const RigidImageOptions &options);
 
 } // namespace bregma::intensity

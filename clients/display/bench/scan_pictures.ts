@@ -36,6 +36,7 @@ try {
       await page.screenshot({ path: `${folder}/${name}.png` });
       if (wanted(await scene())) return;
     }
+    throw new Error(`${name}: the page did not stay so while the picture was taken`);
   };
   await page.getByRole("tab", { name: "Register" }).click();
   await picture("scan_unplaced", (s) => s.unplaced >= 25);

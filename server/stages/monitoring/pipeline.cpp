@@ -238,7 +238,10 @@ void MonitoringPipeline::watch_loss(const wire::DeviceHealth &device, std::int64
                        (robot == nullptr || (hand_eye != nullptr && name == hand_eye->tracker));
   const bool arm = robot != nullptr && device.kind == bregma_wire_DEVICE_ROBOT && name == robot->device;
   Sentence text;
-  text << name << (tracker || arm ? " is silent: no pose is shown" : " is silent");
+  text << name << " is silent";
+  if (tracker || arm) { // tracked tools are shown without the arm
+    text << (arm && hand_eye != nullptr ? ": no pose of its tools is shown" : ": no pose is shown");
+  }
   const bool lost = device.status == bregma_wire_DEVICE_LOST;
   // Each kind at every step: with another case the same device is of another one. A device counts as lost only after
   // its deadline, so half of the hysteresis is enough for a step of its clock.

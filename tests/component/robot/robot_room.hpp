@@ -26,6 +26,7 @@
 #include "drivers/sim/terminal/pseudo_terminal.hpp"
 #include "server/config.hpp"
 #include "server/wiring.hpp"
+#include "tests/component/robot/robot_case.hpp"
 #include "tests/support/memory_topics.hpp"
 #include "tests/support/tcp_device.hpp"
 #include "tests/support/temporary_folder.hpp"
@@ -33,34 +34,6 @@
 #include "tests/support/virtual_loops.hpp"
 
 namespace bregma::test {
-
-// A case with an arm: a head with a relief, which no motion maps onto itself, and the calibrations of tip, beam and
-// curve as `bregma calibrate` writes them, with errors of the size that they state.
-class RobotCase {
-public:
-  // beside_tracker: with a tracker beside the arm. Its hand-eye calibration is made from 20 measured poses.
-  explicit RobotCase(std::uint64_t seed, bool beside_tracker = false);
-  [[nodiscard]] const casefile::Case &loaded() const { return case_; }
-
-  // The truth behind the calibrations.
-  [[nodiscard]] const geometry::Vector3d &beam_origin_mm() const { return origin_mm_; }
-  [[nodiscard]] const geometry::Vector3d &beam_direction() const { return direction_; }
-  [[nodiscard]] const geometry::Vector3d &tip_mm() const { return tip_mm_; }
-  using T_BaseTracker = geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Tracker>;
-  using T_FlangeBody = geometry::Rigid3<geometry::frame::RobotFlange, geometry::frame::Tool>;
-  [[nodiscard]] const T_BaseTracker &T_base_tracker() const { return T_base_tracker_; }
-  [[nodiscard]] const T_FlangeBody &T_flange_body() const { return T_flange_body_; }
-
-private:
-  void write_equipment(std::uint64_t seed);
-  void write_hand_eye(std::uint64_t seed) const;
-
-  TemporaryFolder folder_;
-  casefile::Case case_;
-  geometry::Vector3d origin_mm_, direction_, tip_mm_;
-  T_BaseTracker T_base_tracker_;
-  T_FlangeBody T_flange_body_;
-};
 
 // RobotRoom::tamper of an arm that repeats the values of its first state, with numbers and times going on.
 [[nodiscard]] std::function<void(wire::RobotState &)> frozen_values();

@@ -2,10 +2,12 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <utility>
 
 #include <gtest/gtest.h>
 
 #include "algorithms/intensity/rigid_image.hpp"
+#include "algorithms/intensity/rigid_verdict.hpp"
 #include "tests/unit/algorithms/intensity/phantom.hpp"
 
 namespace bregma::intensity {
@@ -198,6 +200,24 @@ TEST(RigidImage, DoesNotFindWhatIsNotThere) {
   }
   const RigidImageResult of_ball = register_rigid(ball, ball, quick(), team);
   EXPECT_EQ(of_ball.verdict, ImageVerdict::kAmbiguous) << of_ball.lead << " " << of_ball.returned;
+}
+
+TEST(RigidImage, IsNotFoundByAMeasureThatFindsWrongPoses) {
+  RigidImageResult result;
+  result.overlap = result.mutual_information = result.lead = result.mirror_lead = 1.0;
+  result.returned = result.restarts = 8;
+  result.covariance.setIdentity();
+  result.covariance *= 1e-8;
+  for (const auto &[measure, verdict] : {std::pair(Measure::kNmi, ImageVerdict::kFound),
+                                         {Measure::kGiMi, ImageVerdict::kFound},
+                                         {Measure::kQMi, ImageVerdict::kAmbiguous},
+                                         {Measure::kRmi, ImageVerdict::kAmbiguous},
+                                         {Measure::kCmi, ImageVerdict::kAmbiguous}}) {
+    RigidImageOptions options;
+    options.measure = measure;
+    judge(result, Vector3d::Zero(), options);
+    EXPECT_EQ(result.verdict, verdict) << static_cast<int>(measure) << ": " << result.reason;
+  }
 }
 
 TEST(RigidImage, StopsWhenItsCallerWantsThat) {
