@@ -24,15 +24,20 @@ const browser = await launchBrowser();
 try {
   const page = await browser.newPage({ viewport: { width: 1440, height: 900 } });
   await page.goto(await chain.start());
-  const left = () => page.evaluate(() => bregma.scene?.followedTool?.shown.state.remaining_depth_mm ?? Number.NaN);
-  await until(left, (mm) => mm < 12 && mm > 0, "the probe near its target", 400_000);
+  // The depth is counted along the plan, also by a probe that lies beside the head.
+  const near = () =>
+    page.evaluate(() => {
+      const state = bregma.scene?.followedTool?.shown.state;
+      return !!state && state.lateral_deviation_mm < 3 && state.remaining_depth_mm > 0 && state.remaining_depth_mm < 12;
+    });
   // On a slow machine a pose can end while the picture is taken: then it is taken again.
-  const shown = () => page.evaluate(() => bregma.draws * (bregma.scene?.tools.length ? 1 : 0));
-  for (let attempt = 0; attempt < 50; ++attempt) {
-    const before = await shown();
+  let taken = false;
+  for (let attempt = 0; attempt < 50 && !taken; ++attempt) {
+    await until(near, (is) => is, "the probe near its target", 400_000);
     await page.screenshot({ path: output });
-    if (before > 0 && (await shown()) > 0) break;
+    taken = await near();
   }
+  if (!taken) throw new Error("the probe did not stay near its target while the picture was taken");
 } finally {
   await browser.close();
   await chain.stop();
