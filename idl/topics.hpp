@@ -108,6 +108,7 @@ inline constexpr Qos kCaseChunks{true, false, 64, 0, 0};
   X(RobotMotionState, kSensor)                                                                                         \
   X(RobotPath, kPaths)                                                                                                 \
   X(RobotDeadman, kDeadman)                                                                                            \
+  X(RobotPermit, kDeadman)                                                                                             \
   X(ImageSlice, kBulkIn)                                                                                               \
   X(SurfacePoints, kBulkIn)                                                                                            \
   X(NavigationState, kState)                                                                                           \

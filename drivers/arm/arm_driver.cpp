@@ -145,6 +145,7 @@ void ArmDriver::take_wire(driver::Io &io) {
   // What ends a motion comes before what continues it.
   io.take<wire::SystemHealth>([&](const wire::SystemHealth &sample) { control_->take(sample, now_ns); });
   io.take<wire::RegistrationState>([&](const wire::RegistrationState &sample) { control_->take(sample, now_ns); });
+  io.take<wire::RobotPermit>([&](const wire::RobotPermit &sample) { control_->take(sample, now_ns); });
   io.take<wire::RobotPath>([&](const wire::RobotPath &sample) { control_->take(sample, now_ns); });
   io.take<wire::Command>([&](const wire::Command &sample) { control_->take(sample, now_ns); });
   io.take<wire::RobotDeadman>([&](const wire::RobotDeadman &sample) { control_->take(sample, now_ns); });

@@ -21,8 +21,8 @@ namespace bregma::arm {
 class ArmDriver final : public driver::Device {
 public:
   using Writes = driver::Topics<wire::RobotState, wire::RobotMotionState, wire::CommandReply>;
-  using Reads =
-      driver::Topics<wire::Command, wire::RobotPath, wire::RobotDeadman, wire::SystemHealth, wire::RegistrationState>;
+  using Reads = driver::Topics<wire::Command, wire::RobotPath, wire::RobotPermit, wire::RobotDeadman,
+                               wire::SystemHealth, wire::RegistrationState>;
 
   void declare(base::ParameterSet &parameters) override;
   base::Result<void> prepare(const driver::Settings &settings) override;

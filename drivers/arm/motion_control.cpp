@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <iterator>
 #include <span>
 #include <utility>
@@ -68,6 +69,10 @@ std::string_view describe(wire::RobotStopCause cause) {
     return "stopped by a fault of the arm";
   case bregma_wire_STOP_DRIVER_ENDED:
     return "stopped: the driver ends";
+  case bregma_wire_STOP_PERMIT_LOST:
+    return "stopped: the daemon's permit has not been received for 150 ms";
+  case bregma_wire_STOP_PERMIT_WITHDRAWN:
+    return "stopped: the daemon no longer permits the motion";
   default:
     return "stopped";
   }
@@ -293,6 +298,34 @@ void MotionControl::send_path() {
   }
 }
 
+void MotionControl::take(const wire::RobotPermit &permit, std::int64_t now_ns) {
+  if (wire::view(permit.device) != device_ || !active() || !motion_->has_path || !motion_->path.needs_permit) {
+    return;
+  }
+  CommandedMotion &motion = *motion_;
+  if (!wire::is_terminated(permit.client) || wire::view(permit.client) != wire::view(motion.command.client) ||
+      permit.motion_id != motion.command.id || permit.run_id != motion.run_id ||
+      (motion.permit_ns != 0 && permit.frame <= motion.permit_frame)) {
+    ++refused_; // for another motion, of another daemon, or an old one
+    return;
+  }
+  if (!permit.permitted) {
+    const std::string text = "stopped: " + std::string(permit.text, strnlen(permit.text, sizeof permit.text));
+    if (phase_ == bregma_wire_MOTION_UNDER_WAY) {
+      stop(bregma_wire_STOP_PERMIT_WITHDRAWN, text);
+    } else {
+      drop(text);
+    }
+    return;
+  }
+  if (const auto cause = violated(now_ns); cause != bregma_wire_STOP_NONE) { // as for a deadman
+    stop(cause, describe(cause));
+    return;
+  }
+  motion.permit_frame = permit.frame;
+  motion.permit_ns = now_ns;
+}
+
 void MotionControl::take(const wire::RobotDeadman &deadman, std::int64_t now_ns) {
   if (wire::view(deadman.device) != device_ || !active()) {
     return;
@@ -320,7 +353,7 @@ void MotionControl::take(const wire::RobotDeadman &deadman, std::int64_t now_ns)
   }
   motion.deadman_frame = deadman.frame;
   motion.deadman_ns = now_ns;
-  if (motion.accepted) {
+  if (motion.accepted && permitted(now_ns)) {
     lines_ += line_of(ToArm(Alive{motion.number}));
     phase_ = bregma_wire_MOTION_UNDER_WAY;
     text_ = "moves";
@@ -343,6 +376,10 @@ void MotionControl::take(const wire::RegistrationState &registration, std::int64
 
 bool MotionControl::active() const {
   return phase_ == bregma_wire_MOTION_WAITS || phase_ == bregma_wire_MOTION_UNDER_WAY;
+}
+
+bool MotionControl::permitted(std::int64_t now_ns) const {
+  return !motion_->path.needs_permit || (motion_->permit_ns != 0 && now_ns - motion_->permit_ns <= options_.permit_ns);
 }
 
 bool MotionControl::verified() const {
@@ -371,6 +408,9 @@ wire::RobotStopCause MotionControl::violated(std::int64_t now_ns) const {
   if (phase_ == bregma_wire_MOTION_UNDER_WAY && now_ns - motion.deadman_ns > options_.deadman_ns) {
     return bregma_wire_STOP_DEADMAN_LOST;
   }
+  if (phase_ == bregma_wire_MOTION_UNDER_WAY && !permitted(now_ns)) {
+    return bregma_wire_STOP_PERMIT_LOST;
+  }
   return bregma_wire_STOP_NONE;
 }
 
@@ -390,8 +430,16 @@ void MotionControl::step(std::int64_t now_ns) {
   if (phase_ == bregma_wire_MOTION_WAITS && !motion_->has_path && waited_ns > options_.path_wait_ns) {
     drop("no path for this motion has been received");
   } else if (phase_ == bregma_wire_MOTION_WAITS && waited_ns > options_.start_wait_ns) {
-    drop(motion_->accepted ? "no deadman for this motion has been received" : "the arm does not answer");
+    drop(reason_to_give_up());
   }
+}
+
+std::string_view MotionControl::reason_to_give_up() const {
+  if (!motion_->accepted) {
+    return "the arm does not answer";
+  }
+  return motion_->deadman_ns == 0 ? "no deadman for this motion has been received"
+                                  : "no permit of the daemon for this motion has been received";
 }
 
 void MotionControl::stop(wire::RobotStopCause cause, std::string_view text) {
@@ -490,6 +538,7 @@ wire::RobotMotionState MotionControl::state(std::int64_t now_ns) const {
   out.simulated = arm_ && arm_->simulated;
   out.phase = phase_;
   out.cause = cause_;
+  out.takes_permits = true;
   out.deadman_age_ms = out.stop_distance_mm = wire::kUnknown;
   if (arm_state_) {
     out.is_homed = arm_state_->is_homed;

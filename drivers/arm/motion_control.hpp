@@ -8,7 +8,9 @@
 // - the arm is connected, enabled, and states that it is simulated;
 // - the daemon is heard, and is the same as at the start;
 // - for a motion that depends on the registration (always MOVE_TO_TRAJECTORY): the session is verified or navigating,
-//   and the accepted registration is the one that the path was made with.
+//   and the accepted registration is the one that the path was made with;
+// - for a path that needs it (beside a tracker): the daemon's RobotPermit for this motion arrives, with increasing
+//   numbers, at most 150 ms apart, and has not been withdrawn.
 //
 // Otherwise the arm stops, and the stop is latched with its cause until COMMAND_RESET_ROBOT. Stop and hold are taken
 // from every client, at every time.
@@ -29,6 +31,7 @@ namespace bregma::arm {
 
 struct MotionOptions {
   std::int64_t deadman_ns = kAlive_ns;
+  std::int64_t permit_ns = kAlive_ns;
   std::int64_t daemon_silence_ns = 1'500'000'000; // SystemHealth arrives twice per second
   std::int64_t path_wait_ns = 1'000'000'000;      // between a command and its path
   std::int64_t start_wait_ns = 2'000'000'000;     // until arm and deadman are there
@@ -49,6 +52,8 @@ struct CommandedMotion {
   std::int64_t began_ns = 0;
   std::int64_t deadman_ns = 0; // 0: none yet
   std::uint64_t deadman_frame = 0;
+  std::int64_t permit_ns = 0; // 0: none yet
+  std::uint64_t permit_frame = 0;
 };
 
 class MotionControl {
@@ -67,6 +72,7 @@ public:
   // The wire's side. Samples for other devices are ignored.
   void take(const wire::Command &command, std::int64_t now_ns);
   void take(const wire::RobotPath &path, std::int64_t now_ns);
+  void take(const wire::RobotPermit &permit, std::int64_t now_ns);
   void take(const wire::RobotDeadman &deadman, std::int64_t now_ns);
   void take(const wire::SystemHealth &health, std::int64_t now_ns);
   void take(const wire::RegistrationState &registration, std::int64_t now_ns);
@@ -94,6 +100,8 @@ private:
   // Starts the motion whose command and path are there.
   void send_path();
   void stop(wire::RobotStopCause cause, std::string_view text);
+  // Why a motion has not begun in time.
+  [[nodiscard]] std::string_view reason_to_give_up() const;
   // Ends a motion that the arm has not begun.
   void drop(std::string_view text);
   void hold(const wire::Command &command, std::string_view text);
@@ -105,7 +113,8 @@ private:
   [[nodiscard]] wire::RobotStopCause violated(std::int64_t now_ns) const;
   [[nodiscard]] bool verified() const;
   [[nodiscard]] bool daemon_heard(std::int64_t now_ns) const;
-  [[nodiscard]] bool active() const; // waits or under way
+  [[nodiscard]] bool active() const;                       // waits or under way
+  [[nodiscard]] bool permitted(std::int64_t now_ns) const; // by the daemon, or needs no permit
   std::uint32_t send(Order::Kind kind);
   void reply(const wire::Command &command, wire::CommandResult result, std::string_view text);
 

@@ -17,6 +17,7 @@ public:
   void take(std::string_view topic, const std::function<void(const void *)> &visit) final {
     give(topic, visit, commands);
     give(topic, visit, paths);
+    give(topic, visit, permits);
     give(topic, visit, deadmen);
     give(topic, visit, healths);
     give(topic, visit, registrations);
@@ -25,6 +26,7 @@ public:
 
   std::vector<wire::Command> commands;
   std::vector<wire::RobotPath> paths;
+  std::vector<wire::RobotPermit> permits;
   std::vector<wire::RobotDeadman> deadmen;
   std::vector<wire::SystemHealth> healths;
   std::vector<wire::RegistrationState> registrations;

@@ -115,6 +115,71 @@ TEST_F(Motion, ToATrajectoryEndsWithItsRegistration) {
       true);
 }
 
+TEST_F(Motion, BesideATrackerBeginsOnlyWithThePermit) {
+  const auto start = world.arm.stated_flange();
+  world.needs_permit = true;
+  ASSERT_EQ(world.move({beside(start, 0, 0, 60)}, true).result, bregma_wire_COMMAND_DONE);
+  world.permit_run = kRun + 1; // of another daemon
+  world.permits = true;
+  world.run(3'000 * kMs);
+  EXPECT_EQ(world.control.phase(), bregma_wire_MOTION_HELD);
+  EXPECT_STREQ(world.control.state(world.now).text, "no permit of the daemon for this motion has been received");
+  EXPECT_LT((world.flange() - start.translation()).norm(), 1e-6);
+  EXPECT_GT(world.control.refused(), 50U);
+  EXPECT_TRUE(world.control.state(world.now).takes_permits);
+}
+
+TEST_F(Motion, BesideATrackerRunsToItsEndWithDeadmanAndPermit) {
+  const auto goal = beside(world.arm.stated_flange(), 0, 0, 60);
+  world.needs_permit = world.permits = true;
+  ASSERT_EQ(world.move({goal}, true).result, bregma_wire_COMMAND_DONE);
+  world.run_to_rest();
+  EXPECT_EQ(world.control.phase(), bregma_wire_MOTION_DONE);
+  EXPECT_LT((world.flange() - goal.translation()).norm(), 1e-3);
+}
+
+TEST_F(Motion, EndsWithin150msOfTheLastPermit) {
+  world.needs_permit = world.permits = true;
+  expect_stop(
+      bregma_wire_STOP_PERMIT_LOST,
+      [&] {
+        world.permits = false;
+        const std::int64_t last_ns = world.next_permit - 20 * kMs;
+        while (world.control.phase() == bregma_wire_MOTION_UNDER_WAY) {
+          world.tick();
+        }
+        EXPECT_LE(world.now - last_ns, 150 * kMs + 2 * sim::SimulatedArm::kTick_ns);
+        world.send_permit(true); // does not revive it
+      },
+      true);
+}
+
+TEST_F(Motion, APermitThatRepeatsItsNumberRunsOut) {
+  world.needs_permit = world.permits = true;
+  expect_stop(
+      bregma_wire_STOP_PERMIT_LOST,
+      [&] {
+        world.permits = false;
+        for (int i = 0; i < 8; ++i) {
+          --world.permit_frame;
+          world.send_permit(true);
+          world.run(40 * kMs);
+        }
+      },
+      true);
+}
+
+TEST_F(Motion, EndsWithTheReasonWhenThePermitIsWithdrawn) {
+  world.needs_permit = world.permits = true;
+  expect_stop(
+      bregma_wire_STOP_PERMIT_WITHDRAWN,
+      [&] {
+        world.send_permit(false, "the patient has moved by 3.1 mm");
+        EXPECT_STREQ(world.control.state(world.now).text, "stopped: the patient has moved by 3.1 mm");
+      },
+      true);
+}
+
 TEST_F(Motion, EndsByTheEmergencyStop) {
   expect_stop(bregma_wire_STOP_EMERGENCY, [&] { world.arm.press_emergency(); });
   EXPECT_STREQ(world.reset().text, "the arm refuses: the emergency stop is pressed");

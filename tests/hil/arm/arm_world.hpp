@@ -100,6 +100,10 @@ public:
       next_deadman = now + 50 * kMs;
       send_deadman(held_motion, client, true);
     }
+    if (permits && now >= next_permit) {
+      next_permit = now + 20 * kMs;
+      send_permit(true);
+    }
     control.step(now);
     exchange();
     const std::string telemetry = arm.advance(now);
@@ -145,6 +149,18 @@ public:
     out.held = held;
     control.take(out, now);
   }
+  // For the motion that was commanded last.
+  void send_permit(bool permitted, const char *why = "") {
+    wire::RobotPermit out{};
+    (void)wire::set_name(out.device, "Robot");
+    (void)wire::set_name(out.client, client);
+    out.motion_id = id_;
+    out.run_id = permit_run.value_or(run_id);
+    out.frame = ++permit_frame;
+    out.permitted = permitted;
+    wire::set_text(out.text, why);
+    control.take(out, now);
+  }
   wire::CommandReply command(wire::CommandKind kind) {
     const wire::Command out = filled(kind, {"Robot"});
     control.take(out, now);
@@ -168,6 +184,7 @@ public:
     }
     path.run_id = run_id;
     path.needs_registration = to_trajectory;
+    path.needs_permit = needs_permit;
     path.accepted_revision = path_revision.value_or(revision);
     if (out.id % 2 == 0) { // in either order
       control.take(path, now);
@@ -194,6 +211,10 @@ public:
   std::uint64_t deadman_frame = 0;
   std::int64_t next_deadman = 0, next_health = 0;
   bool daemon_speaks = true;
+  bool needs_permit = false, permits = false; // paths need the daemon's permit; it sends them
+  std::uint64_t permit_frame = 0;
+  std::int64_t next_permit = 0;
+  std::optional<std::uint64_t> permit_run;
   std::uint64_t run_id = kRun, revision = 5;
   std::optional<std::uint64_t> path_revision;
   wire::SessionState session = bregma_wire_SESSION_VERIFIED;

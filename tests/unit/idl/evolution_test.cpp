@@ -285,8 +285,8 @@ TEST(WireVersion, IsAnnouncedAndReadBack) {
   for (const char *none : {"", "bregma.wire=", "bregma.wire=2", "bregma.wire=2.", "bregma.wire=x.1", "wire=2.0"}) {
     EXPECT_FALSE(wire::from_user_data(none)) << none;
   }
-  EXPECT_EQ(wire::version_from("2.5"), wire::kWireVersion);
-  EXPECT_FALSE(wire::version_from("2.5 "));
+  EXPECT_EQ(wire::version_from("2.6"), wire::kWireVersion);
+  EXPECT_FALSE(wire::version_from("2.6 "));
 }
 
 TEST(Peers, NameParticipantsOfAnotherGenerationWhileTheyArePresent) {
