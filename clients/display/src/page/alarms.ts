@@ -1,18 +1,18 @@
 // Alarms that are not cleared, the gravest first, with a tone that one click silences.
 import { AlarmState, Severity } from "../state/constants.ts";
 import type { RecordOf } from "../state/layout.ts";
-import type { PageContext, Part } from "./context.ts";
+import type { CaselessPart, StateContext } from "./context.ts";
 import { fill, h } from "./dom.ts";
 import { Tone } from "./tone.ts";
 
 const kWords: Readonly<Record<number, string>> = { 1: "info", 2: "warning", 3: "critical" };
 
-export class Alarms implements Part {
+export class Alarms implements CaselessPart {
   readonly element = h("aside", { class: "alarms", role: "alert" });
   readonly tone = new Tone();
   private heard = new Set<string>(); // alarms that were announced, with their counts
 
-  update({ store }: PageContext): void {
+  update({ store }: StateContext): void {
     const raised = store
       .all("alarm")
       .filter((a) => a.state !== AlarmState.CLEARED)

@@ -20,7 +20,7 @@ import { ViewState } from "../view/view_state.ts";
 import { Alarms } from "./alarms.ts";
 import { BrainPage } from "./brain_page.ts";
 import { CameraPage } from "./camera_page.ts";
-import type { Part } from "./context.ts";
+import type { CaselessPart, Part } from "./context.ts";
 import { CoverView } from "./cover_view.ts";
 import { h, setClass } from "./dom.ts";
 import { DrawTimes, drawTime } from "./draw_times.ts";
@@ -37,6 +37,11 @@ import { VerificationPage } from "./verification_page.ts";
 const kWatch_ms = 100;
 const kAsleep_ms = 1000; // by which the wall clock has left the page's timer: the computer slept
 const kRetryCase_ms = 2000;
+
+type Tab = { readonly name: string } & (
+  | { readonly needsCase: true; readonly part: Part }
+  | { readonly needsCase: false; readonly part: CaselessPart }
+);
 
 export class App {
   readonly store = new Store();
@@ -64,10 +69,12 @@ export class App {
   private readonly toolBar: ToolBar;
   private readonly menus: PanelMenus;
   private readonly coverView = new CoverView();
+  private readonly pictureCover = new CoverView(); // over the picture alone
   private readonly alarms = new Alarms();
   private readonly figures = new Figures();
   private readonly brain = new BrainPage(() => this.changed());
-  private readonly tabs: readonly [string, Part][];
+  private readonly tabs: readonly Tab[];
+  private readonly noCase = h("section", { class: "page" }, h("p", { class: "lead" }, "Shown with a case."));
   private tab = 0;
   private readonly side = h("div", { class: "side-panel" });
 
@@ -85,13 +92,13 @@ export class App {
     this.toolBar = new ToolBar(this.toolBarHost());
     this.menus = new PanelMenus(this.view, this.display, () => this.changed());
     this.tabs = [
-      ["Guide", this.figures],
-      ["Register", new RegistrationPage()],
-      ["Verify", new VerificationPage()],
-      ["Brain", this.brain],
-      ["Camera", new CameraPage()],
-      ["Scanner", new ScannerPage()],
-      ["System", new HealthPage(this.link, () => this.times.summary())],
+      { name: "Guide", needsCase: true, part: this.figures },
+      { name: "Register", needsCase: true, part: new RegistrationPage() },
+      { name: "Verify", needsCase: true, part: new VerificationPage() },
+      { name: "Brain", needsCase: true, part: this.brain },
+      { name: "Camera", needsCase: false, part: new CameraPage() },
+      { name: "Scanner", needsCase: false, part: new ScannerPage() },
+      { name: "System", needsCase: false, part: new HealthPage(this.link, () => this.times.summary()) },
     ];
     this.build(root);
     document.addEventListener("visibilitychange", () => this.visibilityChanged());
@@ -111,10 +118,10 @@ export class App {
   }
 
   private build(root: HTMLElement): void {
-    const buttons = this.tabs.map(([name], i) =>
+    const buttons = this.tabs.map(({ name }, i) =>
       h("button", { type: "button", role: "tab", click: () => this.select(i) }, name),
     );
-    const picture = h("main", { class: "main" }, this.toolBar.element, this.display.element);
+    const picture = h("main", { class: "main" }, this.toolBar.element, this.display.element, this.pictureCover.element);
     this.display.element.append(this.menus.element);
     const panel = h(
       "div",
@@ -129,12 +136,18 @@ export class App {
 
   private select(index: number): void {
     this.tab = index;
-    this.side.replaceChildren(this.tabs[index][1].element);
+    this.showTab();
     document.querySelectorAll(".tabs button").forEach((button, i) => {
       setClass(button as HTMLElement, "on", i === index);
     });
-    this.link.requestField(this.tabs[index][0] === "Brain");
+    this.link.requestField(this.tabs[index].name === "Brain");
     this.changed();
+  }
+
+  private showTab(): void {
+    const tab = this.tabs[this.tab];
+    const element = tab.needsCase && this.cover ? this.noCase : tab.part.element;
+    if (this.side.firstChild !== element) this.side.replaceChildren(element);
   }
 
   private take(frame: Frame, first: boolean): void {
@@ -237,7 +250,10 @@ export class App {
       caseLoaded: this.data !== null,
       failure: this.failure,
     });
-    this.coverView.show(this.cover);
+    const { cover } = this;
+    this.coverView.show(cover?.pictureOnly ? null : cover);
+    this.pictureCover.show(cover?.pictureOnly ? cover : null);
+    this.showTab();
     return this.cover !== null;
   }
 
@@ -249,11 +265,19 @@ export class App {
     if (covered || !this.data) {
       this.scene = null;
       this.display.blank();
+      if (this.cover?.pictureOnly) this.updateCaseless(this.link.clock.at(now));
       this.link.acknowledge();
       return;
     }
     this.drawStates(this.data, now);
     this.link.acknowledge();
+  }
+
+  private updateCaseless(gateway_ms: number): void {
+    const context = { store: this.store, data: null, gateway_ms };
+    const tab = this.tabs[this.tab];
+    if (!tab.needsCase) tab.part.update(context);
+    this.alarms.update(context);
   }
 
   private drawStates(data: CaseData, now: LocalTime): void {
@@ -271,7 +295,7 @@ export class App {
     this.showDeformed(data);
     this.display.draw({ view, scene, pending: this.interaction.pending, bare: this.bare });
     const context = { store, data, scene, view, gateway_ms };
-    this.tabs[this.tab][1].update(context);
+    this.tabs[this.tab].part.update(context);
     this.alarms.update(context);
     this.menus.update();
     this.finishDraw(gateway_ms, scene);
@@ -294,7 +318,7 @@ export class App {
     const mesh = data.meshes.find((m) => m.kind === "tissue")?.mesh;
     const field = this.store.field;
     const { colour } = this.brain;
-    if (this.tabs[this.tab][0] !== "Brain" || !mesh || !field || colour === "plain") {
+    if (this.tabs[this.tab].name !== "Brain" || !mesh || !field || colour === "plain") {
       this.display.setDeformed(null);
       return;
     }

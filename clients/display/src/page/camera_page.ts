@@ -6,7 +6,7 @@ import { type Mat3, multiply, negate, unit, type Vec3 } from "../geometry/vector
 import { ToolStatus } from "../state/constants.ts";
 import type { RecordOf } from "../state/layout.ts";
 import { figure, toolText } from "../state/text.ts";
-import type { PageContext, Part } from "./context.ts";
+import type { CaselessPart, StateContext } from "./context.ts";
 import { fill, h } from "./dom.ts";
 
 type Volume = Pick<
@@ -18,7 +18,7 @@ const kSize = 200;
 const kName_px = 13; // height of a name
 const kDepthMargin_mm = 50;
 
-export class CameraPage implements Part {
+export class CameraPage implements CaselessPart {
   private readonly above = plan();
   private readonly side = plan();
   private readonly tools = h("div");
@@ -37,7 +37,7 @@ export class CameraPage implements Part {
     this.size,
   );
 
-  update({ store, data }: PageContext): void {
+  update({ store, data }: StateContext): void {
     const tracked = store.all("tracked_tool");
     const trackers = store.all("device").filter((d) => d.volume_far_mm > 0);
     const volumeOf = (device: string) => trackers.find((d) => d.device === device) ?? null;
@@ -49,7 +49,7 @@ export class CameraPage implements Part {
     this.size.textContent = volumeText(shown);
     fill(this.tools, `${store.revision("tracked_tool")} ${store.revision("device")}`, () =>
       tracked.map((t) => {
-        const model = data.tools.find((m) => m.name === t.tool);
+        const model = data?.tools.find((m) => m.name === t.tool);
         return h(
           "div",
           { class: `camera-tool ${isSeen(t) ? "" : "bad"}` },

@@ -4,7 +4,7 @@ import { DeviceStatus } from "../state/constants.ts";
 import type { RecordOf } from "../state/layout.ts";
 import type { StateLink } from "../state/link.ts";
 import { deviceText, driverText, figure } from "../state/text.ts";
-import type { PageContext, Part } from "./context.ts";
+import type { CaselessPart, StateContext } from "./context.ts";
 import { fill, h, table } from "./dom.ts";
 
 export interface DrawTimes {
@@ -12,7 +12,7 @@ export interface DrawTimes {
   readonly p50_ms: number;
 }
 
-export class HealthPage implements Part {
+export class HealthPage implements CaselessPart {
   private readonly devices = h("div");
   private readonly loops = h("div");
   private readonly rows = h("dl", { class: "pairs" });
@@ -32,7 +32,7 @@ export class HealthPage implements Part {
     private readonly times: () => DrawTimes,
   ) {}
 
-  update({ store, gateway_ms }: PageContext): void {
+  update({ store, gateway_ms }: StateContext): void {
     const health = store.all("health")[0];
     const link = store.all("link")[0];
     const { rate_hz, p50_ms } = this.times();

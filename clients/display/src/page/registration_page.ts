@@ -68,13 +68,17 @@ export class RegistrationPage implements Part {
   }
 }
 
-// The next fiducial that was not touched, then the skin that was traced least.
+// The next fiducial that was not touched, then the skin with the fewest points. Where skin comes first, as from an arm
+// with a range sensor, no fiducial is asked for.
 function nextTouch({ store, data, scene }: PageContext): string {
   const touched = new Set(store.all("capture").map((c) => c.point));
-  const next = data.fiducials.find((f) => !touched.has(f.name) && !store.get("fiducial", f.name));
+  const isTouched = (f: { name: string }) => touched.has(f.name) || store.get("fiducial", f.name) !== null;
+  const skin = scene.captures.filter(isSurface);
+  const skinFirst = skin.length + scene.unplaced.length > 0 && !data.fiducials.some(isTouched);
+  const next = skinFirst ? undefined : data.fiducials.find((f) => !isTouched(f));
   if (next) return `Touch fiducial ${next.name}.`;
-  const region = leastCovered(coverageOf(scene.captures.filter(isSurface).map((c) => sub(c.position, centreOf(data)))));
-  return region ? `Trace the skin ${region}.` : "";
+  const region = leastCovered(coverageOf(skin.map((c) => sub(c.position, centreOf(data)))));
+  return region ? `The skin ${region} has the fewest points.` : "";
 }
 
 const skinKey = (scene: PageContext["scene"]): string =>

@@ -12,14 +12,14 @@ import {
   scannerValidityText,
   scannerVerdictText,
 } from "../state/text.ts";
-import type { PageContext, Part } from "./context.ts";
+import type { CaselessPart, StateContext } from "./context.ts";
 import { fill, h, setClass, setText, table } from "./dom.ts";
 
 type Scanner = RecordOf<"scanner">;
 type Coil = RecordOf<"scanner_coil">;
 type RobotTool = RecordOf<"robot_tool">;
 
-export class ScannerPage implements Part {
+export class ScannerPage implements CaselessPart {
   private readonly status = h("p", { class: "lead" });
   private readonly next = h("p", { class: "small" });
   private readonly validity = h("p", { class: "lead" });
@@ -43,7 +43,7 @@ export class ScannerPage implements Part {
     this.coils,
   );
 
-  update({ store, gateway_ms }: PageContext): void {
+  update({ store, gateway_ms }: StateContext): void {
     const scanner = store.all("scanner")[0];
     setText(this.status, scanner ? statusText(scanner) : "No scanner is known");
     setClass(this.status, "bad", scanner?.activity === ScannerActivity.FAILED);

@@ -25,6 +25,7 @@ export interface Cover {
   readonly title: string;
   readonly text: string;
   readonly fraction?: number; // of a case on its way
+  readonly pictureOnly?: boolean; // alarms and the pages that need no case stay: all but the case is heard
 }
 
 const seconds = (ms: number): string => `${(ms / 1000).toFixed(ms < 9950 ? 1 : 0)} s`;
@@ -69,16 +70,18 @@ function daemonCover(input: CoverInput): Cover | null {
 
 function caseCover(input: CoverInput): Cover | null {
   const record = input.caseRecord;
-  if (!record || record.state === CaseState.NONE) return { title: "No case", text: record?.text || "Load a case." };
+  if (!record || record.state === CaseState.NONE) {
+    return { title: "No case", text: record?.text || "Load a case.", pictureOnly: true };
+  }
+  const title = `Case ${record.id}`;
   if (record.state === CaseState.NO_SERVER)
-    return { title: `Case ${record.id}`, text: record.text || "No case server answers." };
-  if (record.state === CaseState.FAILED) return { title: `Case ${record.id} failed`, text: record.text };
+    return { title, text: record.text || "No case server answers.", pictureOnly: true };
+  if (record.state === CaseState.FAILED) return { title: `${title} failed`, text: record.text, pictureOnly: true };
   if (input.caseLoaded) return null;
   const arriving = record.state === CaseState.ON_ITS_WAY;
-  const title = `Case ${record.id}`;
   return arriving
-    ? { title, text: record.text || "On its way.", fraction: record.fraction }
-    : { title, text: "Loading the picture." };
+    ? { title, text: record.text || "On its way.", fraction: record.fraction, pictureOnly: true }
+    : { title, text: "Loading the picture.", pictureOnly: true };
 }
 
 function stateCover(input: CoverInput): Cover | null {

@@ -145,6 +145,31 @@ test("a daemon that the gateway calls silent", async () => {
   });
 });
 
+test("without a case the picture is covered; alarms and the pages that need no case stay", async () => {
+  open.gateway.set("alarm", { alarm: "disk_low", severity: 2, state: 1, text: "4 GB are left.", count: 1 });
+  open.gateway.case = { state: 0, hash: "", text: "Load a case." };
+  const says = async (tab: string, wanted: RegExp) => {
+    await open.page.getByRole("tab", { name: tab }).click();
+    await until(
+      () => textOf(open.page, ".side-panel"),
+      (text) => wanted.test(text),
+      `${tab} says ${wanted}`,
+    );
+  };
+  await untilCover(open.page, "No case");
+  await untilNoTool();
+  const alarms = await open.page.locator(".alarm").getByText("4 GB are left.").isVisible();
+  await says("System", /Daemontest/);
+  await says("Scanner", /No scanner is known/);
+  await says("Guide", /^Shown with a case\.$/);
+  await open.page.screenshot({ path: `${shots}/No_case.png` });
+  open.gateway.case = {};
+  await untilPicture(open.page);
+  await untilTool(open.page);
+  assert.ok(alarms);
+  await says("Guide", /mm/);
+});
+
 test("after a restart of the daemon the probe is shown as unverified", async () => {
   open.gateway.tool = (now) => ({ ...lasting(now), status: 2 });
   await until(

@@ -70,7 +70,9 @@ test("points that no registration places are shown beside the image, with the re
   assert.equal(await countColour(open.page, "overlay", kColours.unknown, kAxial), 0);
   await open.page.getByRole("tab", { name: "Register" }).click();
   await drawn(open.page);
-  assert.match(await textOf(open.page, "#registration-page"), /5 points in Reference: not registered to the image yet/);
+  const page = await textOf(open.page, "#registration-page");
+  assert.match(page, /5 points in Reference: not registered to the image yet/);
+  assert.doesNotMatch(page, /Touch fiducial/, "a scan needs none");
 });
 
 test("an estimate places them, coloured by their signed distance; it says that it is not accepted", async () => {

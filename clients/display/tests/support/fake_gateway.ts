@@ -28,6 +28,7 @@ export class FakeGateway {
   tool: (now_ms: number) => Partial<RecordOf<"tool">> = (now_ms) => insertion(now_ms);
   others = new Map<string, TestRecord>(); // further records of every frame, by a name of the test
   link: Partial<RecordOf<"link">> = {};
+  case: Partial<RecordOf<"case">> = {};
   paused = false; // sends nothing, as a stopped process; sockets remain open
   frozen = false; // sends frames, but the daemon's states are those of before: time stands still for it
   private readonly clients = new Set<Client>();
@@ -148,7 +149,7 @@ export class FakeGateway {
         host: "test",
         ...this.link,
       }),
-      record("case", { fraction: 1, state: 3, hash: kHash, id: "spheres" }),
+      record("case", { fraction: 1, state: 3, hash: kHash, id: "spheres", ...this.case }),
       record("session", { session: 6, time_ms: at, next: "Advance the probe to the target." }),
       record("tool", this.tool(at)),
       ...this.others.values(),
