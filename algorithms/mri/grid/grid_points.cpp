@@ -28,6 +28,7 @@ constexpr std::array kArms = {0.28, 0.36, 0.44};
 constexpr double kMinWeight = 0.35;  // of the largest number of crossings: slices that show a plane of bars
 constexpr double kBarContrast = 0.3; // of the image's contrast
 constexpr double kMinBars = 0.34;    // of the bars around a point that must be seen
+constexpr int kPasses = 3;           // that follow the bars as the crossings found before bend them
 constexpr double kNeighbour = 0.3;   // of a cell: how far a neighbour may lie from the lattice's step
 
 class Sampler {
@@ -181,8 +182,16 @@ struct Refined {
   double bars = 0.0;
 };
 
+// Where the bars through a crossing run: at t cells along bar b, offset from the crossing. Distortion bends them.
+struct BarPaths {
+  Matrix3d tangent;                      // mm per cell
+  Matrix3d curvature = Matrix3d::Zero(); // mm per cell squared
+  [[nodiscard]] Vector3d at(Index b, double t) const { return t * tangent.col(b) + 0.5 * t * t * curvature.col(b); }
+};
+
 // axes: directions of the bars. Each coordinate from the bars that run across it.
-Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, const GridOptions &options) {
+Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, const BarPaths &paths,
+               const GridOptions &options) {
   constexpr int kRounds = 3;
   double seen = 0.0;
   for (int round = 0; round < kRounds; ++round) {
@@ -196,7 +205,7 @@ Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, con
         }
         for (const double side : {1.0, -1.0}) {
           for (const double along : kArms) {
-            const Vector3d arm = point + side * along * options.cell_mm * axes.col(b);
+            const Vector3d arm = point + paths.at(b, side * along);
             if (const auto offset = bar_offset(sampler, arm, axes.col(a), options)) {
               offsets.push_back(*offset);
             }
@@ -213,6 +222,36 @@ Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, con
     point += move;
   }
   return {point, seen};
+}
+
+// The bars through a crossing by its neighbours on them: a parabola through three crossings, the chord to one. At a
+// face of the phantom the bars go to one side only, and a straight continuation of the lattice's mean direction would
+// shift the crossing by the distortion's slope times the arm, up to 1 mm.
+BarPaths paths_through(const std::vector<Refined> &points, const Vector3d &point, const Matrix3d &axes,
+                       double cell_mm) {
+  const auto neighbour = [&](const Vector3d &from, const Vector3d &step) -> const Vector3d * {
+    const auto found = std::find_if(points.begin(), points.end(), [&](const Refined &other) {
+      return (other.point - from - step).norm() < kNeighbour * cell_mm;
+    });
+    return found == points.end() ? nullptr : &found->point;
+  };
+  BarPaths out{cell_mm * axes};
+  for (Index b = 0; b < 3; ++b) {
+    const Vector3d step = cell_mm * axes.col(b);
+    const Vector3d *ahead = neighbour(point, step);
+    const Vector3d *behind = neighbour(point, -step);
+    if (ahead != nullptr && behind != nullptr) {
+      out.tangent.col(b) = 0.5 * (*ahead - *behind);
+      out.curvature.col(b) = *ahead + *behind - 2.0 * point;
+    } else if (ahead != nullptr || behind != nullptr) {
+      const double side = ahead != nullptr ? 1.0 : -1.0;
+      const Vector3d near = ahead != nullptr ? *ahead : *behind;
+      const Vector3d *far = neighbour(near, side * step);
+      out.curvature.col(b) = far != nullptr ? Vector3d(point - 2.0 * near + *far) : Vector3d(Vector3d::Zero());
+      out.tangent.col(b) = side * (near - point - 0.5 * out.curvature.col(b));
+    }
+  }
+  return out;
 }
 
 Matrix3d bar_axes(const Points3 &points, const Volume &image, double cell_mm) {
@@ -280,12 +319,13 @@ tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, cons
   out.planes = best.planes;
   out.chain_mm = as_points(best.points);
   const Matrix3d axes = bar_axes(as_points(best.points), image, options.cell_mm);
+  const BarPaths straight{options.cell_mm * axes};
   const Sampler sampler(image);
   std::vector<Refined> kept;
   std::vector<Vector3d> left_out;
   // False where no crossing is.
   const auto take = [&](const Vector3d &p) {
-    Refined r = refine(sampler, p, axes, options);
+    Refined r = refine(sampler, p, axes, straight, options);
     if (r.bars < kMinBars || (r.point - p).norm() > kSamePoint * options.cell_mm) {
       return false;
     }
@@ -320,6 +360,16 @@ tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, cons
     }
   }
   out.merged = doubled;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    const std::vector<Refined> before = kept;
+    for (Refined &r : kept) {
+      const Refined again =
+          refine(sampler, r.point, axes, paths_through(before, r.point, axes, options.cell_mm), options);
+      if ((again.point - r.point).norm() < kSamePoint * options.cell_mm) {
+        r = again;
+      }
+    }
+  }
   // A crossing has neighbours in at least two directions of the lattice.
   std::vector<Vector3d> points;
   for (const Refined &r : kept) {
