@@ -1,5 +1,5 @@
 // The page: receives states, and draws them while they may be drawn.
-import { type CaseData, loadCase } from "../state/case_data.ts";
+import { type CaseData, kNoCase, loadCase } from "../state/case_data.ts";
 import type { LocalTime } from "../state/clock.ts";
 import { kStep_ms } from "../state/clock.ts";
 import { CaseState } from "../state/constants.ts";
@@ -13,7 +13,7 @@ import { deformedSurface } from "../view/brain_surface.ts";
 import { Captures } from "../view/captures.ts";
 import { Display } from "../view/display.ts";
 import { type DragTool, Interaction } from "../view/interaction.ts";
-import { ScannerSlices } from "../view/scanner_slice.ts";
+import { type ScannerSlice, ScannerSlices } from "../view/scanner_slice.ts";
 import { type Scene, sceneOf } from "../view/scene.ts";
 import { TipTrace } from "../view/tip_trace.ts";
 import { ViewState } from "../view/view_state.ts";
@@ -46,6 +46,7 @@ type Tab = { readonly name: string } & (
 export class App {
   readonly store = new Store();
   readonly view = new ViewState();
+  private readonly scannerView = new ViewState(); // without a case
   readonly display = new Display(() => this.changed());
   readonly times = new DrawTimes();
   readonly link: StateLink;
@@ -64,6 +65,7 @@ export class App {
   private readonly captures = new Captures();
   private readonly trace = new TipTrace();
   private readonly slices = new ScannerSlices();
+  private slice: ScannerSlice | null = null;
   private readonly interaction: Interaction;
   private readonly topBar = new TopBar();
   private readonly toolBar: ToolBar;
@@ -101,6 +103,7 @@ export class App {
       { name: "System", needsCase: false, part: new HealthPage(this.link, () => this.times.summary()) },
     ];
     this.build(root);
+    this.display.setCase(kNoCase);
     document.addEventListener("visibilitychange", () => this.visibilityChanged());
     document.addEventListener("pointerdown", () => this.alarms.tone.unlock());
     document.addEventListener("keydown", () => this.alarms.tone.unlock());
@@ -146,7 +149,7 @@ export class App {
 
   private showTab(): void {
     const tab = this.tabs[this.tab];
-    const element = tab.needsCase && this.cover ? this.noCase : tab.part.element;
+    const element = tab.needsCase && (this.cover || !this.data) ? this.noCase : tab.part.element;
     if (this.side.firstChild !== element) this.side.replaceChildren(element);
   }
 
@@ -192,7 +195,7 @@ export class App {
     this.captures.setCase(data);
     this.trace.clear();
     try {
-      this.display.setCase(data);
+      this.display.setCase(data ?? kNoCase);
     } catch (error) {
       this.failure = `The image cannot be drawn: ${(error as Error).message}.`;
     }
@@ -248,6 +251,7 @@ export class App {
       linkWritten_ms: this.linkWritten_ms,
       caseRecord: this.store.all("case")[0] ?? null,
       caseLoaded: this.data !== null,
+      scannerSlice: this.slice !== null,
       failure: this.failure,
     });
     const { cover } = this;
@@ -261,16 +265,23 @@ export class App {
     ++this.draws;
     const now = localTime();
     this.toolBar.update(this.data);
-    const covered = this.showCover(now);
-    if (covered || !this.data) {
+    const gateway_ms = this.link.clock.at(now);
+    const wanted = this.data ? this.view.panels.some((panel) => panel.kind === "scanner") : this.hasScanner;
+    this.link.requestSlices(wanted);
+    this.slice = this.slices.update(this.store, gateway_ms);
+    if (this.showCover(now)) {
       this.scene = null;
       this.display.blank();
-      if (this.cover?.pictureOnly) this.updateCaseless(this.link.clock.at(now));
+      if (this.cover?.pictureOnly) this.updateCaseless(gateway_ms);
       this.link.acknowledge();
       return;
     }
-    this.drawStates(this.data, now);
+    this.drawStates(this.data ?? kNoCase, gateway_ms);
     this.link.acknowledge();
+  }
+
+  private get hasScanner(): boolean {
+    return this.store.all("scanner").length > 0;
   }
 
   private updateCaseless(gateway_ms: number): void {
@@ -280,13 +291,15 @@ export class App {
     this.alarms.update(context);
   }
 
-  private drawStates(data: CaseData, now: LocalTime): void {
-    const { store, view } = this;
-    const gateway_ms = this.link.clock.at(now);
+  private get shownView(): ViewState {
+    return this.data ? this.view : this.scannerView;
+  }
+
+  private drawStates(data: CaseData, gateway_ms: number): void {
+    const { store, slice, shownView: view } = this;
+    if (slice && !this.data) view.showScanner(slice.volume);
     const trace = view.trace ? this.trace.points(gateway_ms) : [];
     const captures = this.captures.update(store);
-    this.link.requestSlices(view.panels.some((panel) => panel.kind === "scanner"));
-    const slice = this.slices.update(store, gateway_ms);
     view.scannerPlane = slice?.plane ?? null;
     const scene = sceneOf({ data, store, gateway_ms, followedName: null, captures, trace, slice });
     this.scene = scene;
@@ -295,8 +308,10 @@ export class App {
     this.showDeformed(data);
     this.display.draw({ view, scene, pending: this.interaction.pending, bare: this.bare });
     const context = { store, data, scene, view, gateway_ms };
-    this.tabs[this.tab].part.update(context);
+    const tab = this.tabs[this.tab];
+    if (this.data || !tab.needsCase) tab.part.update(context);
     this.alarms.update(context);
+    this.menus.element.hidden = !this.data;
     this.menus.update();
     this.finishDraw(gateway_ms, scene);
   }
@@ -332,7 +347,9 @@ export class App {
   private interactionHost() {
     const app = this;
     return {
-      view: app.view,
+      get view() {
+        return app.shownView;
+      },
       get followed() {
         return app.scene?.followed ?? { line: null, trajectory: null };
       },
@@ -341,7 +358,7 @@ export class App {
         return full?.window ?? 1;
       },
       rectOf: (index: number) => app.display.rectOf(index),
-      penOf: (index: number) => (app.scene ? app.display.penOf(index, app.view, app.scene) : null),
+      penOf: (index: number) => (app.scene ? app.display.penOf(index, app.shownView, app.scene) : null),
       changed: () => app.changed(),
     };
   }

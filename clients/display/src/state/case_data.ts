@@ -75,6 +75,26 @@ export interface WindowPreset extends Window {
   readonly name: string;
 }
 
+// What is drawn while no case is loaded: nothing but what a scanner sends.
+export const kNoCase: CaseData = {
+  hash: "",
+  id: "",
+  side: "",
+  image: { size: [1, 1, 1], T_image_index: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0], voxels: new Uint8Array(1) },
+  presets: [{ name: "", window: 1, level: 0 }],
+  air: 0,
+  labels: null,
+  images: [],
+  meshes: [],
+  trajectories: [],
+  targets: [],
+  fiducials: [],
+  landmarks: [],
+  brain_landmarks: [],
+  tools: [],
+  limits: {},
+};
+
 interface StatedVolume {
   readonly url: string;
   readonly type: keyof typeof kArrays;

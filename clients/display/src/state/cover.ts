@@ -18,6 +18,7 @@ export interface CoverInput {
   readonly linkWritten_ms: number; // when the gateway wrote it
   readonly caseRecord: RecordOf<"case"> | null;
   readonly caseLoaded: boolean; // its image and surfaces are in the page
+  readonly scannerSlice: boolean; // a scanner's slice is in the page
   readonly failure: string; // of the page itself; empty: none
 }
 
@@ -31,8 +32,14 @@ export interface Cover {
 const seconds = (ms: number): string => `${(ms / 1000).toFixed(ms < 9950 ? 1 : 0)} s`;
 
 export function coverOf(input: CoverInput): Cover | null {
-  return pageCover(input) ?? gatewayCover(input) ?? daemonCover(input) ?? caseCover(input) ?? stateCover(input);
+  const cover = pageCover(input) ?? gatewayCover(input) ?? daemonCover(input);
+  if (cover) return cover;
+  // Without a case nothing navigates, and a slice is shown by itself, with its age.
+  if (input.scannerSlice && hasNoCase(input)) return null;
+  return caseCover(input) ?? stateCover(input);
 }
+
+const hasNoCase = ({ caseRecord }: CoverInput): boolean => !caseRecord || caseRecord.state === CaseState.NONE;
 
 function pageCover(input: CoverInput): Cover | null {
   if (input.contextLost) {
@@ -70,7 +77,7 @@ function daemonCover(input: CoverInput): Cover | null {
 
 function caseCover(input: CoverInput): Cover | null {
   const record = input.caseRecord;
-  if (!record || record.state === CaseState.NONE) {
+  if (!record || hasNoCase(input)) {
     return { title: "No case", text: record?.text || "Load a case.", pictureOnly: true };
   }
   const title = `Case ${record.id}`;

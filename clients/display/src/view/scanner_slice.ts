@@ -15,6 +15,7 @@ export interface ScannerSlice {
   readonly plane: Plane; // its centre is that of the slice; rows run to the right, columns downwards
   readonly registered: boolean; // positions are in Image
   readonly window: Window;
+  readonly age_ms: number; // since the daemon published it; NaN: not known
   readonly tip: SliceTip | null;
 }
 
@@ -30,9 +31,11 @@ const kLive = 1; // PoseStatus
 const kMaxTipAge_ms = 300;
 const kThin_mm = 1; // of a slice that does not state its thickness
 
+type StillSlice = Omit<ScannerSlice, "age_ms" | "tip">;
+
 export class ScannerSlices {
   private key = "";
-  private still: Omit<ScannerSlice, "tip"> | null = null;
+  private still: StillSlice | null = null;
 
   // The slice of the scanner that is listed first.
   update(store: Store, gateway_ms: number): ScannerSlice | null {
@@ -48,11 +51,11 @@ export class ScannerSlices {
       this.key = key;
       this.still = sliceOf(record, pixels);
     }
-    return { ...this.still, tip: tipOf(this.still, gateway_ms) };
+    return { ...this.still, age_ms: gateway_ms - record.published_ms, tip: tipOf(this.still, gateway_ms) };
   }
 }
 
-function sliceOf(record: RecordOf<"slice">, pixels: Uint16Array): Omit<ScannerSlice, "tip"> {
+function sliceOf(record: RecordOf<"slice">, pixels: Uint16Array): StillSlice {
   const R = record.image_rotation;
   const registered = [...R, ...record.image_translation_mm].every(Number.isFinite);
   const column = (c: number): Vec3 => [R[c], R[3 + c], R[6 + c]];
@@ -90,7 +93,7 @@ export function windowOf(pixels: Uint16Array): Window {
   return { window: Math.max(high - low, 1), level: (low + high) / 2 };
 }
 
-function tipOf({ record, plane, volume }: Omit<ScannerSlice, "tip">, gateway_ms: number): SliceTip | null {
+function tipOf({ record, plane, volume }: StillSlice, gateway_ms: number): SliceTip | null {
   const { tip_status, tip_pixel, tip_direction, tip_distance_mm, tip_error_95_mm, published_ms } = record;
   const age_ms = gateway_ms - published_ms;
   if (tip_status !== kLive || !(age_ms <= kMaxTipAge_ms)) return null;

@@ -68,7 +68,9 @@ function drawScanner(pen: Pen, { scene }: OverlayInput): void {
   drawScaleBar(pen);
 }
 
-// Which slice it is, whether it is corrected, and that it does not lie in the case's image.
+const kOldSlice_ms = 10_000;
+
+// Which slice it is, how old, whether it is corrected, and that it does not lie in the case's image.
 function drawSliceText(pen: Pen, { slice }: Scene): void {
   const { rect } = pen;
   const line = (row: number, text: string, colour: string) =>
@@ -78,7 +80,9 @@ function drawSliceText(pen: Pen, { slice }: Scene): void {
     return;
   }
   const { protocol, series, index, count, correction, max_shift_mm } = slice.record;
-  line(0, `${protocol} ${series}, slice ${index} of ${count}`, kColours.muted);
+  const old = !(slice.age_ms < kOldSlice_ms);
+  const age = Number.isFinite(slice.age_ms) ? `${figure(slice.age_ms / 1000, 0, "s")} old` : "of unknown age";
+  line(0, `${protocol} ${series}, slice ${index} of ${count}, ${age}`, old ? kColours.unverified : kColours.muted);
   const corrected = correction === kCorrected2d || correction === kCorrected3d;
   if (corrected) line(1, `distortion corrected, up to ${figure(max_shift_mm, 1, "mm")}`, kColours.muted);
   else line(1, "DISTORTION NOT CORRECTED", kColours.unverified);

@@ -18,7 +18,7 @@ import {
   viewer,
 } from "../geometry/planes.ts";
 import { add, along, scale, sub, type Vec3 } from "../geometry/vector.ts";
-import type { Window } from "../image/volume.ts";
+import type { Volume, Window } from "../image/volume.ts";
 import type { Camera } from "../render/camera.ts";
 import type { CaseData, Trajectory } from "../state/case_data.ts";
 import type { Layout, Rect } from "./layout.ts";
@@ -102,6 +102,17 @@ export class ViewState {
     this.measurements = [];
     if (!data.images.some((image) => image.name === this.second)) this.second = "";
     this.lastLine = null;
+  }
+
+  // One panel with the scanner's slice, whole.
+  showScanner(volume: Volume): void {
+    const [columns, rows] = volume.size;
+    const T = volume.T_image_index;
+    const side = (c: number) => volume.size[c] * Math.hypot(T[c], T[4 + c], T[8 + c]);
+    this.extent_mm = columns * rows > 0 ? Math.max(side(0), side(1)) : this.extent_mm;
+    this.layout = "one";
+    this.big = 0;
+    if (this.panels[0].kind !== "scanner") this.panels[0] = { kind: "scanner", zoom: 1, pan_mm: [0, 0] };
   }
 
   setConvention(convention: Convention): void {

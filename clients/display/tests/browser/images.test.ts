@@ -5,7 +5,17 @@ import type { App } from "../../src/page/app.ts";
 import { kColours } from "../../src/view/colours.ts";
 import { insertion } from "../support/fake_gateway.ts";
 import { record, type TestRecord } from "../support/frames.ts";
-import { countColour, drawn, type OpenPage, openPage, textOf, until, untilTool } from "../support/page_probe.ts";
+import {
+  countColour,
+  drawn,
+  type OpenPage,
+  openPage,
+  textOf,
+  until,
+  untilCover,
+  untilPicture,
+  untilTool,
+} from "../support/page_probe.ts";
 
 declare const bregma: App; // in the page
 
@@ -177,6 +187,30 @@ test("a slice of a scanner that is not registered is shown alone, with the robot
   await drawn(open.page);
   assert.equal(await countColour(open.page, "overlay", kColours.live, kSagittal), 0);
   open.gateway.others.delete("slice");
+});
+
+test("without a case the slice is shown by itself, in one panel", async () => {
+  const { gateway, page } = open;
+  gateway.case = { state: 0, hash: "", text: "Load a case." };
+  gateway.others.set("scanner", record("scanner", { device: "MR" }));
+  gateway.others.set("slice", slice({ number: 6 }, gateway.now_ms() - 12_000));
+  await until(
+    () => page.evaluate(() => [bregma.cover?.title ?? "", bregma.scene?.slice?.record.number ?? 0] as const),
+    ([cover, number]) => cover === "" && number === 6,
+    "the slice",
+  );
+  await drawn(page);
+  const rects = await page.evaluate(() => [0, 1, 2, 3].map((i) => bregma.display.rectOf(i)));
+  assert.ok(rects[0] !== null && rects.slice(1).every((rect) => rect === null));
+  assert.ok((await countColour(page, "picture", "#ffffff", 0)) > 10_000);
+  assert.ok((await countColour(page, "overlay", kColours.unverified, 0)) > 50, "12 s old, not registered");
+  gateway.others.set("slice", record("slice", { device: "MR" }, true));
+  gateway.others.set("scanner", record("scanner", { device: "MR" }, true));
+  await untilCover(page, "No case");
+  gateway.others.delete("slice");
+  gateway.others.delete("scanner");
+  gateway.case = {};
+  await untilPicture(page);
 });
 
 test("the page of the scanner shows the step, the validity and the coils", async () => {

@@ -16,6 +16,7 @@ const good: CoverInput = {
   linkWritten_ms: 100_000,
   caseRecord: { state: 3, id: "colin27", fraction: 1, text: "" } as RecordOf<"case">,
   caseLoaded: true,
+  scannerSlice: false,
   failure: "",
 };
 const link = (change: Partial<RecordOf<"link">>) => ({ link: { ...good.link, ...change } as RecordOf<"link"> });
@@ -55,6 +56,13 @@ const cases: [string, Partial<CoverInput>, RegExp][] = [
 for (const [name, change, text] of cases) {
   test(`${name} covers the picture and is named`, () => assert.match(coverOf({ ...good, ...change })!.text, text));
 }
+
+test("a scanner's slice is shown without a case, but not while one is on its way or the daemon is silent", () => {
+  const alone = { ...good, ...link({ last_state_ms: Number.NaN }), caseLoaded: false, scannerSlice: true };
+  assert.equal(coverOf({ ...alone, ...caseRecord({ state: 0 }) }), null);
+  assert.match(coverOf({ ...alone, ...caseRecord({ state: 2 }) })!.text, /On its way/);
+  assert.match(coverOf({ ...good, ...link({ presence: 1 }), ...caseRecord({ state: 0 }) })!.text, /Nothing heard/);
+});
 
 test("a case on its way states its progress", () => {
   assert.equal(coverOf({ ...good, ...caseRecord({ state: 2, fraction: 0.4 }), caseLoaded: false })!.fraction, 0.4);
