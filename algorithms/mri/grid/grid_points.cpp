@@ -7,6 +7,7 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
+#include <Eigen/QR>
 
 #include "algorithms/mri/grid/slice_crossings.hpp"
 #include "algorithms/mri/lattice.hpp"
@@ -224,34 +225,39 @@ Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, con
   return {point, seen};
 }
 
-// The bars through a crossing by its neighbours on them: a parabola through three crossings, the chord to one. At a
-// face of the phantom the bars go to one side only, and a straight continuation of the lattice's mean direction would
-// shift the crossing by the distortion's slope times the arm, up to 1 mm.
+// The bars through a crossing as the crossings around it bend them: a surface of second degree through all within two
+// cells, of which the noise of each is a small part. At a face of the phantom the bars go to one side only, and a
+// straight continuation of the lattice's mean direction would shift the crossing by the distortion's slope times the
+// arm, up to 1 mm.
 BarPaths paths_through(const std::vector<Refined> &points, const Vector3d &point, const Matrix3d &axes,
                        double cell_mm) {
-  const auto neighbour = [&](const Vector3d &from, const Vector3d &step) -> const Vector3d * {
-    const auto found = std::find_if(points.begin(), points.end(), [&](const Refined &other) {
-      return (other.point - from - step).norm() < kNeighbour * cell_mm;
-    });
-    return found == points.end() ? nullptr : &found->point;
-  };
-  BarPaths out{cell_mm * axes};
-  for (Index b = 0; b < 3; ++b) {
-    const Vector3d step = cell_mm * axes.col(b);
-    const Vector3d *ahead = neighbour(point, step);
-    const Vector3d *behind = neighbour(point, -step);
-    if (ahead != nullptr && behind != nullptr) {
-      out.tangent.col(b) = 0.5 * (*ahead - *behind);
-      out.curvature.col(b) = *ahead + *behind - 2.0 * point;
-    } else if (ahead != nullptr || behind != nullptr) {
-      const double side = ahead != nullptr ? 1.0 : -1.0;
-      const Vector3d near = ahead != nullptr ? *ahead : *behind;
-      const Vector3d *far = neighbour(near, side * step);
-      out.curvature.col(b) = far != nullptr ? Vector3d(point - 2.0 * near + *far) : Vector3d(Vector3d::Zero());
-      out.tangent.col(b) = side * (near - point - 0.5 * out.curvature.col(b));
+  constexpr double kReach = 2.0;                // cells, along each axis
+  constexpr double kWidth = 1.5;                // cells: standard deviation of the weights
+  constexpr Index kTerms = 10, kMinPoints = 18; // of a surface of second degree in three variables
+  Eigen::Matrix<double, Eigen::Dynamic, kTerms> A(static_cast<Index>(points.size()), kTerms);
+  Eigen::Matrix<double, Eigen::Dynamic, 3> B(A.rows(), 3);
+  Index rows = 0;
+  for (const Refined &other : points) {
+    const Vector3d cells = axes.transpose() * (other.point - point) / cell_mm;
+    const Vector3d u = cells.array().round();
+    if (u.cwiseAbs().maxCoeff() > kReach || (cells - u).norm() > kNeighbour) {
+      continue;
     }
+    const double weight = std::exp(-0.25 * u.squaredNorm() / (kWidth * kWidth));
+    A.row(rows) << 1.0, u.x(), u.y(), u.z(), 0.5 * u.x() * u.x(), 0.5 * u.y() * u.y(), 0.5 * u.z() * u.z(),
+        u.x() * u.y(), u.x() * u.z(), u.y() * u.z();
+    A.row(rows) *= weight;
+    B.row(rows++) = weight * (other.point - point).transpose();
   }
-  return out;
+  if (rows < kMinPoints) {
+    return {cell_mm * axes};
+  }
+  const Eigen::ColPivHouseholderQR<Eigen::Matrix<double, Eigen::Dynamic, kTerms>> qr(A.topRows(rows));
+  if (qr.rank() < kTerms) {
+    return {cell_mm * axes};
+  }
+  const Eigen::Matrix<double, kTerms, 3> terms = qr.solve(B.topRows(rows));
+  return {terms.middleRows<3>(1).transpose(), terms.middleRows<3>(4).transpose()};
 }
 
 Matrix3d bar_axes(const Points3 &points, const Volume &image, double cell_mm) {
