@@ -125,7 +125,7 @@ TEST(Beam, PointCovarianceCoversTheBeamsError) {
   const auto covariance = calibration::beam_point_covariance(result, readings[0], 0.5, 0.05);
   const Eigen::Vector3d along = readings[0].T_base_flange.rotation() * result.beam.direction;
   EXPECT_GT(along.dot(covariance * along), 0.25);
-  const auto error =
+  const Eigen::Vector3d error =
       calibration::beam_point(result.beam, readings[0]) - calibration::beam_point(scene.beam, readings[0]);
   EXPECT_LT(error.dot(covariance.ldlt().solve(error)), 16.0);
 }
