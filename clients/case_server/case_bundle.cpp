@@ -80,9 +80,25 @@ json tools(const Case &c) {
                    {"axis", vector(tool.axis)},
                    {"normal", vector(tool.normal)},
                    {"tip_mm", vector(tool.nominal_tip_mm)},
-                   {"markers_mm", std::move(markers)}});
+                   {"markers_mm", std::move(markers)},
+                   {"carried", c.carried_by_arm(tool.name)}});
   }
   return out;
+}
+
+// null: there is no tracker beside an arm.
+json hand_eye(const Case &c) {
+  if (c.hand_eye() == nullptr) {
+    return nullptr;
+  }
+  json T_base_tracker = json::array();
+  const Eigen::Matrix4d T = c.hand_eye()->T_base_tracker.pose.matrix();
+  for (int row = 0; row < 4; ++row) {
+    for (int column = 0; column < 4; ++column) {
+      T_base_tracker.push_back(T(row, column));
+    }
+  }
+  return {{"tracker", c.hand_eye()->tracker}, {"T_base_tracker", std::move(T_base_tracker)}};
 }
 
 // The patient's side of the planned targets, or of all targets without a trajectory. +x is right in RAS.
@@ -180,6 +196,7 @@ public:
              {"landmarks", points(c.landmarks)},
              {"brain_landmarks", points(c.brain_landmarks)},
              {"tools", tools(c)},
+             {"hand_eye", hand_eye(c)},
              {"limits", {{"max_check_mm", c.limits.max_check_mm}, {"max_target_tre_mm", c.limits.max_target_tre_mm}}}};
   }
 

@@ -34,6 +34,13 @@ export interface CaseTool {
   readonly normal: Vec3;
   readonly tip_mm: Vec3;
   readonly markers_mm: readonly Vec3[];
+  readonly carried?: boolean; // by an arm: its body is the flange
+}
+
+// A tracker beside an arm, in the arm's base.
+export interface CaseHandEye {
+  readonly tracker: string;
+  readonly T_base_tracker: readonly number[]; // 4 x 4, row by row
 }
 
 export interface CaseLabels {
@@ -68,6 +75,7 @@ export interface CaseData {
   readonly landmarks: readonly NamedPoint[];
   readonly brain_landmarks: readonly NamedPoint[];
   readonly tools: readonly CaseTool[];
+  readonly hand_eye?: CaseHandEye | null;
   readonly limits: Readonly<Record<string, number>>;
 }
 

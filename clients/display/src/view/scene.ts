@@ -1,10 +1,10 @@
 // What is drawn besides the image: from the states of the daemon, once per draw, the same for all panels.
 import type { Ellipsoid } from "../geometry/ellipsoid.ts";
-import { add, multiply, scale, sub, unit, type Vec3 } from "../geometry/vector.ts";
-import type { CaseData, Trajectory } from "../state/case_data.ts";
+import { add, inRigid, type Mat3, multiply, scale, sub, unit, type Vec3 } from "../geometry/vector.ts";
+import type { CaseData, CaseHandEye, Trajectory } from "../state/case_data.ts";
 import { CaptureKind, DeformationStatus, DeviceKind, kRobotBase } from "../state/constants.ts";
 import type { Store } from "../state/store.ts";
-import { type ShownTool, shownTool } from "../state/validity.ts";
+import { kMaxLiveAge_ms, type ShownTool, shownTool } from "../state/validity.ts";
 import type { PlacedCaptures } from "./captures.ts";
 import { kColours } from "./colours.ts";
 import type { ScannerSlice } from "./scanner_slice.ts";
@@ -43,7 +43,7 @@ export interface SceneCapture {
 export interface SceneArm {
   readonly tool: SceneTool;
   readonly flange: Vec3;
-  readonly base: Vec3 | null; // null: the registration is not that of the arm's base
+  readonly base: Vec3 | null; // null: not known
 }
 
 export interface Scene {
@@ -97,7 +97,7 @@ export function sceneOf(input: SceneInput): Scene {
     placedBy: input.captures.placedBy,
     unplaced: input.captures.unplaced,
     reference: data.tools.find((t) => t.role === "reference")?.name ?? "",
-    arms: tools.map((tool) => armOf(tool, data, store)).filter((arm) => arm !== null),
+    arms: tools.map((tool) => armOf(tool, data, store, gateway_ms)).filter((arm) => arm !== null),
     trace: input.trace,
     slice: input.slice,
   };
@@ -116,16 +116,42 @@ function sceneTool(shown: ShownTool, data: CaseData): SceneTool {
   };
 }
 
-// From the tool's pose and calibration alone: the arm's joints are not sent to displays.
-function armOf(tool: SceneTool, data: CaseData, store: Store): SceneArm | null {
+// From the tool's pose and calibration alone: the arm's joints are not sent to displays. Beside a tracker the tool that
+// the arm carries has a pose of the tracker's kind.
+function armOf(tool: SceneTool, data: CaseData, store: Store, gateway_ms: number): SceneArm | null {
   const calibration = data.tools.find((t) => t.name === tool.name);
-  if (tool.shown.state.source_kind !== DeviceKind.ROBOT || !calibration) return null;
+  if (!calibration) return null;
+  const alone = tool.shown.state.source_kind === DeviceKind.ROBOT;
+  const beside = data.hand_eye && calibration.carried && tool.shown.state.source === data.hand_eye.tracker;
+  if (!alone && !beside) return null;
   const flange = sub(tool.tip, multiply(tool.shown.rotation, calibration.tip_mm));
+  return { tool, flange, base: alone ? baseAlone(store) : baseBeside(data, store, gateway_ms) };
+}
+
+// Where the accepted registration is that of the base.
+function baseAlone(store: Store): Vec3 | null {
   const registration = store.get("registration", kRobotBase);
-  const base = registration?.accepted_translation_mm.every(Number.isFinite)
+  return registration?.accepted_translation_mm.every(Number.isFinite)
     ? (registration.accepted_translation_mm as unknown as Vec3)
     : null;
-  return { tool, flange, base };
+}
+
+// T_image_reference (T_tracker_reference)^-1 (T_base_tracker)^-1, applied to the base's origin, while the tracker sees
+// the reference: never by an older pose of it than one that may be shown.
+function baseBeside(data: CaseData, store: Store, gateway_ms: number): Vec3 | null {
+  const handEye = data.hand_eye as CaseHandEye;
+  const reference = data.tools.find((t) => t.role === "reference")?.name ?? "";
+  const registration = store.get("registration", reference);
+  const seen = store.get("tracked_tool", handEye.tracker, reference);
+  if (!registration || !seen || !(gateway_ms - seen.acquired_ms <= kMaxLiveAge_ms)) return null;
+  const [R, t] = [seen.rotation, seen.translation_mm];
+  const T_tracker_reference = [R[0], R[1], R[2], t[0], R[3], R[4], R[5], t[1], R[6], R[7], R[8], t[2]];
+  const inReference = inRigid(T_tracker_reference, inRigid(handEye.T_base_tracker, [0, 0, 0]));
+  const base = add(
+    multiply(registration.accepted_rotation as unknown as Mat3, inReference),
+    registration.accepted_translation_mm as unknown as Vec3,
+  );
+  return base.every(Number.isFinite) ? base : null;
 }
 
 // The viewer's choice, else the tool on a plan, else the first.

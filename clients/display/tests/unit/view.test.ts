@@ -11,6 +11,7 @@ import { decodeFrame } from "../../src/state/frame.ts";
 import type { RecordOf } from "../../src/state/layout.ts";
 import { Store } from "../../src/state/store.ts";
 import { figure } from "../../src/state/text.ts";
+import { kMaxLiveAge_ms } from "../../src/state/validity.ts";
 import { Captures } from "../../src/view/captures.ts";
 import { kColours } from "../../src/view/colours.ts";
 import { coverageOf, leastCovered } from "../../src/view/coverage.ts";
@@ -332,6 +333,68 @@ test("an arm that is not verified is drawn as such; its base only where the acce
     assert.equal(other.base, null);
     assert.deepEqual(other.flange, [-140, 20, 30]);
   }
+});
+
+// The same beside a tracker: the tracker is 1 m along x of the base, and turned by kTurn against it.
+const besideCase = {
+  ...robotCase,
+  tools: [
+    { ...robotCase.tools[0], name: "Reference" },
+    { ...robotCase.tools[1], carried: true },
+    { ...robotCase.tools[1], name: "Stylus", carried: false },
+  ],
+  hand_eye: { tracker: "Tracker", T_base_tracker: [0, -1, 0, 1000, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1] },
+} as unknown as CaseData;
+
+function besideScene(seen: Partial<RecordOf<"tracked_tool">> | null, tool: Partial<RecordOf<"tool">> = {}) {
+  const store = new Store();
+  const guide = {
+    ...liveTool(1000),
+    tool: "Guide",
+    trajectory: "",
+    source_kind: DeviceKind.TRACKER,
+    source: "Tracker",
+    rotation: [0, 0, 1, 1, 0, 0, 0, 1, 0],
+    tip_mm: [10, 20, 30],
+    ...tool,
+  };
+  const records: TestRecord[] = [record("tool", guide), registered({ ...accepted, reference: "Reference" })];
+  const reference = {
+    device: "Tracker",
+    tool: "Reference",
+    acquired_ms: 900,
+    rotation: [1, 0, 0, 0, 1, 0, 0, 0, 1],
+    translation_mm: [0, 500, 0],
+  };
+  if (seen) records.push(record("tracked_tool", { ...reference, ...seen }));
+  store.apply(decodeFrame(encodeFrame(1, 0, records)));
+  const captures = new Captures().update(store);
+  return sceneOf({ data: besideCase, store, gateway_ms: 1000, followedName: null, captures, trace: [], slice: null });
+}
+
+test("beside a tracker the arm is that of the tool it carries; its base follows the tracked reference", () => {
+  const { arms } = besideScene({});
+  assert.equal(arms.length, 1);
+  assert.deepEqual(arms[0].flange, [-140, 20, 30]);
+  // The base is at [0, 1000, 0] in the tracker, [0, 500, 0] in the reference.
+  const turned = [kTurn[1] * 500 + 100, kTurn[4] * 500, kTurn[7] * 500];
+  assert.ok(
+    arms[0].base?.every((x, i) => Math.abs(x - turned[i]) < 1e-9),
+    `${arms[0].base}`,
+  );
+  const moved = besideScene({ translation_mm: [0, 520, 0] }).arms[0].base;
+  assert.ok(Math.abs(Math.hypot(...turned.map((x, i) => x - (moved ?? kNone3)[i])) - 20) < 1e-9, `${moved}`);
+});
+
+test("beside a tracker no base by an old or hidden reference, no arm of a tracked tool or of another tracker", () => {
+  const hidden = { rotation: kNone9, translation_mm: kNone3 };
+  for (const seen of [null, hidden, { acquired_ms: 1000 - kMaxLiveAge_ms - 1 }, { device: "Other" }]) {
+    const { arms } = besideScene(seen);
+    assert.deepEqual([arms.length, arms[0].base], [1, null]);
+  }
+  assert.equal(besideScene({}, { tool: "Stylus" }).arms.length, 0);
+  assert.equal(besideScene({}, { source: "Other" }).arms.length, 0);
+  for (const status of [0, 3, 5, 7, 8]) assert.equal(besideScene({}, { status }).arms.length, 0, `status ${status}`);
 });
 
 test("the region that was traced least is asked for, until each has its part", () => {
