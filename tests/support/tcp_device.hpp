@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -44,6 +45,8 @@ public:
     pollfd waiting{listener_, POLLIN, 0};
     if (poll(&waiting, 1, static_cast<int>(timeout.count())) == 1) {
       connection_ = accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC);
+      const int on = 1; // as the devices do: small messages do not wait for the last one's acknowledgement
+      (void)setsockopt(connection_, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     }
     return connection_ >= 0;
   }
