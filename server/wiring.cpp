@@ -33,7 +33,7 @@ using Stages = StageTable< //
           &NavigationStage::references>,
     Reads<RobotToolStage, &SensorStage::robots, &ScannerStage::pose>,
     Reads<RobotMotionStage, &SessionStage::to_arm, &SessionStage::cases, &SensorStage::robots,
-          &NavigationStage::tracking, &RegistrationStage::estimate>,
+          &NavigationStage::tracking, &RegistrationStage::estimate, &NavigationStage::reference>,
     Reads<ScannerStage, &SessionStage::to_scanner, &RobotToolStage::tools>,
     Reads<RegistrationStage, &SessionStage::to_registration, &SessionStage::cases, &PoseSearchStage::answer>,
     Reads<PoseSearchStage, &SessionStage::cases, &RegistrationStage::search>,
@@ -44,7 +44,7 @@ using Stages = StageTable< //
           &SensorStage::force>,
     Reads<SessionStage, &NavigationStage::events, &MonitoringStage::conditions, &RegistrationStage::estimate,
           &ScannerStage::answers, &ScannerStage::conditions, &SurfaceScanStage::events, &SurfaceScanStage::conditions,
-          &RobotMotionStage::answers>,
+          &RobotMotionStage::answers, &RobotMotionStage::conditions>,
     Reads<EchoStage, &NavigationStage::probe>,
     Reads<HealthStage, &NavigationStage::devices, &SensorStage::devices, &ScannerStage::devices, &SessionStage::view,
           &NavigationStage::events, &MonitoringStage::conditions, &MonitoringStage::clock>>;
@@ -79,6 +79,7 @@ Wiring::Wiring(StageParameters &parameters, Topics &topics, Host &host) {
   const ToolPoseOptions arm{robot.flange_sigma_mm, robot.flange_sigma_deg * geometry::kRadiansPerDegree};
   parameters.of<NavigationParameters>().arm = arm;
   parameters.of<SurfaceScanParameters>().arm = arm;
+  parameters.of<RobotMotionParameters>().arm = arm;
   table_ = std::make_unique<Table>(parameters, topics, host);
   std::set<std::string_view> names;
   for (Stage *stage : table_->all()) {

@@ -53,6 +53,12 @@ struct RobotView {
   // mm/s.
   bool velocity_known = false;
   double velocity_per_s[6] = {};
+  // As its driver states in RobotMotionState.
+  std::int64_t motion_ns = 0; // when it was written; 0: never seen
+  bool takes_permits = false;
+  wire::RobotMotionPhase phase = bregma_wire_MOTION_UNKNOWN;
+  wire::Name motion_client{};
+  std::uint64_t motion_id = 0;
 };
 struct RobotsView {
   std::uint32_t count = 0;
@@ -87,6 +93,25 @@ struct ReferenceSample {
   double covariance[36] = {};
 };
 using ReferenceRing = runtime::SpscRing<ReferenceSample, 256>;
+
+// Of a tracker beside the arm (hand_eye_check.hpp).
+struct HandEyeView {
+  bool disagrees = false;
+  std::int64_t checked_ns = 0; // exposure of the last frame that was judged, to which the rest belongs; 0: none yet
+  double statistic = 0.0;
+  double distance_mm = 0.0;
+};
+
+// The tracked reference in the last frame, for a motion of an arm beside the tracker.
+struct ReferenceView {
+  bool visible = false;
+  bool trusted = false; // its data are plausible
+  std::int64_t acquired_ns = 0;
+  std::int64_t limit_ns = 0; // maximal age of a live pose
+  wire::Pose T_tracker_reference{};
+  double covariance[36] = {};
+  HandEyeView hand_eye;
+};
 
 // Every accepted sample of a range sensor.
 struct RangeReading {
@@ -124,10 +149,9 @@ using StageAnswers = runtime::SpscRing<StageAnswer, 64>;
 struct TrackingView {
   bool by_arm = false; // the case is navigated by an arm: the patient is not tracked
   bool reference_visible = false;
-  wire::Name tracker{};            // empty before its first frame
-  bool hand_eye_disagrees = false; // of a tracker beside the arm (hand_eye_check.hpp); the rest is of the last frame
-  double hand_eye_statistic = 0.0;
-  double hand_eye_mm = 0.0;
+  wire::Name tracker{};         // empty before its first frame
+  std::int64_t acquired_ns = 0; // of its last frame
+  HandEyeView hand_eye;
   BodyReport reference;
   std::uint32_t tool_count = 0;
   struct Tool {
@@ -135,6 +159,8 @@ struct TrackingView {
     wire::PoseStatus status = bregma_wire_POSE_UNKNOWN;
     bool planned = false;
     std::int64_t age_ns = 0;
+    wire::Pose T_image_tip{}; // NaN unless it is shown
+    double tre_95_mm = 0.0;
     BodyReport body;
   } tools[bregma_wire_MAX_TOOLS];
 };

@@ -21,17 +21,20 @@ constexpr double kArmAlarm_s = 1.0, kArmBack_s = 3.0;
 constexpr double kFilter_s = 0.3; // points of readings before the fault still come out of the sensor's filter
 constexpr double kRetry_s = 0.5;
 constexpr double kArmJump_mm = 30.0;
+const Vector3d kMoved_mm(8.0, -5.0, 6.0); // of an arm's base or a tracker
+constexpr double kUnchecked_s = 5.0;      // until the alarm says that nothing checks hand-eye
 
 class ArmRun {
 public:
   ArmRun(const Cell &cell, During session)
-      : cell_(cell), session_(session), case_(kArmPatientSeed), room_(case_, kArmPatientSeed), person_(case_, room_) {}
+      : cell_(cell), session_(session), case_(kArmPatientSeed, cell.subject == Subject::kBesideArm),
+        room_(case_, kArmPatientSeed), person_(case_, room_) {}
 
   Outcome execute() {
     const std::int64_t began_ns = room_.now();
     try {
       prepare();
-      cell_.subject == Subject::kArm ? meet_arm() : meet_sensor();
+      cell_.subject == Subject::kScanSensor ? meet_sensor() : meet_arm();
     } catch (const std::exception &error) {
       violate("not back", error.what());
     }
@@ -58,13 +61,21 @@ private:
     if (!on && cell_.content == Content::kOtherDriver) {
       ++room_.arm_writer;
     }
+    room_.hide_flange_body = on && cell_.content == Content::kHiddenFlangeBody;
+    room_.hide_reference = on && cell_.content == Content::kHiddenReference;
+    const Vector3d moved = on ? kMoved_mm : Vector3d(Vector3d::Zero());
+    if (cell_.content == Content::kPushedBase) {
+      room_.push_base(moved);
+    } else if (cell_.content == Content::kBumpedTracker) {
+      room_.bump_tracker(moved);
+    }
     room_.tamper = [](wire::RobotState &) {};
     if (on && cell_.content == Content::kJump) {
       room_.tamper = [](wire::RobotState &state) { state.T_base_flange.translation_mm[0] += kArmJump_mm; };
     } else if (on && cell_.content == Content::kOtherTool) {
       room_.tamper = [](wire::RobotState &state) { (void)wire::set_name(state.tool, "Drill"); };
     } else if (on && cell_.content == Content::kFrozen) {
-      room_.tamper = test::frozen_values();
+      room_.tamper = room_.frozen_values();
     }
   }
 
@@ -81,7 +92,8 @@ private:
     const std::uint64_t lost = room_.device("Robot")->lost;
     begin_ns_ = room_.now();
     set_fault(true);
-    watch(cell_.lasts_s, true);
+    // Where no pose needs to end each one shown must be true.
+    watch(cell_.lasts_s, cell_.expect.max_gap_ms == 0.0);
     set_fault(false);
     const std::int64_t end_ns = room_.now();
     const bool poses = session_ >= During::kRegistered;
@@ -225,7 +237,8 @@ private:
       }
     }
     const double within_ms =
-        1e3 * (kArmAlarm_s + (cell_.content == Content::kReplugged ? cell_.lasts_s + kFilter_s : 0.0));
+        1e3 * (kArmAlarm_s + (cell_.content == Content::kReplugged ? cell_.lasts_s + kFilter_s : 0.0) +
+               (cell_.content == Content::kHiddenFlangeBody ? kUnchecked_s : 0.0));
     if (!(figures_.alarm_ms >= 0.0 && figures_.alarm_ms <= within_ms)) {
       violate("no alarm", "within " + std::to_string(static_cast<int>(within_ms)) + " ms");
     }
@@ -253,11 +266,13 @@ private:
 
 } // namespace
 
-bool is_arm_cell(const Cell &cell) { return cell.subject == Subject::kArm || cell.subject == Subject::kScanSensor; }
+bool is_arm_cell(const Cell &cell) {
+  return cell.subject == Subject::kArm || cell.subject == Subject::kBesideArm || cell.subject == Subject::kScanSensor;
+}
 
 bool meets_arm(const Cell &cell, During session) {
-  return cell.subject == Subject::kArm ? session >= During::kRegistering && session <= During::kNavigating
-                                       : session == During::kRegistering || session == During::kNavigating;
+  return cell.subject != Subject::kScanSensor ? session >= During::kRegistering && session <= During::kNavigating
+                                              : session == During::kRegistering || session == During::kNavigating;
 }
 
 Outcome run_arm(const Cell &cell, During session) { return ArmRun(cell, session).execute(); }

@@ -3,8 +3,9 @@
 namespace bregma::faults {
 
 const char *name_of(Subject subject) {
-  static constexpr const char *kNames[] = {"nothing",     "tracker", "robot",  "force", "range", "arm",
-                                           "scan sensor", "client",  "daemon", "disk",  "clock", "network"};
+  static constexpr const char *kNames[] = {
+      "nothing",     "tracker", "robot",  "force", "range", "arm",    "arm beside tracker",
+      "scan sensor", "client",  "daemon", "disk",  "clock", "network"};
   return kNames[static_cast<std::size_t>(subject)];
 }
 

@@ -14,6 +14,7 @@ enum class Subject {
   kForce,
   kRange,
   kArm,
+  kBesideArm, // a tracker beside the arm, and what ties the two
   kScanSensor,
   kClient,
   kDaemon,
@@ -88,7 +89,12 @@ enum class Content {
   kOtherDriver, // silent, then another driver sends for it
   kUnplugged,   // the sensor's line, until the fault ends
   kReplugged,   // the same sensor, which counts anew
-  kSwapped      // another sensor
+  kSwapped,     // another sensor
+  // Of the tracker beside the arm:
+  kHiddenFlangeBody,
+  kHiddenReference,
+  kPushedBase, // of the arm, against patient and tracker
+  kBumpedTracker
 };
 
 // What happens to the daemon, its host or its disk.

@@ -138,6 +138,21 @@ void add_arm(std::vector<Cell> &out) {
   add(kRestarted, "another driver",
       {.lasts_s = 1.0, .content = Content::kOtherDriver, .expect = critical({"robot_lost Robot"})});
   out.back().expect.reverify = true;
+  const auto beside = adder(out, kBesideArm);
+  beside(kSilent, "the arm", {.lasts_s = 1.0, .link = {.cut = true}, .expect = critical({"robot_lost Robot"})});
+  beside(kFrozen, "the arm, numbers go on",
+         {.lasts_s = 1.0, .content = Content::kFrozen, .expect = implausible({"implausible Pointer"})});
+  beside(kSilent, "the reference is hidden",
+         {.lasts_s = 1.0,
+          .content = Content::kHiddenReference,
+          .expect = alarm({"reference_hidden Reference"}, During::kRegistered)});
+  beside(kJumping, "the arm's base is pushed",
+         {.lasts_s = 1.0, .content = Content::kPushedBase, .expect = critical({"hand_eye Tracker"})});
+  beside(kJumping, "the tracker is bumped against the arm",
+         {.lasts_s = 1.0, .content = Content::kBumpedTracker, .expect = critical({"hand_eye Tracker"})});
+  // The poses are true, and go on: nothing would notice if they were not.
+  beside(kSilent, "the body on the flange is hidden",
+         {.lasts_s = 7.0, .content = Content::kHiddenFlangeBody, .expect = noticed({"hand_eye_unchecked Tracker"})});
   const auto sensor = adder(out, kScanSensor);
   sensor(kSilent, "unplugged",
          {.lasts_s = 2.0, .content = Content::kUnplugged, .expect = alarm({"device_lost Range"})});

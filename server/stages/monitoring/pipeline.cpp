@@ -31,6 +31,10 @@ constexpr double kRateTolerance = 1.25;
 // An operation may last longer than this, and its recording must not end before it.
 constexpr double kRecordingHours = 1.0;
 
+// A body on the flange may be covered for a moment.
+constexpr std::int64_t kUnchecked_ns = 5'000'000'000;
+constexpr std::int64_t kTracked_ns = 1'000'000'000; // since the last frame: the tracker sends
+
 std::uint64_t rejected(const wire::DeviceHealth &device) noexcept {
   std::uint64_t sum = 0;
   for (const std::uint64_t count : device.rejected) {
@@ -67,10 +71,11 @@ void MonitoringPipeline::end_state(std::int64_t now_ns) noexcept {
 void MonitoringPipeline::on(const CaseChanged &change) noexcept {
   // Conditions about tools and reference of an earlier case are void.
   for (const char *kind : {alarm::kToolHidden, alarm::kLatency, alarm::kReferenceHidden, alarm::kDrift,
-                           alarm::kImplausible, alarm::kHandEye, alarm::kUnknownTool}) {
+                           alarm::kImplausible, alarm::kHandEye, alarm::kHandEyeUnchecked, alarm::kUnknownTool}) {
     alarms_.forget(kind, accuracy_.time_ns);
   }
   case_ = change.loaded;
+  tracked_since_ns_ = 0;
   accepted_.reset();
   accuracy_ = {};
   const casefile::ToolModel *reference = case_ != nullptr ? case_->data->reference() : nullptr;
@@ -185,6 +190,7 @@ void MonitoringPipeline::step(const MonitoringView &view, std::int64_t now_ns) n
   watch_tracking(view.tracking, now_ns);
   watch_plausibility(view.tracking, now_ns);
   watch_hand_eye(view.tracking, now_ns);
+  watch_hand_eye_checks(view.tracking, now_ns);
   watch_unknown(view, now_ns);
   watch_system(view, now_ns);
   watch_clock(view.wall_lead_ns, now_ns);
@@ -311,13 +317,40 @@ void MonitoringPipeline::watch_hand_eye(const TrackingView &tracking, std::int64
     (void)std::snprintf(text, sizeof text,
                         "%s is seen %.1f mm from where the arm carries it (statistic %.0f, limit %.0f): the tracker, "
                         "the arm's base or the body has moved; no tool of the arm is shown. Calibrate hand-eye anew",
-                        hand_eye->flange_body.c_str(), tracking.hand_eye_mm, tracking.hand_eye_statistic,
+                        hand_eye->flange_body.c_str(), tracking.hand_eye.distance_mm, tracking.hand_eye.statistic,
                         HandEyeCheck::kThreshold);
   }
   alarms_.update(
       {alarm::kHandEye, bregma_wire_SEVERITY_CRITICAL, SessionEffect::kNone, 0, ns_of_ms(parameters_.clear_after_ms)},
       hand_eye != nullptr ? std::string_view(hand_eye->tracker) : std::string_view(),
-      hand_eye != nullptr && tracking.hand_eye_disagrees, text, now_ns);
+      hand_eye != nullptr && tracking.hand_eye.disagrees, text, now_ns);
+}
+
+// Of a calibration that nothing checks nobody would know that the tracker was moved. Without frames of the tracker, or
+// without the arm, nothing of the arm's tools is shown, and another alarm says so.
+void MonitoringPipeline::watch_hand_eye_checks(const TrackingView &tracking, std::int64_t now_ns) noexcept {
+  const casefile::HandEyeModel *hand_eye = case_ != nullptr ? case_->data->hand_eye() : nullptr;
+  const bool tracked = hand_eye != nullptr && wire::view(tracking.tracker) == hand_eye->tracker &&
+                       now_ns - tracking.acquired_ns <= kTracked_ns;
+  if (!tracked) {
+    tracked_since_ns_ = 0;
+  } else if (tracked_since_ns_ == 0) {
+    tracked_since_ns_ = now_ns;
+  }
+  const bool watched = hand_eye != nullptr && !hand_eye->flange_body.empty();
+  const std::int64_t checked_ns = std::max(tracking.hand_eye.checked_ns, tracked_since_ns_);
+  Sentence text;
+  if (watched) {
+    text << "nothing checks hand-eye: " << hand_eye->flange_body << " on the flange is not seen by the tracker; that "
+         << "tracker or arm were moved is found by check touches only, and the guide is not moved";
+  } else if (hand_eye != nullptr) {
+    text << "nothing checks hand-eye: the case states no body on the flange (flange_body); that tracker or arm were "
+            "moved is found by check touches only, and the guide is not moved";
+  }
+  alarms_.update({alarm::kHandEyeUnchecked, bregma_wire_SEVERITY_WARNING, SessionEffect::kNone, 0,
+                  ns_of_ms(parameters_.clear_after_ms)},
+                 hand_eye != nullptr ? std::string_view(hand_eye->tracker) : std::string_view(),
+                 tracked && (!watched || now_ns - checked_ns > kUnchecked_ns), text.text, now_ns);
 }
 
 void MonitoringPipeline::watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept {

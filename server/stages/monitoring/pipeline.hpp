@@ -64,6 +64,7 @@ private:
   void watch_loss(const wire::DeviceHealth &device, std::int64_t now_ns) noexcept;
   void watch_tracking(const TrackingView &tracking, std::int64_t now_ns) noexcept;
   void watch_hand_eye(const TrackingView &tracking, std::int64_t now_ns) noexcept;
+  void watch_hand_eye_checks(const TrackingView &tracking, std::int64_t now_ns) noexcept;
   void watch_plausibility(const TrackingView &tracking, std::int64_t now_ns) noexcept;
   void watch_unknown(const MonitoringView &view, std::int64_t now_ns) noexcept;
   void watch_system(const MonitoringView &view, std::int64_t now_ns) noexcept;
@@ -82,6 +83,7 @@ private:
   std::uint32_t takeovers_seen_[bregma_wire_MAX_DEVICES] = {};
   std::uint64_t records_lost_seen_ = 0;
   std::uint64_t refusals_seen_[1 + bregma_wire_MAX_TOOLS] = {}; // of the reference, then of the tools
+  std::int64_t tracked_since_ns_ = 0; // a tracker beside an arm sends since then; 0: it does not
   ClockWatch clock_watch_;
   wire::AccuracyState accuracy_{};
 };

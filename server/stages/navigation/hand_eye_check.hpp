@@ -9,9 +9,11 @@
 // One thread. No allocation, no exceptions.
 #pragma once
 
+#include <cstdint>
 #include <limits>
 
 #include "casefile/robot_tools.hpp"
+#include "server/stages/views.hpp"
 
 namespace bregma::server {
 
@@ -24,7 +26,9 @@ public:
   void reset() noexcept { *this = HandEyeCheck{}; }
   void add(const casefile::HandEyeModel &model,
            const geometry::UncertainPose<geometry::frame::RobotBase, geometry::frame::RobotFlange> &T_base_flange,
-           const geometry::UncertainPose<geometry::frame::Tracker, geometry::frame::Tool> &T_tracker_body) noexcept {
+           const geometry::UncertainPose<geometry::frame::Tracker, geometry::frame::Tool> &T_tracker_body,
+           std::int64_t acquired_ns) noexcept {
+    view_.checked_ns = acquired_ns;
     const auto T_tracker_base = model.T_base_tracker.pose.inverse();
     const auto predicted = T_tracker_base * T_base_flange.pose * model.T_flange_body.pose;
     const auto apart = T_tracker_body.pose * predicted.inverse();
@@ -36,26 +40,23 @@ public:
     const geometry::Matrix6d covariance = J * model.joint * J.transpose() +
                                           of_base * T_base_flange.covariance * of_base.transpose() +
                                           T_tracker_body.covariance;
-    statistic_ = error.dot(covariance.ldlt().solve(error));
-    distance_mm_ = (T_tracker_body.pose.translation() - predicted.translation()).norm();
-    const bool agrees = statistic_ <= kThreshold; // not: NaN
+    view_.statistic = error.dot(covariance.ldlt().solve(error));
+    view_.distance_mm = (T_tracker_body.pose.translation() - predicted.translation()).norm();
+    const bool agrees = view_.statistic <= kThreshold; // not: NaN
     agreeing_ = agrees ? agreeing_ + 1 : 0;
     disagreeing_ = agrees ? 0 : disagreeing_ + 1;
-    disagrees_ = disagrees_ ? agreeing_ < kAgreeing : disagreeing_ >= kFrames;
+    view_.disagrees = view_.disagrees ? agreeing_ < kAgreeing : disagreeing_ >= kFrames;
     agreeing_ = agreeing_ > kAgreeing ? kAgreeing : agreeing_;
     disagreeing_ = disagreeing_ > kFrames ? kFrames : disagreeing_;
   }
 
-  [[nodiscard]] bool disagrees() const noexcept { return disagrees_; }
-  // Of the last frame.
-  [[nodiscard]] double statistic() const noexcept { return statistic_; }
-  [[nodiscard]] double distance_mm() const noexcept { return distance_mm_; }
+  [[nodiscard]] bool disagrees() const noexcept { return view_.disagrees; }
+  [[nodiscard]] const HandEyeView &view() const noexcept { return view_; }
 
 private:
-  bool disagrees_ = false;
+  HandEyeView view_{.statistic = std::numeric_limits<double>::quiet_NaN(),
+                    .distance_mm = std::numeric_limits<double>::quiet_NaN()};
   int agreeing_ = 0, disagreeing_ = 0; // frames in a row
-  double statistic_ = std::numeric_limits<double>::quiet_NaN();
-  double distance_mm_ = std::numeric_limits<double>::quiet_NaN();
 };
 
 } // namespace bregma::server

@@ -88,6 +88,8 @@ public:
   // The case has an arm instead of a tracker.
   [[nodiscard]] bool by_arm() const noexcept { return case_ != nullptr && case_->data->arm_alone(); }
   [[nodiscard]] bool has_arm() const noexcept { return case_ != nullptr && case_->data->robot.has_value(); }
+  // A tracker navigates beside an arm.
+  [[nodiscard]] bool beside_arm() const noexcept { return hand_eye_ != nullptr; }
   // Frames of this tracker navigate.
   [[nodiscard]] bool takes(std::string_view tracker) const noexcept {
     return !by_arm() && (hand_eye_ == nullptr || tracker == hand_eye_->tracker);
@@ -106,6 +108,9 @@ public:
   [[nodiscard]] std::span<const wire::NavigationState> states() const noexcept { return {states_.data(), tool_count_}; }
   [[nodiscard]] bool reference_visible() const noexcept { return reference_.visible; }
   [[nodiscard]] const wire::Name &tracker() const noexcept { return source_; } // of the last frame
+  // Beside a tracker; the covariance is that of the markers alone.
+  [[nodiscard]] ReferenceView reference_view() const noexcept;
+  [[nodiscard]] std::int64_t frame_acquired_ns() const noexcept { return any_frame_ ? exposure_.acquired_ns : 0; }
   // Plausibility of the bodies, for monitoring. The second: per tool, in the order of states().
   [[nodiscard]] BodyReport reference_report() const noexcept;
   [[nodiscard]] BodyReport report(std::size_t tool) const noexcept;

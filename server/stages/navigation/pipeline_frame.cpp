@@ -191,7 +191,7 @@ void NavigationPipeline::check_hand_eye(const wire::TrackerFrame &frame) noexcep
   locate(frame, *flange_model_, flange_body_);
   const auto flange = flanges_.at(exposure_.acquired_ns);
   if (flange && flange_body_.visible && flange_body_.in_frame.content == BodyFrame::Content::kNew) {
-    hand_eye_check_.add(*hand_eye_, *flange, flange_body_.T_tracker_body);
+    hand_eye_check_.add(*hand_eye_, *flange, flange_body_.T_tracker_body, exposure_.acquired_ns);
   }
 }
 
@@ -208,6 +208,18 @@ void NavigationPipeline::share_reference() noexcept {
   out.T_tracker_reference = wire::to_wire(reference_.T_tracker_body.pose);
   put(reference_.T_tracker_body.covariance, out.covariance);
   (void)references_->try_push(out); // a full ring counts dropped values
+}
+
+ReferenceView NavigationPipeline::reference_view() const noexcept {
+  ReferenceView out;
+  out.visible = reference_.visible;
+  out.trusted = judge_.reference_trusted();
+  out.acquired_ns = reference_.acquired_ns;
+  out.limit_ns = live_limit_ns();
+  out.T_tracker_reference = wire::to_wire(reference_.T_tracker_body.pose);
+  put(reference_.T_tracker_body.covariance, out.covariance);
+  out.hand_eye = hand_eye_check_.view();
+  return out;
 }
 
 Matrix6d NavigationPipeline::hand_eye_covariance() const noexcept {

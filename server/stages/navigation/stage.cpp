@@ -176,6 +176,9 @@ void NavigationStage::publish(const Moment &now) noexcept {
     states_(stamped(state, now), now.utc_ns);
   }
   probe.store(pipeline_.probe());
+  if (pipeline_.beside_arm()) {
+    reference.store(pipeline_.reference_view());
+  }
   published_ = true;
 }
 
@@ -188,9 +191,8 @@ void NavigationStage::share(const Moment &now) noexcept {
   devices.store(health);
   TrackingView view;
   view.by_arm = pipeline_.by_arm();
-  view.hand_eye_disagrees = pipeline_.hand_eye_check().disagrees();
-  view.hand_eye_statistic = pipeline_.hand_eye_check().statistic();
-  view.hand_eye_mm = pipeline_.hand_eye_check().distance_mm();
+  view.acquired_ns = pipeline_.frame_acquired_ns();
+  view.hand_eye = pipeline_.hand_eye_check().view();
   view.reference_visible = pipeline_.reference_visible();
   copy_name(view.tracker, pipeline_.tracker());
   view.reference = pipeline_.reference_report();
@@ -201,6 +203,8 @@ void NavigationStage::share(const Moment &now) noexcept {
     tool.status = state.status;
     tool.planned = state.trajectory[0] != '\0';
     tool.age_ns = state.age_ns;
+    tool.T_image_tip = state.T_image_tip;
+    tool.tre_95_mm = state.tre_95.semi_axes_mm[0];
   }
   tracking.store(view);
 }

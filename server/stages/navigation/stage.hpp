@@ -38,6 +38,7 @@ public:
   runtime::LatestValue<ProbeView> probe;              // per frame
   runtime::LatestValue<TrackingView> tracking;        // a few times per second, like the next
   runtime::LatestValue<inputs::StreamHealth> devices; // trackers
+  runtime::LatestValue<ReferenceView> reference;      // beside an arm
 
 private:
   void take_messages(const Moment &now) noexcept;

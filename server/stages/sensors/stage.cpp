@@ -140,6 +140,19 @@ void SensorStage::take_robot(const wire::RobotState &sample, const inputs::Verdi
   robots.store(robots_view_);
 }
 
+void SensorStage::take_motion(const wire::RobotMotionState &sample, const inputs::Verdict &verdict) noexcept {
+  if (static_cast<std::uint32_t>(verdict.device) >= robots_view_.count) {
+    return;
+  }
+  RobotView &view = robots_view_.robots[verdict.device];
+  view.motion_ns = verdict.acquired_time_ns;
+  view.takes_permits = sample.takes_permits;
+  view.phase = sample.phase;
+  copy_name(view.motion_client, sample.motion_client);
+  view.motion_id = sample.motion_id;
+  robots.store(robots_view_);
+}
+
 void SensorStage::watch_robots(const Moment &now) noexcept {
   bool changed = robots.count() == 0;
   for (std::uint32_t i = 0; i < robots_view_.count; ++i) {
@@ -169,7 +182,10 @@ void SensorStage::step(const Moment &now) noexcept {
     }
   });
   taken += motions_.take_each(now.utc_ns, [&](const wire::RobotMotionState &sample, std::uint64_t writer) noexcept {
-    (void)motion_guard_.check(sample, writer, now.utc_ns);
+    const inputs::Verdict verdict = motion_guard_.check(sample, writer, now.utc_ns);
+    if (verdict.accepted) {
+      take_motion(sample, verdict);
+    }
   });
   taken += ranges_.take_each(now.utc_ns, [&](const wire::RangeSample &sample, std::uint64_t writer) noexcept {
     if (const inputs::Verdict verdict = range_guard_.check(sample, writer, now.utc_ns); verdict.accepted) {

@@ -57,6 +57,7 @@ private:
   void pass_on(const wire::RobotState &sample, const inputs::Verdict &verdict, std::uint64_t writer) noexcept;
   void take_range(const wire::RangeSample &sample, const inputs::Verdict &verdict, std::uint64_t writer) noexcept;
   void take_robot(const wire::RobotState &sample, const inputs::Verdict &verdict) noexcept;
+  void take_motion(const wire::RobotMotionState &sample, const inputs::Verdict &verdict) noexcept;
   void watch_robots(const Moment &now) noexcept;
 
   RobotsView robots_view_;

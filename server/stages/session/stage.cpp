@@ -94,10 +94,11 @@ SessionStage::SessionStage(const SessionParameters &parameters, const StageConte
 void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
                            const runtime::LatestValue<wire::RegistrationState> &estimate, StageAnswers &scanner_answers,
                            AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions,
-                           StageAnswers &motion_answers) {
+                           StageAnswers &motion_answers, AlarmEvents &motion_conditions) {
   events_ = &events;
   scan_events_ = &scan_events;
   scan_conditions_ = &scan_conditions;
+  motion_conditions_ = &motion_conditions;
   scanner_answers_ = &scanner_answers;
   motion_answers_ = &motion_answers;
   scanner_conditions_ = &scanner_conditions;
@@ -178,7 +179,8 @@ void SessionStage::take_in() {
       session_.on(answer, now_ns_);
     }
   }
-  for (AlarmEvents *conditions : {conditions_, scanner_conditions_, scan_conditions_, host_.conditions()}) {
+  for (AlarmEvents *conditions :
+       {conditions_, scanner_conditions_, scan_conditions_, motion_conditions_, host_.conditions()}) {
     while (conditions != nullptr && conditions->try_pop(condition)) {
       session_.on(condition, now_ns_);
     }

@@ -48,7 +48,7 @@ public:
   void connect(NavigationEvents &events, AlarmEvents &conditions,
                const runtime::LatestValue<wire::RegistrationState> &estimate, StageAnswers &scanner_answers,
                AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions,
-               StageAnswers &motion_answers);
+               StageAnswers &motion_answers, AlarmEvents &motion_conditions);
 
   // Restores the last session, so that what the other stages take from their first step on belongs to it.
   void begin(const Moment &now) override;
@@ -98,6 +98,7 @@ private:
   NavigationEvents *events_ = nullptr;
   NavigationEvents *scan_events_ = nullptr;
   AlarmEvents *scan_conditions_ = nullptr;
+  AlarmEvents *motion_conditions_ = nullptr;
   AlarmEvents *conditions_ = nullptr;
   StageAnswers *scanner_answers_ = nullptr;
   StageAnswers *motion_answers_ = nullptr;

@@ -76,7 +76,7 @@ sim::ArmSettings arm_settings() {
   return out;
 }
 
-RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker) {
+RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker, bool flange_body) {
   std::mt19937 rng(static_cast<unsigned>(seed) + 1);
   origin_mm_ = Vector3d(12.0, -8.0, 60.0) + normal_vector(rng, kSigmaBeam_mm);
   direction_ =
@@ -109,7 +109,8 @@ RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker) {
   write_equipment();
   if (beside_tracker) {
     std::ofstream(folder_.path() / "robot.toml", std::ios::app)
-        << "[hand_eye]\nfile = \"hand_eye.json\"\ntracker = \"Tracker\"\nflange_body = \"Marker\"\n";
+        << "[hand_eye]\nfile = \"hand_eye.json\"\ntracker = \"Tracker\"\n"
+        << (flange_body ? "flange_body = \"Marker\"\n" : "");
   }
   case_.robot = casefile::CaseRobot{"Robot", folder_.path() / "robot.toml", {}};
   case_.robot->equipment.hand_eye =

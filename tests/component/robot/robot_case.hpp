@@ -18,7 +18,8 @@ namespace bregma::test {
 class RobotCase {
 public:
   // beside_tracker: with a tracker beside the arm. Its hand-eye calibration is made from 20 measured poses.
-  explicit RobotCase(std::uint64_t seed, bool beside_tracker = false);
+  // flange_body: the case states the body on the flange, which checks it.
+  explicit RobotCase(std::uint64_t seed, bool beside_tracker = false, bool flange_body = true);
   [[nodiscard]] const casefile::Case &loaded() const { return case_; }
 
   // The truth behind the calibrations.

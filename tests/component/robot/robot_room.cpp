@@ -54,10 +54,9 @@ server::Config config_for(const std::filesystem::path &state) {
 
 } // namespace
 
-std::function<void(wire::RobotState &)> frozen_values() {
-  return [frozen = std::optional<wire::RobotState>()](wire::RobotState &state) mutable {
-    frozen = frozen.value_or(state);
-    wire::RobotState repeated = *frozen;
+std::function<void(wire::RobotState &)> RobotRoom::frozen_values() const {
+  return [frozen = last_state_](wire::RobotState &state) {
+    wire::RobotState repeated = frozen;
     repeated.frame = state.frame;
     repeated.device_time_ns = state.device_time_ns;
     repeated.sent_time_ns = state.sent_time_ns;
@@ -76,6 +75,7 @@ public:
     } else if (topic == wire::Topic<wire::RobotState>::kName) {
       wire::RobotState state = *static_cast<const wire::RobotState *>(sample);
       room_.tamper(state);
+      room_.last_state_ = state;
       room_.topics_.put(state, room_.arm_writer);
     } else if (topic == wire::Topic<wire::RobotMotionState>::kName) {
       room_.motions.push_back(*static_cast<const wire::RobotMotionState *>(sample));
@@ -145,6 +145,11 @@ RobotRoom::RobotRoom(const RobotCase &a_case, std::uint64_t seed)
   topics_.observe<wire::Command>([this](const wire::Command &command) {
     if (deliver_commands) {
       arm_bus_->commands.push_back(command);
+    }
+  });
+  topics_.observe<wire::RobotPermit>([this](const wire::RobotPermit &permit) {
+    if (deliver_permits) {
+      arm_bus_->permits.push_back(permit);
     }
   });
   topics_.observe<wire::RobotPath>([this](const wire::RobotPath &path) { arm_bus_->paths.push_back(path); });
@@ -244,7 +249,9 @@ void RobotRoom::serve_arm() {
     (void)socket_.send(arm_.connect());
   }
   if (arm_connected_) {
-    (void)socket_.send(arm_.receive(socket_.receive_some(std::chrono::milliseconds(0)), now_) + arm_.advance(now_));
+    // In this order: what the arm measures after a reset is no fault any more.
+    const std::string answers = arm_.receive(socket_.receive_some(std::chrono::milliseconds(0)), now_);
+    (void)socket_.send(answers + arm_.advance(now_));
   }
   if (const auto progress = arm_driver_.read(arm_io_); !progress) {
     throw std::runtime_error(progress.error().message);
@@ -291,7 +298,8 @@ void RobotRoom::place_patient() {
   const geometry::Vector6d way = from_ + part * part * (3.0 - 2.0 * part) * (to_ - from_);
   const Vector3d middle = resting_ * kHeadCentre;
   const Eigen::Quaterniond turn = geometry::rotation_exp(way.head<3>());
-  T_base_image_ = {turn * resting_.rotation(), middle + way.tail<3>() + turn * (resting_.translation() - middle)};
+  T_base_image_ = {turn * resting_.rotation(),
+                   middle + way.tail<3>() + turn * (resting_.translation() - middle) - push_mm_};
 }
 
 // 62.5 frames per second; a frame arrives a step after its exposure.
@@ -309,7 +317,8 @@ void RobotRoom::serve_tracker() {
   }
   const auto seen_from = [&](const auto &T_base_body) {
     const auto T = case_.T_base_tracker().inverse() * T_base_body;
-    return geometry::Rigid3<geometry::frame::Tracker, geometry::frame::Tool>(T.rotation(), T.translation() + bump_mm_);
+    return geometry::Rigid3<geometry::frame::Tracker, geometry::frame::Tool>(
+        T.rotation(), T.translation() + bump_mm_ + case_.T_base_tracker().inverse().rotation() * push_mm_);
   };
   wire::TrackerFrame frame{};
   (void)wire::set_name(frame.device, "Tracker");

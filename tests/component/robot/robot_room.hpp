@@ -35,9 +35,6 @@
 
 namespace bregma::test {
 
-// RobotRoom::tamper of an arm that repeats the values of its first state, with numbers and times going on.
-[[nodiscard]] std::function<void(wire::RobotState &)> frozen_values();
-
 class RobotRoom final : private server::Host, private driver::Host {
 public:
   using Flange = robot::FlangePose;
@@ -89,13 +86,18 @@ public:
   void move_patient(const geometry::Vector6d &to, double seconds);
   // The tracker was moved against the arm, as seen from the camera.
   void bump_tracker(const geometry::Vector3d &by_mm) { bump_mm_ = by_mm; }
+  // The arm's base was pushed to this displacement, against patient and tracker.
+  void push_base(const geometry::Vector3d &by_mm) { push_mm_ = by_mm; }
   bool hide_reference = false, hide_flange_body = false, deliver_tracker = true;
 
   // Faults.
   std::function<void(wire::RobotState &)> tamper = [](wire::RobotState &) {};
+  // For tamper: the arm repeats the values of its last state, with numbers and times going on.
+  [[nodiscard]] std::function<void(wire::RobotState &)> frozen_values() const;
   bool deliver_arm = true;
   std::uint64_t undelivered = 0; // samples of the arm, while deliver_arm is false
   bool deliver_commands = true;  // of the daemon to the arm's driver
+  bool deliver_permits = true;
   std::uint64_t arm_writer = MemoryTopics::kWriter;
   void unplug_sensor() { terminal_.reset(); }
   void plug_sensor(const std::string &serial);
@@ -151,7 +153,7 @@ private:
   geometry::Vector6d from_ = geometry::Vector6d::Zero(), to_ = geometry::Vector6d::Zero();
   std::int64_t motion_begin_ns_ = 0, motion_ns_ = 1;
   geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference> T_image_reference_;
-  geometry::Vector3d bump_mm_ = geometry::Vector3d::Zero();
+  geometry::Vector3d bump_mm_ = geometry::Vector3d::Zero(), push_mm_ = geometry::Vector3d::Zero();
   std::mt19937 tracker_noise_;
   std::uint64_t tracker_frame_ = 0;
   std::optional<wire::TrackerFrame> exposed_; // at the last step, on its way
@@ -159,6 +161,7 @@ private:
   sim::SimulatedArm arm_;
   TcpDevice socket_;
   bool arm_connected_ = false;
+  wire::RobotState last_state_{}; // of the arm, as delivered
   std::unique_ptr<ArmBus> arm_bus_;
   driver::Status arm_status_;
   driver::Io arm_io_;

@@ -110,7 +110,7 @@ TEST_F(RobotScan, AnArmThatFreezesWithNumbersGoingOnIsRefused) {
   ASSERT_NO_FATAL_FAILURE(navigate());
   room.start_move({room.touching(the_case.loaded().fiducials[0].position_mm, 30.0)}, 50.0);
   ASSERT_FALSE(room.run(0.5));
-  room.tamper = frozen_values();
+  room.tamper = room.frozen_values();
   ASSERT_NO_FATAL_FAILURE(expect_not_live());
   EXPECT_TRUE(room.alarm_raised(server::alarm::kImplausible, "Pointer"));
 }

@@ -27,7 +27,8 @@ inline void expect_done(const wire::CommandReply &reply) {
 
 class RobotTest : public testing::Test {
 protected:
-  explicit RobotTest(bool beside_tracker = false) : the_case(kSeed, beside_tracker) {}
+  explicit RobotTest(bool beside_tracker = false, bool flange_body = true)
+      : the_case(kSeed, beside_tracker, flange_body) {}
   void begin() { person.begin(); }
   void scan(double spacing_mm = 8.0, double speed_mm_s = 50.0) { person.scan(spacing_mm, speed_mm_s); }
   wire::CommandReply touch(wire::CommandKind kind, const casefile::NamedPoint &point) {

@@ -134,7 +134,7 @@ TEST_F(ArmBesideTracker, ATrackerThatWasMovedAgainstTheArmIsFoundAndNothingIsSho
   ASSERT_TRUE(room.run(3.0, [&] { return live(); }));
 
   // Numbers and times go on, and nothing is measured.
-  room.tamper = frozen_values();
+  room.tamper = room.frozen_values();
   ASSERT_NO_FATAL_FAILURE(expect_not_live(1.0));
   EXPECT_TRUE(room.alarm_raised(server::alarm::kImplausible, "Pointer"));
   room.tamper = [](wire::RobotState &) {};

@@ -46,6 +46,8 @@ template <class A, class B> UncertainPose<A, B> stated(const Rigid3<A, B> &pose,
   return {pose, about_origin * own * about_origin.transpose()};
 }
 
+constexpr std::int64_t kSeen_ns = 1'000; // exposure of every frame
+
 struct HandEyeRoom {
   Rigid3<RobotFlange, Tool> X{geometry::rotation_exp({0.1, 0.2, -0.3}), {20.0, -35.0, 90.0}};
   Rigid3<RobotBase, Tracker> Y{geometry::rotation_exp({0.4, -0.2, 1.0}), {150.0, -300.0, 1400.0}};
@@ -78,7 +80,7 @@ struct HandEyeRoom {
     const auto B = Y.inverse() * A * X;
     const Rigid3<Tracker, Tool> seen(B.rotation(), B.translation() + moved_mm);
     check.add(model, stated(measured(A, options.robot, rng), options.robot),
-              stated(measured(seen, options.tracker, rng), options.tracker));
+              stated(measured(seen, options.tracker, rng), options.tracker), kSeen_ns);
   }
 };
 
@@ -90,7 +92,7 @@ TEST(HandEyeCheck, ACalibrationWithinItsErrorPassesAsOftenAsStated) {
   for (int run = 0; run < kRuns; ++run) {
     HandEyeCheck check;
     room.look(check, room.calibrated(rng), Vector3d::Zero(), rng);
-    within += check.statistic() <= kChiSquare95 ? 1 : 0;
+    within += check.view().statistic <= kChiSquare95 ? 1 : 0;
   }
   std::printf("%d of %d within the 95 %% bound\n", within, kRuns);
   EXPECT_GE(within, 276); // 92 %
@@ -108,11 +110,13 @@ TEST(HandEyeCheck, AMovedTrackerIsFoundInThreeFramesAndTheCheckEndsAfterTen) {
     }
     return check.disagrees();
   };
+  EXPECT_EQ(check.view().checked_ns, 0);
   EXPECT_FALSE(look(1'000, Vector3d::Zero()));
+  EXPECT_EQ(check.view().checked_ns, kSeen_ns);
   const Vector3d moved(2.0, 1.0, -1.0);
   EXPECT_FALSE(look(2, moved));
   EXPECT_TRUE(look(1, moved));
-  EXPECT_NEAR(check.distance_mm(), moved.norm(), 1.5);
+  EXPECT_NEAR(check.view().distance_mm, moved.norm(), 1.5);
   EXPECT_TRUE(look(9, Vector3d::Zero()));
   EXPECT_FALSE(look(1, Vector3d::Zero()));
   EXPECT_FALSE(look(2, Vector3d::Constant(std::nan(""))));
