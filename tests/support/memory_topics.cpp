@@ -21,7 +21,7 @@ struct Queue {
   std::deque<Sample> samples;
 };
 
-// Samples published by a stage since the last delivery.
+// Samples of a plain topic published by a stage since the last delivery.
 struct Outgoing {
   TopicInfo topic;
   std::vector<std::byte> bytes; // concatenated samples
@@ -55,26 +55,31 @@ private:
 
 class MemorySink final : public server::Sink {
 public:
-  explicit MemorySink(Outgoing &outgoing) : outgoing_(outgoing) {}
+  MemorySink(Outgoing &outgoing, const MemoryTopics &topics) : outgoing_(outgoing), topics_(topics) {}
   void write(const void *sample, std::int64_t /*utc_ns*/) noexcept override { add(sample, false); }
   void end(const void *last, std::int64_t /*utc_ns*/) noexcept override { add(last, true); }
   [[nodiscard]] std::uint32_t matched_readers() const noexcept override { return 1; }
 
 private:
   void add(const void *sample, bool last) noexcept {
+    if (!outgoing_.topic.plain) {
+      topics_.show(outgoing_.topic, sample, last);
+      return;
+    }
     const auto *bytes = static_cast<const std::byte *>(sample);
     outgoing_.bytes.insert(outgoing_.bytes.end(), bytes, bytes + outgoing_.topic.bytes);
     outgoing_.ended.push_back(last);
   }
 
   Outgoing &outgoing_;
+  const MemoryTopics &topics_;
 };
 
 } // namespace
 
 class MemoryLink final : public server::Link {
 public:
-  explicit MemoryLink(const Writers &writers) : writers_(writers) {}
+  MemoryLink(const Writers &writers, const MemoryTopics &topics) : writers_(writers), topics_(topics) {}
   [[nodiscard]] std::unique_ptr<server::Source> source(const TopicInfo &topic) override {
     return std::make_unique<MemorySource>(incoming.emplace_back(Queue{topic, {}}), writers_);
   }
@@ -82,7 +87,7 @@ public:
     Outgoing &one = outgoing.emplace_back(Outgoing{topic, {}, {}});
     one.bytes.reserve(kReserved * topic.bytes);
     one.ended.reserve(kReserved);
-    return std::make_unique<MemorySink>(one);
+    return std::make_unique<MemorySink>(one, topics_);
   }
 
   std::deque<Queue> incoming; // the ends hold references
@@ -90,6 +95,7 @@ public:
 
 private:
   const Writers &writers_;
+  const MemoryTopics &topics_;
 };
 
 MemoryTopics::MemoryTopics() = default;
@@ -98,7 +104,7 @@ MemoryTopics::~MemoryTopics() = default;
 void MemoryTopics::disconnect() { links_.clear(); }
 
 server::Link &MemoryTopics::link(const char *stage) {
-  return *links_.emplace(stage, std::make_unique<MemoryLink>(writers_)).first->second;
+  return *links_.emplace(stage, std::make_unique<MemoryLink>(writers_, *this)).first->second;
 }
 
 void MemoryTopics::put(const TopicInfo &topic, const void *sample, std::uint64_t writer) {
@@ -117,20 +123,22 @@ void MemoryTopics::deliver() {
     for (Outgoing &outgoing : link->outgoing) {
       for (std::size_t i = 0; i < outgoing.ended.size(); ++i) {
         const std::byte *sample = outgoing.bytes.data() + i * outgoing.topic.bytes;
-        if (outgoing.topic.plain) {
-          put(outgoing.topic, sample, kWriter);
-        }
-        for (const Observer &observer : observers_) {
-          observer(outgoing.topic, sample);
-        }
-        for (const Observer &observer : end_observers_) {
-          if (outgoing.ended[i]) {
-            observer(outgoing.topic, sample);
-          }
-        }
+        put(outgoing.topic, sample, kWriter);
+        show(outgoing.topic, sample, outgoing.ended[i]);
       }
       outgoing.bytes.clear();
       outgoing.ended.clear();
+    }
+  }
+}
+
+void MemoryTopics::show(const TopicInfo &topic, const void *sample, bool last) const {
+  for (const Observer &observer : observers_) {
+    observer(topic, sample);
+  }
+  if (last) {
+    for (const Observer &observer : end_observers_) {
+      observer(topic, sample);
     }
   }
 }

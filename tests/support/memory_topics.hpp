@@ -1,5 +1,6 @@
 // The stages' topics in memory. Published samples are kept until deliver(), which passes them to the reading stages and
-// to observers. So topics cause no allocation in a step, and runs are reproducible byte for byte.
+// to observers. So topics cause no allocation in a step, and runs are reproducible byte for byte. A sample with
+// sequences is valid only while it is written, so observers see it at once; no stage reads such a topic in memory.
 //
 // One thread.
 #pragma once
@@ -53,6 +54,8 @@ public:
   void observe_ends(Observer observer) { end_observers_.push_back(std::move(observer)); }
   // Samples published since the last call.
   void deliver();
+  // To the observers. last: the instance has ended.
+  void show(const server::TopicInfo &topic, const void *sample, bool last) const;
   // Whether samples wait for this stage.
   [[nodiscard]] bool waiting(const char *stage) const;
 
