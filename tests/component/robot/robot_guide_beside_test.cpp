@@ -30,8 +30,8 @@ protected:
     RobotTest::navigate();
     room.run(0.5); // the stages learn of it a few times per second
   }
-  wire::CommandReply move_guide(std::string_view speed_mm_s = "5") {
-    return room.command(bregma_wire_COMMAND_MOVE_TO_TRAJECTORY, {"Robot", "Frontal", "40", speed_mm_s});
+  wire::CommandReply move_guide(std::string_view speed_mm_s = "5", std::string_view standoff_mm = "40") {
+    return room.command(bregma_wire_COMMAND_MOVE_TO_TRAJECTORY, {"Robot", "Frontal", standoff_mm, speed_mm_s});
   }
   std::string text_of_refusal(const wire::CommandReply &reply) {
     EXPECT_NE(reply.result, bregma_wire_COMMAND_DONE) << reply.text;
@@ -123,6 +123,15 @@ TEST_F(GuideBesideTracker, IsMovedOntoTheTrajectoryOfAPatientWhoHasMoved) {
   hold(60.0);
   ASSERT_EQ(room.phase(), bregma_wire_MOTION_DONE) << room.motions.back().text;
   expect_guide_on_plan();
+
+  // He moves when the arm has just arrived: the guide is shown beside its place.
+  room.release_deadman();
+  expect_done(move_guide("60", "60"));
+  hold(60.0);
+  ASSERT_EQ(room.phase(), bregma_wire_MOTION_DONE) << room.motions.back().text;
+  room.move_patient(displaced({0.06, -0.03, 0.08}, {31.0, -15.0, 10.0}), 0.1);
+  room.run(1.0);
+  EXPECT_TRUE(room.alarm_active(server::alarm::kGuideOffPlan));
 }
 
 TEST_F(GuideBesideTracker, StopsWithTheReasonWhenAnythingThatThePathRestsOnHasChanged) {

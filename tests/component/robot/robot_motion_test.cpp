@@ -65,6 +65,7 @@ TEST_F(RobotMotion, TheGuideIsMovedOntoATrajectoryWhileTheDeadmanIsHeld) {
   EXPECT_LT(error_mm, 1.5);
   EXPECT_LT(angle_deg, 0.5);
   EXPECT_GT(least_clearance_mm, 10.0);
+  EXPECT_FALSE(room.alarm_active(server::alarm::kGuideOffPlan));
   // Ended: the deadman alone moves nothing any more.
   const Vector3d there = room.flange().translation();
   room.run(0.5);
