@@ -26,11 +26,12 @@ constexpr double kSameColumn = 0.3; // of a cell: crossings of neighbouring slic
 constexpr double kSamePoint = 0.5;  // of a cell
 // Of a cell: distances from the crossing at which a bar's profile is taken.
 constexpr std::array kArms = {0.28, 0.36, 0.44};
-constexpr double kMinWeight = 0.35;  // of the largest number of crossings: slices that show a plane of bars
-constexpr double kBarContrast = 0.3; // of the image's contrast
-constexpr double kMinBars = 0.34;    // of the bars around a point that must be seen
-constexpr int kPasses = 3;           // that follow the bars as the crossings found before bend them
-constexpr double kNeighbour = 0.3;   // of a cell: how far a neighbour may lie from the lattice's step
+constexpr double kMinWeight = 0.35;     // of the largest number of crossings: slices that show a plane of bars
+constexpr double kBarContrast = 0.3;    // of the image's contrast
+constexpr double kMinBars = 0.34;       // of the bars around a point that must be seen
+constexpr int kPasses = 3;              // that follow the bars as the crossings found before bend them
+constexpr std::size_t kMinProfiles = 2; // that show a bar across a coordinate; at the image's border there may be none
+constexpr double kNeighbour = 0.3;      // of a cell: how far a neighbour may lie from the lattice's step
 
 class Sampler {
 public:
@@ -180,7 +181,8 @@ std::optional<double> bar_offset(const Sampler &sampler, const Vector3d &middle,
 
 struct Refined {
   Vector3d point;
-  double bars = 0.0;
+  double bars = 0.0;     // share of the profiles that show their bar
+  bool complete = false; // each coordinate was measured
 };
 
 // Where the bars through a crossing run: at t cells along bar b, offset from the crossing. Distortion bends them.
@@ -195,9 +197,11 @@ Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, con
                const GridOptions &options) {
   constexpr int kRounds = 3;
   double seen = 0.0;
+  bool complete = false;
   for (int round = 0; round < kRounds; ++round) {
     Vector3d move = Vector3d::Zero();
     seen = 0.0;
+    complete = true;
     for (Index a = 0; a < 3; ++a) {
       std::vector<double> offsets;
       for (Index b = 0; b < 3; ++b) {
@@ -214,6 +218,7 @@ Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, con
         }
       }
       seen += static_cast<double>(offsets.size()) / (12.0 * kArms.size());
+      complete = complete && offsets.size() >= kMinProfiles;
       if (!offsets.empty()) {
         std::sort(offsets.begin(), offsets.end());
         const std::size_t n = offsets.size();
@@ -222,7 +227,7 @@ Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, con
     }
     point += move;
   }
-  return {point, seen};
+  return {point, seen, complete};
 }
 
 // The bars through a crossing as the crossings around it bend them: a surface of second degree through all within two
@@ -332,7 +337,7 @@ tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, cons
   // False where no crossing is.
   const auto take = [&](const Vector3d &p) {
     Refined r = refine(sampler, p, axes, straight, options);
-    if (r.bars < kMinBars || (r.point - p).norm() > kSamePoint * options.cell_mm) {
+    if (r.bars < kMinBars || !r.complete || (r.point - p).norm() > kSamePoint * options.cell_mm) {
       return false;
     }
     const auto same = std::find_if(kept.begin(), kept.end(), [&](const Refined &k) {
@@ -371,7 +376,7 @@ tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, cons
     for (Refined &r : kept) {
       const Refined again =
           refine(sampler, r.point, axes, paths_through(before, r.point, axes, options.cell_mm), options);
-      if ((again.point - r.point).norm() < kSamePoint * options.cell_mm) {
+      if (again.complete && (again.point - r.point).norm() < kSamePoint * options.cell_mm) {
         r = again;
       }
     }
