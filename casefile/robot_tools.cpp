@@ -12,6 +12,7 @@
 #include "base/read_file.hpp"
 #include "base/table_reader.hpp"
 #include "casefile/dh_arm.hpp"
+#include "casefile/range_curve.hpp"
 
 namespace bregma::casefile {
 
@@ -76,28 +77,24 @@ base::Result<void> read_beam(const std::filesystem::path &file, RangeSensorModel
 }
 
 base::Result<void> read_curve(const std::filesystem::path &file, RangeSensorModel &sensor) {
-  const auto document = read_calibration(file, "range");
-  if (!document) {
-    return tl::unexpected(document.error());
+  auto curve = read_range_curve(file);
+  if (!curve) {
+    return tl::unexpected(curve.error());
   }
-  RangeCurveModel curve;
-  try {
-    curve.scale_mm = document->at("scale_mm").get<double>();
-    curve.exponent = document->at("exponent").get<double>();
-    curve.covariance = numbers_of<2, 2>(document->at("covariance"));
-    curve.rms_mm = document->value("rms_mm", 0.0); // a curve of an earlier version has none
-  } catch (const json::exception &) {
-    return base::failure(file.string() + ": scale_mm, exponent or covariance is missing, or a value is no number");
-  }
-  if (!(curve.exponent > 0.0)) {
+  if (!(curve->law.exponent > 0.0)) {
     return base::failure(file.string() + ": is the curve of a voltage: it belongs to the driver (curve.scale_mm, "
                                          "curve.exponent); here the readings are the driver's distances");
   }
-  if (!(curve.scale_mm > 0.0) || !is_covariance(curve.covariance) || !(curve.rms_mm >= 0.0)) {
-    return base::failure(file.string() + ": is no curve: scale_mm must be above 0, rms_mm not below, and covariance a "
-                                         "covariance");
+  if (curve->covariance.isZero() || !is_covariance(curve->covariance) || !(curve->rms_mm >= 0.0) ||
+      !(curve->corrected_rms_mm >= 0.0)) {
+    return base::failure(file.string() + ": is no curve: covariance must be there and a covariance, and rms_mm and "
+                                         "corrected_rms_mm must not be below 0");
   }
-  sensor.curve = curve;
+  if (curve->corrections.size() > kMaxCurveCorrections) {
+    return base::failure(file.string() + ": corrections: has " + std::to_string(curve->corrections.size()) +
+                         ", at most " + std::to_string(kMaxCurveCorrections) + " are known");
+  }
+  sensor.curve = std::move(*curve);
   return {};
 }
 
@@ -163,6 +160,7 @@ RangeSensorModel read_sensor(base::TableReader &table, const std::filesystem::pa
   sensor.near_mm = table.number("near_mm", sensor.near_mm, "mm", 0.0, 1e4);
   sensor.far_mm = table.number("far_mm", sensor.far_mm, "mm", 1.0, 1e4);
   sensor.radius_mm = table.number("radius_mm", sensor.radius_mm, "mm", 0.5, 500.0);
+  sensor.excess_mm = table.number("excess_mm", sensor.excess_mm, "mm", 0.0, 50.0);
   if (sensor.near_mm >= sensor.far_mm) {
     table.refuse("near_mm", "must be below far_mm");
   }

@@ -20,6 +20,7 @@
 //   sigma_mm = 0.5            # of a filtered value; optional: as the sensor states
 //   near_mm = 100
 //   far_mm = 400
+//   excess_mm = 5             # 1 sigma of what it reads too far on tilted skin; optional (5); 0: it does not
 //   radius_mm = 25            # of its body, from the flange to the beam's origin; optional
 //
 //   [hand_eye]                # a tracker beside the arm, which sees the patient's reference; optional
@@ -31,6 +32,7 @@
 // Files are named relative to this one. Errors name file, line, key and value.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -40,6 +42,7 @@
 #include <Eigen/Core>
 
 #include "algorithms/geometry/pose_covariance.hpp"
+#include "algorithms/range/power_law.hpp"
 #include "algorithms/robot/arm_model.hpp"
 #include "base/result.hpp"
 
@@ -54,26 +57,21 @@ struct RobotToolModel {
   double radius_mm = 6.0;
 };
 
-// True distance = scale * stated distance ^ exponent.
-struct RangeCurveModel {
-  double scale_mm = 1.0;
-  double exponent = 1.0;
-  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero(); // of scale (mm) and exponent
-  double rms_mm = 0.0; // of the calibration's points about the law, which nearby points have in common; 0: not stated
-};
-
 struct RangeSensorModel {
   std::string name;                                     // as RangeSample::device
   Eigen::Vector3d origin_mm = Eigen::Vector3d::Zero();  // of the beam, in the flange, where the reading is zero
   Eigen::Vector3d direction = Eigen::Vector3d::UnitZ(); // unit length
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero(); // rotation of the direction, origin
-  std::optional<RangeCurveModel> curve;
+  // True distance by the stated one: a law with its corrections. At most kMaxCurveCorrections.
+  std::optional<range::PowerLawFit> curve;
   std::int64_t window = 100;
   double delay_ms = 0.0;
   double sigma_mm = 0.0; // 1 sigma of a filtered value; 0: as the sensor states
   double near_mm = 0.0, far_mm = 1e4;
   double radius_mm = 25.0;
+  double excess_mm = 5.0; // 1 sigma, before a scan, of what it reads too far on tilted skin; 0: it does not
 };
+inline constexpr std::size_t kMaxCurveCorrections = 16;
 
 // Where a tracker stands beside the arm, and where a body that it tracks sits on the flange
 // (algorithms/calibration/hand_eye.hpp).

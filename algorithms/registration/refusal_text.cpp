@@ -1,4 +1,4 @@
-// Texts of refusals for the operator.
+// Texts about an estimate for the operator.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -78,6 +78,29 @@ void describe(const RegistrationResult &result, const RegistrationOptions &optio
   case Refusal::kNotConverged:
     std::snprintf(out.data(), out.size(), "the estimate did not converge in %d iterations", options.max_iterations);
     break;
+  }
+}
+
+void describe_excess(const RegistrationResult &result, const RegistrationOptions &options,
+                     std::span<char> out) noexcept {
+  if (out.empty()) {
+    return;
+  }
+  out[0] = '\0';
+  if (!(result.excess_sigma_mm > 0.0)) {
+    return;
+  }
+  constexpr double kKnown = 0.7; // of the prior's sigma
+  if (result.excess_sigma_mm > kKnown * options.excess_sigma_mm) {
+    std::snprintf(out.data(), out.size(),
+                  "the scan does not show by how much the range sensor reads too far on tilted skin (%.1f mm, 1 sigma, "
+                  "is assumed): scan skin of different tilts",
+                  options.excess_sigma_mm);
+  } else {
+    std::snprintf(
+        out.data(), out.size(),
+        "on tilted skin the range sensor reads too far by %.1f mm (1 sigma %.1f) times 1 - cos(tilt): removed",
+        result.excess_mm[0], result.excess_sigma_mm);
   }
 }
 

@@ -10,6 +10,7 @@
 #include "algorithms/geometry/unknown.hpp"
 #include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/registration/surface/surface_terms.hpp"
+#include "algorithms/registration/surface/tilt_excess.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
@@ -38,8 +39,7 @@ double distance_mm(const ImageFromReference &a, const ImageFromReference &b, con
 
 struct RegistrationEstimator::Workspace {
   Workspace(const surface::SurfaceModel *surface_in, const RegistrationOptions &options_in, int max_surface_samples)
-      : options(options_in), surface(surface_in),
-        terms(surface_in, options_in.surface_sigma_mm, options_in.correlation_length_mm, max_surface_samples) {}
+      : options(options_in), surface(surface_in), terms(surface_in, options_in, max_surface_samples) {}
 
   [[nodiscard]] std::span<const PointPair> used_pairs() const {
     return {pairs.data(), static_cast<std::size_t>(result.fiducial_count)};
@@ -50,6 +50,7 @@ struct RegistrationEstimator::Workspace {
   [[nodiscard]] Refusal test_consistency(const PairedFit &fit);
   void name_suspect(int index);
   [[nodiscard]] bool fit_jointly(const ImageFromReference &start);
+  template <int Unknowns> [[nodiscard]] bool fit(const ImageFromReference &start);
   void report_residuals();
   void find_weakest(std::span<const Vector3d> targets_image_mm);
   // Residuals, accuracy and whether it suffices, once fit_jointly has succeeded.
@@ -140,31 +141,51 @@ void RegistrationEstimator::Workspace::name_suspect(int index) {
 }
 
 bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &start) {
+  result.beam_count = terms.beam_count();
+  const bool with_excess = result.beam_count > 0 && options.excess_sigma_mm > 0.0;
+  return with_excess ? fit<SurfaceTerms::kWithExcess>(start) : fit<SurfaceTerms::kPose>(start);
+}
+
+// Unknowns: the pose, or the pose and the excess on tilted skin.
+template <int Unknowns> bool RegistrationEstimator::Workspace::fit(const ImageFromReference &start) {
+  using Matrix = SurfaceTerms::Matrix<Unknowns>;
+  using Vector = SurfaceTerms::Vector<Unknowns>;
+  constexpr bool kExcess = Unknowns == SurfaceTerms::kWithExcess;
+  const Vector3d excess_information =
+      Vector3d(1.0, kExcessSlopes, kExcessSlopes).cwiseAbs2().cwiseInverse() / std::pow(options.excess_sigma_mm, 2);
   ImageFromReference T = start;
+  Vector3d excess = Vector3d::Zero();
   bool settled = false;
   double last_motion = std::numeric_limits<double>::infinity();
   while (!settled && result.iterations < options.max_iterations) {
-    Matrix6d of_fiducials = Matrix6d::Zero();
-    Vector6d gradient = Vector6d::Zero();
+    Matrix without_skin = Matrix::Zero(); // fiducials, and what is known of the excess
+    Vector gradient = Vector::Zero();
     const Matrix3d R = T.rotation_matrix();
     for (const PointPair &pair : used_pairs()) {
       const Eigen::LLT<Matrix3d> S(R * pair.source_covariance * R.transpose() + pair.target_covariance);
       const Vector3d mapped = T * pair.source_mm;
       const Matrix36d J = geometry::point_jacobian(mapped - centre);
       const Matrix36d WJ = S.solve(J);
-      of_fiducials += J.transpose() * WJ;
-      gradient += WJ.transpose() * (mapped - pair.target_mm);
+      without_skin.template topLeftCorner<6, 6>() += J.transpose() * WJ;
+      gradient.template head<6>() += WJ.transpose() * (mapped - pair.target_mm);
     }
-    terms.linearise(T, centre, result.iterations < kRescaled);
-    Matrix6d normal = of_fiducials;
-    terms.add_to(normal, gradient);
+    if constexpr (kExcess) {
+      without_skin.diagonal().template tail<3>() = excess_information;
+      gradient.template tail<3>() = excess_information.cwiseProduct(excess);
+    }
+    terms.linearise(T, centre, excess, result.iterations < kRescaled);
+    Matrix normal = without_skin;
+    terms.add_to<Unknowns>(normal, gradient);
 
-    const Eigen::LDLT<Matrix6d> solver(normal);
-    Vector6d step = -solver.solve(gradient);
+    const Eigen::LDLT<Matrix> solver(normal);
+    Vector step = -solver.solve(gradient);
     if (solver.info() != Eigen::Success || !step.allFinite()) {
       return false;
     }
-    const double motion = motion_mm(step);
+    double motion = motion_mm(step.template head<6>());
+    if constexpr (kExcess) {
+      motion = std::max(motion, step.template tail<3>().norm());
+    }
     settled = motion < kSettledStep_mm;
     ++result.iterations;
     if (!settled) {
@@ -172,15 +193,23 @@ bool RegistrationEstimator::Workspace::fit_jointly(const ImageFromReference &sta
         step *= 0.5;
       }
       last_motion = motion;
-      T = moved_about(centre, step, T);
+      T = moved_about(centre, Vector6d(step.template head<6>()), T);
+      if constexpr (kExcess) {
+        excess += step.template tail<3>();
+      }
       continue;
     }
     // The covariance is that of the last linearisation; the last step does not justify another iteration.
-    const Matrix6d inverse = solver.solve(Matrix6d::Identity());
-    const Matrix6d of_gradient = of_fiducials + terms.gradient_covariance();
-    normal_inverse = covariance_at_origin(inverse, centre);
-    result.covariance = covariance_at_origin(inverse * of_gradient * inverse, centre);
+    const Matrix inverse = solver.solve(Matrix::Identity());
+    const Matrix of_gradient = without_skin + terms.gradient_covariance<Unknowns>();
+    const Matrix covariance = inverse * of_gradient * inverse;
+    normal_inverse = covariance_at_origin(inverse.template topLeftCorner<6, 6>(), centre);
+    result.covariance = covariance_at_origin(covariance.template topLeftCorner<6, 6>(), centre);
     result.T_image_reference = T;
+    if constexpr (kExcess) {
+      result.excess_mm = excess;
+      result.excess_sigma_mm = std::sqrt(covariance(6, 6));
+    }
   }
   return settled;
 }

@@ -6,6 +6,11 @@
 // and the covariance is the sandwich A^-1 B A^-1 with the correlations in B [White 1980]. Where surface residuals
 // exceed the stated sigma, the stated sigma is scaled up.
 //
+// Samples of a range sensor have a common error that changes the shape of a scan: such a sensor reads too far on tilted
+// skin (surface/tilt_excess.hpp). The excess and its two slopes are estimated together with the pose; the covariance
+// contains what stays unknown of them. The tilt is that of the surface where a sample lies. What a scan does not show
+// keeps its prior, of zero mean.
+//
 // Frames: fiducials and samples in Reference, their counterparts and the surface in Image, mm. The covariance is a left
 // perturbation in Image (geometry/pose_covariance.hpp).
 #pragma once
@@ -33,11 +38,17 @@ struct FiducialObservation {
 struct SurfaceSample {
   Vector3d reference_mm = Vector3d::Zero();
   Matrix3d covariance = Matrix3d::Zero(); // the sample's own error (tracker, pivot), in Reference; may be zero
+  // Of a sample by a range sensor: unit, against the beam, and across it, fixed in the sensor; in Reference. Zero: the
+  // skin was touched.
+  Vector3d towards_sensor = Vector3d::Zero();
+  Vector3d across = Vector3d::Zero();
 };
 
 struct RegistrationOptions {
   double surface_sigma_mm = 0.7;       // skin compression and segmentation, 1-sigma along the normal
   double correlation_length_mm = 12.0; // over which they are correlated, by exp(-d^2 / 2 l^2)
+  double excess_sigma_mm = 5.0;        // 1 sigma of the excess before the scan; 0: tilted skin is read as it is
+  double max_tilt_rad = 1.2;           // 69 degrees; samples of a range sensor on steeper skin have no weight
   double max_target_tre_mm = 2.0;      // above this predicted RMS at a target a direction counts as not fixed
   double min_spread_mm = 5.0;          // RMS distance of the fiducials from their best line
   double false_refusal = 0.002;        // probability that good fiducials are refused as contradicting, in total
@@ -80,6 +91,10 @@ struct RegistrationResult {
   double surface_scale = 1.0;     // factor by which surface_sigma_mm had to be multiplied
   double surface_effective = 0.0; // effective number of independent samples
 
+  int beam_count = 0;                    // of the samples, those by a range sensor
+  Vector3d excess_mm = Vector3d::Zero(); // their excess and its slopes, which surface_rms_mm is without
+  double excess_sigma_mm = 0.0;          // 1 sigma of the first; 0: there are no such samples
+
   // The motion with the largest uncertainty, about the head's centre; rotations are scaled by 80 mm.
   geometry::Vector6d weakest = geometry::Vector6d::Zero(); // unit; rotation, translation
   double weakest_sigma_mm = 0.0;
@@ -98,6 +113,10 @@ struct RegistrationResult {
 // subject: the names of the suspect fiducials; target: the name of the worst target. Does not allocate.
 void describe(const RegistrationResult &result, const RegistrationOptions &options, std::string_view subject,
               std::string_view target, std::span<char> out) noexcept;
+
+// What is known of the excess on tilted skin; empty without samples of a range sensor. As above.
+void describe_excess(const RegistrationResult &result, const RegistrationOptions &options,
+                     std::span<char> out) noexcept;
 
 // Owns the work space of an estimate, so that a loop can call it without allocation. One thread at a time.
 class RegistrationEstimator {

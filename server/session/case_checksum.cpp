@@ -63,11 +63,16 @@ public:
     add(sensor.origin_mm);
     add(sensor.direction);
     crc_.process_bytes(sensor.covariance.data(), sizeof(double) * 36);
-    const casefile::RangeCurveModel curve = sensor.curve.value_or(casefile::RangeCurveModel{});
-    for (const double value : {curve.scale_mm, curve.exponent, curve.covariance(0, 0), curve.covariance(0, 1),
-                               curve.covariance(1, 1), curve.rms_mm, static_cast<double>(sensor.window),
-                               sensor.delay_ms, sensor.sigma_mm, sensor.near_mm, sensor.far_mm, sensor.radius_mm}) {
+    const range::PowerLawFit curve = sensor.curve.value_or(range::PowerLawFit{});
+    for (const double value :
+         {curve.law.scale_mm, curve.law.exponent, curve.covariance(0, 0), curve.covariance(0, 1),
+          curve.covariance(1, 1), curve.rms_mm, curve.corrected_rms_mm, static_cast<double>(sensor.window),
+          sensor.delay_ms, sensor.sigma_mm, sensor.near_mm, sensor.far_mm, sensor.radius_mm, sensor.excess_mm}) {
       add(value);
+    }
+    for (const range::CurveCorrection &correction : curve.corrections) {
+      add(correction.reading);
+      add(correction.add_mm);
     }
   }
   void add(const std::optional<casefile::HandEyeModel> &hand_eye) {

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <type_traits>
 #include <variant>
@@ -76,6 +77,7 @@ struct RegistrationAccepted {
   std::uint64_t revision;
   wire::Pose T_image_reference;
   Array36 covariance; // twist order of pose_covariance.hpp
+  Array3 excess_mm;   // of a range sensor on tilted skin, and its slopes (tilt_excess.hpp); 0: none is known
 };
 
 // All samples and the accepted registration are void.
@@ -122,6 +124,9 @@ struct SurfaceSample {
   // Error that all samples of one scan have in common (beam and curve of the sensor, hand-eye); not part of
   // covariance_mm2.
   Array9 common_mm2;
+  // Of a sample by a range sensor that reads too far on tilted skin: unit, against the beam, and across it, fixed in
+  // the sensor; in Reference. Else 0. The position is as measured, too far.
+  Array3 towards_sensor, across;
 };
 
 // ---- to the monitoring loop ----
@@ -151,6 +156,10 @@ struct DriftRestart {
 
 // While on: a SurfaceSample event, with the sensor as its tool, whenever the point that the beam meets is spacing_mm
 // away from the last one. The other fields are the sensor's calibration, valid if on (casefile/robot_tools.hpp).
+inline constexpr std::size_t kMaxCurvePoints = 16;
+struct CurvePoint {
+  double reading, add_mm;
+};
 struct ScanRequest {
   bool on;
   wire::Name arm;
@@ -161,8 +170,11 @@ struct ScanRequest {
   bool curved;
   double curve_scale_mm, curve_exponent;
   std::array<double, 4> curve_covariance; // of scale and exponent
-  double curve_rms_mm;                    // that the law does not fit
-  std::int64_t window;                    // readings
+  double curve_rms_mm;                    // that law and corrections do not fit
+  std::uint32_t curve_points;             // corrections of the law, by increasing readings
+  std::array<CurvePoint, kMaxCurvePoints> curve_corrections;
+  bool reads_tilted;   // tilted skin too far
+  std::int64_t window; // readings
   std::int64_t delay_ns;
   double sigma_mm; // 0: as the sensor states
   double near_mm, far_mm;
@@ -172,6 +184,13 @@ struct ScanRequest {
   wire::Name reference;
   wire::Pose T_base_tracker;
   Array36 tracker_covariance; // of T_base_tracker
+};
+
+// ---- from the registration loop ----
+
+// Beside what is published of an estimate, what an accepted one keeps.
+struct RegistrationEstimate : wire::RegistrationState {
+  Array3 excess_mm; // as in RegistrationAccepted
 };
 
 // ---- from the navigation loop ----

@@ -205,7 +205,7 @@ void Session::on(const NavigationEvent &event, std::int64_t now_ns) {
   }
 }
 
-void Session::on(const wire::RegistrationState &estimate, std::int64_t now_ns) {
+void Session::on(const RegistrationEstimate &estimate, std::int64_t now_ns) {
   impl_->begin(now_ns);
   impl_->on_estimate(estimate);
 }

@@ -85,7 +85,7 @@ public:
 
   void handle(const wire::Command &command, std::int64_t now_ns);
   void on(const NavigationEvent &event, std::int64_t now_ns);
-  void on(const wire::RegistrationState &estimate, std::int64_t now_ns);
+  void on(const RegistrationEstimate &estimate, std::int64_t now_ns);
   void on(const AlarmCondition &condition, std::int64_t now_ns);
   void on(const StageAnswer &answer, std::int64_t now_ns);
   // Sends answers that wait for a loop, a worker or a timeout. Call it at 10 Hz or more.

@@ -59,7 +59,7 @@ public:
   void on_surface(SurfaceSample sample);
   void on_pivot_pose(const PivotPose &pose);
   void on_arm_replaced();
-  void on_estimate(const wire::RegistrationState &estimate);
+  void on_estimate(const RegistrationEstimate &estimate);
   // session_commands.cpp
   void on_stage_answer(const StageAnswer &answer);
 
@@ -199,7 +199,7 @@ private:
   std::optional<PendingRestore> restoring_;
   std::shared_ptr<const casefile::Case> case_;
   std::optional<SessionChanged> announced_;
-  std::optional<wire::RegistrationState> estimate_; // the latest
+  std::optional<RegistrationEstimate> estimate_; // the latest
   std::uint64_t next_request_ = 1;
   std::optional<PendingCapture> capture_;
   std::optional<PendingAccept> accept_;

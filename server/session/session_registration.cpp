@@ -213,6 +213,14 @@ Answer Session::Impl::start_scan(const bregma_wire_ScanBody &body) {
   if (const auto refusal = refuse_surface()) {
     return *refusal;
   }
+  // What a sensor reads too far on tilted skin is estimated once per registration.
+  const auto other = std::find_if(data_.surface.begin(), data_.surface.end(), [&](const SurfaceSample &sample) {
+    return sample.towards_sensor != Array3{} && wire::view(sample.tool) != name;
+  });
+  if (other != data_.surface.end() && sensor->excess_mm > 0.0) {
+    return refused("the registration has points of " + wire::text(other->tool) +
+                   ", and its scans are made with one sensor: start the registration anew");
+  }
   ScanRequest request{};
   request.on = true;
   std::copy(std::begin(body.device), std::end(body.device), request.arm);
@@ -223,11 +231,17 @@ Answer Session::Impl::start_scan(const bregma_wire_ScanBody &body) {
   Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(request.beam_covariance.data()) = sensor->covariance;
   request.curved = sensor->curve.has_value();
   if (sensor->curve) {
-    request.curve_scale_mm = sensor->curve->scale_mm;
-    request.curve_exponent = sensor->curve->exponent;
-    Eigen::Map<Eigen::Matrix2d>(request.curve_covariance.data()) = sensor->curve->covariance;
-    request.curve_rms_mm = sensor->curve->rms_mm;
+    const range::PowerLawFit &curve = *sensor->curve;
+    request.curve_scale_mm = curve.law.scale_mm;
+    request.curve_exponent = curve.law.exponent;
+    Eigen::Map<Eigen::Matrix2d>(request.curve_covariance.data()) = curve.covariance;
+    request.curve_rms_mm = curve.corrected_rms_mm;
+    static_assert(kMaxCurvePoints == casefile::kMaxCurveCorrections);
+    for (const range::CurveCorrection &correction : curve.corrections) {
+      request.curve_corrections[request.curve_points++] = {correction.reading, correction.add_mm};
+    }
   }
+  request.reads_tilted = sensor->excess_mm > 0.0;
   request.window = sensor->window;
   request.delay_ns = std::llround(sensor->delay_ms * kNanosecondsPerMs);
   request.sigma_mm = sensor->sigma_mm;
@@ -354,7 +368,7 @@ Outcome Session::Impl::accept_registration(const Ticket &ticket) {
   return std::nullopt;
 }
 
-void Session::Impl::on_estimate(const wire::RegistrationState &estimate) {
+void Session::Impl::on_estimate(const RegistrationEstimate &estimate) {
   estimate_ = estimate;
   if (accept_ && estimate.revision == data_.revision) {
     const Ticket ticket = accept_->ticket;

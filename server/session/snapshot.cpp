@@ -46,9 +46,10 @@ CalibratedTip read_tip(const json &from) {
 }
 
 template <class Sample> constexpr bool kHasCommon = requires(Sample sample) { sample.common_mm2; };
+template <class Sample> constexpr bool kHasBeam = requires(Sample sample) { sample.towards_sensor; };
 
 // Fiducial and surface samples differ only by the name of the point. They get the set's revision again when sent. A
-// common error is 0 for samples of a stylus, and then not written.
+// common error and a beam are 0 for samples of a stylus, and then not written.
 template <class Sample> json write_sample(const Sample &sample) {
   json out = {{"tool", wire::text(sample.tool)},
               {"frame", sample.frame},
@@ -58,6 +59,12 @@ template <class Sample> json write_sample(const Sample &sample) {
   if constexpr (kHasCommon<Sample>) {
     if (sample.common_mm2 != Array9{}) {
       out["common_mm2"] = sample.common_mm2;
+    }
+  }
+  if constexpr (kHasBeam<Sample>) {
+    if (sample.towards_sensor != Array3{}) {
+      out["towards_sensor"] = sample.towards_sensor;
+      out["across"] = sample.across;
     }
   }
   return out;
@@ -73,6 +80,12 @@ template <class Sample> Sample read_sample(const json &from) {
   if constexpr (kHasCommon<Sample>) {
     if (from.contains("common_mm2")) {
       from.at("common_mm2").get_to(out.common_mm2);
+    }
+  }
+  if constexpr (kHasBeam<Sample>) {
+    if (from.contains("towards_sensor")) {
+      from.at("towards_sensor").get_to(out.towards_sensor);
+      from.at("across").get_to(out.across);
     }
   }
   return out;
@@ -100,10 +113,14 @@ JudgedCheck read_check(const json &from, const std::string &landmark) {
 }
 
 json write(const RegistrationAccepted &accepted) {
-  return {{"revision", accepted.revision},
-          {"rotation_wxyz", accepted.T_image_reference.rotation_wxyz},
-          {"translation_mm", accepted.T_image_reference.translation_mm},
-          {"covariance", accepted.covariance}};
+  json out = {{"revision", accepted.revision},
+              {"rotation_wxyz", accepted.T_image_reference.rotation_wxyz},
+              {"translation_mm", accepted.T_image_reference.translation_mm},
+              {"covariance", accepted.covariance}};
+  if (accepted.excess_mm != Array3{}) {
+    out["excess_mm"] = accepted.excess_mm;
+  }
+  return out;
 }
 
 RegistrationAccepted read_accepted(const json &from) {
@@ -112,6 +129,9 @@ RegistrationAccepted read_accepted(const json &from) {
   from.at("rotation_wxyz").get_to(out.T_image_reference.rotation_wxyz);
   from.at("translation_mm").get_to(out.T_image_reference.translation_mm);
   from.at("covariance").get_to(out.covariance);
+  if (from.contains("excess_mm")) {
+    from.at("excess_mm").get_to(out.excess_mm);
+  }
   return out;
 }
 

@@ -96,13 +96,13 @@ std::string placing_text(const TargetTre &tre) {
              : " (" + mm(tre.placing_rms_mm) + " of it from the registration of image " + tre.placed_in + ")";
 }
 
-RegistrationAccepted accept(const wire::RegistrationState &estimate) {
-  RegistrationAccepted out{estimate.revision, estimate.T_image_reference, {}};
+RegistrationAccepted accept(const RegistrationEstimate &estimate) {
+  RegistrationAccepted out{estimate.revision, estimate.T_image_reference, {}, estimate.excess_mm};
   std::copy(std::begin(estimate.covariance), std::end(estimate.covariance), out.covariance.begin());
   return out;
 }
 
-std::optional<std::string> refuse_acceptance(const casefile::Case &the_case, const wire::RegistrationState &estimate) {
+std::optional<std::string> refuse_acceptance(const casefile::Case &the_case, const RegistrationEstimate &estimate) {
   if (estimate.status == bregma_wire_REGISTRATION_NONE) {
     return "there is no estimate yet: touch the fiducials first";
   }

@@ -26,9 +26,9 @@ struct TargetTre {
 
 // Requires a candidate whose predicted TRE is at most limits.max_target_tre_mm at every target.
 [[nodiscard]] std::optional<std::string> refuse_acceptance(const casefile::Case &the_case,
-                                                           const wire::RegistrationState &estimate);
+                                                           const RegistrationEstimate &estimate);
 // Precondition: not refused.
-[[nodiscard]] RegistrationAccepted accept(const wire::RegistrationState &estimate);
+[[nodiscard]] RegistrationAccepted accept(const RegistrationEstimate &estimate);
 
 // Evaluates a touch of the landmark with this index in the case, by the accepted registration.
 [[nodiscard]] JudgedCheck judge_check(const casefile::Case &the_case, const RegistrationAccepted &registration,

@@ -1,5 +1,6 @@
 #include "server/stages/loaded_case.hpp"
 
+#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -32,11 +33,17 @@ inputs::KnownTools known_tools(const casefile::Case &a_case) {
   return *known;
 }
 
-registration::RegistrationOptions options_of(const casefile::Limits &limits, double correlation_length_mm) {
+registration::RegistrationOptions options_of(const casefile::Case &a_case, double correlation_length_mm) {
   registration::RegistrationOptions options;
-  options.surface_sigma_mm = limits.surface_sigma_mm;
-  options.max_target_tre_mm = limits.max_target_tre_mm;
+  options.surface_sigma_mm = a_case.limits.surface_sigma_mm;
+  options.max_target_tre_mm = a_case.limits.max_target_tre_mm;
   options.correlation_length_mm = correlation_length_mm;
+  options.excess_sigma_mm = 0.0;
+  if (a_case.robot) {
+    for (const casefile::RangeSensorModel &sensor : a_case.robot->equipment.sensors) {
+      options.excess_sigma_mm = std::max(options.excess_sigma_mm, sensor.excess_mm);
+    }
+  }
   return options;
 }
 
@@ -45,7 +52,7 @@ registration::RegistrationOptions options_of(const casefile::Limits &limits, dou
 LoadedCase::LoadedCase(std::shared_ptr<const casefile::Case> loaded, double correlation_length_mm,
                        int max_surface_samples)
     : data(std::move(loaded)), scalp(data->scalp.mesh), structures(named_meshes(*data)), tools(known_tools(*data)),
-      estimator(&scalp, options_of(data->limits, correlation_length_mm), max_surface_samples) {}
+      estimator(&scalp, options_of(*data, correlation_length_mm), max_surface_samples) {}
 
 LoadedCase::~LoadedCase() = default;
 

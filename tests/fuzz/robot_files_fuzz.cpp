@@ -63,8 +63,11 @@ private:
       require(sensor.origin_mm.allFinite() && std::abs(sensor.direction.norm() - 1.0) < 1e-3);
       require_covariance(sensor.covariance);
       if (sensor.curve) {
-        require(std::isfinite(sensor.curve->scale_mm) && std::isfinite(sensor.curve->exponent) &&
-                sensor.curve->rms_mm >= 0.0);
+        require(sensor.curve->law.scale_mm > 0.0 && std::isfinite(sensor.curve->law.exponent) &&
+                sensor.curve->rms_mm >= 0.0 && sensor.curve->corrected_rms_mm >= 0.0);
+        for (const auto &correction : sensor.curve->corrections) {
+          require(std::isfinite(correction.add_mm));
+        }
         require_covariance(sensor.curve->covariance);
       }
     }

@@ -9,6 +9,7 @@
 #include <Eigen/Dense>
 
 #include "algorithms/geometry/unknown.hpp"
+#include "algorithms/registration/surface/tilt_excess.hpp"
 #include "algorithms/registration/twist.hpp"
 #include "algorithms/surface/neighbours.hpp"
 
@@ -127,7 +128,6 @@ private:
   // The scale and the choice of points follow for so many steps; then they are constant, so that the last ones
   // converge.
   static constexpr int kScaledSteps = 8;
-  static constexpr double kUneven = 0.5; // 1 sigma of the excess's slopes, over that of the excess
 
   static double hampel(double z) {
     const double size = std::abs(z);
@@ -144,11 +144,7 @@ private:
     centre_ = T * centre_source_;
     const Vector3d up = T.rotation() * up_;
     const Vector3d side = T.rotation() * side_;
-    // By excess and slopes: how much too far a surface of this normal is read.
-    const auto too_far = [&](const Vector3d &normal) -> Vector3d {
-      const double tilted = 1.0 - std::clamp(normal.dot(up), 0.0, 1.0);
-      return tilted * Vector3d(1.0, normal.dot(side), normal.dot(up.cross(side)));
-    };
+    const auto too_far = [&](const Vector3d &normal) { return excess_terms(normal, up, side); };
     magnitudes_.clear();
     used_ = 0;
     for (std::size_t i = 0; i < points_.size(); ++i) {
@@ -188,7 +184,7 @@ private:
     const auto of = [this](double sigma_mm) { return sigma_mm > 0.0 ? std::pow(scale_ / sigma_mm, 2) : kFixed; };
     VectorAll out = VectorAll::Zero();
     out[kExcess] = of(options_.excess_sigma_mm);
-    out.segment<2>(kExcess + 1).setConstant(of(kUneven * options_.excess_sigma_mm));
+    out.segment<2>(kExcess + 1).setConstant(of(kExcessSlopes * options_.excess_sigma_mm));
     out[kOffset] = of(options_.offset_sigma_mm);
     return out;
   }

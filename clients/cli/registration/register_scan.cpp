@@ -12,6 +12,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/geometry/angles.hpp"
+#include "casefile/range_curve.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/register_commands.hpp"
 #include "clients/cli/registration/registration_output.hpp"
@@ -61,7 +62,7 @@ base::Result<range::PowerLawFit> curve_of(const ScanArguments &arguments, const 
                          "(a column distance_mm needs none)");
   }
   if (!arguments.curve.empty()) {
-    return read_range_curve(arguments.curve);
+    return casefile::read_range_curve(arguments.curve);
   }
   range::PowerLawFit out;
   out.law = {*arguments.scale_mm, *arguments.exponent};

@@ -9,22 +9,16 @@
 #include <string_view>
 #include <utility>
 
-#include <nlohmann/json.hpp>
-
 #include "base/csv_table.hpp"
-#include "base/read_file.hpp"
 #include "base/text.hpp"
 
 namespace bregma::cli {
 
 namespace {
 
-using nlohmann::json;
-
 constexpr double kNothing = std::numeric_limits<double>::quiet_NaN();
 constexpr double kMaxDamagedFraction = 0.1;
 constexpr double kMaxPosition_mm = 1e5; // of an arm: beyond it the line was garbled
-constexpr std::size_t kMaxCurveBytes = std::size_t{1} << 20;
 
 struct ScanColumns {
   std::array<std::size_t, 3> at{0, 1, 2}; // x, y, reading
@@ -151,57 +145,6 @@ base::Result<ScanFile> read_scan_file(const std::filesystem::path &file, double 
   if (out.damaged > 0) {
     out.notes.push_back(first_damaged + "the first of " + std::to_string(out.damaged) +
                         " damaged rows: what they lack counts as missing");
-  }
-  return out;
-}
-
-base::Result<range::PowerLawFit> read_range_curve(const std::filesystem::path &file) {
-  const auto text = base::read_file(file, kMaxCurveBytes);
-  if (!text) {
-    return tl::unexpected(text.error());
-  }
-  const json document = json::parse(*text, nullptr, false);
-  const auto number = [&document](const char *key) -> std::optional<double> {
-    const auto found = document.is_object() ? document.find(key) : document.end();
-    return found != document.end() && found->is_number() ? std::optional(found->get<double>()) : std::nullopt;
-  };
-  const auto scale = number("scale_mm");
-  const auto exponent = number("exponent");
-  if (!scale || !exponent || !(*scale > 0.0) || !std::isfinite(*scale) || !std::isfinite(*exponent) ||
-      *exponent == 0.0) {
-    return base::failure(file.string() +
-                         ": holds no curve (scale_mm, exponent): use what calibrate range --json prints");
-  }
-  if (const auto accepted = document.find("accepted");
-      accepted == document.end() || !accepted->is_boolean() || !accepted->get<bool>()) {
-    return base::failure(file.string() + ": this curve was not accepted by its calibration");
-  }
-  range::PowerLawFit out;
-  out.estimated = true;
-  out.verdict = range::PowerLawVerdict::kAccepted;
-  out.law = {*scale, *exponent};
-  const auto covariance = document.find("covariance");
-  if (covariance != document.end() && covariance->is_array() && covariance->size() == 2) {
-    for (std::size_t r = 0; r < 2; ++r) {
-      const json &row = (*covariance)[r];
-      if (!row.is_array() || row.size() != 2 || !row[0].is_number() || !row[1].is_number()) {
-        return base::failure(file.string() + ": covariance: must be two rows of two numbers");
-      }
-      out.covariance.row(static_cast<Eigen::Index>(r)) << row[0].get<double>(), row[1].get<double>();
-    }
-  }
-  // A curve of an earlier version has neither misfit nor corrections.
-  out.rms_mm = number("rms_mm").value_or(0.0);
-  out.corrected_rms_mm = number("corrected_rms_mm").value_or(out.rms_mm);
-  if (const auto corrections = document.find("corrections"); corrections != document.end()) {
-    for (const json &row : *corrections) {
-      const bool whole = row.is_object() && row.contains("reading") && row["reading"].is_number() &&
-                         row.contains("add_mm") && row["add_mm"].is_number();
-      if (!whole || (!out.corrections.empty() && !(out.corrections.back().reading < row["reading"].get<double>()))) {
-        return base::failure(file.string() + ": corrections: must hold reading and add_mm, with increasing readings");
-      }
-      out.corrections.push_back({row["reading"].get<double>(), row["add_mm"].get<double>()});
-    }
   }
   return out;
 }

@@ -1,19 +1,14 @@
-// Records of a scan with a range sensor, and the curve of the sensor, in files.
-//
-// Records: a table (base/csv_table.hpp) with one row per reading, in order: the robot's x and y in mm and the reading.
-// A header may name the columns: x, y, x_mm, y_mm, reading; or distance_mm for a reading that is a distance. A reading
-// is missing where its cell is empty, "NaN", "NA" or "-". Rows of a line that was cut off or garbled are kept as rows
-// without a reading, so that the times of the others stay right, and are counted. A file with too many of them is
-// refused.
-//
-// Curve: what `bregma calibrate range --json` prints. A curve that was not accepted is refused.
+// Records of a scan with a range sensor, in a file: a table (base/csv_table.hpp) with one row per reading, in order:
+// the robot's x and y in mm and the reading. A header may name the columns: x, y, x_mm, y_mm, reading; or distance_mm
+// for a reading that is a distance. A reading is missing where its cell is empty, "NaN", "NA" or "-". Rows of a line
+// that was cut off or garbled are kept as rows without a reading, so that the times of the others stay right, and are
+// counted. A file with too many of them is refused.
 #pragma once
 
 #include <filesystem>
 #include <string>
 #include <vector>
 
-#include "algorithms/range/power_law.hpp"
 #include "algorithms/range/surface_scan.hpp"
 #include "base/result.hpp"
 
@@ -28,8 +23,5 @@ struct ScanFile {
 // modulo: readings are taken modulo this, which undoes two readings that the line joined; 0: as they are.
 // Refused: no rows, an unknown column, not three columns, more than a tenth of the rows damaged.
 [[nodiscard]] base::Result<ScanFile> read_scan_file(const std::filesystem::path &file, double modulo);
-
-// With the covariance, if the file has it.
-[[nodiscard]] base::Result<range::PowerLawFit> read_range_curve(const std::filesystem::path &file);
 
 } // namespace bregma::cli

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "algorithms/registration/surface/tilt_excess.hpp"
 #include "server/stages/monitoring/plausibility_text.hpp"
 #include "server/stages/navigation/hand_eye_check.hpp"
 #include "server/stages/schedules.hpp"
@@ -95,6 +96,7 @@ void MonitoringPipeline::on(const MonitoringMessage &message) noexcept {
     void operator()(const RegistrationAccepted &accepted) const noexcept {
       self.accepted_ = {wire::from_wire<frame::Image, frame::Reference>(accepted.T_image_reference),
                         matrix_of(accepted.covariance)};
+      self.excess_mm_ = vector_of(accepted.excess_mm);
       self.restart_drift();
       self.predict_targets();
     }
@@ -142,8 +144,13 @@ void MonitoringPipeline::add(const SurfaceSample &sample) noexcept {
   if (!accepted_ || case_ == nullptr) {
     return;
   }
-  const Vector3d point = accepted_->pose * vector_of(sample.position_mm);
   const Matrix3d R = accepted_->pose.rotation_matrix();
+  Vector3d point = accepted_->pose * vector_of(sample.position_mm);
+  if (const Vector3d up = R * vector_of(sample.towards_sensor); !up.isZero()) {
+    // Without what the sensor reads too far there, as in the registration.
+    const Vector3d across = R * vector_of(sample.across);
+    point += registration::excess_terms(case_->scalp.closest(point).normal, up, across).dot(excess_mm_) * up;
+  }
   const auto closest = case_->scalp.closest(point);
   const double own = closest.normal.dot(R * matrix_of(sample.covariance_mm2) * R.transpose() * closest.normal);
   const double skin = case_->data->limits.surface_sigma_mm;

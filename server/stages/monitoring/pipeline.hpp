@@ -77,6 +77,7 @@ private:
   LoadedCase *case_ = nullptr;
   SessionChanged session_{bregma_wire_SESSION_IDLE, false};
   std::optional<geometry::UncertainPose<geometry::frame::Image, geometry::frame::Reference>> accepted_;
+  geometry::Vector3d excess_mm_ = geometry::Vector3d::Zero(); // of the accepted registration
   monitoring::DriftMonitor drift_;
   std::uint64_t rejected_seen_[bregma_wire_MAX_DEVICES] = {};     // in the order of trackers, then sensors
   std::uint64_t other_writer_seen_[bregma_wire_MAX_DEVICES] = {}; // in the same order, like the next

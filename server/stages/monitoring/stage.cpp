@@ -26,7 +26,7 @@ MonitoringStage::MonitoringStage(const MonitoringParameters &parameters, const S
 void MonitoringStage::connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<TrackingView> &tracking,
                               const runtime::LatestValue<inputs::StreamHealth> &trackers,
                               const runtime::LatestValue<inputs::StreamHealth> &sensors,
-                              const runtime::LatestValue<wire::RegistrationState> &estimate) {
+                              const runtime::LatestValue<RegistrationEstimate> &estimate) {
   inbox_ = &inbox;
   lease_.connect(cases);
   tracking_.connect(tracking);

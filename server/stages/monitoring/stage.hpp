@@ -26,7 +26,7 @@ public:
   void connect(Inbox &inbox, CaseStore &cases, const runtime::LatestValue<TrackingView> &tracking,
                const runtime::LatestValue<inputs::StreamHealth> &trackers,
                const runtime::LatestValue<inputs::StreamHealth> &sensors,
-               const runtime::LatestValue<wire::RegistrationState> &estimate);
+               const runtime::LatestValue<RegistrationEstimate> &estimate);
 
   void step(const Moment &now) noexcept override;
 
@@ -42,7 +42,7 @@ private:
   runtime::LatestInput<TrackingView> tracking_;
   runtime::LatestInput<inputs::StreamHealth> trackers_;
   runtime::LatestInput<inputs::StreamHealth> sensors_;
-  runtime::LatestInput<wire::RegistrationState> estimate_;
+  runtime::LatestInput<RegistrationEstimate> estimate_;
 };
 
 } // namespace bregma::server

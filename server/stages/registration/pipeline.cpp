@@ -47,7 +47,7 @@ void RegistrationPipeline::clear() noexcept {
   located_.reset();
   search_text_ = {};
   searched_count_ = 0;
-  const wire::RegistrationState old = state_;
+  const RegistrationEstimate old = state_;
   state_ = {};
   copy_name(state_.reference, old.reference);
   state_.status = bregma_wire_REGISTRATION_NONE;
@@ -106,7 +106,8 @@ void RegistrationPipeline::on(const RegistrationMessage &message) noexcept {
     }
     void operator()(const SurfaceSample &sample) const noexcept {
       if (self.surface_.size() < self.surface_.capacity()) {
-        self.surface_.push_back({vector_of(sample.position_mm), matrix_of(sample.covariance_mm2)});
+        self.surface_.push_back({vector_of(sample.position_mm), matrix_of(sample.covariance_mm2),
+                                 vector_of(sample.towards_sensor), vector_of(sample.across)});
         self.surface_common_mm2_ += matrix_of(sample.common_mm2);
       }
       self.revision_ = sample.revision;
@@ -282,10 +283,12 @@ void RegistrationPipeline::show(const registration::RegistrationResult &result) 
   if (result.refusal == Refusal::kTooFewFiducials && search_text_[0] != '\0') {
     wire::set_text(state_.text, search_text_.data());
   }
+  state_.excess_mm = array_of(result.excess_mm);
   if (refused) {
     state_.T_image_reference = wire::unknown_pose();
     put_unknown(state_.covariance);
   } else {
+    registration::describe_excess(result, case_->estimator.options(), state_.text);
     state_.T_image_reference = wire::to_wire(result.T_image_reference);
     server::put(with_common(result), state_.covariance);
   }

@@ -35,7 +35,7 @@ public:
   [[nodiscard]] const PoseSearchRequest *wanted_search() noexcept;
 
   // State after the last step. Without a case the reference has no name and the status is REGISTRATION_NONE.
-  [[nodiscard]] const wire::RegistrationState &state() const noexcept { return state_; }
+  [[nodiscard]] const RegistrationEstimate &state() const noexcept { return state_; }
   [[nodiscard]] const wire::FiducialReport &fiducials() const noexcept { return report_; }
   // True if the last step made a new estimate or none is left: the fiducial report has changed.
   [[nodiscard]] bool report_changed() const noexcept { return report_changed_; }
@@ -79,7 +79,7 @@ private:
   bool searching_ = false;
   PoseSearchRequest search_;
 
-  wire::RegistrationState state_{};
+  RegistrationEstimate state_{};
   wire::FiducialReport report_{};
 };
 

@@ -30,7 +30,7 @@ public:
 
   void step(const Moment &now) noexcept override;
 
-  runtime::LatestValue<wire::RegistrationState> estimate;
+  runtime::LatestValue<RegistrationEstimate> estimate;
   runtime::LatestValue<PoseSearchRequest> search; // request for a search without a start pose
 
 private:

@@ -57,7 +57,7 @@ RobotMotionStage::RobotMotionStage(const RobotMotionParameters &parameters, cons
 void RobotMotionStage::connect(RobotMotionInbox &commands, CaseStore &cases,
                                const runtime::LatestValue<RobotsView> &robots,
                                const runtime::LatestValue<TrackingView> &tracking,
-                               const runtime::LatestValue<wire::RegistrationState> &registration,
+                               const runtime::LatestValue<RegistrationEstimate> &registration,
                                const runtime::LatestValue<ReferenceView> &reference) {
   inbox_ = &commands;
   lease_.connect(cases);

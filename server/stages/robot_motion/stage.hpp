@@ -47,7 +47,7 @@ public:
   RobotMotionStage(const RobotMotionParameters &parameters, const StageContext &context);
   void connect(RobotMotionInbox &commands, CaseStore &cases, const runtime::LatestValue<RobotsView> &robots,
                const runtime::LatestValue<TrackingView> &tracking,
-               const runtime::LatestValue<wire::RegistrationState> &registration,
+               const runtime::LatestValue<RegistrationEstimate> &registration,
                const runtime::LatestValue<ReferenceView> &reference);
 
   void step(const Moment &now) noexcept override;
@@ -95,7 +95,7 @@ private:
   const casefile::Case *case_ = nullptr;
   runtime::LatestInput<RobotsView> robots_;
   runtime::LatestInput<TrackingView> tracking_;
-  runtime::LatestInput<wire::RegistrationState> registration_;
+  runtime::LatestInput<RegistrationEstimate> registration_;
   runtime::LatestInput<ReferenceView> reference_;
   PatientPlace patient_;
   std::int64_t reference_ns_ = 0; // exposure of the newest one in patient_

@@ -92,7 +92,7 @@ SessionStage::SessionStage(const SessionParameters &parameters, const StageConte
                [this](Work work, const std::function<void()> &job) { host_.run_elsewhere(work, job); }) {}
 
 void SessionStage::connect(NavigationEvents &events, AlarmEvents &conditions,
-                           const runtime::LatestValue<wire::RegistrationState> &estimate, StageAnswers &scanner_answers,
+                           const runtime::LatestValue<RegistrationEstimate> &estimate, StageAnswers &scanner_answers,
                            AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions,
                            StageAnswers &motion_answers, AlarmEvents &motion_conditions) {
   events_ = &events;

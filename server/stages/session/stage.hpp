@@ -46,7 +46,7 @@ public:
 
   SessionStage(const SessionParameters &parameters, const StageContext &context);
   void connect(NavigationEvents &events, AlarmEvents &conditions,
-               const runtime::LatestValue<wire::RegistrationState> &estimate, StageAnswers &scanner_answers,
+               const runtime::LatestValue<RegistrationEstimate> &estimate, StageAnswers &scanner_answers,
                AlarmEvents &scanner_conditions, NavigationEvents &scan_events, AlarmEvents &scan_conditions,
                StageAnswers &motion_answers, AlarmEvents &motion_conditions);
 
@@ -103,7 +103,7 @@ private:
   StageAnswers *scanner_answers_ = nullptr;
   StageAnswers *motion_answers_ = nullptr;
   AlarmEvents *scanner_conditions_ = nullptr;
-  runtime::LatestInput<wire::RegistrationState> estimate_;
+  runtime::LatestInput<RegistrationEstimate> estimate_;
   std::int64_t now_ns_ = 0;                           // UTC, of the step under way
   std::deque<std::shared_ptr<Recording>> recordings_; // begun, with an outcome that the session does not know yet
   CommandGate gate_;

@@ -98,6 +98,10 @@ void SurfaceScanStage::take(const Moment &now) {
     sample.position_mm = array_of(point->position_mm);
     sample.covariance_mm2 = array_of(point->independent_mm2);
     sample.common_mm2 = array_of(point->common_mm2);
+    if (scan_.request().reads_tilted) {
+      sample.towards_sensor = array_of(point->towards_sensor);
+      sample.across = array_of(point->across);
+    }
     (void)events.try_push(sample); // a full ring counts dropped values
     const Matrix3d whole = point->independent_mm2 + point->common_mm2;
     for (const double value : {point->position_mm.x(), point->position_mm.y(), point->position_mm.z()}) {

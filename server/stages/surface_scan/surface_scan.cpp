@@ -32,6 +32,11 @@ void SurfaceScan::request(const ScanRequest &request) {
   beam_.beam = {vector_of(request.origin_mm), vector_of(request.direction)};
   beam_.covariance = matrix_of(request.beam_covariance);
   exact_.beam = beam_.beam;
+  across_ = beam_.beam.direction.unitOrthogonal();
+  curve_ = {{request.curve_scale_mm, request.curve_exponent}, {}};
+  for (std::size_t i = 0; i < std::min<std::size_t>(request.curve_points, kMaxCurvePoints); ++i) {
+    curve_.corrections.push_back({request.curve_corrections[i].reading, request.curve_corrections[i].add_mm});
+  }
   if (request.beside_tracker) {
     T_tracker_base_ = geometry::inverse(geometry::UncertainPose<RobotBase, Tracker>{
         wire::from_wire<RobotBase, Tracker>(request.T_base_tracker), matrix_of(request.tracker_covariance)});
@@ -145,9 +150,10 @@ SurfaceScan::Point SurfaceScan::point_of(const Value &value, const Flanges::Pose
   double slope = 1.0;
   double curve_variance_mm2 = 0.0;
   if (request_.curved) {
-    range_mm = request_.curve_scale_mm * std::pow(value.range_mm, request_.curve_exponent);
-    slope = request_.curve_exponent * range_mm / value.range_mm;
-    const Eigen::Vector2d J(range_mm / request_.curve_scale_mm, range_mm * std::log(value.range_mm));
+    const double by_law_mm = curve_.law.distance_mm(value.range_mm);
+    range_mm = curve_.distance_mm(value.range_mm);
+    slope = curve_.law.exponent * by_law_mm / value.range_mm;
+    const Eigen::Vector2d J(by_law_mm / curve_.law.scale_mm, by_law_mm * std::log(value.range_mm));
     curve_variance_mm2 = J.dot(Eigen::Matrix2d::Map(request_.curve_covariance.data()) * J) +
                          request_.curve_rms_mm * request_.curve_rms_mm;
   }
@@ -159,6 +165,8 @@ SurfaceScan::Point SurfaceScan::point_of(const Value &value, const Flanges::Pose
                         uncertainty::tre_covariance(T_base_flange.covariance, out.position_mm);
   out.common_mm2 =
       calibration::beam_point_covariance(beam_, {T, range_mm}, std::sqrt(std::max(curve_variance_mm2, 0.0)), 0.0);
+  out.towards_sensor = -(T.rotation() * beam_.beam.direction);
+  out.across = T.rotation() * across_;
   return out;
 }
 
@@ -173,6 +181,8 @@ SurfaceScan::Point SurfaceScan::in_reference(const Point &in_base, const Referen
                         uncertainty::tre_covariance(T_reference_tracker.covariance, out.position_mm);
   out.common_mm2 = R * in_base.common_mm2 * R.transpose() +
                    uncertainty::tre_covariance(T_reference_base.covariance, out.position_mm);
+  out.towards_sensor = R * in_base.towards_sensor;
+  out.across = R * in_base.across;
   return out;
 }
 

@@ -6,7 +6,8 @@
 //
 // The error of a point has two parts. The reading, the flange and the time give an independent one per point. Beam and
 // curve, with what the curve does not fit, give one that all points of a scan have in common; it does not average out,
-// and goes into the registration as a whole.
+// and goes into the registration as a whole. What the sensor reads too far on tilted skin depends on the skin, and is
+// not taken off here: the registration estimates it from the points and the directions of their beams.
 //
 // With a tracker beside the arm a point is one of the tracked reference, p_reference = T_tracker_reference^-1
 // T_base_tracker^-1 p, both interpolated at the same time, so that the patient may move. The error of the hand-eye
@@ -26,6 +27,7 @@
 #include <optional>
 
 #include "algorithms/calibration/beam.hpp"
+#include "algorithms/range/power_law.hpp"
 #include "algorithms/range/range_filters.hpp"
 #include "server/session/messages.hpp"
 #include "server/stages/pose_history.hpp"
@@ -48,6 +50,9 @@ public:
     geometry::Vector3d position_mm = geometry::Vector3d::Zero(); // in the arm's base, or in the reference
     geometry::Matrix3d independent_mm2 = geometry::Matrix3d::Zero();
     geometry::Matrix3d common_mm2 = geometry::Matrix3d::Zero();
+    // Unit, against the beam, and across it, fixed in the flange; in the same frame as the position.
+    geometry::Vector3d towards_sensor = geometry::Vector3d::UnitZ();
+    geometry::Vector3d across = geometry::Vector3d::UnitX();
   };
   // Of the present or last scan.
   struct Counts {
@@ -97,8 +102,10 @@ private:
   ToolPoseOptions options_;
   ScanRequest request_{};
   std::optional<range::WindowFilter> filter_;
-  calibration::BeamResult beam_;  // with its covariance
-  calibration::BeamResult exact_; // without
+  calibration::BeamResult beam_;                            // with its covariance
+  calibration::BeamResult exact_;                           // without
+  geometry::Vector3d across_ = geometry::Vector3d::UnitX(); // the beam, in the flange
+  range::RangeCurve curve_;                                 // of the request, if curved
   Flanges flanges_;
   References references_;
   geometry::UncertainPose<geometry::frame::Tracker, geometry::frame::RobotBase> T_tracker_base_; // beside a tracker

@@ -76,7 +76,7 @@ sim::ArmSettings arm_settings() {
   return out;
 }
 
-RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker, bool flange_body) {
+RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker, bool flange_body, const RangeKnowledge &known) {
   std::mt19937 rng(static_cast<unsigned>(seed) + 1);
   origin_mm_ = Vector3d(12.0, -8.0, 60.0) + normal_vector(rng, kSigmaBeam_mm);
   direction_ =
@@ -106,7 +106,7 @@ RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker, bool flange_body) 
   }
   case_.image = folder_.path() / "image.nii.gz";
   std::ofstream(case_.image) << "only its name matters to the daemon\n";
-  write_equipment();
+  write_equipment(known);
   if (beside_tracker) {
     std::ofstream(folder_.path() / "robot.toml", std::ios::app)
         << "[hand_eye]\nfile = \"hand_eye.json\"\ntracker = \"Tracker\"\n"
@@ -125,13 +125,18 @@ RobotCase::RobotCase(std::uint64_t seed, bool beside_tracker, bool flange_body) 
   case_ = *loaded;
 }
 
-void RobotCase::write_equipment() const {
-  std::ofstream(folder_.path() / "robot.toml")
-      << "arm = \"" BREGMA_SOURCE_DIR "/robots/mz07f.toml\"\n"
-      << "[[tools]]\nname = \"Pointer\"\ntip_mm = [-5, 3, 150]\nsigma_mm = 0.1\nsigma_deg = 0.2\n"
-         "[[tools]]\nname = \"Drill\"\ntip_mm = [0, 0, 100]\nsigma_mm = 0.1\n"
-         "[[sensors]]\nname = \"Range\"\nbeam = \"beam.json\"\ncurve = \"curve.json\"\nwindow = 100\ndelay_ms = 38.3\n"
-         "sigma_mm = 0.8\nnear_mm = 150\nfar_mm = 240\n";
+void RobotCase::write_equipment(const RangeKnowledge &known) const {
+  std::ofstream equipment(folder_.path() / "robot.toml");
+  equipment << "arm = \"" BREGMA_SOURCE_DIR "/robots/mz07f.toml\"\n"
+            << "[[tools]]\nname = \"Pointer\"\ntip_mm = [-5, 3, 150]\nsigma_mm = 0.1\nsigma_deg = 0.2\n"
+               "[[tools]]\nname = \"Drill\"\ntip_mm = [0, 0, 100]\nsigma_mm = 0.1\n";
+  for (const char *name : {"Range", "Spare"}) {
+    equipment << "[[sensors]]\nname = \"" << name
+              << "\"\nbeam = \"beam.json\"\ncurve = \"curve.json\"\nwindow = 100\ndelay_ms = 38.3\nsigma_mm = 0.8\n"
+                 "near_mm = 150\nfar_mm = 240\nexcess_mm = "
+              << known.excess_mm << '\n';
+  }
+  equipment.close();
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(6, 6);
   covariance.diagonal() << Eigen::Vector3d::Constant(kSigmaBeam_rad * kSigmaBeam_rad),
       Eigen::Vector3d::Constant(kSigmaBeam_mm * kSigmaBeam_mm);
@@ -151,12 +156,19 @@ void RobotCase::write_equipment() const {
   if (!fit.accepted()) {
     throw std::runtime_error("the curve of the simulated sensor: " + fit.text);
   }
-  std::ofstream(folder_.path() / "curve.json") << json{{"accepted", true},
-                                                       {"text", fit.text},
-                                                       {"scale_mm", fit.law.scale_mm},
-                                                       {"exponent", fit.law.exponent},
-                                                       {"covariance", rows_of(fit.covariance)},
-                                                       {"rms_mm", fit.rms_mm}};
+  json curve = {{"accepted", true},
+                {"text", fit.text},
+                {"scale_mm", fit.law.scale_mm},
+                {"exponent", fit.law.exponent},
+                {"covariance", rows_of(fit.covariance)},
+                {"rms_mm", fit.rms_mm}};
+  if (known.corrected) {
+    curve["corrected_rms_mm"] = fit.corrected_rms_mm;
+    for (const range::CurveCorrection &c : fit.corrections) {
+      curve["corrections"].push_back({{"reading", c.reading}, {"add_mm", c.add_mm}});
+    }
+  }
+  std::ofstream(folder_.path() / "curve.json") << curve;
 }
 
 // As `bregma calibrate hand-eye` does, from poses with the errors that it assumes.

@@ -9,6 +9,8 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/registration/registration.hpp"
+#include "algorithms/registration/surface/tilt_excess.hpp"
+#include "algorithms/registration/twist.hpp"
 #include "algorithms/uncertainty/distributions.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "tests/unit/algorithms/head.hpp"
@@ -164,6 +166,60 @@ TEST(Coverage, IgnoringCorrelationUnderestimatesTheError) {
   });
   coverage.print("joint, correlated skin errors taken as independent");
   EXPECT_LT(coverage.percent(), 85.0);
+}
+
+// A range sensor over the face, which reads too far on tilted skin by what is drawn anew for each scan.
+TEST(Coverage, FaceScansThatReadTooFarOnTiltedSkin) {
+  std::mt19937 rng(kSeed);
+  const auto mesh = test::make_head(4);
+  const surface::SurfaceModel surface(mesh);
+  registration::RegistrationOptions options;
+  options.surface_sigma_mm = kSkinSigma;
+  options.max_target_tre_mm = 10.0;
+  registration::RegistrationEstimator estimator(&surface, options);
+  auto as_read = options;
+  as_read.excess_sigma_mm = 0.0;
+  registration::RegistrationEstimator without(&surface, as_read);
+  const Vector3d up = Vector3d::UnitY();
+  const Vector3d across = Vector3d(0.6, 0.0, 0.8);
+  constexpr double kNoise_mm = 0.8;
+  std::normal_distribution<double> unit;
+  Coverage out;
+  Coverage out_without;
+  for (int run = 0; run < 200; ++run) {
+    const auto T_true = test::random_pose<geometry::frame::Image, geometry::frame::Reference>(rng);
+    const auto T_back = T_true.inverse();
+    const Vector3d excess = options.excess_sigma_mm * Vector3d(unit(rng), 0.5 * unit(rng), 0.5 * unit(rng));
+    const auto scanned =
+        test::spots(mesh, 250, rng, [](const Vector3d &p) { return p.y() > 25.0 && std::abs(p.z()) < 60.0; });
+    const test::SmoothField skin(rng, kSkinLength);
+    std::vector<SurfaceSample> samples;
+    for (const auto &spot : scanned) {
+      const double too_far_mm = registration::excess_terms(spot.normal, up, across).dot(excess);
+      const Vector3d p =
+          spot.point_mm + kSkinSigma * skin(spot.point_mm) * spot.normal - (too_far_mm + kNoise_mm * unit(rng)) * up;
+      const Vector3d u = T_back.rotation() * up;
+      samples.push_back({T_back * p, kNoise_mm * kNoise_mm * u * u.transpose(), u, T_back.rotation() * across});
+    }
+    geometry::Vector6d away;
+    away << test::normal_vector(rng, 0.01), test::normal_vector(rng, 1.0);
+    const auto start = registration::moved_about(test::kHeadCentre, away, T_true);
+    const auto error_of = [&](const registration::RegistrationResult &result) -> Vector3d {
+      return result.T_image_reference * (T_back * kTarget) - kTarget;
+    };
+    const auto &result = estimator.estimate_located({}, samples, {}, start);
+    ASSERT_TRUE(result.has_estimate) << "run " << run;
+    out.add(uncertainty::tre_covariance(result.covariance, kTarget), error_of(result));
+    const auto &plain = without.estimate_located({}, samples, {}, start);
+    if (plain.has_estimate) {
+      out_without.add(uncertainty::tre_covariance(plain.covariance, kTarget), error_of(plain));
+    }
+  }
+  out.print("face scans");
+  out_without.print("face scans, tilted skin as it is read");
+  EXPECT_GE(out.percent(), 92.0);
+  EXPECT_LE(out.percent(), 98.0);
+  EXPECT_LT(out_without.percent(), 90.0);
 }
 
 } // namespace

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/registration/registration.hpp"
+#include "algorithms/registration/surface/tilt_excess.hpp"
 #include "algorithms/uncertainty/tre.hpp"
 #include "tests/support/allocation_counter.hpp"
 #include "tests/unit/algorithms/head.hpp"
@@ -47,6 +48,21 @@ struct Patient {
   void trace_scalp(std::size_t count) {
     trace(count, [](const Vector3d &p) { return p.z() > 20.0; });
   }
+  // Samples of a range sensor that looks at the face and reads too far by this and its slopes, on tilted skin.
+  template <class Condition> void scan(std::size_t count, const Vector3d &excess_mm, Condition &&wanted) {
+    const auto back = T_true.inverse();
+    const Vector3d up = Vector3d::UnitY();
+    const Vector3d across = Vector3d::UnitX();
+    for (const auto &spot : test::spots(mesh, count, rng, wanted)) {
+      const double too_far_mm = excess_terms(spot.normal, up, across).dot(excess_mm);
+      samples.push_back({back * (spot.point_mm - too_far_mm * up), 0.1 * 0.1 * Matrix3d::Identity(),
+                         back.rotation() * up, back.rotation() * across});
+    }
+  }
+  [[nodiscard]] ImageFromReference near_truth() const {
+    const Eigen::Quaterniond turn(Eigen::AngleAxisd(0.01, Vector3d(1, -1, 1).normalized()));
+    return {turn * T_true.rotation(), turn * T_true.translation() + Vector3d(1, -0.5, 1)};
+  }
   [[nodiscard]] double true_tre(const ImageFromReference &T) const {
     return (T * (T_true.inverse() * kTarget) - kTarget).norm();
   }
@@ -87,6 +103,58 @@ TEST(Registration, SkinAloneRegistersFromALocatedPoseAndContradictsAWrongFiducia
   const auto &wrong = estimator.estimate_located(patient.fiducials, patient.samples, kTargets, located);
   EXPECT_EQ(wrong.refusal, Refusal::kContradictingFiducial);
   EXPECT_EQ(wrong.suspect, 0);
+}
+
+std::string excess_words(const RegistrationResult &result, const RegistrationOptions &options = {}) {
+  std::array<char, 256> text;
+  describe_excess(result, options, text);
+  return text.data();
+}
+
+TEST(Registration, WhatARangeSensorReadsTooFarOnTiltedSkinIsEstimatedWithThePose) {
+  Patient patient(kRegistrationSeed);
+  const Vector3d excess(6.0, 1.5, -1.0);
+  patient.scan(400, excess, [](const Vector3d &p) { return p.y() > 10.0 && std::abs(p.z()) < 60.0; });
+  RegistrationOptions options;
+  options.surface_sigma_mm = 0.1; // with less exact skin the prior draws the excess towards zero
+  RegistrationEstimator estimator(&patient.surface, options);
+  const auto result = estimator.estimate_located({}, patient.samples, kTargets, patient.near_truth());
+  ASSERT_TRUE(result.has_estimate) << words(result) << " seed " << kRegistrationSeed;
+  EXPECT_EQ(result.beam_count, 400);
+  EXPECT_LT((result.excess_mm - excess).norm(), 1.0) << result.excess_mm.transpose();
+  EXPECT_LT(result.excess_sigma_mm, 2.0);
+  EXPECT_LT(patient.true_tre(result.T_image_reference), 0.15);
+  EXPECT_LT(result.surface_rms_mm, 0.1);
+  EXPECT_NE(excess_words(result).find("times 1 - cos(tilt): removed"), std::string::npos) << excess_words(result);
+
+  RegistrationOptions as_read = options;
+  as_read.excess_sigma_mm = 0.0;
+  RegistrationEstimator without(&patient.surface, as_read);
+  const auto &plain = without.estimate_located({}, patient.samples, kTargets, patient.near_truth());
+  EXPECT_EQ(plain.excess_mm, Vector3d::Zero());
+  EXPECT_EQ(excess_words(plain, as_read), "");
+  EXPECT_GT(patient.true_tre(plain.T_image_reference), 0.5);
+}
+
+TEST(Registration, AnExcessThatTheScanDoesNotShowKeepsItsPriorAndIsSaid) {
+  Patient patient(kRegistrationSeed);
+  patient.touch_eight();
+  RegistrationEstimator estimator(&patient.surface, {});
+  const auto touched = estimator.estimate(patient.fiducials, {}, kTargets);
+  EXPECT_EQ(excess_words(touched), "");
+  // Skin that faces the sensor: the front of the cheeks, without the nose.
+  patient.scan(100, Vector3d(6.0, 0.0, 0.0), [](const Vector3d &p) {
+    return p.y() > 70.0 && p.y() < 78.0 && std::abs(p.x()) > 12.0 && std::abs(p.x()) < 18.0 && std::abs(p.z()) < 20.0;
+  });
+  const auto flat = estimator.estimate(patient.fiducials, patient.samples, kTargets);
+  ASSERT_TRUE(flat.has_estimate) << words(flat);
+  EXPECT_GT(flat.excess_sigma_mm, 0.7 * RegistrationOptions().excess_sigma_mm);
+  EXPECT_NE(excess_words(flat).find("does not show"), std::string::npos) << excess_words(flat);
+  patient.samples.resize(1);
+  const auto &one = estimator.estimate(patient.fiducials, patient.samples, kTargets);
+  ASSERT_TRUE(one.has_estimate);
+  EXPECT_NEAR(one.excess_sigma_mm, RegistrationOptions().excess_sigma_mm, 0.1);
+  EXPECT_NE(excess_words(one).find("5.0 mm, 1 sigma, is assumed"), std::string::npos) << excess_words(one);
 }
 
 TEST(Registration, FindsThePatientAndTheSurfaceHelps) {

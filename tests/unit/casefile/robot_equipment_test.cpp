@@ -72,10 +72,40 @@ TEST_F(RobotEquipmentFile, ReadsTheCalibrationsOfASensor) {
   EXPECT_EQ(sensor.direction, Eigen::Vector3d::UnitZ());
   EXPECT_EQ(sensor.covariance(3, 3), 0.01);
   ASSERT_TRUE(sensor.curve);
-  EXPECT_EQ(sensor.curve->exponent, 0.98);
+  EXPECT_EQ(sensor.curve->law.exponent, 0.98);
   EXPECT_EQ(sensor.curve->rms_mm, 0.7);
+  EXPECT_EQ(sensor.curve->corrected_rms_mm, 0.7) << "a curve without corrections";
+  EXPECT_EQ(sensor.excess_mm, 5.0);
   EXPECT_EQ(sensor.window, 200);
   EXPECT_EQ(sensor.far_mm, 300.0);
+}
+
+TEST_F(RobotEquipmentFile, ReadsTheCorrectionsOfACurve) {
+  write_beam("true", "[0, 0, 1]");
+  const auto with = [&](const std::string &rest) {
+    write("curve.json", R"({"accepted": true, "rms_mm": 0.7, "scale_mm": 1.1, "exponent": 0.98, )" + rest + "}");
+  };
+  const std::string covariance = R"("covariance": [[0.0001, 0], [0, 0.0001]])";
+  with(covariance + R"(, "corrected_rms_mm": 0.2, "corrections": [{"reading": 150, "add_mm": 0.5},
+       {"reading": 170, "add_mm": -0.5}])");
+  const auto equipment = read(std::string(kTool) + kSensor + "excess_mm = 0\n");
+  ASSERT_TRUE(equipment) << equipment.error().message;
+  const RangeSensorModel &sensor = equipment->sensors.front();
+  EXPECT_EQ(sensor.excess_mm, 0.0);
+  EXPECT_EQ(sensor.curve->corrected_rms_mm, 0.2);
+  EXPECT_DOUBLE_EQ(sensor.curve->corrected().distance_mm(160.0), sensor.curve->law.distance_mm(160.0));
+  EXPECT_DOUBLE_EQ(sensor.curve->corrected().distance_mm(150.0), sensor.curve->law.distance_mm(150.0) + 0.5);
+
+  std::string many;
+  for (int i = 0; i < 17; ++i) {
+    many += (i > 0 ? ", " : "") + std::string(R"({"add_mm": 0.1, "reading": )") + std::to_string(150 + i) + "}";
+  }
+  with(covariance + R"(, "corrections": [)" + many + "]");
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("has 17, at most 16"), std::string::npos);
+  with(covariance + R"(, "corrections": [{"reading": 150}])");
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("must hold reading and add_mm"), std::string::npos);
+  with(R"("corrections": [])");
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("covariance must be there"), std::string::npos);
 }
 
 TEST_F(RobotEquipmentFile, ReadsTheArmsLinksTheTableAndTheSizesOfTools) {
@@ -109,7 +139,7 @@ TEST_F(RobotEquipmentFile, RefusesCalibrationsThatWereRefusedOrAreOthers) {
   EXPECT_NE(error(std::string(kTool) + kSensor).find("is the curve of a voltage: it belongs to the driver"),
             std::string::npos);
   write_curve(1.0, "[0.0001, 0], [1, 8]"); // found by fuzzing
-  EXPECT_NE(error(std::string(kTool) + kSensor).find("and covariance a covariance"), std::string::npos);
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("covariance must be there and a covariance"), std::string::npos);
   write_curve(1.0);
   EXPECT_NE(error(std::string(kTool) + kSensor + "near_mm = 900\nfar_mm = 300\n").find("must be below far_mm"),
             std::string::npos);

@@ -130,8 +130,8 @@ CaptureResult FakeLoops::answer(const CaptureRequest &request) const {
   return out;
 }
 
-wire::RegistrationState FakeLoops::estimate() const {
-  wire::RegistrationState out{};
+RegistrationEstimate FakeLoops::estimate() const {
+  RegistrationEstimate out{};
   out.revision = revision;
   out.status = registration_status;
   wire::set_text(out.text, registration_text);

@@ -66,7 +66,7 @@ public:
   }
 
   [[nodiscard]] CaptureResult answer(const CaptureRequest &request) const;
-  [[nodiscard]] wire::RegistrationState estimate() const;
+  [[nodiscard]] RegistrationEstimate estimate() const;
   // The position of a tip in Reference from a point in Image.
   [[nodiscard]] Array3 in_reference(const Eigen::Vector3d &image_mm) const;
   // Poses of a tool that rotates about its resting tip; sigma: standard deviation of the position.

@@ -75,6 +75,11 @@ SessionData random_session(unsigned seed) {
     EXPECT_TRUE(wire::set_name(sample.tool, "Stylus"));
     fill(sample.position_mm);
     fill(sample.covariance_mm2);
+    if (i % 2 == 0) { // by a range sensor
+      fill(sample.common_mm2);
+      fill(sample.towards_sensor);
+      fill(sample.across);
+    }
     data.surface.push_back(sample);
   }
   data.accepted.emplace();
@@ -82,6 +87,7 @@ SessionData random_session(unsigned seed) {
   fill(data.accepted->T_image_reference.rotation_wxyz);
   fill(data.accepted->T_image_reference.translation_mm);
   fill(data.accepted->covariance);
+  fill(data.accepted->excess_mm);
   JudgedCheck check{};
   EXPECT_TRUE(wire::set_name(check.tool, "Stylus") && wire::set_name(check.landmark, "L1"));
   fill(check.position_mm);

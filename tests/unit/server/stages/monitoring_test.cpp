@@ -100,6 +100,37 @@ TEST_F(MonitoringTest, EveryAlarmIsStillRaisedInTheTwoHundredthCaseOfADaemonsLif
   }
 }
 
+// A scan after the acceptance by a sensor that reads too far on tilted skin: from above, over a sphere of 90 mm.
+TEST_F(MonitoringTest, AScanIsNoDriftByWhatItsSensorReadsTooFarOnTiltedSkin) {
+  constexpr double kExcess_mm = 6.0;
+  for (const bool known : {true, false}) {
+    load(0);
+    RegistrationAccepted accepted{};
+    accepted.T_image_reference = {{1.0, 0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};
+    for (std::size_t i = 0; i < 6; ++i) {
+      accepted.covariance[7 * i] = i < 3 ? 1e-6 : 0.04;
+    }
+    accepted.excess_mm = {known ? kExcess_mm : 0.0, 0.0, 0.0};
+    pipeline.handle(MonitoringMessage(accepted));
+    for (double x = -65.0; x <= 65.0; x += 13.0) {
+      for (double y = -65.0; y <= 65.0; y += 13.0) {
+        const double z = std::sqrt(std::max(0.0, 90.0 * 90.0 - x * x - y * y));
+        if (z < 45.0) {
+          continue; // steeper than 60 degrees
+        }
+        SurfaceSample sample{};
+        sample.position_mm = {x, y, z - kExcess_mm * (1.0 - z / 90.0)};
+        sample.covariance_mm2 = {0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01};
+        sample.towards_sensor = {0.0, 0.0, 1.0};
+        sample.across = {1.0, 0.0, 0.0};
+        pipeline.handle(MonitoringMessage(sample));
+      }
+    }
+    run(200.0);
+    EXPECT_EQ(pipeline.accuracy().drift_detected, !known) << pipeline.accuracy().drift_statistic;
+  }
+}
+
 // A target planned on a second image errs by two registrations. Both are drawn from the covariances that are stated.
 TEST_F(MonitoringTest, ATargetOfASecondImageHasTheErrorsOfBothRegistrations) {
   casefile::Case a_case = tests::sample_case("/cases/sample");
