@@ -20,10 +20,9 @@ int main(int argc, char **argv) {
     bregma::bench::Report report(options.json);
     constexpr std::pair<const char *, void (*)(bregma::bench::Report &, const bregma::bench::RobotBenchOptions &)>
         kParts[] = {
-            {"kinematics", bregma::bench::kinematics_figures},
-            {"calibration", bregma::bench::calibration_figures},
-            {"range", bregma::bench::range_figures},
-            {"scan", bregma::bench::scan_figures},
+            {"kinematics", bregma::bench::kinematics_figures}, {"calibration", bregma::bench::calibration_figures},
+            {"range", bregma::bench::range_figures},           {"scan", bregma::bench::scan_figures},
+            {"daemon", bregma::bench::daemon_scan_figures},
         };
     for (const auto &[name, part] : kParts) {
       if (options.wants(name)) {
