@@ -29,17 +29,20 @@ export class RegistrationPage implements Part {
   update(context: PageContext): void {
     const { store, scene, data } = context;
     const registration = store.all("registration")[0];
+    const status = registration?.status;
+    const placed = status === RegistrationStatus.CANDIDATE || status === RegistrationStatus.ACCEPTED;
     setText(this.status, registration ? registrationText(registration.status) : "Nothing registered yet");
     setText(
       this.next,
-      registration?.text || (registration?.status === RegistrationStatus.ACCEPTED ? "" : nextTouch(context)),
+      (!placed && registration?.text) || (status === RegistrationStatus.ACCEPTED ? "" : nextTouch(context)),
     );
     const revision = `${store.revision("fiducial")} ${store.revision("capture")} ${data.hash}`;
     fill(this.fiducials, revision, () => [this.fiducialTable(context)]);
     fill(this.skin, skinKey(scene), () => coverageRows(context));
     const consistency = registration
       ? `FRE ${figure(registration.fre_mm, 2, "mm")} (expected ${figure(registration.fre_expected_mm, 2, "mm")}): a consistency, not an accuracy. ` +
-        `Skin ${figure(registration.surface_rms_mm, 2, "mm")} RMS of ${registration.surface_samples} points.`
+        `Skin ${figure(registration.surface_rms_mm, 2, "mm")} RMS of ${registration.surface_samples} points.` +
+        (placed && registration.text ? ` The estimate: ${registration.text}.` : "")
       : "";
     setText(this.numbers, consistency);
   }
