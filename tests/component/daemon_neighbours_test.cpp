@@ -253,8 +253,10 @@ TEST(Neighbours, ADiskThatHangsDelaysOnlyWhatMustBeOnIt) {
   Operation operation;
   register_in_virtual_time(operation.case_folder(), operation.state_folder().string());
   const std::filesystem::path flag = operation.state_folder() / "slow";
-  operation.start_daemon(
-      {}, {"/usr/bin/env", std::string("LD_PRELOAD=") + BREGMA_SLOW_DISK_LIBRARY, "BREGMA_SLOW_DISK=" + flag.string()});
+  // A sanitizer's library would have to come before the preloaded one; it need not here.
+  operation.start_daemon({},
+                         {"/usr/bin/env", "ASAN_OPTIONS=verify_asan_link_order=0",
+                          std::string("LD_PRELOAD=") + BREGMA_SLOW_DISK_LIBRARY, "BREGMA_SLOW_DISK=" + flag.string()});
   operation.start_room("[[steps]]\ndo = \"wait\"\nduration_s = 60.0\n");
   ASSERT_TRUE(operation.observe_until([&] {
     return operation.health.session == bregma_wire_SESSION_REGISTERED && operation.device("Tracker") != nullptr &&
