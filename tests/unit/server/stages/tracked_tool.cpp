@@ -23,7 +23,7 @@ TrackedTool::TrackedTool(std::int64_t period_ns, unsigned seed, const Navigation
   (void)wire::set_name(tip.tool, "Stylus");
   tip.tip_mm = array_of(case_->data->tool("Stylus")->nominal_tip_mm);
   pipeline.handle(NavigationMessage(tip));
-  pipeline.handle(NavigationMessage(RegistrationAccepted{1, {{1, 0, 0, 0}, {0, 0, 0}}, {}}));
+  pipeline.handle(NavigationMessage(RegistrationAccepted{1, {{1, 0, 0, 0}, {0, 0, 0}}, {}, {}}));
   pipeline.handle(NavigationMessage(SessionChanged{bregma_wire_SESSION_VERIFIED, true}));
 }
 
