@@ -5,8 +5,8 @@
 // the paper's weights, a slice's number of points over the largest number. What the paper mends by hand follows:
 //
 // - sub-voxel: across each bar that leaves the crossing, at some distance from it, the centroid of its profile; the
-//   median over the bars gives each coordinate. The bars are followed as their crossings bend them. A bubble or a broken
-//   bar spoils one bar of several.
+//   median over the bars gives each coordinate. The bars are followed as their crossings bend them. A bubble or a
+//   broken bar spoils one bar of several. A crossing one of whose coordinates no bar shows is left out and listed.
 // - the lattice: points closer than half a cell are one point; where a neighbour is missing it is looked for in the
 //   image; points without neighbours at the lattice's steps are left out and listed. point_matching.hpp finds what is
 //   left.
