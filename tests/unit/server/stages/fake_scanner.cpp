@@ -66,7 +66,7 @@ geometry::Points3 phantom_points() {
 Eigen::Vector3d test_distortion(const Eigen::Vector3d &p) {
   constexpr double kPerMm = 1.0 / 1200.0;
   const Eigen::Vector3d harmonics(p.x() * p.x() - p.y() * p.y(), 2.0 * p.y() * p.z(),
-                                  1.4 * (p.z() * p.z() - p.x() * p.x())); // of degree 2
+                                  1.4 * (p.x() * p.x() - p.z() * p.z())); // of degree 2; slices need later ones
   return kPerMm * harmonics;
 }
 
