@@ -18,10 +18,10 @@ namespace bregma::server {
 namespace {
 
 using geometry::Vector3d;
-using Base = geometry::frame::RobotBase;
+using geometry::frame::RobotBase;
 using Reference = geometry::frame::Reference;
 using Image = geometry::frame::Image;
-using BaseFromImage = geometry::Rigid3<Base, Image>;
+using BaseFromImage = geometry::Rigid3<RobotBase, Image>;
 
 constexpr double kMaxStandoff_mm = 500.0;
 // Between the stated flange and where the links put it by the measured joints.
@@ -91,14 +91,14 @@ planning::ArmCollision surroundings(const casefile::Case &a_case, const casefile
 }
 
 // The base in the image with its error: registration, reference and hand-eye.
-geometry::UncertainPose<Image, Base> base_in_image(const GuidePlanInputs &inputs,
-                                                   const std::optional<PatientPlace::Pose> &T_base_reference) {
+geometry::UncertainPose<Image, RobotBase> base_in_image(const GuidePlanInputs &inputs,
+                                                        const std::optional<PatientPlace::Pose> &T_base_reference) {
   const wire::RegistrationState &accepted = *inputs.registration;
   const geometry::UncertainPose<Image, Reference> T_image_reference{
       wire::from_wire<Image, Reference>(accepted.accepted_T_image_reference),
       RowMajor<6>::Map(accepted.accepted_covariance)};
   if (!T_base_reference) { // Reference is the arm's base
-    return {T_image_reference.pose.as<Image, Base>(), T_image_reference.covariance};
+    return {T_image_reference.pose.as<Image, RobotBase>(), T_image_reference.covariance};
   }
   const auto &T_base_tracker = inputs.a_case->hand_eye()->T_base_tracker;
   const geometry::UncertainPose<geometry::frame::Tracker, Reference> T_tracker_reference{
@@ -121,9 +121,9 @@ HeadCorners corners_of(const surface::TriangleMesh &head, const geometry::Rigid3
 }
 
 // Of the tip at the end of the path, 95 %.
-double predicted_error_mm(const GuidePlanInputs &inputs, const geometry::UncertainPose<Image, Base> &T_image_base,
+double predicted_error_mm(const GuidePlanInputs &inputs, const geometry::UncertainPose<Image, RobotBase> &T_image_base,
                           const robot::FlangePose &flange, const casefile::RobotToolModel &tool) {
-  const geometry::UncertainPose<Base, geometry::frame::RobotFlange> T_base_flange{
+  const geometry::UncertainPose<RobotBase, geometry::frame::RobotFlange> T_base_flange{
       flange, flange_covariance(inputs.robot->covariance, flange.translation(), inputs.arm)};
   const Eigen::Matrix3d covariance = geometry::point_covariance(
       T_image_base * T_base_flange, tool.tip_mm, tool.sigma_mm * tool.sigma_mm * Eigen::Matrix3d::Identity());
@@ -197,7 +197,7 @@ base::Result<GuidePlan> plan_guide(const GuidePlanInputs &inputs, std::string_vi
                   "is not the arm that measures: its flange is %.1f mm from where these links put it", off_mm);
     return refuse(arm.name() + " " + text);
   }
-  const geometry::UncertainPose<Image, Base> T_image_base = base_in_image(inputs, T_base_reference);
+  const geometry::UncertainPose<Image, RobotBase> T_image_base = base_in_image(inputs, T_base_reference);
   const BaseFromImage T_base_image = T_image_base.pose.inverse();
   planning::GuideGoal goal;
   goal.entry_mm = T_base_image * line->entry_mm;
