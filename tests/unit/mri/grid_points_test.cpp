@@ -74,8 +74,8 @@ image::Image<float, 3> draw(const Drawing &d) {
     }
     double sum = 0.0;
     for (int part = 0; part < kParts * kParts * kParts; ++part) {
-      const Vector3d place(part % kParts, (part / kParts) % kParts, part / (kParts * kParts));
-      const Vector3d offset = (place + Vector3d::Constant(0.5)) / kParts - Vector3d::Constant(0.5);
+      const Eigen::Vector3i place(part % kParts, (part / kParts) % kParts, part / (kParts * kParts));
+      const Vector3d offset = (place.cast<double>() + Vector3d::Constant(0.5)) / kParts - Vector3d::Constant(0.5);
       const Vector3d at = T_inverse * Vector3d(p + offset.cwiseProduct(d.spacing));
       const bool empty =
           std::any_of(d.bubbles.begin(), d.bubbles.end(), [&](const Vector3d &b) { return (at - b).norm() < 3.0; });
