@@ -43,14 +43,18 @@ base::Result<range::PowerLawFit> read_range_curve(const std::filesystem::path &f
   out.estimated = true;
   out.verdict = range::PowerLawVerdict::kAccepted;
   out.law = {*scale, *exponent};
-  const auto covariance = document.find("covariance");
-  if (covariance != document.end() && covariance->is_array() && covariance->size() == 2) {
+  if (const auto covariance = document.find("covariance"); covariance != document.end()) {
     for (std::size_t r = 0; r < 2; ++r) {
-      const json &row = (*covariance)[r];
+      const json row = covariance->is_array() && covariance->size() == 2 ? (*covariance)[r] : json();
       if (!row.is_array() || row.size() != 2 || !row[0].is_number() || !row[1].is_number()) {
         return base::failure(file.string() + ": covariance: must be two rows of two numbers");
       }
       out.covariance.row(static_cast<Eigen::Index>(r)) << row[0].get<double>(), row[1].get<double>();
+    }
+  }
+  for (const char *key : {"rms_mm", "corrected_rms_mm"}) {
+    if (document.contains(key) && !(number(key).value_or(-1.0) >= 0.0)) {
+      return base::failure(file.string() + ": " + key + ": must be a number that is not below 0");
     }
   }
   // A curve of an earlier version has neither misfit nor corrections.

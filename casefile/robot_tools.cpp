@@ -85,10 +85,8 @@ base::Result<void> read_curve(const std::filesystem::path &file, RangeSensorMode
     return base::failure(file.string() + ": is the curve of a voltage: it belongs to the driver (curve.scale_mm, "
                                          "curve.exponent); here the readings are the driver's distances");
   }
-  if (curve->covariance.isZero() || !is_covariance(curve->covariance) || !(curve->rms_mm >= 0.0) ||
-      !(curve->corrected_rms_mm >= 0.0)) {
-    return base::failure(file.string() + ": is no curve: covariance must be there and a covariance, and rms_mm and "
-                                         "corrected_rms_mm must not be below 0");
+  if (curve->covariance.isZero() || !is_covariance(curve->covariance)) {
+    return base::failure(file.string() + ": is no curve: covariance must be there and a covariance");
   }
   if (curve->corrections.size() > kMaxCurveCorrections) {
     return base::failure(file.string() + ": corrections: has " + std::to_string(curve->corrections.size()) +

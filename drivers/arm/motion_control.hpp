@@ -145,7 +145,4 @@ private:
   std::uint64_t refused_ = 0;
 };
 
-// The stop in the words of the operator.
-[[nodiscard]] std::string_view describe(wire::RobotStopCause cause);
-
 } // namespace bregma::arm

@@ -234,6 +234,7 @@ Refined refine(const Sampler &sampler, Vector3d point, const Matrix3d &axes, con
 // cells, of which the noise of each is a small part. At a face of the phantom the bars go to one side only, and a
 // straight continuation of the lattice's mean direction would shift the crossing by the distortion's slope times the
 // arm, up to 1 mm.
+// With fewer crossings than such a surface needs: straight.
 BarPaths paths_through(const std::vector<Refined> &points, const Vector3d &point, const Matrix3d &axes,
                        double cell_mm) {
   constexpr double kReach = 2.0;                // cells, along each axis

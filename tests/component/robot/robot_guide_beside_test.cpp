@@ -13,39 +13,14 @@ namespace bregma::test {
 namespace {
 
 using geometry::Vector3d;
-using geometry::Vector6d;
 
 constexpr double kBesideStandoff_mm = 40.0;
 
-Vector6d displaced(const Vector3d &turn_rad, const Vector3d &way_mm) {
-  Vector6d out;
-  out << turn_rad, way_mm;
-  return out;
-}
-
-class GuideBesideTracker : public RobotTest {
+class GuideBesideTracker : public GuideTest {
 protected:
-  explicit GuideBesideTracker(bool flange_body = true) : RobotTest(true, flange_body) {}
-  void navigate() {
-    RobotTest::navigate();
-    room.run(0.5); // the stages learn of it a few times per second
-  }
+  explicit GuideBesideTracker(bool flange_body = true) : GuideTest(true, flange_body) {}
   wire::CommandReply move_guide(std::string_view speed_mm_s = "5", std::string_view standoff_mm = "40") {
     return room.command(bregma_wire_COMMAND_MOVE_TO_TRAJECTORY, {"Robot", "Frontal", standoff_mm, speed_mm_s});
-  }
-  std::string text_of_refusal(const wire::CommandReply &reply) {
-    EXPECT_NE(reply.result, bregma_wire_COMMAND_DONE) << reply.text;
-    EXPECT_EQ(room.replies_to(reply.id), 1U);
-    return reply.text;
-  }
-  // Moves for this time, or until the motion has ended.
-  void hold(double seconds) {
-    room.hold_deadman();
-    room.run(0.3); // the state of the motion before says nothing
-    room.run(seconds, [&] {
-      least_clearance_mm = std::min(least_clearance_mm, room.tool_clearance_mm());
-      return room.phase() != bregma_wire_MOTION_WAITS && room.phase() != bregma_wire_MOTION_UNDER_WAY;
-    });
   }
   // Back along the tool, away from the head.
   void retreat() {
@@ -97,14 +72,13 @@ protected:
     EXPECT_GT(least_clearance_mm, 8.0); // 10 mm by the plan, from a head known to 1 to 2 mm
     EXPECT_FALSE(room.alarm_active(server::alarm::kGuideOffPlan));
   }
-  double least_clearance_mm = std::numeric_limits<double>::infinity();
 };
 
 TEST_F(GuideBesideTracker, IsMovedOntoTheTrajectoryOfAPatientWhoHasMoved) {
   ASSERT_NO_FATAL_FAILURE(navigate());
   retreat();
   // Planned while the patient moves: the path does not hold for long.
-  room.move_patient(displaced({0.06, -0.03, 0.08}, {25.0, -15.0, 10.0}), 2.0);
+  room.move_patient(displacement({0.06, -0.03, 0.08}, {25.0, -15.0, 10.0}), 2.0);
   room.run(0.7);
   if (move_guide().result == bregma_wire_COMMAND_DONE) {
     hold(2.0);
@@ -129,7 +103,7 @@ TEST_F(GuideBesideTracker, IsMovedOntoTheTrajectoryOfAPatientWhoHasMoved) {
   expect_done(move_guide("60", "60"));
   hold(60.0);
   ASSERT_EQ(room.phase(), bregma_wire_MOTION_DONE) << room.motions.back().text;
-  room.move_patient(displaced({0.06, -0.03, 0.08}, {31.0, -15.0, 10.0}), 0.1);
+  room.move_patient(displacement({0.06, -0.03, 0.08}, {31.0, -15.0, 10.0}), 0.1);
   room.run(1.0);
   EXPECT_TRUE(room.alarm_active(server::alarm::kGuideOffPlan));
 }
@@ -138,7 +112,7 @@ TEST_F(GuideBesideTracker, StopsWithTheReasonWhenAnythingThatThePathRestsOnHasCh
   ASSERT_NO_FATAL_FAILURE(navigate());
   // The patient moves, by more than is allowed.
   ASSERT_NO_FATAL_FAILURE(under_way());
-  room.move_patient(displaced(Vector3d::Zero(), {4.0, 0.0, 0.0}), 0.2);
+  room.move_patient(displacement(Vector3d::Zero(), {4.0, 0.0, 0.0}), 0.2);
   expect_stop("the patient has moved by");
   ASSERT_NO_FATAL_FAILURE(recover());
 
@@ -187,7 +161,7 @@ TEST_F(GuideBesideTracker, StopsWithTheReasonWhenAnythingThatThePathRestsOnHasCh
   EXPECT_TRUE(room.alarm_raised(server::alarm::kHandEye, "Tracker"));
   room.run(0.5);
   EXPECT_FALSE(live());
-  EXPECT_NE(text_of_refusal(move_guide()).find(""), std::string::npos);
+  EXPECT_NE(text_of_refusal(move_guide()).find("is not live"), std::string::npos);
 }
 
 class GuideWithoutACheck : public GuideBesideTracker {

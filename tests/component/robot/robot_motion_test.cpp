@@ -16,31 +16,12 @@ using geometry::Vector3d;
 
 constexpr double kStandoff_mm = 40.0;
 
-class RobotMotion : public RobotTest {
+class RobotMotion : public GuideTest {
 protected:
-  void navigate() {
-    RobotTest::navigate();
-    room.run(0.5); // the stages learn of it a few times per second
-  }
   wire::CommandReply move_guide(std::string_view trajectory = "Frontal", std::string_view standoff_mm = "40",
                                 std::string_view speed_mm_s = "60", std::string_view device = "Robot") {
     return room.command(bregma_wire_COMMAND_MOVE_TO_TRAJECTORY, {device, trajectory, standoff_mm, speed_mm_s});
   }
-  std::string text_of_refusal(const wire::CommandReply &reply) {
-    EXPECT_NE(reply.result, bregma_wire_COMMAND_DONE) << reply.text;
-    EXPECT_EQ(room.replies_to(reply.id), 1U);
-    return reply.text;
-  }
-  // Holds the deadman for this time, or until the motion has ended.
-  void hold(double seconds) {
-    room.hold_deadman();
-    room.run(0.3); // the state of the motion before says nothing
-    room.run(seconds, [&] {
-      least_clearance_mm = std::min(least_clearance_mm, room.tool_clearance_mm());
-      return room.phase() != bregma_wire_MOTION_WAITS && room.phase() != bregma_wire_MOTION_UNDER_WAY;
-    });
-  }
-  double least_clearance_mm = std::numeric_limits<double>::infinity();
 };
 
 TEST_F(RobotMotion, TheGuideIsMovedOntoATrajectoryWhileTheDeadmanIsHeld) {

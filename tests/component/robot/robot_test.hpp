@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <string>
 
 #include "idl/commands.hpp"
@@ -20,6 +21,13 @@ namespace bregma::test {
 inline constexpr std::uint64_t kSeed = 5;
 inline constexpr std::int64_t kLimit_ns =
     100'000'000; // of a live pose, as no arm's period is longer than a third of it
+
+// For RobotRoom::move_patient.
+inline geometry::Vector6d displacement(const geometry::Vector3d &turn_rad, const geometry::Vector3d &way_mm) {
+  geometry::Vector6d out;
+  out << turn_rad, way_mm;
+  return out;
+}
 
 inline void expect_done(const wire::CommandReply &reply) {
   EXPECT_EQ(reply.result, bregma_wire_COMMAND_DONE) << reply.text;
@@ -69,6 +77,31 @@ protected:
   RobotCase the_case;
   RobotRoom room{the_case, kSeed};
   RobotOperator person{the_case, room};
+};
+
+// The guide is moved onto a trajectory.
+class GuideTest : public RobotTest {
+protected:
+  using RobotTest::RobotTest;
+  void navigate() {
+    RobotTest::navigate();
+    room.run(0.5); // the stages learn of it a few times per second
+  }
+  std::string text_of_refusal(const wire::CommandReply &reply) {
+    EXPECT_NE(reply.result, bregma_wire_COMMAND_DONE) << reply.text;
+    EXPECT_EQ(room.replies_to(reply.id), 1U);
+    return reply.text;
+  }
+  // Holds the deadman for this time, or until the motion has ended.
+  void hold(double seconds) {
+    room.hold_deadman();
+    room.run(0.3); // the state of the motion before says nothing
+    room.run(seconds, [&] {
+      least_clearance_mm = std::min(least_clearance_mm, room.tool_clearance_mm());
+      return room.phase() != bregma_wire_MOTION_WAITS && room.phase() != bregma_wire_MOTION_UNDER_WAY;
+    });
+  }
+  double least_clearance_mm = std::numeric_limits<double>::infinity();
 };
 
 } // namespace bregma::test

@@ -17,13 +17,6 @@ namespace bregma::test {
 namespace {
 
 using geometry::Vector3d;
-using geometry::Vector6d;
-
-Vector6d motion(const Vector3d &turn_rad, const Vector3d &way_mm) {
-  Vector6d out;
-  out << turn_rad, way_mm;
-  return out;
-}
 
 class ArmBesideTracker : public RobotTest {
 protected:
@@ -51,7 +44,7 @@ TEST_F(ArmBesideTracker, TheCalibrationIsPartOfTheCasesChecksum) {
 
 TEST_F(ArmBesideTracker, TheScanOfAPatientWhoMovesRegistersTheReference) {
   ASSERT_NO_FATAL_FAILURE(begin());
-  room.move_patient(motion({0.05, -0.04, 0.07}, {30.0, -25.0, 10.0}), 28.0);
+  room.move_patient(displacement({0.05, -0.04, 0.07}, {30.0, -25.0, 10.0}), 28.0);
   ASSERT_NO_FATAL_FAILURE(scan());
   ASSERT_GT(room.registration.surface_count, 150U) << room.registration.text;
   EXPECT_EQ(wire::view(room.batches.back().frame_name), "Reference");
@@ -74,7 +67,7 @@ TEST_F(ArmBesideTracker, TheScanOfAPatientWhoMovesRegistersTheReference) {
   EXPECT_EQ(wire::view(room.states.back().source), "Tracker");
   EXPECT_EQ(room.states.back().patient, bregma_wire_PATIENT_TRACKED);
   // The patient moves on, and the pose follows.
-  room.move_patient(motion({0.02, 0.0, -0.05}, {-15.0, 10.0, 30.0}), 2.0);
+  room.move_patient(displacement({0.02, 0.0, -0.05}, {-15.0, 10.0, 30.0}), 2.0);
   double worst = 0.0; // error relative to the bound that is shown with the pose
   for (int i = 0; i < 30; ++i) {
     room.run(0.1);

@@ -15,6 +15,7 @@
 
 #include "algorithms/planning/arm_collision.hpp"
 #include "drivers/arm/motion_control.hpp"
+#include "drivers/arm/stop_text.hpp"
 #include "drivers/frame/line_splitter.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 #include "idl/commands.hpp"

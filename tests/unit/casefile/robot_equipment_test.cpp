@@ -104,6 +104,11 @@ TEST_F(RobotEquipmentFile, ReadsTheCorrectionsOfACurve) {
   EXPECT_NE(error(std::string(kTool) + kSensor).find("has 17, at most 16"), std::string::npos);
   with(covariance + R"(, "corrections": [{"reading": 150}])");
   EXPECT_NE(error(std::string(kTool) + kSensor).find("must hold reading and add_mm"), std::string::npos);
+  with(R"("covariance": "small")");
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("covariance: must be two rows of two numbers"), std::string::npos);
+  with(covariance + R"(, "corrected_rms_mm": "none")");
+  EXPECT_NE(error(std::string(kTool) + kSensor).find("corrected_rms_mm: must be a number that is not below 0"),
+            std::string::npos);
   with(R"("corrections": [])");
   EXPECT_NE(error(std::string(kTool) + kSensor).find("covariance must be there"), std::string::npos);
 }

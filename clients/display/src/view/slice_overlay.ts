@@ -86,7 +86,7 @@ function drawSliceText(pen: Pen, { slice }: Scene): void {
   const corrected = correction === kCorrected2d || correction === kCorrected3d;
   if (corrected) line(1, `distortion corrected, up to ${figure(max_shift_mm, 1, "mm")}`, kColours.muted);
   else line(1, "DISTORTION NOT CORRECTED", kColours.unverified);
-  if (!slice.registered) line(2, "not registered to the case’s image", kColours.unverified);
+  if (!slice.registered) line(2, "in its own frame, not registered to a case’s image", kColours.unverified);
 }
 
 function drawCuts(pen: Pen, data: CaseData): void {

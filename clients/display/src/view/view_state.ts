@@ -106,10 +106,9 @@ export class ViewState {
 
   // One panel with the scanner's slice, whole.
   showScanner(volume: Volume): void {
-    const [columns, rows] = volume.size;
     const T = volume.T_image_index;
     const side = (c: number) => volume.size[c] * Math.hypot(T[c], T[4 + c], T[8 + c]);
-    this.extent_mm = columns * rows > 0 ? Math.max(side(0), side(1)) : this.extent_mm;
+    this.extent_mm = Math.max(side(0), side(1));
     this.layout = "one";
     this.big = 0;
     if (this.panels[0].kind !== "scanner") this.panels[0] = { kind: "scanner", zoom: 1, pan_mm: [0, 0] };
