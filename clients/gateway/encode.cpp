@@ -49,6 +49,7 @@ Tool tool_record(const live::Received<wire::NavigationState> &state, bool daemon
   out.plausibility_reason = state.plausibility_reason;
   out.source_kind = state.source_kind;
   copy_name(out.source, state.source);
+  copy_name(out.trajectory, state.trajectory); // the choice of a plan does not depend on a pose
   if (state.arrival.transit_ns) {
     const std::int64_t published_ns = state.arrival.boot_ns - *state.arrival.transit_ns;
     out.published_ms = to_ms(published_ns);
@@ -73,7 +74,6 @@ Tool tool_record(const live::Received<wire::NavigationState> &state, bool daemon
   out.acceleration_sigma_mm_s2 = state.acceleration_sigma_mm_s2;
   out.tre_rms_mm = state.tre_rms_mm;
   copy_ellipsoid(out.tre_95_semi_axes_mm, out.tre_95_axes, state.tre_95);
-  copy_name(out.trajectory, state.trajectory);
   const bool planned = out.trajectory[0] != '\0';
   out.distance_to_target_mm = planned ? state.distance_to_target_mm : kNan;
   out.lateral_deviation_mm = planned ? state.lateral_deviation_mm : kNan;

@@ -79,8 +79,9 @@ constexpr FieldLayout kToolFields[] = {
                  "PoseStatus. Only POSE_LIVE (1) and POSE_UNVERIFIED (2) have a pose. A pose whose time was over "
                  "when the frame was written has POSE_STALE (3)"),
     BREGMA_FIELD(Tool, session, "SessionState"),
-    BREGMA_FIELD(Tool, rotation,
-                 "of T_image_tip, row by row; this and all fields below are NaN without a pose, names are empty"),
+    BREGMA_FIELD(
+        Tool, rotation,
+        "of T_image_tip, row by row; this and all fields below are NaN without a pose, nearest_structure is empty"),
     BREGMA_FIELD(Tool, tip_mm, "tip in Image, at published_ms"),
     BREGMA_FIELD(Tool, velocity_mm_s, "of the tip"),
     BREGMA_FIELD(Tool, covariance,
@@ -94,7 +95,7 @@ constexpr FieldLayout kToolFields[] = {
     BREGMA_FIELD(Tool, tre_rms_mm, "predicted error of the tip at published_ms, RMS"),
     BREGMA_FIELD(Tool, tre_95_semi_axes_mm, "95 % ellipsoid of P, longest first"),
     BREGMA_FIELD(Tool, tre_95_axes, "row i: unit direction of semi-axis i"),
-    BREGMA_FIELD(Tool, trajectory, "the plan; empty: none"),
+    BREGMA_FIELD(Tool, trajectory, "the plan, stated without a pose too; empty: none"),
     BREGMA_FIELD(Tool, distance_to_target_mm, "to the target as imaged"),
     BREGMA_FIELD(Tool, lateral_deviation_mm, "of the tip from the planned line"),
     BREGMA_FIELD(Tool, angle_rad, "between the tool's axis and the planned line"),

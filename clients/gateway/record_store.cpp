@@ -88,7 +88,6 @@ void blank_pose(Tool &tool) {
   tool.valid_until_ms = kUnknown;
   std::fill_n(reinterpret_cast<double *>(reinterpret_cast<std::byte *>(&tool) + offsetof(Tool, rotation)),
               (offsetof(Tool, trajectory) - offsetof(Tool, rotation)) / sizeof(double), kUnknown);
-  std::memset(tool.trajectory, 0, sizeof tool.trajectory);
   tool.distance_to_target_mm = tool.lateral_deviation_mm = tool.angle_rad = tool.remaining_depth_mm = kUnknown;
   std::fill_n(tool.predicted_target_mm, 3, kUnknown);
   tool.distance_to_predicted_target_mm = kUnknown;

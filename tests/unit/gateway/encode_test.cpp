@@ -89,6 +89,14 @@ TEST(ToolRecord, ThePoseEndsWithItsTimeWithTheDaemonAndWithItsStatus) {
   expect_blank(tool_record(nan, true, kArrival_ns));
 }
 
+TEST(ToolRecord, ThePlanIsStatedWithoutAPoseToo) {
+  auto hidden = state_of(bregma_wire_POSE_TOOL_HIDDEN);
+  (void)wire::set_name(hidden.trajectory, "Frontal");
+  const Tool tool = tool_record(hidden, true, kArrival_ns);
+  expect_blank(tool);
+  EXPECT_STREQ(tool.trajectory, "Frontal") << "a page would draw another plan while the tool is hidden";
+}
+
 TEST(EncoderTest, AnUnchangedSnapshotIsNoNewsUntilThePoseIsOver) {
   RecordStore store;
   Encoder encoder(store);

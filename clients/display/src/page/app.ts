@@ -298,13 +298,12 @@ export class App {
   private drawStates(data: CaseData, gateway_ms: number): void {
     const { store, slice, shownView: view } = this;
     if (slice && !this.data) view.showScanner(slice.volume);
-    const trace = view.trace ? this.trace.points(gateway_ms) : [];
     const captures = this.captures.update(store);
     view.scannerPlane = slice?.plane ?? null;
-    const scene = sceneOf({ data, store, gateway_ms, followedName: null, captures, trace, slice });
+    const scene = sceneOf({ data, store, gateway_ms, captures, trace: this.trace, slice });
     this.scene = scene;
     view.track(scene.followed);
-    if (scene.followedTool) this.trace.add(gateway_ms, scene.followedTool.tip);
+    this.brain.collect(store, scene);
     this.showDeformed(data);
     this.display.draw({ view, scene, pending: this.interaction.pending, bare: this.bare });
     const context = { store, data, scene, view, gateway_ms };

@@ -1,7 +1,9 @@
 // Brain: predicted displacements, phase, forces, and force and displacement against depth.
 import { distance, type Vec3 } from "../geometry/vector.ts";
 import type { RecordOf } from "../state/layout.ts";
+import type { Store } from "../state/store.ts";
 import { deformationReasonText, deformationText, figure, phaseText } from "../state/text.ts";
+import type { Scene } from "../view/scene.ts";
 import type { PageContext, Part } from "./context.ts";
 import { DepthPlot } from "./depth_plot.ts";
 import { fill, h, setClass, setText, table } from "./dom.ts";
@@ -55,7 +57,7 @@ export class BrainPage implements Part {
     );
   }
 
-  update({ store, data }: PageContext): void {
+  update({ store }: PageContext): void {
     const states = store.all("deformation");
     const model = states[0];
     if (!model) {
@@ -67,16 +69,21 @@ export class BrainPage implements Part {
     const why = deformationReasonText(model.reason);
     setText(this.status, deformationText(model.status) + (why ? `: ${why}` : ""));
     setClass(this.status, "bad", model.status === 4);
-    this.collect(model, states, data.targets[0]?.name ?? "");
+    this.plot.draw();
     fill(this.rows, `${store.revision("deformation")}`, () => modelRows(model));
     fill(this.points, `${store.revision("deformation")}`, () => [pointTable(states)]);
   }
 
-  private collect(model: RecordOf<"deformation">, states: readonly RecordOf<"deformation">[], target: string): void {
-    if (model.time_ms === this.lastTime_ms) return;
+  // At every draw, also while another page is shown: the plot has the whole insertion.
+  collect(store: Store, scene: Scene): void {
+    const states = store.all("deformation");
+    const model = states[0];
+    if (!model || model.time_ms === this.lastTime_ms) return;
     this.lastTime_ms = model.time_ms;
-    const followed = states.find((s) => s.point === target) ?? model;
-    this.plot.add(model.depth_mm, model.tip_force_N, displacementOf(followed), model.ruptures);
+    const target = scene.target?.name;
+    const followed = states.find((s) => s.point === target);
+    const moved_mm = followed ? displacementOf(followed) : Number.NaN;
+    this.plot.add(model.depth_mm, model.tip_force_N, moved_mm, model.ruptures, target ?? "");
   }
 }
 

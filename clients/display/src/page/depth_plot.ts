@@ -1,5 +1,5 @@
-// Force of the tip and displacement of the target against the probe's depth in the tissue, since the page was opened or
-// the probe was last outside.
+// Force of the tip and displacement of the plan's target against the probe's depth in the tissue, since the page was
+// opened, the probe was last outside, or another target was followed.
 import { h } from "./dom.ts";
 
 const kWidth = 400;
@@ -18,6 +18,8 @@ export class DepthPlot {
   readonly element: HTMLCanvasElement = h("canvas", { class: "plot" });
   private samples: Sample[] = [];
   private ruptures = 0;
+  private target = "";
+  private isDrawn = false; // with all samples
 
   constructor() {
     this.element.width = 2 * kWidth;
@@ -25,9 +27,14 @@ export class DepthPlot {
     this.draw();
   }
 
-  // A depth of zero after an insertion begins a new curve.
-  add(depth_mm: number, force_N: number, displacement_mm: number, ruptures: number): void {
+  // A depth of zero after an insertion begins a new curve, and so does another target.
+  add(depth_mm: number, force_N: number, displacement_mm: number, ruptures: number, target: string): void {
     if (!Number.isFinite(depth_mm)) return;
+    if (target !== this.target) {
+      this.target = target;
+      this.samples = [];
+      this.isDrawn = false;
+    }
     const last = this.samples.at(-1);
     if (depth_mm <= 0 && (!last || last.depth_mm <= 0)) return;
     if (depth_mm > 0 && last && last.depth_mm <= 0) this.samples = [];
@@ -39,10 +46,12 @@ export class DepthPlot {
     });
     this.ruptures = ruptures;
     if (this.samples.length > kSamples) this.samples = this.samples.filter((s, i) => i % 2 === 0 || s.rupture);
-    this.draw();
+    this.isDrawn = false;
   }
 
-  private draw(): void {
+  draw(): void {
+    if (this.isDrawn) return;
+    this.isDrawn = true;
     const c = this.element.getContext("2d") as CanvasRenderingContext2D;
     c.setTransform(2, 0, 0, 2, 0, 0);
     c.clearRect(0, 0, kWidth, kHeight);
@@ -58,7 +67,7 @@ export class DepthPlot {
       this.samples.map((s) => s.displacement_mm),
       1,
     );
-    axes(c, depth, force, displacement);
+    axes(c, depth, force, displacement, this.target);
     this.curve(c, depth, force, (s) => s.force_N, "#ffe066");
     this.curve(c, depth, displacement, (s) => s.displacement_mm, "#ff7ad9");
     for (const s of this.samples) {
@@ -109,7 +118,7 @@ function niceTop(values: readonly number[], least: number): number {
   return [1, 2, 5, 10].map((f) => f * power).find((top) => top >= largest * 0.999) ?? 10 * power;
 }
 
-function axes(c: CanvasRenderingContext2D, depth: number, force: number, displacement: number): void {
+function axes(c: CanvasRenderingContext2D, depth: number, force: number, displacement: number, target: string): void {
   const [left, right] = [kMargin.left, kWidth - kMargin.right];
   const [top, bottom] = [kMargin.top, kHeight - kMargin.bottom];
   c.strokeStyle = "#33414f";
@@ -136,5 +145,5 @@ function axes(c: CanvasRenderingContext2D, depth: number, force: number, displac
   c.fillText("force, N", left + 6, top + 9);
   c.textAlign = "right";
   c.fillStyle = "#ff7ad9";
-  c.fillText("target moved, mm", right - 6, top + 9);
+  c.fillText(`${target || "target"} moved, mm`, right - 6, top + 9);
 }

@@ -1,6 +1,6 @@
 // The large figures: what a surgeon reads from two metres.
 import { rms_mm } from "../geometry/ellipsoid.ts";
-import { inRigid, norm, type Vec3 } from "../geometry/vector.ts";
+import { distance, inRigid, norm, type Vec3 } from "../geometry/vector.ts";
 import { type CaseImage, regionAt } from "../state/case_data.ts";
 import { PoseStatus } from "../state/constants.ts";
 import type { RecordOf } from "../state/layout.ts";
@@ -46,6 +46,7 @@ export class Figures implements Part {
   private readonly status = h("div", { class: "tool-status" });
   private readonly structure = new Figure("Nearest structure", "mm");
   private readonly depth = new Figure("Depth left", "mm");
+  private readonly predicted = new Figure("To predicted target", "mm"); // beside that as imaged, never in its place
   private readonly lateral = new Figure("Lateral deviation", "mm");
   private readonly angle = new Figure("Angle", "°");
   private readonly region = new Figure("Tip error, 95 %", "mm");
@@ -55,16 +56,17 @@ export class Figures implements Part {
     { class: "figures" },
     h("div", { class: "tool" }, this.tool, this.status),
     this.depth.element,
+    this.predicted.element,
     this.structure.element,
-    this.lateral.element,
-    this.angle.element,
+    h("div", { class: "pair" }, this.lateral.element, this.angle.element),
     this.region.element,
     this.coordinates,
   );
 
   // As text: for a screenshot.
   get lines(): string[] {
-    const all = [this.depth, this.structure, this.lateral, this.angle, this.region].map((f) => f.text);
+    const shown = [this.depth, this.predicted, this.structure, this.lateral, this.angle, this.region];
+    const all = shown.filter((f) => !f.element.hidden).map((f) => f.text);
     return [
       `${this.tool.textContent}: ${this.status.textContent}`,
       all.join("  ·  "),
@@ -74,6 +76,7 @@ export class Figures implements Part {
 
   update({ scene, store, data, view }: PageContext): void {
     const tool = scene.followedTool;
+    this.setPredicted(scene);
     setClass(this.element, "unverified", tool !== null && !tool.verified);
     setClass(this.element, "hidden-tool", tool === null);
     if (!tool) {
@@ -102,6 +105,15 @@ export class Figures implements Part {
     const region = view.labels && data.labels ? `\nRegion  ${regionAt(data.labels, view.cursor) || "–"}` : "";
     const second = data.images.find((image) => image.name === view.second);
     setText(this.coordinates, coordinatesText(tool?.tip ?? null, view.cursor, second) + region);
+  }
+
+  // Only while the tissue model predicts it.
+  private setPredicted({ followedTool, target }: PageContext["scene"]): void {
+    const left_mm = followedTool?.shown.state.distance_to_predicted_target_mm ?? Number.NaN;
+    this.predicted.element.hidden = !Number.isFinite(left_mm);
+    const moved_mm = target?.predicted ? distance(target.predicted, target.position) : Number.NaN;
+    const bound = target && Number.isFinite(target.bound_mm) ? ` ± ${figure(target.bound_mm, 1)}` : "";
+    this.predicted.set(figure(left_mm, 1), Number.isFinite(moved_mm) ? `moved ${figure(moved_mm, 1)}${bound}` : "");
   }
 }
 

@@ -45,11 +45,15 @@ export class VerificationPage implements Part {
     ]);
     setText(this.drift, driftText(accuracy));
     setClass(this.drift, "bad", accuracy?.drift_detected === 1);
-    fill(this.targets, `${store.revision("target")}`, () => [
+    const targets = store.all("target");
+    const mostTre = data.limits.max_target_tre_mm ?? Number.NaN;
+    fill(this.targets, `${store.revision("target")} ${mostTre}`, () => [
       table(
         [{ title: "Target" }, { title: "RMS mm", number: true }, { title: "95 % mm", number: true }],
-        store.all("target").map((t) => [t.target, figure(t.tre_rms_mm, 2), figure(t.tre_95_semi_axes_mm[0], 2)]),
+        targets.map((t) => [t.target, figure(t.tre_rms_mm, 2), figure(t.tre_95_semi_axes_mm[0], 2)]),
+        (r) => (targets[r].tre_rms_mm > mostTre ? "bad" : ""),
       ),
+      h("p", { class: "small" }, `Limit: ${figure(mostTre, 1, "mm")} RMS.`),
     ]);
   }
 }

@@ -1,5 +1,6 @@
 // The picture: one WebGL canvas with all panels, and one canvas over it for lines and letters.
 
+import type { Plane } from "../geometry/planes.ts";
 import type { Volume, Window } from "../image/volume.ts";
 import { labelColours, type SliceLayers, SliceRenderer, type Viewport } from "../render/slice_renderer.ts";
 import { VolumeTexture } from "../render/volume_texture.ts";
@@ -7,10 +8,11 @@ import type { CaseData } from "../state/case_data.ts";
 import { panelRects, type Rect } from "./layout.ts";
 import { Pen } from "./pen.ts";
 import type { Scene } from "./scene.ts";
-import { drawSliceOverlay } from "./slice_overlay.ts";
+import { drawNoPlane, drawSliceOverlay } from "./slice_overlay.ts";
 import { drawSpaceOverlay, SpaceView } from "./space_view.ts";
 import type { Measurement, ViewState } from "./view_state.ts";
 
+const kNoPlane: Plane = { centre: [0, 0, 0], right: [1, 0, 0], up: [0, 1, 0] }; // for texts alone
 const kSecondTint: readonly [number, number, number] = [1, 1, 1];
 
 interface Graphics {
@@ -263,6 +265,7 @@ export class Display {
     const viewport = this.viewportOf(rect);
     if (!pen) {
       if (this.isNew(index, ["empty", rect])) graphics.gl.clear(graphics.gl.COLOR_BUFFER_BIT);
+      drawNoPlane(new Pen(this.lines, rect, kNoPlane, 1), view.panels[index].kind, scene);
       return;
     }
     const { kind } = view.panels[index];
@@ -293,7 +296,7 @@ export class Display {
       tools,
       arms,
       points,
-      scene.trajectory,
+      scene.plans,
       view.opacities,
       rect,
       view.window,

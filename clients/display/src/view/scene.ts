@@ -1,6 +1,6 @@
 // What is drawn besides the image: from the states of the daemon, once per draw, the same for all panels.
 import type { Ellipsoid } from "../geometry/ellipsoid.ts";
-import { add, inRigid, type Mat3, multiply, scale, sub, unit, type Vec3 } from "../geometry/vector.ts";
+import { add, distance, inRigid, type Mat3, multiply, scale, sub, unit, type Vec3 } from "../geometry/vector.ts";
 import type { CaseData, CaseHandEye, Trajectory } from "../state/case_data.ts";
 import { CaptureKind, DeformationStatus, DeviceKind, kRobotBase } from "../state/constants.ts";
 import type { Store } from "../state/store.ts";
@@ -8,7 +8,10 @@ import { kMaxLiveAge_ms, type ShownTool, shownTool } from "../state/validity.ts"
 import type { PlacedCaptures } from "./captures.ts";
 import { kColours } from "./colours.ts";
 import type { ScannerSlice } from "./scanner_slice.ts";
+import type { TipTrace } from "./tip_trace.ts";
 import type { Followed } from "./view_state.ts";
+
+const kSamePoint_mm = 1; // a plan that ends this close to a target leads to it
 
 export interface SceneTool {
   readonly name: string;
@@ -50,15 +53,17 @@ export interface Scene {
   readonly tools: readonly SceneTool[];
   readonly followed: Followed;
   readonly followedTool: SceneTool | null;
-  readonly trajectory: Trajectory | null;
+  readonly trajectory: Trajectory | null; // the plan that is followed
+  readonly plans: readonly Trajectory[]; // to be drawn: that one, or all of the case while none is followed
   readonly points: readonly ScenePoint[];
+  readonly target: ScenePoint | null; // of the plan that is followed
   readonly fiducials: readonly SceneFiducial[];
   readonly captures: readonly SceneCapture[];
   readonly placedBy: PlacedCaptures["placedBy"];
   readonly unplaced: readonly Vec3[]; // points of the skin that no registration places in Image, in Reference
   readonly reference: string; // name of that frame
   readonly arms: readonly SceneArm[];
-  readonly trace: readonly Vec3[];
+  readonly trace: readonly Vec3[]; // of followedTool
   readonly slice: ScannerSlice | null; // the scanner's latest
 }
 
@@ -66,9 +71,8 @@ export interface SceneInput {
   readonly data: CaseData;
   readonly store: Store;
   readonly gateway_ms: number;
-  readonly followedName: string | null; // tool that the viewer chose
   readonly captures: PlacedCaptures;
-  readonly trace: readonly Vec3[];
+  readonly trace: TipTrace;
   readonly slice: ScannerSlice | null;
 }
 
@@ -79,15 +83,18 @@ export function sceneOf(input: SceneInput): Scene {
     .map((state) => shownTool(state, gateway_ms))
     .filter((shown) => shown !== null)
     .map((shown) => sceneTool(shown, data));
-  const followedTool = choose(tools, input.followedName);
+  const followedTool = choose(tools);
   const trajectory = trajectoryOf(data, followedTool, store);
+  const points = pointsOf(data, store);
   const line = followedTool ? { tip: followedTool.tip, direction: followedTool.direction } : null;
   return {
     tools,
     followedTool,
     followed: { line, trajectory },
     trajectory,
-    points: pointsOf(data, store),
+    plans: trajectory ? [trajectory] : data.trajectories,
+    points,
+    target: points.find((p) => trajectory && distance(p.position, trajectory.target_mm) < kSamePoint_mm) ?? null,
     fiducials: data.fiducials.map((f) => {
       const report = store.get("fiducial", f.name);
       const residual = report && Number.isFinite(report.norm_mm) ? (report.residual_mm as unknown as Vec3) : null;
@@ -98,7 +105,7 @@ export function sceneOf(input: SceneInput): Scene {
     unplaced: input.captures.unplaced,
     reference: data.tools.find((t) => t.role === "reference")?.name ?? "",
     arms: tools.map((tool) => armOf(tool, data, store, gateway_ms)).filter((arm) => arm !== null),
-    trace: input.trace,
+    trace: input.trace.update(gateway_ms, followedTool),
     slice: input.slice,
   };
 }
@@ -154,15 +161,17 @@ function baseBeside(data: CaseData, store: Store, gateway_ms: number): Vec3 | nu
   return base.every(Number.isFinite) ? base : null;
 }
 
-// The viewer's choice, else the tool on a plan, else the first.
-function choose(tools: readonly SceneTool[], name: string | null): SceneTool | null {
-  return tools.find((t) => t.name === name) ?? tools.find((t) => t.shown.state.trajectory !== "") ?? tools[0] ?? null;
+// The tool on a plan, else the first.
+function choose(tools: readonly SceneTool[]): SceneTool | null {
+  return tools.find((t) => t.shown.state.trajectory !== "") ?? tools[0] ?? null;
 }
 
-// The plan that a tool follows; without one the only plan of the case.
+// The plan that a tool follows, also while that tool is hidden; without one the only plan of the case. Of several plans
+// none is taken for the one that is followed.
 function trajectoryOf(data: CaseData, tool: SceneTool | null, store: Store): Trajectory | null {
   const named = tool?.shown.state.trajectory || store.all("tool").find((t) => t.trajectory !== "")?.trajectory;
-  return data.trajectories.find((t) => t.name === named) ?? data.trajectories[0] ?? null;
+  if (named) return data.trajectories.find((t) => t.name === named) ?? null;
+  return data.trajectories.length === 1 ? data.trajectories[0] : null;
 }
 
 function pointsOf(data: CaseData, store: Store): ScenePoint[] {

@@ -4,7 +4,7 @@ import { edgeLetters } from "../geometry/letters.ts";
 import { intersection, kOrthogonalKinds, type Plane } from "../geometry/planes.ts";
 import { rmsAt } from "../geometry/pose_error.ts";
 import { add, along, distance, scale, type Vec3 } from "../geometry/vector.ts";
-import type { CaseData } from "../state/case_data.ts";
+import type { CaseData, Trajectory } from "../state/case_data.ts";
 import { figure } from "../state/text.ts";
 import { kColours } from "./colours.ts";
 import type { Pen } from "./pen.ts";
@@ -42,8 +42,10 @@ export function drawSliceOverlay(pen: Pen, input: OverlayInput): void {
   if (!input.bare) {
     drawCuts(pen, input.data);
     drawPlanes(pen, input);
-    drawPlan(pen, input.scene);
+    for (const plan of input.scene.plans) drawPlan(pen, plan);
+    drawPlanNames(pen, input.scene);
     drawPoints(pen, input);
+    if (input.view.trace) drawTrace(pen, input.scene);
     for (const tool of input.scene.tools) drawTool(pen, tool, tool === input.scene.followedTool);
     drawMeasurements(pen, input);
   }
@@ -51,6 +53,17 @@ export function drawSliceOverlay(pen: Pen, input: OverlayInput): void {
   if (input.kind === "scanner") drawSliceText(pen, input.scene);
   c.restore();
 }
+
+// A panel that has nothing to show says why.
+export function drawNoPlane(pen: Pen, kind: PanelKind, scene: Scene): void {
+  const { rect } = pen;
+  const why =
+    kind === "scanner" ? "no slice has been received" : kind === "along_plan" ? noPlanText(scene) : "no pose until now";
+  pen.text(kPanelNames[kind], rect.x + 10, rect.y + 18, 16, kColours.letter, "left", true);
+  pen.text(why, rect.x + 10, rect.y + 38, 13, kColours.unverified);
+}
+
+const noPlanText = ({ plans }: Scene): string => (plans.length > 1 ? "no plan is followed" : "the case has no plan");
 
 // A slice that lies in no known place of the case's image: the robot's tip is all that is known beside it.
 function drawScanner(pen: Pen, { scene }: OverlayInput): void {
@@ -119,9 +132,7 @@ function drawPlanes(pen: Pen, { kind, view, scene }: OverlayInput): void {
   }
 }
 
-function drawPlan(pen: Pen, scene: Scene): void {
-  const plan = scene.trajectory;
-  if (!plan) return;
+function drawPlan(pen: Pen, plan: Trajectory): void {
   pen.line(plan.entry_mm, plan.target_mm, kColours.plan, 1.5, [7, 5]);
   drawNear(pen, plan.entry_mm, (alpha) => {
     pen.canvas.globalAlpha = alpha;
@@ -135,6 +146,15 @@ function drawPlan(pen: Pen, scene: Scene): void {
   });
   const inPlane = inPlaneStretch(pen, plan.entry_mm, plan.target_mm);
   if (inPlane) pen.line(inPlane[0], inPlane[1], kColours.plan, 3);
+}
+
+// Which is which, where several are drawn since none is followed.
+export function drawPlanNames(pen: Pen, { plans }: Scene): void {
+  if (plans.length < 2) return;
+  for (const plan of plans) {
+    const p = pen.pixel(plan.entry_mm);
+    pen.text(plan.name, p.x + 12, p.y - 10, 13, kColours.plan);
+  }
 }
 
 // The part of a line that is within a millimetre of the plane.
@@ -173,9 +193,7 @@ function drawPoints(pen: Pen, { scene }: OverlayInput): void {
       pen.text(f.name, p.x + 9, p.y - 9, 13, colour);
     });
   }
-  const plan = scene.trajectory;
-  for (const point of scene.points)
-    drawPoint(pen, point, plan !== null && distance(point.position, plan.target_mm) < 1);
+  for (const point of scene.points) drawPoint(pen, point, point === scene.target);
 }
 
 function drawPoint(pen: Pen, point: Scene["points"][number], isTarget: boolean): void {
@@ -205,6 +223,15 @@ function drawTool(pen: Pen, tool: SceneTool, followed: boolean): void {
   pen.line(tool.tip, tipAhead(tool, kAhead_mm), colour, 1.25, [2, 5]);
   pen.circle(tool.tip, 4, colour, 2.5);
   pen.canvas.globalAlpha = 1;
+}
+
+// Where the tip was, as far as that is near the plane.
+function drawTrace(pen: Pen, { trace, followedTool }: Scene): void {
+  if (!followedTool) return;
+  const colour = followedTool.verified ? kColours.live : kColours.unverified;
+  const isNear = (point: Vec3) => Math.abs(pen.pixel(point).height_mm) <= kNear_mm;
+  for (let i = 1; i < trace.length; ++i)
+    if (isNear(trace[i - 1]) && isNear(trace[i])) pen.line(trace[i - 1], trace[i], colour, 1.5);
 }
 
 function drawMeasurements(pen: Pen, { view, pending }: OverlayInput): void {
@@ -239,13 +266,17 @@ function drawFrame(pen: Pen, { kind, view, scene, data }: OverlayInput): void {
   if (oblique) pen.text("oblique", rect.x + 10, rect.y + 38, 13, kColours.muted);
   if (held) pen.text("no pose: the plane is where it was", rect.x + 10, rect.y + 38, 13, kColours.unverified);
   if (kind !== "scanner") drawSecondText(pen, view, data, oblique || held ? 1 : 0);
-  if (scene.followedTool && !scene.followedTool.verified) {
-    pen.text("NOT VERIFIED", rect.x + rect.width - 12, rect.y + 18, 16, kColours.unverified, "right", true);
-  }
+  drawNotVerified(pen, scene);
   if (scene.placedBy === "candidate" && scene.captures.some(isSurface)) {
     pen.text(kNotAccepted, rect.x + rect.width - 12, rect.y + rect.height - 14, 13, kColours.unverified, "right");
   }
   drawScaleBar(pen);
+}
+
+export function drawNotVerified(pen: Pen, { followedTool }: Scene): void {
+  if (!followedTool || followedTool.verified) return;
+  const { rect } = pen;
+  pen.text("NOT VERIFIED", rect.x + rect.width - 12, rect.y + 18, 16, kColours.unverified, "right", true);
 }
 
 // Which image is blended over the case's, and the error of its registration at the cross hair; below the title.

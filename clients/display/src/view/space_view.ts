@@ -2,7 +2,7 @@
 
 import { lettersOf } from "../geometry/letters.ts";
 import { centredAt, kOrthogonalKinds, type Plane } from "../geometry/planes.ts";
-import { add, distance, negate, scale, unit, type Vec3 } from "../geometry/vector.ts";
+import { add, negate, scale, unit, type Vec3 } from "../geometry/vector.ts";
 import { towardsViewer, viewMatrix } from "../render/camera.ts";
 import { LayerCache } from "../render/layer_cache.ts";
 import { type Colour, type MeshBuffer, MeshRenderer, type MeshStyle } from "../render/mesh_renderer.ts";
@@ -13,6 +13,7 @@ import type { Rect } from "./layout.ts";
 import { Pen } from "./pen.ts";
 import { type Scene, type SceneArm, type SceneTool, tipAhead } from "./scene.ts";
 import { drawSkinPoints } from "./skin_points.ts";
+import { drawNotVerified, drawPlanNames } from "./slice_overlay.ts";
 import type { ViewState } from "./view_state.ts";
 
 const kShaft_mm = 140;
@@ -64,7 +65,7 @@ export class SpaceView {
     if (view.opacities.planes) this.drawPlanes(layers, view, scene, matrix);
     if (!bare) {
       this.meshes.begin(matrix, towardsViewer(camera));
-      this.drawPlan(scene);
+      this.drawPlans(scene);
       for (const tool of scene.tools) {
         const arm = scene.arms.find((one) => one.tool === tool);
         this.drawTool(tool, arm?.flange ?? tipAhead(tool, -kShaft_mm));
@@ -84,14 +85,14 @@ export class SpaceView {
     }
   }
 
-  private drawPlan(scene: Scene): void {
-    const plan = scene.trajectory;
-    if (!plan) return;
+  private drawPlans(scene: Scene): void {
     const style = { colour: rgb(kColours.plan), opacity: 1 };
-    this.meshes.drawRod(plan.entry_mm, plan.target_mm, 0.6, style);
-    this.meshes.drawBall(plan.entry_mm, 1.6, style);
-    this.meshes.drawBall(plan.target_mm, 2.4, style);
-    const predicted = scene.points.find((p) => distance(p.position, plan.target_mm) < 1)?.predicted;
+    for (const plan of scene.plans) {
+      this.meshes.drawRod(plan.entry_mm, plan.target_mm, 0.6, style);
+      this.meshes.drawBall(plan.entry_mm, 1.6, style);
+      this.meshes.drawBall(plan.target_mm, 2.4, style);
+    }
+    const predicted = scene.target?.predicted;
     if (predicted) this.meshes.drawBall(predicted, 2.4, { colour: rgb(kColours.predicted), opacity: 1 });
   }
 
@@ -198,10 +199,13 @@ export function drawSpaceOverlay(
     const viewer = towardsViewer(camera);
     drawSkinPoints(pen, scene);
     for (const arm of scene.arms) drawArmNames(pen, arm);
-    pen.polyline(scene.trace, kColours.live, 1.5);
+    drawPlanNames(pen, scene);
+    const tool = scene.followedTool;
+    if (tool && view.trace) pen.polyline(scene.trace, toolColour(tool), 1.5);
     drawAxes(pen, viewer);
   }
   pen.text("3-D", rect.x + 10, rect.y + 18, 16, kColours.letter, "left", true);
+  drawNotVerified(pen, scene);
   c.restore();
 }
 

@@ -4,6 +4,7 @@ import { after, before, test } from "node:test";
 import type { App } from "../../src/page/app.ts";
 import { kColours } from "../../src/view/colours.ts";
 import { insertion } from "../support/fake_gateway.ts";
+import { record } from "../support/frames.ts";
 import {
   countColour,
   countRed,
@@ -368,6 +369,42 @@ test("a screenshot is saved", async () => {
     open.page.getByRole("button", { name: "Screenshot" }).click(),
   ]);
   assert.match(download.suggestedFilename(), /^bregma \d{4}-\d\d-\d\dT.*\.png$/);
+});
+
+test("a predicted target is stated beside that as imaged; the plot has what happened before its page was opened", async () => {
+  const { page, gateway } = open;
+  assert.match(await textOf(page, ".figures"), /Depth left/);
+  gateway.tool = (now) => ({
+    ...insertion(now, 0.5),
+    valid_until_ms: now + 290,
+    distance_to_predicted_target_mm: 31.4,
+  });
+  const model = { point: "Lesion", status: 2, imaged_mm: [12, 5, 20], displaced_mm: [15, 5, 16], error_bound_mm: 1.25 };
+  for (let step = 1; step <= 12; ++step) {
+    const state = { ...model, time_ms: step, depth_mm: 3 * step, tip_force_N: 0.01 * step, ruptures: 0 };
+    gateway.others.set("model", record("deformation", state));
+    await drawn(page);
+  }
+  const text = await textOf(page, ".figures");
+  assert.match(text, /Depth left[\s\S]*To predicted target\s*moved 5\.0 ± 1\.3[\s\S]*31\.4/);
+  await page.click(".tabs button:has-text('Brain')");
+  await drawn(page);
+  const yellow = await page.evaluate(() => {
+    const { width, height } = document.querySelector<HTMLCanvasElement>(".plot")!;
+    const c = document.querySelector<HTMLCanvasElement>(".plot")!.getContext("2d")!;
+    const { data } = c.getImageData(0, 0, width, height);
+    let [left, right] = [width, 0];
+    for (let i = 0; i < data.length; i += 4) {
+      const x = (i / 4) % width;
+      const inside = x > 100 && x < width - 100 && i / 4 / width > 70; // neither numbers nor names
+      if (!inside || data[i] < 200 || data[i + 1] < 180 || data[i + 2] > 140 || data[i + 3] < 100) continue;
+      [left, right] = [Math.min(left, x), Math.max(right, x)];
+    }
+    return right - left;
+  });
+  assert.ok(yellow > 300, `the curve of the force is ${yellow} pixels wide`);
+  gateway.others.delete("model");
+  await page.click(".tabs button:has-text('Guide')");
 });
 
 test("the other pages open", async () => {

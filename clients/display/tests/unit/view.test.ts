@@ -16,9 +16,10 @@ import { Captures } from "../../src/view/captures.ts";
 import { kColours } from "../../src/view/colours.ts";
 import { coverageOf, leastCovered } from "../../src/view/coverage.ts";
 import { panelRects } from "../../src/view/layout.ts";
-import { distanceColour, sceneOf } from "../../src/view/scene.ts";
+import { distanceColour, type SceneTool, sceneOf } from "../../src/view/scene.ts";
 import { SkinDistance } from "../../src/view/skin_distance.ts";
 import { insetOf } from "../../src/view/skin_points.ts";
+import { TipTrace } from "../../src/view/tip_trace.ts";
 import { ViewState } from "../../src/view/view_state.ts";
 import { encodeFrame, liveTool, record, type TestRecord } from "../support/frames.ts";
 import { Random } from "../support/random.ts";
@@ -268,14 +269,86 @@ test("points without a registration are seen from where they spread most", () =>
   assert.equal(insetOf([[5, 5, 5]], { x: 0, y: 0, width: 10, height: 10 }).at[0].x, 5);
 });
 
-// A guide of 150 mm along the flange's z.
-const robotCase = {
+const kNothing = {
   hash: "",
   meshes: [],
   trajectories: [],
   targets: [],
   fiducials: [],
   brain_landmarks: [],
+  tools: [],
+};
+
+const twoPlans = {
+  ...kNothing,
+  trajectories: [
+    { name: "Frontal", entry_mm: [0, 0, 80], target_mm: [0, 0, 20] },
+    { name: "Parietal", entry_mm: [40, 0, 80], target_mm: [10, 0, 20] },
+  ],
+  targets: [
+    { name: "Cyst", position_mm: [0, 0, 20] },
+    { name: "Deep", position_mm: [10, 0, 20] },
+  ],
+} as unknown as CaseData;
+
+const planScene = (data: CaseData, ...tools: Partial<RecordOf<"tool">>[]) => {
+  const store = new Store();
+  store.apply(
+    decodeFrame(
+      encodeFrame(
+        1,
+        0,
+        tools.map((tool) => record("tool", { ...liveTool(1000), ...tool })),
+      ),
+    ),
+  );
+  const captures = new Captures().update(store);
+  return sceneOf({ data, store, gateway_ms: 1000, captures, trace: new TipTrace(), slice: null });
+};
+
+test("the plan is that of the tool that follows one, also while this tool is hidden", () => {
+  const hidden = { trajectory: "Parietal", status: PoseStatus.TOOL_HIDDEN };
+  for (const scene of [
+    planScene(twoPlans, { trajectory: "Parietal" }),
+    planScene(twoPlans, hidden),
+    planScene(twoPlans, { tool: "Stylus", trajectory: "" }, hidden),
+  ]) {
+    assert.equal(scene.trajectory?.name, "Parietal");
+    assert.deepEqual(
+      scene.plans.map((plan) => plan.name),
+      ["Parietal"],
+    );
+    assert.equal(scene.target?.name, "Deep");
+  }
+});
+
+test("of several plans none is taken for the one that is followed, and all are drawn", () => {
+  const scene = planScene(twoPlans, { trajectory: "" });
+  assert.equal(scene.trajectory, null);
+  assert.equal(scene.target, null);
+  assert.equal(scene.plans.length, 2);
+  const one = { ...twoPlans, trajectories: twoPlans.trajectories.slice(1) };
+  assert.equal(planScene(one, { trajectory: "" }).trajectory?.name, "Parietal");
+  assert.equal(planScene(one, { trajectory: "of another case" }).trajectory, null);
+});
+
+test("the trace is that of one tool in one state, and is not drawn without it", () => {
+  const trace = new TipTrace();
+  const tool = (name: string, verified: boolean, x: number) =>
+    ({ name, verified, tip: [x, 0, 0] }) as unknown as SceneTool;
+  trace.update(0, tool("Probe", false, 1));
+  trace.update(100, tool("Probe", false, 2));
+  assert.equal(trace.update(200, tool("Probe", false, 3)).length, 3);
+  assert.deepEqual(trace.update(300, tool("Probe", true, 4)), [[4, 0, 0]]);
+  assert.deepEqual(trace.update(400, null), []);
+  assert.equal(trace.update(500, tool("Probe", true, 5)).length, 2);
+  assert.equal(trace.update(5350, tool("Probe", true, 6)).length, 2);
+  assert.deepEqual(trace.update(5400, tool("Stylus", true, 7)), [[7, 0, 0]]);
+});
+
+// A guide of 150 mm along the flange's z.
+const robotCase = {
+  ...kNothing,
   tools: [
     { name: "RobotBase", role: "reference", axis: [0, 0, 1], normal: [0, 0, 1], tip_mm: [0, 0, 0], markers_mm: [] },
     { name: "Guide", role: "pointer", axis: [0, 0, 1], normal: [0, 0, 1], tip_mm: [0, 0, 150], markers_mm: [] },
@@ -298,7 +371,7 @@ function robotScene(tool: Partial<RecordOf<"tool">>, registration: Partial<Recor
     ),
   );
   const captures = new Captures().update(store);
-  return sceneOf({ data: robotCase, store, gateway_ms: now_ms, followedName: null, captures, trace: [], slice: null });
+  return sceneOf({ data: robotCase, store, gateway_ms: now_ms, captures, trace: new TipTrace(), slice: null });
 }
 
 test("the arm is drawn from the pose of the tool that it carries: its flange, and its base as it is registered", () => {
@@ -369,7 +442,7 @@ function besideScene(seen: Partial<RecordOf<"tracked_tool">> | null, tool: Parti
   if (seen) records.push(record("tracked_tool", { ...reference, ...seen }));
   store.apply(decodeFrame(encodeFrame(1, 0, records)));
   const captures = new Captures().update(store);
-  return sceneOf({ data: besideCase, store, gateway_ms: 1000, followedName: null, captures, trace: [], slice: null });
+  return sceneOf({ data: besideCase, store, gateway_ms: 1000, captures, trace: new TipTrace(), slice: null });
 }
 
 test("beside a tracker the arm is that of the tool it carries; its base follows the tracked reference", () => {
