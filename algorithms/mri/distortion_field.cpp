@@ -24,6 +24,8 @@ constexpr double kInverseTolerance = 1e-6; // mm
 constexpr double kUsefulShare = 0.97;      // of the error held out without a spline
 // Of the error at points held out that the spline itself may have between its centres.
 constexpr double kSplineErrorShare = 0.5;
+// A control point at a face stands for the half of a cell beyond it; from there the spline fades over one spacing.
+constexpr double kWholeSpline = 0.5;
 // Error outside by what is not harmonic, per its size inside and spacing of the distance. Of fields that are no
 // solution of Laplace's equation (./dev bench mri --only pillars).
 constexpr double kNotHarmonicGrowth = 3.0;
@@ -39,8 +41,6 @@ Points3 sphere_directions(int count) {
   }
   return out;
 }
-
-Points3 every_other(const Points3 &p, Index begin) { return p(Eigen::all, Eigen::seq(begin, p.cols() - 1, 2)); }
 
 double rms(const Points3 &p) { return std::sqrt(p.colwise().squaredNorm().mean()); }
 
@@ -92,8 +92,10 @@ tl::expected<DistortionField, std::string> DistortionField::fit(const Points3 &t
 }
 
 void DistortionField::fit_spline(const Points3 &residual_mm) {
-  const Points3 centres = every_other(control_mm_, 0), values = every_other(residual_mm, 0);
-  const Points3 held_out = every_other(control_mm_, 1), expected = every_other(residual_mm, 1);
+  const Halves halves = every_other(control_mm_);
+  const Points3 centres = control_mm_(Eigen::all, halves.used), values = residual_mm(Eigen::all, halves.used);
+  const Points3 held_out = control_mm_(Eigen::all, halves.held_out);
+  const Points3 expected = residual_mm(Eigen::all, halves.held_out);
   const double without = rms(expected);
   double best = kUsefulShare * without, smoothing = -1.0;
   for (const double relative : {1e-2, 1e-1, 1.0, 1e1, 1e2}) {
@@ -134,9 +136,9 @@ Vector3d DistortionField::to_imaged(const Vector &true_mm) const noexcept {
     out[axis] += harmonics_[static_cast<std::size_t>(axis)](true_mm);
   }
   if (spline_) {
-    const double weight = 1.0 - distance_outside(true_mm) / spacing_mm_;
+    const double weight = 1.0 + kWholeSpline - distance_outside(true_mm) / spacing_mm_;
     if (weight > 0.0) {
-      out += weight * (*spline_)(true_mm);
+      out += std::min(weight, 1.0) * (*spline_)(true_mm);
     }
   }
   return out;
@@ -217,11 +219,12 @@ Points3 residuals(const DistortionField &field, const Points3 &true_mm, const Po
 }
 
 tl::expected<ErrorSummary, std::string> hold_out(const geometry::Points3 &true_mm, const geometry::Points3 &imaged_mm) {
-  const auto field = DistortionField::fit(every_other(true_mm, 0), every_other(imaged_mm, 0));
+  const Halves halves = every_other(true_mm);
+  const auto field = DistortionField::fit(true_mm(Eigen::all, halves.used), imaged_mm(Eigen::all, halves.used));
   if (!field) {
     return tl::make_unexpected("every other control point does not determine the field: " + field.error());
   }
-  return summarise(residuals(*field, every_other(true_mm, 1), every_other(imaged_mm, 1)));
+  return summarise(residuals(*field, true_mm(Eigen::all, halves.held_out), imaged_mm(Eigen::all, halves.held_out)));
 }
 
 } // namespace bregma::mri

@@ -4,9 +4,9 @@
 //   imaged = true + H(true) + w(true) S(true)
 //
 // H has a series of solid harmonics per axis (harmonic_series.hpp), S is a smoothing thin-plate spline of what the
-// harmonics leave, (2)-(5) of the paper. w is 1 within the volume of the control points and falls to 0 over one
-// spacing outside it, where a spline has no meaning. The smoothing is chosen by the hold-out of section VI-A; S is left
-// out where it does not reduce the error at the points held out.
+// harmonics leave, (2)-(5) of the paper. w is 1 within the volume of the control points and half a spacing around it;
+// beyond, where a spline has no meaning, it falls to 0 over one spacing. The smoothing is chosen by the hold-out of
+// section VI-A; S is left out where it does not reduce the error at the points held out.
 //
 // The paper maps imaged to true. The direction here is the one in which the physics is harmonic, and the one that
 // resampling an image needs. On the markers of a real phantom it lowers the residual of harmonics of degree 7 from 0.36
@@ -100,7 +100,8 @@ struct ErrorSummary {
 [[nodiscard]] geometry::Points3 residuals(const DistortionField &field, const geometry::Points3 &true_mm,
                                           const geometry::Points3 &imaged_mm);
 
-// Section VI-A: every other pair determines the field, the others verify it. Otherwise the sentence of fit().
+// Section VI-A: every other pair (lattice.hpp) determines the field, the others verify it. Otherwise the sentence of
+// fit().
 [[nodiscard]] tl::expected<ErrorSummary, std::string> hold_out(const geometry::Points3 &true_mm,
                                                                const geometry::Points3 &imaged_mm);
 

@@ -5,6 +5,8 @@
 #include <cstddef>
 #include <limits>
 
+#include <Eigen/LU>
+
 namespace bregma::mri {
 
 namespace {
@@ -18,6 +20,30 @@ constexpr double kFar = 0.5;       // nearer ones are doubled
 constexpr double kSameStep = 0.25; // of the spacing: distance of two displacements that count as the same
 constexpr double kApart = 0.643;   // cosine of 50 degrees
 constexpr std::size_t kMaxCandidates = 300;
+// Parts of a step between a point and its place on the lattice, and the share of points that may be farther.
+constexpr double kOffLattice = 0.25;
+constexpr double kMaxOffShare = 0.05;
+
+// For each point whether the number of steps from the first one is odd. Nothing where the points are no lattice.
+std::vector<bool> odd_on_lattice(const Points3 &points_mm) {
+  const LatticeSteps lattice = lattice_steps(points_mm);
+  if (lattice.steps_mm.cols() < 3) {
+    return {};
+  }
+  const Eigen::Matrix3d steps_of_mm = Eigen::Matrix3d(lattice.steps_mm).inverse();
+  if (!steps_of_mm.allFinite()) {
+    return {};
+  }
+  std::vector<bool> out;
+  Index off = 0;
+  for (const auto &p : points_mm.colwise()) {
+    const Vector3d steps = steps_of_mm * (p - points_mm.col(0));
+    const Vector3d whole = steps.array().round();
+    off += (steps - whole).cwiseAbs().maxCoeff() > kOffLattice ? 1 : 0;
+    out.push_back(std::fmod(std::abs(whole.sum()), 2.0) == 1.0);
+  }
+  return static_cast<double>(off) <= kMaxOffShare * static_cast<double>(points_mm.cols()) ? out : std::vector<bool>{};
+}
 
 } // namespace
 
@@ -87,6 +113,16 @@ LatticeSteps lattice_steps(const Points3 &points_mm, double spacing_mm) {
   out.steps_mm.resize(3, static_cast<Index>(found.size()));
   for (std::size_t i = 0; i < found.size(); ++i) {
     out.steps_mm.col(static_cast<Index>(i)) = found[i];
+  }
+  return out;
+}
+
+Halves every_other(const Points3 &points_mm) {
+  const std::vector<bool> odd = odd_on_lattice(points_mm);
+  Halves out;
+  for (Index i = 0; i < points_mm.cols(); ++i) {
+    const bool held_out = odd.empty() ? i % 2 == 1 : odd[static_cast<std::size_t>(i)];
+    (held_out ? out.held_out : out.used).push_back(i);
   }
   return out;
 }

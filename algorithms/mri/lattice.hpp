@@ -24,4 +24,11 @@ struct LatticeSteps {
 // points may be doubled; 0: the median distance of nearest neighbours.
 [[nodiscard]] LatticeSteps lattice_steps(const geometry::Points3 &points_mm, double spacing_mm = 0.0);
 
+// Every other point, as section VI-A of [Tuna 2022] holds points out "for each grid". On a lattice, neighbours along
+// its steps are in different halves, also where points are missing; without one, neighbours among the columns.
+struct Halves {
+  std::vector<Eigen::Index> used, held_out; // columns, in their order; the first column is used
+};
+[[nodiscard]] Halves every_other(const geometry::Points3 &points_mm);
+
 } // namespace bregma::mri

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "algorithms/mri/lattice.hpp"
 #include "algorithms/registration/points/paired_points.hpp"
 #include "clients/cli/mri/control_points.hpp"
 #include "clients/cli/output.hpp"
@@ -81,14 +82,6 @@ std::optional<Points3> placed(const Points3 &ct, const std::vector<PhantomScan> 
   Points3 out(3, ct.cols());
   for (Index i = 0; i < ct.cols(); ++i) {
     out.col(i) = *T * Vector3d(ct.col(i));
-  }
-  return out;
-}
-
-std::vector<Index> every_other_index(Index count, Index first) {
-  std::vector<Index> out;
-  for (Index i = first; i < count; i += 2) {
-    out.push_back(i);
   }
   return out;
 }
@@ -185,7 +178,7 @@ base::Result<FieldOfScans> field_of_scans(const Points3 &ct, const std::vector<P
     return base::failure(field.error());
   }
   // Held out as in section VI-A: every other point.
-  const std::vector<Index> used = every_other_index(real->cols(), 0), tested = every_other_index(real->cols(), 1);
+  const auto [used, tested] = mri::every_other(*real);
   const Points3 used_real = (*real)(Eigen::all, used), tested_real = (*real)(Eigen::all, tested);
   const std::vector<PhantomScan> used_scans = some_points(matched, used), tested_scans = some_points(matched, tested);
   const auto half = mri::separate_fields(used_real, used_scans);

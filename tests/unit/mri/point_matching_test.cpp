@@ -76,6 +76,37 @@ TEST(Lattice, StepsOfATiltedLatticeAreFound) {
   EXPECT_LT((gram - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff(), 0.02);
 }
 
+TEST(Lattice, NeighboursAreInDifferentHalvesAlsoInAnotherOrderAndWithPointsMissing) {
+  Points3 points = without(scan(test::lattice(7, 15.0), 5).ct, {3, 4, 50, 113, 114, 115, 200});
+  std::vector<Index> order(static_cast<std::size_t>(points.cols()));
+  std::iota(order.begin(), order.end(), Index{0});
+  std::shuffle(order.begin(), order.end(), std::mt19937(6));
+  points = Points3(points(Eigen::all, order));
+  const Halves halves = every_other(points);
+  EXPECT_EQ(halves.used.size() + halves.held_out.size(), order.size());
+  EXPECT_EQ(halves.used.front(), 0);
+  for (const auto &half : {halves.used, halves.held_out}) {
+    EXPECT_GT(half.size(), order.size() * 2 / 5);
+    const std::vector<double> nearest = nearest_distances(points(Eigen::all, half));
+    EXPECT_GT(*std::min_element(nearest.begin(), nearest.end()), 1.3 * 15.0); // the diagonal of a cell's side
+  }
+}
+
+TEST(Lattice, WithoutOneEveryOtherColumnIsHeldOut) {
+  std::mt19937 rng(7);
+  std::uniform_real_distribution<double> place(-80.0, 80.0);
+  Points3 points(3, 201);
+  for (auto &coordinate : points.reshaped()) {
+    coordinate = place(rng);
+  }
+  const Halves halves = every_other(points);
+  ASSERT_EQ(halves.used.size(), 101u);
+  ASSERT_EQ(halves.held_out.size(), 100u);
+  for (std::size_t i = 0; i < halves.held_out.size(); ++i) {
+    EXPECT_EQ(halves.held_out[i], static_cast<Index>(2 * i + 1));
+  }
+}
+
 TEST(PointMatching, AWholeLatticeIsMatchedInAnyOrder) {
   for (unsigned seed = 0; seed < 2; ++seed) {
     const TwoScans scans = scan(test::lattice(7, 17.0), seed);
