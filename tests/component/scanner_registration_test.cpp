@@ -43,9 +43,8 @@ class ScannerOverDds : public testing::Test {
 protected:
   void start() {
     const std::string folder = files.path().string();
-    ASSERT_NO_FATAL_FAILURE(
-        run_to_end({BREGMA_SIM_SCANNER, "--write", folder, "--no-mr", "--phantom", "--ct-coarser", "4", "--seed", "3"},
-                   folder + "/sim-scanner.log"));
+    ASSERT_NO_FATAL_FAILURE(run_to_end({BREGMA_SIM_SCANNER, "--write", folder, "--no-mr", "--phantom", "--seed", "3"},
+                                       folder + "/sim-scanner.log"));
     ASSERT_NO_FATAL_FAILURE(run_to_end({BREGMA_PROGRAM, "mri", "points", folder + "/phantom_ct.nrrd", "-o",
                                         folder + "/ct.mrk.json", "--ct", "--cell-mm", "16.91", "--bar-mm", "1.91"},
                                        folder + "/points.log"));
