@@ -377,7 +377,7 @@ RigidImageResult RigidSearch::run() {
   const double scale = poses[0].value - unrelated;
   if (scale > 0.0) { // otherwise the best explains no more than any other: no lead
     out.mirror_lead = std::isfinite(mirrored) ? (poses[0].value - mirrored) / scale : 1.0;
-    out.lead = poses.size() < 2 ? 1.0 : (poses[0].value - poses[1].value) / scale;
+    out.lead = poses.size() < 2 ? 1.0 : std::min((poses[0].value - poses[1].value) / scale, 1.0);
   }
   if (!proceed(0.6, "refining at the finest level")) {
     return stopped();

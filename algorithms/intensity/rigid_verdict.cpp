@@ -90,6 +90,8 @@ void judge(RigidImageResult &out, const Vector3d &centre_mm, const RigidImageOpt
   const Matrix3d at_centre = J * out.covariance * J.transpose();
   const double rotation = out.covariance.topLeftCorner<3, 3>().trace() * kArm_mm * kArm_mm * 2.0 / 3.0;
   const double predicted = std::sqrt(at_centre.trace() + rotation);
+  const std::string returned = std::to_string(out.returned) + " of " + std::to_string(out.restarts) +
+                               " restarts from perturbed poses came back to this one";
   if (!(out.overlap >= kMinOverlap)) {
     say(ImageVerdict::kRefused, "the images overlap by " + number(100.0 * out.overlap, 0) + " % of the smaller one; " +
                                     number(100.0 * kMinOverlap, 0) + " % are needed");
@@ -101,6 +103,10 @@ void judge(RigidImageResult &out, const Vector3d &centre_mm, const RigidImageOpt
     say(ImageVerdict::kAmbiguous, "another pose explains the images nearly as well (lead " + number(out.lead, 2) +
                                       ", " + number(kMinLead, 2) +
                                       " is needed): different anatomy, or too small a part of it");
+  } else if (!(out.mirror_lead >= kMinMirrorLead) && out.returned < kMinReturned * out.restarts) {
+    say(ImageVerdict::kAmbiguous, "only " + returned + ", and its mirror image explains the other image better (by " +
+                                      number(-out.mirror_lead, 2) +
+                                      "): a pose that is wrong, or left and right exchanged in one of the two");
   } else if (!(out.mirror_lead >= kMinMirrorLead)) {
     say(ImageVerdict::kAmbiguous, "its mirror image explains the other image better (by " +
                                       number(-out.mirror_lead, 2) +
@@ -111,8 +117,7 @@ void judge(RigidImageResult &out, const Vector3d &centre_mm, const RigidImageOpt
                                       direction_text(out.stretch_axis) +
                                       ": a wrong spacing in one of the headers, or another patient?");
   } else if (out.returned < kMinReturned * out.restarts) {
-    say(ImageVerdict::kAmbiguous, "only " + std::to_string(out.returned) + " of " + std::to_string(out.restarts) +
-                                      " restarts from perturbed poses came back to this one");
+    say(ImageVerdict::kAmbiguous, "only " + returned);
   } else if (!(predicted <= kMaxError_mm)) {
     say(ImageVerdict::kAmbiguous, "the predicted error of " + number(predicted, 1) + " mm rms at " +
                                       number(kArm_mm, 0) + " mm from the centre is too large: a direction is free");

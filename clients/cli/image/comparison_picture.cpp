@@ -34,6 +34,12 @@ GreyScale scale_of(const std::vector<float> &values) {
 
 } // namespace
 
+base::Result<void> check_picture(const std::string &option, const std::string &path) {
+  return path.empty() || path.ends_with(".png")
+             ? base::Result<void>()
+             : base::failure(option + " " + path + ": pictures are written as .png only");
+}
+
 base::Result<void> write_slices_picture(const std::string &path, const intensity::Volume &image,
                                         const std::vector<float> *other, const Eigen::Vector3d &through_mm) {
   // The grid's axes are those of the frame, nearly: volumes are read in RAS order.

@@ -47,10 +47,16 @@ int show_feature(const FeatureArguments &arguments, const Context &context) {
       return fail(kept.error());
     }
   }
+  if (auto named = check_picture("--picture", arguments.picture); !named) {
+    return fail(named.error());
+  }
   std::vector<std::string> notes;
   const auto image = read_image(arguments.image, notes);
   if (!image) {
     return fail(image.error());
+  }
+  if (auto sound = check_contrast(*image, arguments.image.path); !sound) {
+    return fail(sound.error());
   }
   parallel::Team team(registration_threads());
   const intensity::Volume shown{

@@ -37,6 +37,12 @@ base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<st
   return casefile::read_volume(file.path, {.series = {}, .space = space_of(file)}, &notes);
 }
 
+base::Result<void> check_contrast(const intensity::Volume &image, const std::string &path) {
+  return intensity::grey_range(image.voxels).constant()
+             ? base::failure(path + ": the image has one grey value only: there is nothing to compare")
+             : base::Result<void>();
+}
+
 base::Result<void> apply_mask(intensity::Volume &image, const std::string &mask_path, const std::string &image_path,
                               std::vector<std::string> &notes) {
   const auto mask = casefile::read_labels(mask_path, {}, &notes);

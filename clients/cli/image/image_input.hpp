@@ -28,6 +28,9 @@ void add_image_file(CLI::App &command, ImageFile &file, const std::string &name,
 // notes: receives what was assumed.
 [[nodiscard]] base::Result<intensity::Volume> read_image(const ImageFile &file, std::vector<std::string> &notes);
 
+// Refused: an image with one grey value, of which nothing can be shown.
+[[nodiscard]] base::Result<void> check_contrast(const intensity::Volume &image, const std::string &path);
+
 // Voxels where the mask is 0 lose their value (NaN). The mask is a label image on the image's own grid. Refused:
 // another grid, values that are no labels, no voxel that remains. Notes what was assumed.
 [[nodiscard]] base::Result<void> apply_mask(intensity::Volume &image, const std::string &mask_path,

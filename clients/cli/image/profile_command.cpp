@@ -104,6 +104,17 @@ double peak(const Profile &profile, std::size_t measure) {
   return at;
 }
 
+// A curve that is largest where the range ends may be larger beyond it.
+void note_open_ends(const Profile &profile, const ProfileArguments &arguments, std::vector<std::string> &notes) {
+  for (std::size_t m = 0; m < profile.value.size(); ++m) {
+    const double at = peak(profile, m);
+    if (at == profile.at.front() || at == profile.at.back()) {
+      notes.push_back(arguments.measures[m] +
+                      ": largest at the end of the range; a wider one (--from, --to) may show a " + "larger value");
+    }
+  }
+}
+
 base::Result<void> write_text(const std::string &path, const std::string &text) {
   std::ofstream file(path);
   file << text;
@@ -170,10 +181,17 @@ int profile_images(const ProfileArguments &arguments, const Context &context) {
   }
   leave_out_padding(*source, arguments.source.path, notes);
   leave_out_padding(*target, arguments.target.path, notes);
+  for (const auto &[image, path] :
+       {std::pair(&*source, &arguments.source.path), std::pair(&*target, &arguments.target.path)}) {
+    if (auto sound = check_contrast(*image, *path); !sound) {
+      return fail(sound.error());
+    }
+  }
   const auto profile = profile_of(arguments, *source, *target);
   if (!profile) {
     return fail(profile.error());
   }
+  note_open_ends(*profile, arguments, notes);
   if (context.json) {
     json curves = json::object();
     json peaks = json::object();

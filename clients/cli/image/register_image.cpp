@@ -69,7 +69,7 @@ base::Result<void> check_outputs(const RegisterImageArguments &arguments) {
       return kept;
     }
   }
-  return {};
+  return check_picture("--picture", arguments.picture);
 }
 
 // Where errors are predicted without --targets: at the centre of the target image and 60 mm from it along the axes.

@@ -458,6 +458,27 @@ TEST(ImageCommand, ProfileFindsThePoseAndWritesCurves) {
   EXPECT_NE(tests::read_file((files.folder.path() / "curve.svg").string()).find("<svg"), std::string::npos);
   EXPECT_EQ(files.run("image profile source.nii.gz target.nii.gz --from 0 --to 5000 --step 1").err,
             "bregma: --from, --to, --step: 5001 steps; 1 to 2000 are possible\n");
+  const auto cut = files.run("image profile turned.nii.gz target.nii.gz --from -15 --to 2 --step 1");
+  EXPECT_NE(cut.notes.find("nmi: largest at the end of the range"), std::string::npos) << cut.notes;
+}
+
+TEST(ImageCommand, ProfileAndFeaturesRefuseOneGreyValueAndOtherPictures) {
+  const Files files;
+  casefile::Volume flat = head({24, 28, 24}, false);
+  std::fill(flat.voxels.begin(), flat.voxels.end(), 7.0F);
+  files.write("flat.nii.gz", flat);
+  const std::string reason = "flat.nii.gz: the image has one grey value only: there is nothing to compare";
+  for (const std::string words : {"profile flat.nii.gz target.nii.gz", "profile source.nii.gz flat.nii.gz",
+                                  "features flat.nii.gz --picture flat.png"}) {
+    const auto run = files.run("image " + words);
+    EXPECT_EQ(run.exit_code, 2) << words;
+    EXPECT_NE(run.err.find(reason), std::string::npos) << run.err;
+  }
+  EXPECT_FALSE(std::filesystem::exists(files.folder.path() / "flat.png"));
+  for (const std::string words : {"features source.nii.gz", "register source.nii.gz target.nii.gz"}) {
+    EXPECT_EQ(files.run("image " + words + " --picture look.jpg").err,
+              "bregma: --picture look.jpg: pictures are written as .png only\n");
+  }
 }
 
 TEST(ImageCommand, FeaturesShowThatAigAsPrintedIsNearlyZero) {

@@ -210,6 +210,10 @@ TEST(MutualInformation, HasThePropertiesOfTable41) {
   EXPECT_NEAR(mi(y, x), information, 1e-12);
   EXPECT_LE(information, std::min(of_x, of_y));
   EXPECT_LE(information, 0.5 * (of_x + of_y));
+  const double joint = of_x + of_y - information; // (25)
+  EXPECT_LE(0.5 * (of_x + of_y), std::max(of_x, of_y));
+  EXPECT_LE(std::max(of_x, of_y), joint) << "(26), (27): neither image leaves less than nothing open";
+  EXPECT_LE(joint, of_x + of_y);
   // Data processing: a function of Y knows no more about X.
   Volume coarse = y;
   std::transform(y.voxels.begin(), y.voxels.end(), coarse.voxels.begin(), [](float v) { return std::floor(v / 3.0F); });
