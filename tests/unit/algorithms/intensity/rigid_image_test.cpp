@@ -220,6 +220,21 @@ TEST(RigidImage, IsNotFoundByAMeasureThatFindsWrongPoses) {
   }
 }
 
+TEST(RigidImage, AWrongPoseIsNotCalledAMirroredHead) {
+  RigidImageResult result;
+  result.overlap = 0.9;
+  result.mutual_information = 0.4;
+  result.lead = 0.5;
+  result.mirror_lead = -0.2;
+  result.restarts = 4;
+  judge(result, Eigen::Vector3d::Zero(), {});
+  EXPECT_EQ(result.verdict, ImageVerdict::kAmbiguous);
+  EXPECT_EQ(result.reason.rfind("only 0 of 4 restarts from perturbed poses came back", 0), 0U) << result.reason;
+  result.returned = 4;
+  judge(result, Eigen::Vector3d::Zero(), {});
+  EXPECT_NE(result.reason.find("are left and right exchanged"), std::string::npos) << result.reason;
+}
+
 TEST(RigidImage, StopsWhenItsCallerWantsThat) {
   parallel::Team team(1);
   RigidImageOptions options = quick();
