@@ -113,7 +113,9 @@ export class Figures implements Part {
     this.predicted.element.hidden = !Number.isFinite(left_mm);
     const moved_mm = target?.predicted ? distance(target.predicted, target.position) : Number.NaN;
     const bound = target && Number.isFinite(target.bound_mm) ? ` ± ${figure(target.bound_mm, 1)}` : "";
-    this.predicted.set(figure(left_mm, 1), Number.isFinite(moved_mm) ? `moved ${figure(moved_mm, 1)}${bound}` : "");
+    const moved = Number.isFinite(moved_mm) ? `moved ${figure(moved_mm, 1)}${bound}` : "";
+    const extrapolated = target?.extrapolated ?? false;
+    this.predicted.set(figure(left_mm, 1), extrapolated ? `extrapolated, ${moved}` : moved, extrapolated);
   }
 }
 

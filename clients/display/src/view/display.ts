@@ -288,7 +288,7 @@ export class Display {
     const viewport = this.viewportOf(rect);
     const planes = ["axial", "coronal", "sagittal"].map((kind) => view.planeOf(kind as "axial", scene.followed));
     const tools = scene.tools.map((t) => [t.tip, t.direction, t.verified, t.region_95]);
-    const points = scene.points.map((p) => p.predicted);
+    const points = scene.points.map((p) => [p.predicted, p.extrapolated]);
     const arms = scene.arms.map((arm) => [arm.flange, arm.base]);
     const shown = [
       view.cameraFor(rect),

@@ -72,9 +72,9 @@ export class Pen {
     this.canvas.fillRect(p.x - size_px / 2, p.y - size_px / 2, size_px, size_px);
   }
 
-  diamond(point: Vec3, radius_px: number, colour: string, width: number): void {
+  diamond(point: Vec3, radius_px: number, colour: string, width: number, dash: readonly number[] = []): void {
     const p = this.pixel(point);
-    this.stroke(colour, width, [], (c) => {
+    this.stroke(colour, width, dash, (c) => {
       c.moveTo(p.x, p.y - radius_px);
       c.lineTo(p.x + radius_px, p.y);
       c.lineTo(p.x, p.y + radius_px);

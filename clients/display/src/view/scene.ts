@@ -27,6 +27,7 @@ export interface ScenePoint {
   readonly position: Vec3;
   readonly predicted: Vec3 | null; // where the tissue model has it
   readonly bound_mm: number; // of the prediction
+  readonly extrapolated: boolean; // such as from the last pose of a probe that is hidden
 }
 
 export interface SceneFiducial {
@@ -177,10 +178,17 @@ function trajectoryOf(data: CaseData, tool: SceneTool | null, store: Store): Tra
 function pointsOf(data: CaseData, store: Store): ScenePoint[] {
   return [...data.targets, ...data.brain_landmarks].map(({ name, position_mm }) => {
     const state = store.get("deformation", name);
-    const valid = state?.status === DeformationStatus.VALID || state?.status === DeformationStatus.EXTRAPOLATING;
+    const extrapolated = state?.status === DeformationStatus.EXTRAPOLATING;
+    const valid = state?.status === DeformationStatus.VALID || extrapolated;
     const predicted =
       valid && state.displaced_mm.every(Number.isFinite) ? (state.displaced_mm as unknown as Vec3) : null;
-    return { name, position: position_mm, predicted, bound_mm: valid ? state.error_bound_mm : Number.NaN };
+    return {
+      name,
+      position: position_mm,
+      predicted,
+      bound_mm: valid ? state.error_bound_mm : Number.NaN,
+      extrapolated,
+    };
   });
 }
 

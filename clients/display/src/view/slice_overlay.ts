@@ -15,6 +15,7 @@ import { isOrthogonal, kPanelNames, type Measurement, type PanelKind, type ViewS
 const kNear_mm = 3; // points are drawn in full up to this distance from the plane
 const kFar_mm = 12; // and not at all beyond this one
 const kShaft_mm = 160;
+const kExtrapolated = [2, 5]; // dashes of a prediction that is extrapolated
 const kAhead_mm = 60;
 const kCorrected2d = 4; // DistortionCorrection
 const kCorrected3d = 5;
@@ -207,7 +208,8 @@ function drawPoint(pen: Pen, point: Scene["points"][number], isTarget: boolean):
   drawNear(pen, predicted, (alpha) => {
     pen.canvas.globalAlpha = alpha;
     pen.line(point.position, predicted, kColours.predicted, 1.5);
-    pen.diamond(predicted, isTarget ? 9 : 5, kColours.predicted, isTarget ? 3 : 1.5);
+    const dash = point.extrapolated ? kExtrapolated : [];
+    pen.diamond(predicted, isTarget ? 9 : 5, kColours.predicted, isTarget ? 3 : 1.5, dash);
   });
 }
 
@@ -302,5 +304,5 @@ function drawScaleBar(pen: Pen): void {
     c.lineTo(x + width, y);
     c.lineTo(x + width, y - 4);
   });
-  pen.text(`${length_mm} mm`, x + width + 8, y - 3, 13, kColours.letter);
+  pen.text(`${length_mm} mm`, x, y - 14, 13, kColours.letter); // above: beside it is the letter of a small panel
 }

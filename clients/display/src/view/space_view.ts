@@ -92,8 +92,9 @@ export class SpaceView {
       this.meshes.drawBall(plan.entry_mm, 1.6, style);
       this.meshes.drawBall(plan.target_mm, 2.4, style);
     }
-    const predicted = scene.target?.predicted;
-    if (predicted) this.meshes.drawBall(predicted, 2.4, { colour: rgb(kColours.predicted), opacity: 1 });
+    const { predicted, extrapolated } = scene.target ?? { predicted: null, extrapolated: false };
+    const opacity = extrapolated ? 0.5 : 1;
+    if (predicted) this.meshes.drawBall(predicted, 2.4, { colour: rgb(kColours.predicted), opacity });
   }
 
   // Flange and base are known, the joints between them are not: a thin line, which is no link of the arm.

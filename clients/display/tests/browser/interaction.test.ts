@@ -387,6 +387,15 @@ test("a predicted target is stated beside that as imaged; the plot has what happ
   }
   const text = await textOf(page, ".figures");
   assert.match(text, /Depth left[\s\S]*To predicted target\s*moved 5\.0 ± 1\.3[\s\S]*31\.4/);
+  gateway.others.set(
+    "model",
+    record("deformation", { ...model, status: 3, time_ms: 13, depth_mm: 36, tip_force_N: 0.12 }),
+  );
+  await until(
+    () => textOf(page, ".figure.warn"),
+    (warning) => /extrapolated, moved 5\.0 ± 1\.3/.test(warning),
+    "an extrapolated prediction says so",
+  );
   await page.click(".tabs button:has-text('Brain')");
   await drawn(page);
   const yellow = await page.evaluate(() => {
