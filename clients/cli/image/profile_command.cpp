@@ -110,7 +110,7 @@ void note_open_ends(const Profile &profile, const ProfileArguments &arguments, s
     const double at = peak(profile, m);
     if (at == profile.at.front() || at == profile.at.back()) {
       notes.push_back(arguments.measures[m] +
-                      ": largest at the end of the range; a wider one (--from, --to) may show a " + "larger value");
+                      ": largest at the end of the range; a wider one (--from, --to) may show a larger value");
     }
   }
 }
