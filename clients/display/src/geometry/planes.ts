@@ -71,6 +71,22 @@ export function alongPlan(entry: Vec3, target: Vec3, tip: Vec3 | null): Plane {
   return { ...plain, centre: along(entry, direction, dot(sub(tip, entry), direction)) };
 }
 
+const kClear = 0.35; // component along an axis of the patient from which it decides the side of a picture
+const kBetween = 0.7; // of the larger component: closer ones are between two axes
+
+// The plane, or its mirror image seen from the other side, as the convention asks: the patient's right on the left of
+// radiological pictures, and on the right of neurological ones; the face on the left where the picture is rather
+// sagittal. Where neither is clear, as of a line from the side, the side is that of `last`, the picture's right before: a
+// tool that is turned there must not make its picture jump to and fro.
+export function seenBy(convention: Convention, plane: Plane, last: Vec3 | null): Plane {
+  const mirrored = { ...plane, right: negate(plane.right) };
+  const [x, y] = plane.right;
+  const [larger, smaller] = [Math.max(Math.abs(x), Math.abs(y)), Math.min(Math.abs(x), Math.abs(y))];
+  if (last && (larger < kClear || smaller > kBetween * larger)) return dot(plane.right, last) >= 0 ? plane : mirrored;
+  const isRight = Math.abs(x) >= Math.abs(y) ? x > 0 === (convention === "neurological") : y <= 0;
+  return isRight ? plane : mirrored;
+}
+
 // Image position of a point of the picture (u right, v up, mm from the centre).
 export function toImage(plane: Plane, u_mm: number, v_mm: number): Vec3 {
   return add(plane.centre, add(scale(plane.right, u_mm), scale(plane.up, v_mm)));

@@ -263,16 +263,27 @@ function drawFrame(pen: Pen, { kind, view, scene, data }: OverlayInput): void {
   const title = kind === "look_ahead" ? `${kPanelNames[kind]} ${figure(view.ahead_mm, 0, "mm")}` : kPanelNames[kind];
   const colour = isOrthogonal(kind) ? kColours[kind] : kColours.letter;
   pen.text(title, rect.x + 10, rect.y + 18, 16, colour, "left", true);
-  const oblique = isOrthogonal(kind) && view.oblique;
-  const held = !isOrthogonal(kind) && !scene.followed.line && kind !== "along_plan" && kind !== "scanner";
-  if (oblique) pen.text("oblique", rect.x + 10, rect.y + 38, 13, kColours.muted);
-  if (held) pen.text("no pose: the plane is where it was", rect.x + 10, rect.y + 38, 13, kColours.unverified);
-  if (kind !== "scanner") drawSecondText(pen, view, data, oblique || held ? 1 : 0);
+  if (kind !== "scanner") {
+    const rows = drawRemarks(pen, kind, view, scene);
+    drawSecondText(pen, view, data, rows);
+  }
   drawNotVerified(pen, scene);
   if (scene.placedBy === "candidate" && scene.captures.some(isSurface)) {
     pen.text(kNotAccepted, rect.x + rect.width - 12, rect.y + rect.height - 14, 13, kColours.unverified, "right");
   }
   drawScaleBar(pen);
+}
+
+// Below the title. Returns the number of rows.
+function drawRemarks(pen: Pen, kind: PanelKind, view: ViewState, scene: Scene): number {
+  const { rect } = pen;
+  let rows = 0;
+  const remark = (text: string, colour: string) => pen.text(text, rect.x + 10, rect.y + 38 + 18 * rows++, 13, colour);
+  if (isOrthogonal(kind) && view.oblique) remark("oblique", kColours.muted);
+  if (scene.followed.line || kind === "along_plan") return rows;
+  if (!isOrthogonal(kind)) remark("no pose: the plane is where it was", kColours.unverified);
+  else if (view.isAtLastTip) remark("no pose: the cross hair is where the tip was", kColours.letter);
+  return rows;
 }
 
 export function drawNotVerified(pen: Pen, { followedTool }: Scene): void {

@@ -12,6 +12,7 @@ import {
   type Plane,
   probeEye,
   type SliceKind,
+  seenBy,
   toImage,
   toPlane,
   turned,
@@ -88,6 +89,7 @@ export class ViewState {
   // Orientation of the three planes; obliquely turned ones differ from those of the convention.
   private frames = framesOf("radiological");
   private lastLine: Line | null = null;
+  private readonly lastRight = new Map<SliceKind, Vec3>(); // of the in-line planes' pictures
 
   reset(data: CaseData): void {
     const { size, T_image_index: T } = data.image;
@@ -102,6 +104,7 @@ export class ViewState {
     this.measurements = [];
     if (!data.images.some((image) => image.name === this.second)) this.second = "";
     this.lastLine = null;
+    this.lastRight.clear();
   }
 
   // One panel with the scanner's slice, whole.
@@ -116,6 +119,7 @@ export class ViewState {
 
   setConvention(convention: Convention): void {
     this.convention = convention;
+    this.lastRight.clear();
     this.straighten();
   }
 
@@ -135,6 +139,11 @@ export class ViewState {
     this.panels[index] = panelOf(kind);
   }
 
+  // While no tip is shown: the cross hair is where one was last.
+  get isAtLastTip(): boolean {
+    return this.follow && this.lastLine !== null;
+  }
+
   // The planes follow the tip.
   track(followed: Followed): void {
     if (!followed.line) return;
@@ -149,13 +158,16 @@ export class ViewState {
       return { centre: this.cursor, ...this.frames[kind] };
     if (kind === "along_plan") {
       const plan = followed.trajectory;
-      return plan ? alongPlan(plan.entry_mm, plan.target_mm, followed.line?.tip ?? null) : null;
+      if (!plan) return null;
+      return seenBy(this.convention, alongPlan(plan.entry_mm, plan.target_mm, followed.line?.tip ?? null), null);
     }
     const line = followed.line ?? this.lastLine;
     if (!line) return null;
     if (kind === "probe_eye") return probeEye(line);
     if (kind === "look_ahead") return lookAhead(line, this.ahead_mm);
-    return inline(line, kind === "inline_1" ? 1 : 2);
+    const plane = seenBy(this.convention, inline(line, kind === "inline_1" ? 1 : 2), this.lastRight.get(kind) ?? null);
+    this.lastRight.set(kind, plane.right);
+    return plane;
   }
 
   // The plane with the centre of the picture as its centre. The three planes leave the image where it is, so that the

@@ -16,6 +16,7 @@ import {
   rotate,
   scale,
   sub,
+  turn,
   type Vec3,
 } from "../../src/geometry/vector.ts";
 import { Random } from "../support/random.ts";
@@ -119,6 +120,64 @@ test("the plane along the plan contains entry and target, and follows the tip al
   close3(plane.centre, [0, 0, 20]);
   close(planes.toPlane(plane, [0, 0, 50]).height_mm, 0);
   close(planes.toPlane(plane, [0, 0, 0]).height_mm, 0);
+});
+
+test("pictures along a line keep the convention, whichever way the line points, and the face is on the left", () => {
+  let shown = 0;
+  for (let k = 0; k < 2000; ++k) {
+    const line = { tip: [0, 0, 0] as Vec3, direction: random.direction() };
+    for (const which of [1, 2] as const) {
+      const plane = planes.inline(line, which);
+      const radiological = planes.seenBy("radiological", plane, null);
+      const neurological = planes.seenBy("neurological", plane, null);
+      for (const seen of [radiological, neurological]) {
+        close3(seen.up, plane.up);
+        close(Math.abs(dot(planes.viewer(seen), planes.viewer(plane))), 1);
+      }
+      const [x, y] = plane.right;
+      if (Math.abs(x) > 0.5 && Math.abs(x) > 1.5 * Math.abs(y)) {
+        ++shown;
+        assert.match(edgeLetters(radiological).left, /R/);
+        assert.match(edgeLetters(neurological).right, /R/);
+      } else if (Math.abs(y) > 0.5 && Math.abs(y) > 1.5 * Math.abs(x)) {
+        ++shown;
+        for (const seen of [radiological, neurological]) assert.match(edgeLetters(seen).left, /A/);
+      }
+    }
+  }
+  assert.ok(shown > 2000, String(shown));
+});
+
+test("a tool that trembles where the side changes does not make its picture jump to and fro", () => {
+  for (const convention of ["radiological", "neurological"] as const) {
+    for (const [axis, start] of [
+      [
+        [0, 1, 0],
+        [0, 0, -1],
+      ],
+      [
+        [1, 0, 0],
+        [0, 0, -1],
+      ],
+      [
+        [0, 0, 1],
+        [1, 0, 0],
+      ],
+    ] as [Vec3, Vec3][]) {
+      for (const which of [1, 2] as const) {
+        let last: Vec3 | null = null;
+        let jumps = 0;
+        for (let step = 0; step < 3600; ++step) {
+          const angle = ((step / 10 + 2 * (step % 2)) * Math.PI) / 180; // once around, trembling by 2 degrees
+          const line = { tip: [0, 0, 0] as Vec3, direction: turn(start, axis, angle) };
+          const { right }: planes.Plane = planes.seenBy(convention, planes.inline(line, which), last);
+          if (last && dot(right, last) < 0) ++jumps;
+          last = right;
+        }
+        assert.ok(jumps <= 6, `${convention} ${axis} ${which}: ${jumps} jumps`);
+      }
+    }
+  }
 });
 
 test("panel and image coordinates are inverse to each other", () => {

@@ -69,6 +69,16 @@ test("while following, the planes go through the tip; a click ends it", () => {
   assert.deepEqual(view.cursor, [9, 9, 9]);
 });
 
+test("a cross hair that was left at a hidden tool's tip is known as such, and one that was set is not", () => {
+  const view = new ViewState();
+  assert.equal(view.isAtLastTip, false);
+  view.track({ line: { tip: [1, 2, 3], direction: [0, 0, 1] }, trajectory: null });
+  view.track(nothing);
+  assert.equal(view.isAtLastTip, true);
+  view.setCursor([0, 0, 0]);
+  assert.equal(view.isAtLastTip, false);
+});
+
 test("zooming keeps the point under the pointer", () => {
   const view = new ViewState();
   const rect = { x: 0, y: 0, width: 500, height: 400 };
