@@ -15,6 +15,10 @@ int main(int argc, char **argv) {
   app.add_option("--runs", options.runs, "runs per cell of table 1; fewer of its slow peers")
       ->check(CLI::Range(1, 10000))
       ->capture_default_str();
+  app.add_option("--slow-runs", options.slow_runs,
+                 "runs per cell of annealing, the genetic algorithm and Go-ICP; 0: a fifth and a twentieth of --runs")
+      ->check(CLI::Range(0, 10000))
+      ->capture_default_str();
   app.add_option("--pictures", options.pictures, "write the figures of table 1 to this folder (SVG)");
   app.add_option("--head", options.heads, "other heads: surfaces or images (those of ../shared/data that are there)");
   CLI11_PARSE(app, argc, argv);

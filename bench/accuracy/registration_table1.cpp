@@ -136,8 +136,14 @@ struct Runs {
   int ours, stochastic, go_icp; // this project and ICP; annealing and the genetic algorithm; Go-ICP
 };
 Runs runs_of(const RegistrationBenchOptions &options) {
-  return options.quick ? Runs{4, 1, 1}
-                       : Runs{options.runs, std::max(1, options.runs / 5), std::max(1, options.runs / 20)};
+  if (options.quick) {
+    return {4, 1, 1};
+  }
+  if (options.slow_runs > 0) {
+    const int slow = std::min(options.runs, options.slow_runs); // on the same samples
+    return {options.runs, slow, slow};
+  }
+  return {options.runs, std::max(1, options.runs / 5), std::max(1, options.runs / 20)};
 }
 
 class Table1 {

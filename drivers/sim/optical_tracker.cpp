@@ -29,11 +29,12 @@ std::int64_t DeviceClock::stamp(std::int64_t host_ns) {
 }
 
 OpticalTracker::OpticalTracker(const Patient &patient, const TrackerParameters &parameters, std::uint64_t seed)
-    : patient_(&patient), parameters_(parameters), T_tracker_image_(patient.T_tracker_image),
-      T_image_tracker_(patient.T_tracker_image.inverse()),
+    : patient_(&patient), parameters_(parameters), T_image_tracker_(patient.T_tracker_image.inverse()),
       cos_max_angle_(std::cos(parameters.max_marker_angle_deg * geometry::kRadiansPerDegree)),
       tan_half_width_(std::tan(parameters.half_width_deg * geometry::kRadiansPerDegree)),
       tan_half_height_(std::tan(parameters.half_height_deg * geometry::kRadiansPerDegree)), noise_(seed, "markers") {}
+
+void OpticalTracker::place_head(const T_TrackerImage &T_tracker_image) { T_image_tracker_ = T_tracker_image.inverse(); }
 
 bool OpticalTracker::in_volume(const Vector3d &in_tracker) const {
   const double depth = in_tracker.z();

@@ -43,6 +43,9 @@ public:
   // Measures one tool. covered: a hand covers it.
   [[nodiscard]] wire::TrackedTool measure(const TrueTool &tool, const T_TrackerTool &T_tracker_tool, bool covered);
 
+  // The head moves before the camera; at first it is where the patient has it.
+  void place_head(const T_TrackerImage &T_tracker_image);
+
   struct Sight {
     std::uint32_t in_volume = 0; // bit i: marker i
     std::uint32_t seen = 0;      // in the volume, facing the camera, not occluded
@@ -53,7 +56,6 @@ public:
 private:
   const Patient *patient_;
   TrackerParameters parameters_;
-  T_TrackerImage T_tracker_image_;
   geometry::Rigid3<frame::Image, frame::Tracker> T_image_tracker_;
   double cos_max_angle_, tan_half_width_, tan_half_height_;
   Random noise_;

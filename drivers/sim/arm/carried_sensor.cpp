@@ -32,9 +32,8 @@ BaseImage lying_head(const Head &head, const Vector3d &nose_mm, double yaw_rad) 
 }
 
 struct CarriedSensor::State {
-  State(Head a_head, const BaseImage &pose, const FlangeBeam &a_beam, const range::Identity &identity,
-        std::uint64_t seed)
-      : head(std::move(a_head)), T_base_image(pose), beam(a_beam),
+  State(Head a_head, const FlangeBeam &a_beam, const range::Identity &identity, std::uint64_t seed)
+      : head(std::move(a_head)), beam(a_beam),
         analogue(
             {}, [this](std::int64_t) { return beam_on_head(head, T_base_image, flange, beam); }, seed),
         line(
@@ -61,19 +60,19 @@ CarriedSensor::~CarriedSensor() = default;
 CarriedSensor::CarriedSensor(CarriedSensor &&) noexcept = default;
 CarriedSensor &CarriedSensor::operator=(CarriedSensor &&) noexcept = default;
 
-base::Result<CarriedSensor> CarriedSensor::open(Head head, const BaseImage &T_base_image, const FlangeBeam &beam,
-                                                const range::Identity &identity, const std::string &link,
-                                                std::uint64_t seed) {
+base::Result<CarriedSensor> CarriedSensor::open(Head head, const FlangeBeam &beam, const range::Identity &identity,
+                                                const std::string &link, std::uint64_t seed) {
   auto terminal = link.empty() ? PseudoTerminal::open() : PseudoTerminal::open(link);
   if (!terminal) {
     return tl::unexpected(terminal.error());
   }
-  return CarriedSensor(std::move(*terminal),
-                       std::make_unique<State>(std::move(head), T_base_image, beam, identity, seed));
+  return CarriedSensor(std::move(*terminal), std::make_unique<State>(std::move(head), beam, identity, seed));
 }
 
-void CarriedSensor::serve(const robot::FlangePose &flange, bool moving, std::uint64_t now_us) {
+void CarriedSensor::serve(const robot::FlangePose &flange, const BaseImage &T_base_image, bool moving,
+                          std::uint64_t now_us) {
   state_->flange = flange;
+  state_->T_base_image = T_base_image;
   state_->moving = moving;
   terminal_.write(state_->line.receive(terminal_.read(std::chrono::milliseconds(0))));
   terminal_.write(state_->line.advance(now_us));

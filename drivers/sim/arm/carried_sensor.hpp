@@ -9,14 +9,13 @@
 
 #include "algorithms/robot/arm_model.hpp"
 #include "base/result.hpp"
+#include "drivers/sim/arm/moving_head.hpp"
 #include "drivers/sim/head.hpp"
 #include "drivers/sim/range/sharp_sensor.hpp"
 #include "drivers/sim/range_line/simulated_line.hpp"
 #include "drivers/sim/terminal/pseudo_terminal.hpp"
 
 namespace bregma::sim {
-
-using BaseImage = geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Image>;
 
 // What a beam from the flange meets: the true skin, or nothing within reach.
 struct FlangeBeam {
@@ -36,12 +35,11 @@ public:
   CarriedSensor &operator=(CarriedSensor &&) noexcept;
 
   // link: the path at which the line appears; empty: its address is that of the terminal.
-  [[nodiscard]] static base::Result<CarriedSensor> open(Head head, const BaseImage &T_base_image,
-                                                        const FlangeBeam &beam, const range::Identity &identity,
-                                                        const std::string &link, std::uint64_t seed);
+  [[nodiscard]] static base::Result<CarriedSensor>
+  open(Head head, const FlangeBeam &beam, const range::Identity &identity, const std::string &link, std::uint64_t seed);
   [[nodiscard]] const std::string &address() const { return terminal_.address(); }
-  // Answers, and the readings up to this time of a flange that is here now.
-  void serve(const robot::FlangePose &flange, bool moving, std::uint64_t now_us);
+  // Answers, and the readings up to this time of a flange and a head that are here now.
+  void serve(const robot::FlangePose &flange, const BaseImage &T_base_image, bool moving, std::uint64_t now_us);
 
 private:
   struct State;

@@ -2,14 +2,41 @@
 
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <optional>
+#include <string_view>
 #include <utility>
 
 #include <fcntl.h>
 #include <unistd.h>
 
+#include "algorithms/geometry/angles.hpp"
+#include "base/text.hpp"
+
 namespace bregma::sim {
+
+namespace {
+
+// Exactly these numbers, all of them finite and below 1000.
+template <std::size_t N>
+std::optional<std::array<double, N>> numbers_after(std::string_view line, std::string_view word) {
+  std::array<double, N> out{};
+  line.remove_prefix(word.size());
+  for (std::size_t i = 0; i < N; ++i) {
+    const std::size_t end = line.find(' ');
+    const auto value = base::parsed_number<double>(line.substr(0, end));
+    if (!value || !(std::abs(*value) < 1000.0) || (end == std::string_view::npos) != (i + 1 == N)) {
+      return std::nullopt;
+    }
+    out[i] = *value;
+    line = end == std::string_view::npos ? std::string_view() : line.substr(end + 1);
+  }
+  return out;
+}
+
+} // namespace
 
 base::Result<FaceBeforeArm> FaceBeforeArm::of_case(const std::filesystem::path &folder, const Vector3d &nose_mm,
                                                    double yaw_rad, std::uint64_t seed) {
@@ -20,22 +47,24 @@ base::Result<FaceBeforeArm> FaceBeforeArm::of_case(const std::filesystem::path &
   constexpr double kSkinError_mm = 0.3, kCorrelation_mm = 15.0; // of the segmented scalp
   Head head(loaded->scalp.mesh, kSkinError_mm, kCorrelation_mm, seed);
   const BaseImage T_base_image = lying_head(head, nose_mm, yaw_rad);
-  return FaceBeforeArm{std::move(*loaded), std::move(head), T_base_image};
+  const MovingHead place(T_base_image, head.centre_mm());
+  return FaceBeforeArm{std::move(*loaded), std::move(head), place, T_base_image};
 }
 
-base::Result<LeadingHand> LeadingHand::open(const std::filesystem::path &fifo, const FaceBeforeArm &face,
-                                            const Vector3d &tip_mm) {
+base::Result<LeadingHand> LeadingHand::open(const std::filesystem::path &fifo, FaceBeforeArm &face,
+                                            const Vector3d &tip_mm, const robot::FlangePose &first) {
   // For writing as well, so that the line does not end with its first writer.
   const int opened = ::open(fifo.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC);
   if (opened < 0) {
     return base::failure(fifo.string() + ": " + std::strerror(errno));
   }
-  return LeadingHand(opened, face, tip_mm);
+  return LeadingHand(opened, face, tip_mm, first);
 }
 
 LeadingHand::LeadingHand(LeadingHand &&other) noexcept
-    : face_(other.face_), tip_mm_(std::move(other.tip_mm_)), fifo_(std::exchange(other.fifo_, -1)),
-      received_(std::move(other.received_)), going_to_(std::move(other.going_to_)) {}
+    : face_(other.face_), tip_mm_(std::move(other.tip_mm_)), first_(other.first_),
+      fifo_(std::exchange(other.fifo_, -1)), received_(std::move(other.received_)),
+      going_to_(std::move(other.going_to_)) {}
 
 LeadingHand::~LeadingHand() {
   if (fifo_ >= 0) {
@@ -43,7 +72,7 @@ LeadingHand::~LeadingHand() {
   }
 }
 
-std::string LeadingHand::serve(SimulatedArm &arm) {
+std::string LeadingHand::serve(SimulatedArm &arm, std::int64_t now_ns) {
   std::array<char, 256> bytes{};
   if (const auto size = ::read(fifo_, bytes.data(), bytes.size()); size > 0) {
     received_.append(bytes.data(), static_cast<std::size_t>(size));
@@ -66,7 +95,11 @@ std::string LeadingHand::serve(SimulatedArm &arm) {
     std::snprintf(text.data(), text.size(), "tip %.3f %.3f %.3f", tip.x(), tip.y(), tip.z());
     return text.data();
   }
-  const std::string problem = lead(arm, name);
+  if (name.starts_with("patient ")) {
+    const std::string problem = move_patient(name, now_ns);
+    return problem.empty() ? "at " + name : name + ": " + problem;
+  }
+  const std::string problem = name.starts_with("flange ") ? lead_flange(arm, name) : lead(arm, name);
   if (!problem.empty()) {
     return name + ": " + problem;
   }
@@ -92,6 +125,28 @@ std::string LeadingHand::lead(SimulatedArm &arm, const std::string &name) const 
     }
   }
   return "is no fiducial or landmark of the case";
+}
+
+std::string LeadingHand::lead_flange(SimulatedArm &arm, const std::string &line) const {
+  const auto v = numbers_after<6>(line, "flange ");
+  if (!v) {
+    return "needs six numbers";
+  }
+  const Vector3d turn_rad = Vector3d((*v)[3], (*v)[4], (*v)[5]) * geometry::kRadiansPerDegree;
+  return arm.lead(
+      {{first_.rotation() * geometry::rotation_exp(turn_rad), first_ * Vector3d((*v)[0], (*v)[1], (*v)[2])}},
+      kSpeed_mm_s);
+}
+
+std::string LeadingHand::move_patient(const std::string &line, std::int64_t now_ns) {
+  const auto v = numbers_after<4>(line, "patient ");
+  if (!v || !((*v)[3] >= 0.0 && (*v)[3] <= 60.0)) {
+    return "needs three distances and up to 60 seconds";
+  }
+  geometry::Vector6d to = geometry::Vector6d::Zero();
+  to.tail<3>() << (*v)[0], (*v)[1], (*v)[2];
+  face_->place.move(to, (*v)[3], now_ns);
+  return {};
 }
 
 } // namespace bregma::sim

@@ -1,6 +1,7 @@
 // `bregma-sim-arm`: a simulated arm behind a socket, with a range sensor on its flange if a head lies before it. Prints
 // the arm's address for the driver, the sensor's, then every press of the emergency stop and every place to which a
-// person leads it.
+// person leads it. Last, with --scene-port, the address at which a camera beside the arm sees it.
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <csignal>
@@ -24,6 +25,7 @@
 #include "casefile/arm_files/arm_file.hpp"
 #include "drivers/sim/arm/carried_sensor.hpp"
 #include "drivers/sim/arm/leading_hand.hpp"
+#include "drivers/sim/arm/scene_line.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 
 namespace {
@@ -49,6 +51,7 @@ struct Options {
   bregma::range::Identity sensor{.model = "GP2Y0A21", .serial = "A4"};
   std::string sensor_link, hand;
   bregma::geometry::Vector3d tip_mm{0.0, 0.0, 150.0};
+  std::optional<std::uint16_t> scene_port;
 };
 
 std::int64_t now_ns() {
@@ -104,9 +107,41 @@ private:
   std::array<char, 4096> buffer_{};
 };
 
-void serve(Server &server, bregma::sim::SimulatedArm &arm, std::optional<bregma::sim::CarriedSensor> &sensor,
-           std::optional<bregma::sim::LeadingHand> &hand) {
+// What lies before the arm, if a face does.
+struct Before {
+  std::optional<bregma::sim::FaceBeforeArm> face;
+  std::optional<bregma::sim::CarriedSensor> sensor;
+  std::optional<bregma::sim::LeadingHand> hand;
+  std::optional<Server> scene;
+};
+
+void serve(Before &before, bregma::sim::SimulatedArm &arm, std::int64_t &next_scene_ns) {
+  const std::int64_t time_ns = now_ns();
+  before.face->advance(time_ns);
+  if (before.hand) {
+    if (const std::string news = before.hand->serve(arm, time_ns); !news.empty()) {
+      std::printf("%s\n", news.c_str());
+      std::fflush(stdout);
+    }
+  }
+  const auto time_us = static_cast<std::uint64_t>(time_ns / 1'000);
+  before.sensor->serve(arm.true_flange(), before.face->T_base_image, arm.moving(), time_us);
+  if (!before.scene) {
+    return;
+  }
+  if (before.scene->connected()) {
+    (void)before.scene->read(); // a lost connection is noticed
+  }
+  if ((before.scene->connected() || before.scene->accept()) && time_ns >= next_scene_ns) {
+    constexpr std::int64_t kPeriod_ns = bregma::sim::SimulatedArm::kTicksPerScene * bregma::sim::SimulatedArm::kTick_ns;
+    next_scene_ns = std::max(next_scene_ns + kPeriod_ns, time_ns); // after a pause: not made up
+    before.scene->write(line_of(bregma::sim::Scene{time_us, arm.true_flange(), before.face->T_base_image}));
+  }
+}
+
+void serve(Server &server, bregma::sim::SimulatedArm &arm, Before &before) {
   bool was_connected = false;
+  std::int64_t next_scene_ns = 0;
   bool pressed = false;
   while (stop_requested == 0) {
     if (emergency_toggled != 0) {
@@ -132,14 +167,8 @@ void serve(Server &server, bregma::sim::SimulatedArm &arm, std::optional<bregma:
       }
     }
     const std::string telemetry = arm.advance(now_ns());
-    if (hand) {
-      if (const std::string news = hand->serve(arm); !news.empty()) {
-        std::printf("%s\n", news.c_str());
-        std::fflush(stdout);
-      }
-    }
-    if (sensor) {
-      sensor->serve(arm.true_flange(), arm.moving(), static_cast<std::uint64_t>(now_ns() / 1'000));
+    if (before.face) {
+      serve(before, arm, next_scene_ns);
     }
     if (server.connected()) {
       server.write(telemetry);
@@ -161,9 +190,7 @@ int run(const Options &options) {
   bregma::sim::SimulatedArm arm(
       *nominal, bregma::sim::with_link_errors(*nominal, options.link_mm, 1e-3 * options.link_mrad, options.seed),
       settings);
-  std::optional<bregma::sim::FaceBeforeArm> face;
-  std::optional<bregma::sim::CarriedSensor> sensor;
-  std::optional<bregma::sim::LeadingHand> hand;
+  Before before;
   const auto fail = [](const bregma::base::Error &error) {
     std::fprintf(stderr, "bregma-sim-arm: %s\n", error.message.c_str());
     return 2;
@@ -174,28 +201,34 @@ int run(const Options &options) {
     if (!read) {
       return fail(read.error());
     }
-    face.emplace(std::move(*read));
-    auto opened = bregma::sim::CarriedSensor::open(face->head, face->T_base_image, options.beam, options.sensor,
-                                                   options.sensor_link, options.seed);
+    before.face.emplace(std::move(*read));
+    auto opened = bregma::sim::CarriedSensor::open(before.face->head, options.beam, options.sensor, options.sensor_link,
+                                                   options.seed);
     if (!opened) {
       return fail(opened.error());
     }
-    sensor.emplace(std::move(*opened));
+    before.sensor.emplace(std::move(*opened));
     if (!options.hand.empty()) {
-      auto led = bregma::sim::LeadingHand::open(options.hand, *face, options.tip_mm);
+      auto led = bregma::sim::LeadingHand::open(options.hand, *before.face, options.tip_mm, arm.stated_flange());
       if (!led) {
         return fail(led.error());
       }
-      hand.emplace(std::move(*led));
+      before.hand.emplace(std::move(*led));
+    }
+    if (options.scene_port) {
+      before.scene.emplace(*options.scene_port);
     }
   }
   Server server(options.port);
   std::printf("tcp://127.0.0.1:%u\n", static_cast<unsigned>(server.port()));
-  if (sensor) {
-    std::printf("%s\n", sensor->address().c_str());
+  if (before.sensor) {
+    std::printf("%s\n", before.sensor->address().c_str());
+  }
+  if (before.scene) {
+    std::printf("tcp://127.0.0.1:%u\n", static_cast<unsigned>(before.scene->port()));
   }
   std::fflush(stdout);
-  serve(server, arm, sensor, hand);
+  serve(server, arm, before);
   return 0;
 }
 
@@ -243,7 +276,12 @@ int main(int argc, char **argv) {
   app.add_option(
       "--hand", options.hand,
       "A FIFO from which the names of fiducials and landmarks are read, one per line: a person leads the "
-      "arm there, so that its tip touches the skin; \"up\" leads away, \"where\" prints where the tip truly is");
+      "arm there, so that its tip touches the skin; \"up\" leads away, \"where\" prints where the tip truly is; "
+      "\"flange "
+      "X Y Z RX RY RZ\" leads the flange to its first place, displaced (mm) and turned (degrees); \"patient X Y Z "
+      "SECONDS\" moves the head to this displacement (mm)");
+  app.add_option("--scene-port", options.scene_port,
+                 "TCP port on the loopback interface for bregma-sim-tracker; 0: any. With --face");
   three("--tip-mm", options.tip_mm, "The tip that touches, in the flange [0 0 150]");
   app.footer("SIGUSR1 presses the emergency stop, and releases it.\n"
              "Examples:\n  bregma-sim-arm --arm robots/mz07f.toml\n"

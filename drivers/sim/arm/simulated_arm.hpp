@@ -44,6 +44,7 @@ public:
   static constexpr std::int64_t kTick_ns = 4'000'000;
   static constexpr unsigned kTicksPerMeasurement = 2; // measured_js, measured_cp
   static constexpr unsigned kTicksPerState = 10;      // operating_state, setpoint_js
+  static constexpr unsigned kTicksPerScene = 4;       // of bregma-sim-arm: what a camera beside it sees
 
   // actual: the links as they are. Throws std::invalid_argument for an arm without closed inverse kinematics.
   SimulatedArm(const robot::ArmModel &nominal, const robot::ArmModel &actual, ArmSettings settings);

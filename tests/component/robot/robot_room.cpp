@@ -117,7 +117,8 @@ RobotRoom::RobotRoom(const RobotCase &a_case, std::uint64_t seed)
           {}, [this](std::int64_t) { return beam_target(); }, seed),
       range_bus_(std::make_unique<RangeBus>(*this)), range_io_(*range_bus_, *this, range_status_, {.device = "Range"}) {
   std::mt19937 rng(static_cast<unsigned>(seed) + 7);
-  T_base_image_ = resting_ = place_head(arm_.true_flange(), case_.beam_origin_mm(), rng);
+  T_base_image_ = place_head(arm_.true_flange(), case_.beam_origin_mm(), rng);
+  patient_ = sim::MovingHead(T_base_image_, kHeadCentre);
   T_image_reference_ = {geometry::rotation_exp(Vector3d(0.4, 0.1, -0.2)), kHeadCentre + Vector3d(110.0, 40.0, 90.0)};
   tracker_noise_.seed(static_cast<unsigned>(seed) + 23);
 
@@ -285,21 +286,11 @@ void RobotRoom::serve_range() {
   }
 }
 
-void RobotRoom::move_patient(const geometry::Vector6d &to, double seconds) {
-  from_ = to_;
-  to_ = to;
-  motion_begin_ns_ = now_;
-  motion_ns_ = static_cast<std::int64_t>(1e9 * seconds);
-}
+void RobotRoom::move_patient(const geometry::Vector6d &to, double seconds) { patient_.move(to, seconds, now_); }
 
 void RobotRoom::place_patient() {
-  const double part =
-      std::clamp(static_cast<double>(now_ - motion_begin_ns_) / static_cast<double>(motion_ns_), 0.0, 1.0);
-  const geometry::Vector6d way = from_ + part * part * (3.0 - 2.0 * part) * (to_ - from_);
-  const Vector3d middle = resting_ * kHeadCentre;
-  const Eigen::Quaterniond turn = geometry::rotation_exp(way.head<3>());
-  T_base_image_ = {turn * resting_.rotation(),
-                   middle + way.tail<3>() + turn * (resting_.translation() - middle) - push_mm_};
+  const sim::BaseImage there = patient_.at(now_);
+  T_base_image_ = {there.rotation(), there.translation() - push_mm_};
 }
 
 // 62.5 frames per second; a frame arrives a step after its exposure.

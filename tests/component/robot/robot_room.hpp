@@ -19,6 +19,7 @@
 #include "drivers/arm/arm_driver.hpp"
 #include "drivers/range/range_sensor.hpp"
 #include "drivers/sim/arm/carried_sensor.hpp"
+#include "drivers/sim/arm/moving_head.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
 #include "drivers/sim/head.hpp"
 #include "drivers/sim/range/sharp_sensor.hpp"
@@ -149,9 +150,7 @@ private:
   geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Image> T_base_image_;
 
   // The patient's motion, and the tracker that sees it.
-  geometry::Rigid3<geometry::frame::RobotBase, geometry::frame::Image> resting_;
-  geometry::Vector6d from_ = geometry::Vector6d::Zero(), to_ = geometry::Vector6d::Zero();
-  std::int64_t motion_begin_ns_ = 0, motion_ns_ = 1;
+  sim::MovingHead patient_;
   geometry::Rigid3<geometry::frame::Image, geometry::frame::Reference> T_image_reference_;
   geometry::Vector3d bump_mm_ = geometry::Vector3d::Zero(), push_mm_ = geometry::Vector3d::Zero();
   std::mt19937 tracker_noise_;

@@ -15,6 +15,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "algorithms/geometry/angles.hpp"
 #include "drivers/sim/arm/carried_sensor.hpp"
 #include "drivers/sim/arm/leading_hand.hpp"
 #include "drivers/sim/arm/simulated_arm.hpp"
@@ -63,8 +64,7 @@ TEST(CarriedSensor, TheBeamMeetsTheTrueSkin) {
 TEST(CarriedSensor, ItsLineGivesTheReadingsOfTheFlangeThatIsHere) {
   Head head(bregma::test::make_head(3), 0.0, 15.0, 1);
   const BaseImage T = lying_head(head, kNose_mm, 0.0);
-  auto sensor =
-      CarriedSensor::open(std::move(head), T, {{0.0, 0.0, 60.0}, Vector3d::UnitZ()}, {"GP2Y0A21", "A4"}, "", 1);
+  auto sensor = CarriedSensor::open(std::move(head), {{0.0, 0.0, 60.0}, Vector3d::UnitZ()}, {"GP2Y0A21", "A4"}, "", 1);
   ASSERT_TRUE(sensor) << sensor.error().message;
   EXPECT_TRUE(sensor->address().starts_with("serial:///dev/pts/"));
   const std::string path = sensor->address().substr(std::string("serial://").size());
@@ -74,7 +74,7 @@ TEST(CarriedSensor, ItsLineGivesTheReadingsOfTheFlangeThatIsHere) {
   std::string received;
   std::uint64_t now_us = 1'000'000;
   for (int i = 0; i < 400; ++i, now_us += 1'000) {
-    moved.serve(above(kNose_mm + Vector3d(0.0, 0.0, 260.0)), false, now_us);
+    moved.serve(above(kNose_mm + Vector3d(0.0, 0.0, 260.0)), T, false, now_us);
     std::array<char, 512> bytes{};
     if (const auto size = ::read(line, bytes.data(), bytes.size()); size > 0) {
       received.append(bytes.data(), static_cast<std::size_t>(size));
@@ -130,32 +130,39 @@ TEST(LedArm, APersonTouchesALandmarkByItsName) {
   const bregma::test::TemporaryFolder folder;
   const std::string fifo = (folder.path() / "hand").string();
   ASSERT_EQ(::mkfifo(fifo.c_str(), 0600), 0);
-  FaceBeforeArm face{sim::test::make_case(), Head(bregma::test::make_head(3), 0.3, 15.0, 1), {}};
+  FaceBeforeArm face{sim::test::make_case(), Head(bregma::test::make_head(3), 0.3, 15.0, 1), {}, {}};
   ArmSettings settings; // the flange looks down
   settings.start << 0.0, 1.019, -0.431, 0.0, -0.588, 0.0;
   SimulatedArm arm(bregma::test::mz07f(), bregma::test::mz07f(), settings);
   const Vector3d tip_mm(0.0, 0.0, 150.0);
   face.T_base_image = lying_head(face.head, arm.true_flange() * Vector3d(0.0, 0.0, 200.0), 0.0);
-  auto hand = LeadingHand::open(fifo, face, tip_mm);
+  face.place = MovingHead(face.T_base_image, face.head.centre_mm());
+  auto hand = LeadingHand::open(fifo, face, tip_mm, arm.true_flange());
   ASSERT_TRUE(hand) << hand.error().message;
   const casefile::NamedPoint &landmark = face.a_case.landmarks.front();
   const int end = ::open(fifo.c_str(), O_WRONLY | O_NONBLOCK);
   ASSERT_GE(end, 0);
-  const std::string lines = landmark.name + "\nNobody\nwhere\n";
+  const std::string lines =
+      landmark.name + "\nNobody\nwhere\npatient 3 0 -4 0.5\npatient 3\nflange 10 0 0 0 5 0\nflange 1\n";
   ASSERT_EQ(::write(end, lines.data(), lines.size()), static_cast<ssize_t>(lines.size()));
+  const robot::FlangePose first = arm.true_flange();
+  const BaseImage resting = face.T_base_image;
   std::vector<std::string> news;
   double touch_mm = 1e9;
-  for (std::int64_t now_ns = 1'000'000'000; now_ns < 31'000'000'000 && news.size() < 3; now_ns += 4'000'000) {
+  for (std::int64_t now_ns = 1'000'000'000; now_ns < 41'000'000'000 && news.size() < 7; now_ns += 4'000'000) {
     (void)arm.advance(now_ns);
-    if (std::string said = hand->serve(arm); !said.empty()) {
+    face.advance(now_ns);
+    if (std::string said = hand->serve(arm, now_ns); !said.empty()) {
       news.push_back(std::move(said));
-      touch_mm =
-          (face.T_base_image.inverse() * (arm.true_flange() * tip_mm) - face.head.skin(landmark.position_mm).point_mm)
-              .norm();
+      if (news.size() == 1) {
+        touch_mm =
+            (face.T_base_image.inverse() * (arm.true_flange() * tip_mm) - face.head.skin(landmark.position_mm).point_mm)
+                .norm();
+      }
     }
   }
   ::close(end);
-  ASSERT_EQ(news.size(), 3U);
+  ASSERT_EQ(news.size(), 7U);
   EXPECT_EQ(news[0], "at " + landmark.name);
   EXPECT_EQ(news[1], "Nobody: is no fiducial or landmark of the case");
   const Vector3d skin_mm = face.head.skin(landmark.position_mm).point_mm;
@@ -163,7 +170,19 @@ TEST(LedArm, APersonTouchesALandmarkByItsName) {
   ASSERT_EQ(std::sscanf(news[2].c_str(), "tip %lf %lf %lf", &told_mm.x(), &told_mm.y(), &told_mm.z()), 3) << news[2];
   EXPECT_LT((told_mm - skin_mm).norm(), 0.05);
   EXPECT_LT(touch_mm, 0.05);
-  EXPECT_FALSE(LeadingHand::open(folder.path() / "none", face, tip_mm));
+
+  // He moves the patient, and leads the flange to a place of its own.
+  EXPECT_EQ(news[3], "at patient 3 0 -4 0.5");
+  EXPECT_EQ(news[4], "patient 3: needs three distances and up to 60 seconds");
+  EXPECT_LT(
+      (face.T_base_image * landmark.position_mm - resting * landmark.position_mm - Vector3d(3.0, 0.0, -4.0)).norm(),
+      1e-9);
+  EXPECT_EQ(news[5], "at flange 10 0 0 0 5 0");
+  EXPECT_EQ(news[6], "flange 1: needs six numbers");
+  EXPECT_LT((arm.true_flange().translation() - first * Vector3d(10.0, 0.0, 0.0)).norm(), 0.05);
+  EXPECT_NEAR(geometry::angle_between(arm.true_flange().rotation(), first.rotation()),
+              5.0 * geometry::kRadiansPerDegree, 1e-4);
+  EXPECT_FALSE(LeadingHand::open(folder.path() / "none", face, tip_mm, arm.true_flange()));
 }
 
 } // namespace
