@@ -9,6 +9,7 @@
 #include "clients/cli/command_reply.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/robot_motions.hpp"
+#include "clients/cli/robot_pose.hpp"
 
 namespace bregma::cli {
 
@@ -37,6 +38,7 @@ void add_robot_command(CLI::App &app, Context &context) {
                 "  bregma robot scan move --width-mm 100 --height-mm 110\n  bregma robot scan stop\n  bregma register "
                 "accept\n  bregma robot move Biopsy --standoff-mm 50");
   add_robot_motions(*robot, context);
+  add_robot_pose(*robot, context);
   auto *scan = robot->add_subcommand("scan", "Samples of the skin by the range sensor at the flange");
   scan->require_subcommand(1);
 

@@ -105,9 +105,10 @@ struct HandEyeView {
 // The tracked reference in the last frame, for a motion of an arm beside the tracker.
 struct ReferenceView {
   bool visible = false;
-  bool trusted = false; // its data are plausible
-  std::int64_t acquired_ns = 0;
-  std::int64_t limit_ns = 0; // maximal age of a live pose
+  bool trusted = false;         // its data are plausible
+  std::int64_t acquired_ns = 0; // when it was seen last
+  std::int64_t period_ns = 0;   // of the tracker
+  std::int64_t limit_ns = 0;    // maximal age of a live pose
   wire::Pose T_tracker_reference{};
   double covariance[36] = {};
   HandEyeView hand_eye;

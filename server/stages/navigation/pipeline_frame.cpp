@@ -213,8 +213,9 @@ void NavigationPipeline::share_reference() noexcept {
 ReferenceView NavigationPipeline::reference_view() const noexcept {
   ReferenceView out;
   out.visible = reference_.visible;
-  out.trusted = judge_.reference_trusted();
+  out.trusted = judge_.reference_trusted() && !reference_.malformed();
   out.acquired_ns = reference_.acquired_ns;
+  out.period_ns = exposure_.period_ns;
   out.limit_ns = live_limit_ns();
   out.T_tracker_reference = wire::to_wire(reference_.T_tracker_body.pose);
   put(reference_.T_tracker_body.covariance, out.covariance);

@@ -177,7 +177,7 @@ base::Result<GuidePlan> plan_guide(const GuidePlanInputs &inputs, std::string_vi
     if (!inputs.robot->takes_permits) {
       return refuse("beside a tracker only an arm is moved whose driver obeys the daemon's permit: this one does not");
     }
-    if (const std::string problem = tracking_problem(*inputs.reference, hand_eye->flange_body, now_ns);
+    if (const std::string problem = planning_problem(*inputs.reference, hand_eye->flange_body, now_ns);
         !problem.empty()) {
       return refuse(problem);
     }

@@ -11,6 +11,8 @@ namespace bregma::server {
 
 namespace {
 
+constexpr const char *kNotSeen = "the patient's reference is not seen by the tracker";
+
 const TrackingView::Tool *shown_tool(const TrackingView &tracking, const std::string &name) {
   const auto *end = tracking.tools + tracking.tool_count;
   const auto *tool = std::find_if(tracking.tools, end, [&](const auto &one) { return wire::view(one.tool) == name; });
@@ -19,7 +21,7 @@ const TrackingView::Tool *shown_tool(const TrackingView &tracking, const std::st
 
 } // namespace
 
-std::string tracking_problem(const ReferenceView &reference, const std::string &flange_body, std::int64_t now_ns) {
+std::string following_problem(const ReferenceView &reference, const std::string &flange_body, std::int64_t now_ns) {
   char text[200] = {};
   if (reference.hand_eye.disagrees) {
     std::snprintf(text, sizeof text,
@@ -29,11 +31,7 @@ std::string tracking_problem(const ReferenceView &reference, const std::string &
   }
   const std::int64_t age_ns = now_ns - reference.acquired_ns;
   if (reference.acquired_ns == 0 || age_ns > reference.limit_ns) {
-    return reference.visible ? "the patient's reference is not measured: its last pose is too old"
-                             : "the patient's reference is not seen by the tracker";
-  }
-  if (!reference.visible) {
-    return "the patient's reference is not seen by the tracker";
+    return reference.visible ? "the patient's reference is not measured: its last pose is too old" : kNotSeen;
   }
   if (!reference.trusted) {
     return "the poses of the patient's reference are not plausible";
@@ -45,6 +43,11 @@ std::string tracking_problem(const ReferenceView &reference, const std::string &
     return "nothing checks hand-eye: " + flange_body + " on the flange is not seen by the tracker";
   }
   return {};
+}
+
+std::string planning_problem(const ReferenceView &reference, const std::string &flange_body, std::int64_t now_ns) {
+  std::string problem = following_problem(reference, flange_body, now_ns);
+  return problem.empty() && !reference.visible ? kNotSeen : problem;
 }
 
 double displacement_mm(const HeadCorners &head, const PatientPlace::Pose &from, const PatientPlace::Pose &to) {
@@ -64,7 +67,7 @@ std::string guide_problem(const WatchedGuide &guide, const PatientPlace &patient
   if (!guide.T_base_reference) {
     return {};
   }
-  if (std::string problem = tracking_problem(reference, guide.flange_body, now_ns); !problem.empty()) {
+  if (std::string problem = following_problem(reference, guide.flange_body, now_ns); !problem.empty()) {
     return problem;
   }
   const double moved_mm = patient.known() ? displacement_mm(guide.head, *guide.T_base_reference, patient.mean()) : 0.0;
@@ -74,8 +77,9 @@ std::string guide_problem(const WatchedGuide &guide, const PatientPlace &patient
                   moved_mm, guide.max_patient_mm);
     return text;
   }
+  // The view of the tools is made less often than that of the reference, which has been judged above.
   const TrackingView::Tool *tool = shown_tool(tracking, guide.tool);
-  if (tool == nullptr || tool->status != bregma_wire_POSE_LIVE) {
+  if (tool == nullptr || (tool->status != bregma_wire_POSE_LIVE && tool->status != bregma_wire_POSE_REFERENCE_HIDDEN)) {
     return guide.tool + " is not live";
   }
   return {};

@@ -5,9 +5,10 @@
 // the arm's base has moved, and when nothing measures whether they have:
 //
 // - the head is within max_patient_mm of where it was, at each corner of its bounding box (mean of the latest frames);
-// - the reference is seen and plausible, and no older than a live pose;
+// - the reference is plausible, and was seen when a live pose may have been taken: a frame or two without it end no
+//   motion, since they leave the patient's place no older than a tracker that is silent for as long;
 // - the hand-eye calibration is not contradicted, and was checked within kUncheckedMotion_ns;
-// - the guide's pose is live.
+// - the guide's pose is live, or only the reference is hidden.
 //
 // RobotBase, mm, rad, ns UTC. One thread; allocates.
 #pragma once
@@ -25,9 +26,12 @@ namespace bregma::server {
 // Of the checks of hand-eye, before a motion and during it.
 inline constexpr std::int64_t kUncheckedMotion_ns = 1'000'000'000;
 
-// Why no path may be planned or followed beside a tracker; empty: nothing prevents it. flange_body: name of the body
-// that hand-eye is checked with; empty: none.
-[[nodiscard]] std::string tracking_problem(const ReferenceView &reference, const std::string &flange_body,
+// Why no path may be followed beside a tracker; empty: nothing prevents it. flange_body: name of the body that hand-eye
+// is checked with; empty: none.
+[[nodiscard]] std::string following_problem(const ReferenceView &reference, const std::string &flange_body,
+                                            std::int64_t now_ns);
+// The same for one that is to be planned: the reference is seen now.
+[[nodiscard]] std::string planning_problem(const ReferenceView &reference, const std::string &flange_body,
                                            std::int64_t now_ns);
 
 // The head as a box, in Reference.

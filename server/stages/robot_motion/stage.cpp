@@ -116,11 +116,19 @@ void RobotMotionStage::refresh() noexcept {
     return;
   }
   const ReferenceView &reference = reference_.value();
-  if (!reference.visible || !reference.trusted) {
+  const std::int64_t before_ns = reference_ns_;
+  if (!reference.trusted) {
     patient_.reset();
-  } else if (reference.acquired_ns != std::exchange(reference_ns_, reference.acquired_ns)) {
-    patient_.add(hand_eye->T_base_tracker.pose *
-                 wire::from_wire<geometry::frame::Tracker, geometry::frame::Reference>(reference.T_tracker_reference));
+  } else if (reference.visible && reference.acquired_ns != before_ns) {
+    reference_ns_ = reference.acquired_ns;
+    if (reference.acquired_ns - before_ns > reference.limit_ns) {
+      patient_.reset(); // it was hidden for longer than a motion may go on
+    }
+    const std::int64_t frames =
+        (reference.acquired_ns - before_ns + reference.period_ns / 2) / std::max<std::int64_t>(reference.period_ns, 1);
+    patient_.add(hand_eye->T_base_tracker.pose * wire::from_wire<geometry::frame::Tracker, geometry::frame::Reference>(
+                                                     reference.T_tracker_reference),
+                 static_cast<int>(std::clamp<std::int64_t>(frames, 1, PatientPlace::kSettled)));
   }
 }
 

@@ -164,6 +164,57 @@ TEST_F(GuideBesideTracker, StopsWithTheReasonWhenAnythingThatThePathRestsOnHasCh
   EXPECT_NE(text_of_refusal(move_guide()).find("is not live"), std::string::npos);
 }
 
+// A drape, or a hand that passes: the motion goes on, and still ends when the patient moves.
+TEST_F(GuideBesideTracker, GoesOnWhenTheReferenceIsHiddenForAFrameAndStillSeesThePatientMove) {
+  ASSERT_NO_FATAL_FAILURE(navigate());
+  ASSERT_NO_FATAL_FAILURE(under_way());
+  const auto hidden_for = [&](double seconds) {
+    room.hide_reference = true;
+    room.run(seconds);
+    room.hide_reference = false;
+  };
+  for (const double seconds : {0.016, 0.016, 0.048, 0.064}) {
+    hidden_for(seconds);
+    room.run(0.2);
+    ASSERT_EQ(room.phase(), bregma_wire_MOTION_UNDER_WAY) << seconds << " s: " << room.motions.back().text;
+  }
+  // Seen in every fifth frame only.
+  room.move_patient(displacement(Vector3d::Zero(), {4.0, 0.0, 0.0}), 0.2);
+  const std::int64_t begin_ns = room.now();
+  while (room.phase() == bregma_wire_MOTION_UNDER_WAY && room.now() - begin_ns < 5'000'000'000) {
+    hidden_for(0.064);
+    room.run(0.016);
+  }
+  EXPECT_EQ(room.phase(), bregma_wire_MOTION_STOPPED);
+  EXPECT_NE(std::string(room.motions.back().text).find("the patient has moved by"), std::string::npos)
+      << room.motions.back().text;
+  std::printf("%.0f ms, reference seen in every fifth frame: %s\n", 1e-6 * static_cast<double>(room.now() - begin_ns),
+              room.motions.back().text);
+  EXPECT_LT(room.now() - begin_ns, 500'000'000);
+}
+
+// NeuroGuide's procedure beside a tracker: the scan in the frame of the reference, the check touches, and the guide.
+TEST_F(GuideBesideTracker, IsRegisteredByTheScanOfAMovingPatientAndStopsWhenHeMovesAgain) {
+  ASSERT_NO_FATAL_FAILURE(begin());
+  room.move_patient(displacement({0.05, -0.04, 0.07}, {30.0, -25.0, 10.0}), 20.0);
+  ASSERT_NO_FATAL_FAILURE(scan());
+  EXPECT_EQ(wire::view(room.batches.back().frame_name), "Reference");
+  expect_done(room.command(bregma_wire_COMMAND_ACCEPT_REGISTRATION));
+  ASSERT_NO_FATAL_FAILURE(verify());
+  expect_done(room.command(bregma_wire_COMMAND_START_NAVIGATION, {"Pointer", "Frontal"}));
+  room.run(0.5);
+  retreat();
+  room.run(0.5);
+  ASSERT_NO_FATAL_FAILURE(under_way());
+  room.move_patient(displacement({0.05, -0.04, 0.07}, {30.0, -25.0, 13.0}), 0.2); // 3 mm
+  expect_stop("the patient has moved by");
+  ASSERT_NO_FATAL_FAILURE(recover());
+  expect_done(move_guide("60"));
+  hold(60.0);
+  ASSERT_EQ(room.phase(), bregma_wire_MOTION_DONE) << room.motions.back().text;
+  expect_guide_on_plan();
+}
+
 class GuideWithoutACheck : public GuideBesideTracker {
 protected:
   GuideWithoutACheck() : GuideBesideTracker(false) {}

@@ -74,7 +74,9 @@ TEST(PatientPlace, AveragesNoiseAndBeginsAnewAfterAJump) {
 
 TEST(GuideWatch, NamesTheFirstThingThatDoesNotHold) {
   const auto problem = [](const ReferenceView &reference, const char *body = "Marker") {
-    return tracking_problem(reference, body, kNow_ns);
+    const std::string following = following_problem(reference, body, kNow_ns);
+    EXPECT_EQ(following, planning_problem(reference, body, kNow_ns));
+    return following;
   };
   EXPECT_EQ(problem(good_reference()), "");
   EXPECT_NE(problem({}).find("not seen"), std::string::npos) << "nothing was seen yet";
@@ -84,7 +86,6 @@ TEST(GuideWatch, NamesTheFirstThingThatDoesNotHold) {
   view = good_reference();
   view.acquired_ns = kNow_ns - view.limit_ns - 1;
   EXPECT_NE(problem(view).find("too old"), std::string::npos);
-  view = good_reference();
   view.visible = false;
   EXPECT_NE(problem(view).find("not seen"), std::string::npos);
   view = good_reference();
@@ -94,6 +95,44 @@ TEST(GuideWatch, NamesTheFirstThingThatDoesNotHold) {
   EXPECT_NE(problem(view, "").find("flange_body"), std::string::npos);
   view.hand_eye.checked_ns = view.acquired_ns - kUncheckedMotion_ns - 1;
   EXPECT_NE(problem(view).find("Marker on the flange is not seen"), std::string::npos);
+}
+
+TEST(GuideWatch, AHiddenReferenceEndsAMotionWhenItsPoseIsAsOldAsThatOfASilentTracker) {
+  ReferenceView view = good_reference();
+  view.visible = false;
+  TrackingView hidden = live_guide(at(Vector3d::Zero()));
+  hidden.tools[0].status = bregma_wire_POSE_REFERENCE_HIDDEN;
+  PatientPlace place;
+  place.add(at(Vector3d::Zero()));
+  const auto problem = [&](std::int64_t age_ns) {
+    view.acquired_ns = view.hand_eye.checked_ns = kNow_ns - age_ns;
+    return guide_problem(guide(), place, view, hidden, kNow_ns);
+  };
+  EXPECT_EQ(problem(20'000'000), "");
+  EXPECT_EQ(problem(view.limit_ns), "");
+  EXPECT_EQ(problem(view.limit_ns + 1), "the patient's reference is not seen by the tracker");
+  // But no motion begins.
+  (void)problem(20'000'000);
+  EXPECT_EQ(planning_problem(view, "Marker", kNow_ns), "the patient's reference is not seen by the tracker");
+  view.trusted = false;
+  EXPECT_NE(problem(20'000'000).find("not plausible"), std::string::npos);
+  view.trusted = true;
+  hidden.tools[0].status = bregma_wire_POSE_IMPLAUSIBLE;
+  EXPECT_EQ(problem(20'000'000), "Guide is not live");
+}
+
+TEST(PatientPlace, AfterHiddenFramesItIsWhereItWouldBeWithoutThem) {
+  PatientPlace seen, hidden;
+  for (int i = 0; i < 40; ++i) {
+    seen.add(at(Vector3d::Zero()));
+    hidden.add(at(Vector3d::Zero()));
+  }
+  for (int i = 0; i < 4; ++i) {
+    seen.add(at({3.0, 0.0, 0.0}));
+  }
+  hidden.add(at({3.0, 0.0, 0.0}), 4);
+  EXPECT_NEAR(hidden.mean().translation().x(), seen.mean().translation().x(), 1e-9);
+  EXPECT_GT(hidden.mean().translation().x(), 1.4);
 }
 
 TEST(GuideWatch, APatientMayMoveByTheLimitAtTheFarSideOfTheHead) {
