@@ -154,7 +154,7 @@ public:
 
   void run() {
     report_.note(line_of("NeuroGuide, table 1: seeds from %u; %d runs per cell of this project and of ICP, %d of "
-                         "annealing and the genetic algorithm, %d of Go-ICP (%.1f s each), on the same samples",
+                         "annealing and the genetic algorithm, %d of Go-ICP (%.1f s of CPU each), on the same samples",
                          kTable1Seed, runs_.ours, runs_.stochastic, runs_.go_icp, options_.quick ? 0.3 : kGoIcp_s));
     report_.note("eyeball: rotation up to 20 degrees off, centroids aligned; anywhere: any rotation. This project: "
                  "the whole scalp, local from the eyeball, global from anywhere. Peers: the face's 3,000 vertices");

@@ -29,7 +29,7 @@ struct SearchRegion {
 struct PeerOptions {
   int icp_iterations = 1000;
   int evaluations = 20000;      // of annealing and of the genetic algorithm
-  double go_icp_seconds = 5.0;  // afterwards the best pose so far counts, without a bound
+  double go_icp_seconds = 5.0;  // of CPU time; afterwards the best pose so far counts, without a bound
   double go_icp_gap_mm2 = 10.0; // of the mean square: the default of Go-ICP for a cloud of 100 mm radius
 };
 

@@ -52,7 +52,8 @@ protected:
     room.run(2.0);
     ASSERT_TRUE(live());
   }
-  void expect_guide_on_plan() {
+  // max_deg: between the guide and the plan, mostly the error of the registration.
+  void expect_guide_on_plan(double max_deg = 1.0) {
     room.run(1.0);
     const casefile::Trajectory &plan = *the_case.loaded().trajectory("Frontal");
     const Vector3d direction = (plan.target_mm - plan.entry_mm).normalized();
@@ -67,7 +68,7 @@ protected:
         "least %.1f mm from the skin\n",
         error_mm, angle_deg, off_mm, shown_tip.tre_95.semi_axes_mm[0], least_clearance_mm);
     EXPECT_LT(error_mm, shown_tip.tre_95.semi_axes_mm[0] + 2.0);
-    EXPECT_LT(angle_deg, 1.0);
+    EXPECT_LT(angle_deg, max_deg);
     EXPECT_LT(off_mm, 2.0);
     EXPECT_GT(least_clearance_mm, 8.0); // 10 mm by the plan, from a head known to 1 to 2 mm
     EXPECT_FALSE(room.alarm_active(server::alarm::kGuideOffPlan));
@@ -212,7 +213,7 @@ TEST_F(GuideBesideTracker, IsRegisteredByTheScanOfAMovingPatientAndStopsWhenHeMo
   expect_done(move_guide("60"));
   hold(60.0);
   ASSERT_EQ(room.phase(), bregma_wire_MOTION_DONE) << room.motions.back().text;
-  expect_guide_on_plan();
+  expect_guide_on_plan(2.0);
 }
 
 class GuideWithoutACheck : public GuideBesideTracker {

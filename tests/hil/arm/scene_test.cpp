@@ -1,17 +1,27 @@
 // What a camera beside the simulated arm sees: the line that states it, and the simulated tracker.
 #include <gtest/gtest.h>
 
-#include <array>
 #include <cmath>
+#include <cstdint>
+#include <fstream>
+#include <functional>
+#include <stdexcept>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "base/checked_line.hpp"
+#include "base/parameters.hpp"
+#include "casefile/case.hpp"
+#include "drivers/frame/settings.hpp"
+#include "drivers/frame/system_host.hpp"
 #include "drivers/sim/arm/carried_sensor.hpp"
 #include "drivers/sim/arm/moving_head.hpp"
 #include "drivers/sim/arm/scene_line.hpp"
 #include "drivers/sim/tracker/tracker_beside_arm.hpp"
 #include "idl/names.hpp"
+#include "tests/support/tcp_device.hpp"
+#include "tests/support/temporary_folder.hpp"
 #include "tests/unit/robot/arms.hpp"
 #include "tests/unit/sim/room_fixture.hpp"
 
@@ -106,6 +116,67 @@ TEST(TrackerBesideArm, SeesTheReferenceOnAHeadThatMovesAndTheBodyOnTheFlange) {
   EXPECT_LT((way - Vector3d(5.0, 0.0, 0.0)).norm(), 1.5);
   EXPECT_LT(body_error_mm(second), 1.0) << "the arm has not moved";
   EXPECT_THROW(TrackerBesideArm(a_case, "Nobody", {}, 3), std::invalid_argument);
+}
+
+class FrameBus final : public driver::Bus {
+public:
+  bool write(std::string_view topic, const void *sample) override {
+    if (topic == wire::Topic<wire::TrackerFrame>::kName) {
+      frames.push_back(*static_cast<const wire::TrackerFrame *>(sample));
+    }
+    return true;
+  }
+  void take(std::string_view /*topic*/, const std::function<void(const void *)> & /*visit*/) override {}
+  [[nodiscard]] std::uint32_t matched(std::string_view /*topic*/) const override { return 1; }
+
+  std::vector<wire::TrackerFrame> frames;
+};
+
+TEST(TrackerDevice, PublishesAFramePerSceneOfItsSocketAndSkipsWhatIsDamaged) {
+  const bregma::test::TemporaryFolder folder;
+  casefile::Case a_case = test::make_case();
+  a_case.folder = folder.path();
+  a_case.image = folder.path() / "image.nii.gz";
+  std::ofstream(a_case.image) << "only its name matters\n";
+  ASSERT_TRUE(casefile::save_case(a_case));
+  bregma::test::TcpDevice arm;
+  TrackerDevice tracker;
+  base::ParameterSet parameters("bregma-sim-tracker");
+  tracker.declare(parameters);
+  ASSERT_TRUE(parameters.set_from_string("address=" + arm.address()));
+  ASSERT_TRUE(parameters.set_from_string("case=" + folder.path().string()));
+  const auto nobody = tracker.prepare({});
+  ASSERT_FALSE(nobody);
+  EXPECT_EQ(nobody.error().message, "case ellipsoid has no tool Marker");
+  ASSERT_TRUE(parameters.set_from_string("body=Stylus"));
+  ASSERT_TRUE(tracker.prepare({}));
+
+  FrameBus bus;
+  driver::SystemHost host;
+  driver::Status status;
+  driver::Io io(bus, host, status, {.device = "Tracker", .map_device_time = false}); // as fast as the bytes arrive
+  ASSERT_TRUE(tracker.connect(io));
+  ASSERT_TRUE(arm.accept());
+  Scene scene = scene_of(a_case);
+  for (std::size_t sent = 1; sent <= 5; ++sent) {
+    scene.time_us += 16'000;
+    ASSERT_TRUE(arm.send("$scene,damaged\r\n" + line_of(scene)));
+    for (int i = 0; i < 100 && bus.frames.size() < sent; ++i) {
+      ASSERT_TRUE(tracker.read(io));
+    }
+    ASSERT_EQ(bus.frames.size(), sent);
+  }
+  EXPECT_EQ(status.values().skipped, 5U);
+  EXPECT_EQ(wire::view(bus.frames.back().device), "Tracker");
+  EXPECT_EQ(bus.frames.back().period_ns, 16'000'000);
+  EXPECT_EQ(bus.frames.back().tools[1].status, bregma_wire_TOOL_VISIBLE);
+  arm.hang_up();
+  driver::Outcome<driver::Progress> lost = driver::Progress::kContinue;
+  for (int i = 0; i < 100 && lost; ++i) {
+    lost = tracker.read(io);
+  }
+  EXPECT_FALSE(lost) << "the loop connects again";
+  tracker.disconnect();
 }
 
 } // namespace
