@@ -5,7 +5,6 @@
 #include <stdexcept>
 
 #include "drivers/sim/arm/simulated_arm.hpp"
-#include "idl/names.hpp"
 
 namespace bregma::sim {
 

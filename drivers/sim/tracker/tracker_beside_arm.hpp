@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "casefile/case.hpp"
 #include "drivers/frame/byte_stream.hpp"
 #include "drivers/frame/device.hpp"
 #include "drivers/frame/io.hpp"
