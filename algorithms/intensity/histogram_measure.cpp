@@ -97,13 +97,8 @@ void HistogramMeasure::fill(Prepared &channel, std::size_t part, bool with_slope
 double HistogramMeasure::evaluate(const Eigen::Matrix4d &T_floating_reference, bool with_slopes) noexcept {
   sampler_.set_pose(T_floating_reference);
   const std::size_t parts = sampler_.parts().size();
-  team_.run([&](int thread) {
-    // Channels and parts in one list, so that few parts of several channels are shared as well.
-    for (auto i = static_cast<std::size_t>(thread); i < parts * channels_.size();
-         i += static_cast<std::size_t>(team_.size())) {
-      fill(channels_[i / parts], i % parts, with_slopes);
-    }
-  });
+  // Channels and parts in one list, so that few parts of several channels are shared as well.
+  team_.run_parts(parts * channels_.size(), [&](std::size_t i) { fill(channels_[i / parts], i % parts, with_slopes); });
   double sum = 0.0;
   overlap_ = 0.0;
   for (Prepared &channel : channels_) {
@@ -156,19 +151,16 @@ double HistogramMeasure::value_and_forces(const Eigen::Matrix4d &T_floating_refe
     channel.parts[0].differentiate(normalised_);
     const std::array<const std::vector<float> *, 3> derivative{&channel.dx, &channel.dy, &channel.dz};
     const auto weight = static_cast<float>(channel.weight);
-    team_.run([&](int thread) {
-      for (auto p = static_cast<std::size_t>(thread); p < sampler_.parts().size();
-           p += static_cast<std::size_t>(team_.size())) {
-        const PairSampler::Part &part = sampler_.parts()[p];
-        const auto column = std::span<float>(channel.column).subspan(part.first, part.samples);
-        channel.parts[0].parzen_slopes(std::span<const std::uint16_t>(channel.row).subspan(part.first, part.samples),
-                                       column, column);
-        for (std::size_t d = 0; d < 3; ++d) {
-          const float *slope = derivative[d]->data() + part.first;
-          float *force = forces[d] + part.first;
-          for (std::size_t i = 0; i < part.samples; ++i) {
-            force[i] = (first ? 0.0F : force[i]) + weight * column[i] * slope[i];
-          }
+    team_.run_parts(sampler_.parts().size(), [&](std::size_t p) {
+      const PairSampler::Part &part = sampler_.parts()[p];
+      const auto column = std::span<float>(channel.column).subspan(part.first, part.samples);
+      channel.parts[0].parzen_slopes(std::span<const std::uint16_t>(channel.row).subspan(part.first, part.samples),
+                                     column, column);
+      for (std::size_t d = 0; d < 3; ++d) {
+        const float *slope = derivative[d]->data() + part.first;
+        float *force = forces[d] + part.first;
+        for (std::size_t i = 0; i < part.samples; ++i) {
+          force[i] = (first ? 0.0F : force[i]) + weight * column[i] * slope[i];
         }
       }
     });
@@ -184,11 +176,8 @@ double HistogramMeasure::value_and_gradient(const Eigen::Matrix4d &T_floating_re
   Affine34 sum = Affine34::Zero();
   for (Prepared &channel : channels_) {
     channel.parts[0].differentiate(normalised_);
-    team_.run([&](int thread) {
-      for (auto part = static_cast<std::size_t>(thread); part < parts; part += static_cast<std::size_t>(team_.size())) {
-        part_gradients_[part] = gradient_of(channel, sampler_.parts()[part]);
-      }
-    });
+    team_.run_parts(parts,
+                    [&](std::size_t part) { part_gradients_[part] = gradient_of(channel, sampler_.parts()[part]); });
     for (const Affine34 &part : part_gradients_) {
       sum += channel.weight * part;
     }

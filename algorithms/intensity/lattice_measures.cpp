@@ -24,21 +24,17 @@ public:
 
   void map(const Eigen::Matrix4d &T_floating_reference) noexcept {
     sampler.set_pose(T_floating_reference);
-    team_.run([&](int thread) {
-      for (auto p = static_cast<std::size_t>(thread); p < sampler.parts().size();
-           p += static_cast<std::size_t>(team_.size())) {
-        sampler.sample(sampler.parts()[p], floating_, nearest_, outside_, {mapped.data()});
-      }
+    team_.run_parts(sampler.parts().size(), [&](std::size_t p) {
+      sampler.sample(sampler.parts()[p], floating_, nearest_, outside_, {mapped.data()});
     });
   }
   // job(first row, last row, block): rows are lines of voxels along the first axis, in kBlocks blocks.
   static constexpr int kBlocks = 4;
   template <class Job> void for_blocks(const Job &job) const noexcept {
     const int rows = grid.size[1] * grid.size[2];
-    team_.run([&](int thread) {
-      for (int block = thread; block < kBlocks; block += team_.size()) {
-        job(rows * block / kBlocks, rows * (block + 1) / kBlocks, static_cast<std::size_t>(block));
-      }
+    team_.run_parts(kBlocks, [&](std::size_t block) {
+      const int at = static_cast<int>(block);
+      job(rows * at / kBlocks, rows * (at + 1) / kBlocks, block);
     });
   }
   [[nodiscard]] double overlap(double compared, double possible) const {

@@ -80,12 +80,9 @@ private:
     return {sampler_.coordinate(0)[i], sampler_.coordinate(1)[i], sampler_.coordinate(2)[i]};
   }
   template <class Body> void for_parts(const Body &body) {
-    team_.run([&](int thread) {
-      for (auto p = static_cast<std::size_t>(thread); p < sampler_.parts().size();
-           p += static_cast<std::size_t>(team_.size())) {
-        const PairSampler::Part &part = sampler_.parts()[p];
-        body(p, part.first, part.first + part.samples);
-      }
+    team_.run_parts(sampler_.parts().size(), [&](std::size_t p) {
+      const PairSampler::Part &part = sampler_.parts()[p];
+      body(p, part.first, part.first + part.samples);
     });
   }
   void move_samples() {

@@ -55,12 +55,10 @@ public:
 
   double value(const Eigen::Matrix4d &T_floating_reference) noexcept override {
     sampler_.set_pose(T_floating_reference);
-    team_.run([&](int thread) {
-      for (auto b = static_cast<std::size_t>(thread); b < blocks_.size(); b += static_cast<std::size_t>(team_.size())) {
-        blocks_[b].clear();
-        for (std::size_t p = b; p < sampler_.parts().size(); p += blocks_.size()) {
-          add_part(sampler_.parts()[p], blocks_[b]);
-        }
+    team_.run_parts(blocks_.size(), [&](std::size_t b) {
+      blocks_[b].clear();
+      for (std::size_t p = b; p < sampler_.parts().size(); p += blocks_.size()) {
+        add_part(sampler_.parts()[p], blocks_[b]);
       }
     });
     for (std::size_t b = 1; b < blocks_.size(); ++b) {

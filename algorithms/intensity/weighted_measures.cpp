@@ -32,14 +32,11 @@ public:
   // Samples all channels and then calls job(part, its number) for each part.
   template <class Job> void for_parts(const Eigen::Matrix4d &T_floating_reference, const Job &job) noexcept {
     sampler.set_pose(T_floating_reference);
-    team_.run([&](int thread) {
-      for (auto p = static_cast<std::size_t>(thread); p < sampler.parts().size();
-           p += static_cast<std::size_t>(team_.size())) {
-        for (Channel &channel : channels_) {
-          sampler.sample(sampler.parts()[p], channel.floating, nearest_, channel.outside, {channel.mapped.data()});
-        }
-        job(sampler.parts()[p], p);
+    team_.run_parts(sampler.parts().size(), [&](std::size_t p) {
+      for (Channel &channel : channels_) {
+        sampler.sample(sampler.parts()[p], channel.floating, nearest_, channel.outside, {channel.mapped.data()});
       }
+      job(sampler.parts()[p], p);
     });
   }
   // Fraction of the smaller image; and whether that is enough.

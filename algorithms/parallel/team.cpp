@@ -31,17 +31,46 @@ Team::Team(int threads) : size_(std::max(threads, 1)) {
 
 Team::~Team() {
   stopping_.store(true, std::memory_order_relaxed);
-  start();
+  start(kByThread);
   for (std::thread &thread : threads_) {
     thread.join();
   }
 }
 
-void Team::start() noexcept {
+void Team::start(unsigned kind) noexcept {
   if (size_ > 1) {
-    job_.fetch_add(1, std::memory_order_release);
+    const unsigned before = job_.load(std::memory_order_relaxed) & ~1U;
+    job_.store((before + 2) | kind, std::memory_order_release);
     job_.notify_all();
   }
+}
+
+void Team::share(std::uint32_t parts) noexcept {
+  done_.store(0, std::memory_order_relaxed);
+  const unsigned job = ((job_.load(std::memory_order_relaxed) & ~1U) + 2) | kInParts;
+  left_.store(std::uint64_t{job} << 32U | parts, std::memory_order_release);
+  start(kInParts);
+  while (take_part(job)) {
+  }
+  for (unsigned done = done_.load(std::memory_order_acquire); done != parts;
+       done = done_.load(std::memory_order_acquire)) {
+    wait_for_change(done_, done);
+  }
+}
+
+// Whoever has taken a part keeps the caller in share(), so that the job's function is there until the part is done.
+bool Team::take_part(unsigned job) noexcept {
+  constexpr std::uint64_t kParts = 0xffffffffU;
+  std::uint64_t left = left_.load(std::memory_order_acquire);
+  do {
+    if (left >> 32U != job || (left & kParts) == 0) {
+      return false;
+    }
+  } while (!left_.compare_exchange_weak(left, left - 1, std::memory_order_acq_rel, std::memory_order_acquire));
+  call_(context_, static_cast<int>((left & kParts) - 1));
+  done_.fetch_add(1, std::memory_order_release);
+  done_.notify_one();
+  return true;
 }
 
 void Team::barrier() noexcept {
@@ -59,13 +88,21 @@ void Team::barrier() noexcept {
 }
 
 void Team::work(int thread) noexcept {
-  for (unsigned job = 0;; ++job) {
+  // Jobs in parts may end without this thread, so that it continues with the latest one. It misses no other: those wait
+  // for it.
+  for (unsigned job = 0;;) {
     wait_for_change(job_, job);
+    job = job_.load(std::memory_order_acquire);
     if (stopping_.load(std::memory_order_relaxed)) {
       return;
     }
-    call_(context_, thread);
-    barrier();
+    if ((job & kInParts) != 0) {
+      while (take_part(job)) {
+      }
+    } else {
+      call_(context_, thread);
+      barrier();
+    }
   }
 }
 
