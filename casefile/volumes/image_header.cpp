@@ -146,9 +146,12 @@ base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_byte
     return tl::unexpected(behind.error());
   }
   const std::uint64_t slice = needed_bytes / static_cast<std::uint64_t>(std::max<std::int64_t>(header.size[2], 1));
-  if (slice > 0 && *behind >= slice && *behind % slice == 0) {
-    return base::failure(data.file.string() + ": holds " + std::to_string(*behind / slice) +
-                         " slices more than its header states: is it the header of another image?");
+  if (!header.tags_follow && slice > 0 && *behind >= slice) {
+    const std::string more = *behind % slice == 0
+                                 ? std::to_string(*behind / slice) + " slices"
+                                 : std::to_string(*behind) + " bytes (a slice has " + std::to_string(slice) + ")";
+    return base::failure(data.file.string() + ": holds " + more +
+                         " more than its header states: is it the header of another image?");
   }
   if (*behind > 0) {
     header.notes.push_back(data.file.string() + ": " + std::to_string(*behind) +

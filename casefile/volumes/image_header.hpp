@@ -47,6 +47,7 @@ struct ImageHeader {
   std::optional<StoredVoxels> voxels; // of NIfTI and MGH; those of the others are read by ITK
   // Least length of the file with this header; 0: not known, since the voxels are compressed, text, or in another file.
   std::uint64_t least_bytes = 0;
+  bool tags_follow = false; // anything may be behind the voxels
 };
 
 // By the content: an extension may be written in any case, or be missing. Only the data of a pair (.img) are found by
@@ -76,8 +77,8 @@ enum class ImageFormat { kUnknown, kNifti, kMgh, kNrrd, kMeta, kDicom };
 // The bytes of the voxels are there. keep: receives them. The number of bytes behind them.
 [[nodiscard]] base::Result<std::uint64_t> check_whole(const StoredData &data, std::uint64_t needed_bytes,
                                                       std::vector<char> *keep = nullptr);
-// The same; sets least_bytes of the header, which is in this file. Refuses whole slices behind the voxels: the header
-// is that of another image. Other bytes are noted.
+// The same; sets least_bytes of the header, which is in this file. Refuses a slice and more behind the voxels: the
+// header is that of another image. Fewer bytes are noted.
 [[nodiscard]] base::Result<void> check_whole(const StoredData &data, std::uint64_t needed_bytes,
                                              const std::filesystem::path &header_file, ImageHeader &header);
 [[nodiscard]] base::Result<void> check_whole(const StoredVoxels &voxels, const std::filesystem::path &header_file,

@@ -205,6 +205,9 @@ base::Result<void> check_meta_data(const fs::path &path, const Tags &tags, std::
     }
     data.begin = skipped[0] > 0.0 ? static_cast<std::uint64_t>(skipped[0]) : 0;
     if (skipped[0] < 0.0) {
+      std::error_code error;
+      const std::uintmax_t size = fs::file_size(data.file, error);
+      data.begin = !error && !data.compressed && size > count * each ? size - count * each : 0;
       header.notes.push_back(data.file.string() +
                              ": its voxels are counted from its end: whether it is whole is not known");
     }
@@ -245,6 +248,9 @@ base::Result<ImageHeader> read_meta_header(const fs::path &path, std::optional<S
     }
   }
   ImageHeader out;
+  if (const std::string object = first_of(tags, {"ObjectType"}); !object.empty() && object != "Image") {
+    return tl::unexpected(refuse_tag(path, "ObjectType", object, "is not Image").error());
+  }
   return read_meta_size(path, tags, out)
       .and_then([&] { return place_meta(path, tags, space, out); })
       .and_then([&] {

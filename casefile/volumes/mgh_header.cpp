@@ -88,6 +88,7 @@ base::Result<ImageHeader> read_mgh_header(const std::filesystem::path &path) {
   const Eigen::Vector3d half(0.5 * sizes[0], 0.5 * sizes[1], 0.5 * sizes[2]);
   ImageHeader out;
   out.size = *size;
+  out.tags_follow = true;
   out.T_ras_index.topLeftCorner<3, 3>() = axes;
   out.T_ras_index.topRightCorner<3, 1>() = vector_at(bytes, kCentre) - axes * half;
   out.voxels = StoredVoxels{{path, 0, head.compressed, kHeaderBytes}, *type, true};

@@ -141,6 +141,14 @@ private:
   base::Result<void> read_axes() {
     const std::string stated = value_of(fields_, "space directions");
     std::vector<std::optional<Eigen::Vector3d>> axes = directions_of(stated);
+    if (!stated.empty() && !fields_.contains("space") && !fields_.contains("space dimension")) {
+      return refuse("space directions", "are in no space: space, or space dimension, is not stated");
+    }
+    for (const char *other : {"spacings", "units"}) {
+      if (!stated.empty() && fields_.contains(other)) {
+        return refuse(other, "is stated beside space directions, which have spacings and units of their own");
+      }
+    }
     if (stated.empty()) {
       const std::vector<double> spacings = header_numbers(value_of(fields_, "spacings"));
       if (spacings.size() < 3) {

@@ -34,7 +34,7 @@ using surface::TriangleMesh;
 struct Stopped : std::exception {};
 
 // Of the image of a head, along its longest axis.
-constexpr double kLeastExtent_mm = 10.0;
+constexpr double kLeastExtent_mm = 30.0; // a head of 260 mm in cm has 26
 constexpr double kLargestExtent_mm = 3000.0;
 
 // Fraction of the time that segmentation takes.

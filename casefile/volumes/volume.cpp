@@ -4,9 +4,11 @@
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <sstream>
 #include <string_view>
+#include <system_error>
 
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
 #include <Eigen/LU>
@@ -191,6 +193,37 @@ base::Result<void> check_finite(const fs::path &path, const Volume &volume) {
                                             " voxels are not finite numbers"));
 }
 
+// Writes a new file next to it, which replaces it once it is whole: ITK's writers of NIfTI and MetaImage report success
+// on a full disk.
+base::Result<void> write_checked(const fs::path &path,
+                                 const std::function<base::Result<void>(const fs::path &)> &write) {
+  std::error_code error;
+  const fs::path place = fs::is_symlink(path, error) ? fs::weakly_canonical(path, error) : path;
+  if (fs::exists(place, error) && !fs::is_regular_file(place, error)) {
+    return base::failure(file_error(path, "cannot be written: it is not a file"));
+  }
+  fs::path fresh = place;
+  fresh.replace_filename("new-" + place.filename().string()); // the format is known by the extension
+  auto done = write(fresh);
+  if (done) {
+    const auto whole = read_image_header(fresh, image_format_of(fresh), std::nullopt);
+    const fs::path folder = fresh.parent_path();
+    if (!whole && fs::space(folder.empty() ? fs::path(".") : folder, error).available == 0) {
+      done = base::failure(file_error(path, "cannot be written: the disk is full"));
+    } else if (!whole) {
+      done = base::failure(file_error(path, "cannot be written as a whole file: " + whole.error().message));
+    }
+  }
+  if (done) {
+    fs::rename(fresh, place, error);
+    done = error ? base::failure(file_error(path, "cannot be written: " + error.message())) : base::Result<void>();
+  }
+  if (!done) {
+    fs::remove(fresh, error);
+  }
+  return done;
+}
+
 bool is_dicom_image(const fs::path &path) {
   return image_format_of(path) == ImageFormat::kDicom && base::lower(path.filename().string()) != "dicomdir";
 }
@@ -303,23 +336,26 @@ base::Result<void> write_volume(const fs::path &path, const Volume &volume) {
       direction[row][column] = sign * volume.T_image_index(row, column) / volume.spacing_mm()[column];
     }
   }
-  try {
-    image->SetRegions(size);
-    image->SetSpacing(spacing);
-    image->SetOrigin(origin);
-    image->SetDirection(direction);
-    image->Allocate();
-    std::copy(volume.voxels.begin(), volume.voxels.end(), image->GetBufferPointer());
-    auto writer = itk::ImageFileWriter<ItkVolume>::New();
-    writer->SetImageIO(io);
-    writer->SetFileName(path.string());
-    writer->SetInput(image);
-    writer->SetUseCompression(!name.ends_with(".nii"));
-    writer->Update();
-  } catch (const itk::ExceptionObject &error) {
-    return base::failure(file_error(path, "cannot be written: " + reason_of(error)));
-  }
-  return {};
+  const bool compressed = !name.ends_with(".nii");
+  return write_checked(path, [&](const fs::path &fresh) -> base::Result<void> {
+    try {
+      image->SetRegions(size);
+      image->SetSpacing(spacing);
+      image->SetOrigin(origin);
+      image->SetDirection(direction);
+      image->Allocate();
+      std::copy(volume.voxels.begin(), volume.voxels.end(), image->GetBufferPointer());
+      auto writer = itk::ImageFileWriter<ItkVolume>::New();
+      writer->SetImageIO(io);
+      writer->SetFileName(fresh.string());
+      writer->SetInput(image);
+      writer->SetUseCompression(compressed);
+      writer->Update();
+    } catch (const itk::ExceptionObject &error) {
+      return base::failure(file_error(path, "cannot be written: " + reason_of(error)));
+    }
+    return {};
+  });
 }
 
 } // namespace bregma::casefile

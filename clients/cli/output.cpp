@@ -1,11 +1,14 @@
 #include "clients/cli/output.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <string_view>
 #include <system_error>
 
+#include "base/text.hpp"
 #include "clients/cli/plain_text.hpp"
 
 namespace bregma::cli {
@@ -21,6 +24,27 @@ std::size_t width(const std::string &text) {
 bool is_figure(const std::string &cell) {
   const std::size_t first = cell.find_first_not_of("+-");
   return cell == "-" || (first != std::string::npos && std::isdigit(static_cast<unsigned char>(cell[first])) != 0);
+}
+
+// A file in a folder of inputs, such as a DICOM series, or the voxels that lie beside a header of the same name.
+bool is_part_of(const std::filesystem::path &output, const std::filesystem::path &input) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const fs::path out = fs::canonical(output, error); // a new file is no part of anything
+  if (error) {
+    return false;
+  }
+  const fs::path in = fs::canonical(input, error);
+  if (error) {
+    return false;
+  }
+  if (fs::is_directory(in, error)) {
+    return std::mismatch(in.begin(), in.end(), out.begin(), out.end()).first == in.end();
+  }
+  constexpr std::array<std::string_view, 6> kVoxels{".raw", ".zraw", ".img", ".hdr", ".gz", ".bin"};
+  const std::string extension = base::lower(out.extension().string());
+  return out.parent_path() == in.parent_path() && out.filename().stem() == in.filename().stem() &&
+         std::find(kVoxels.begin(), kVoxels.end(), extension) != kVoxels.end();
 }
 
 } // namespace
@@ -133,9 +157,16 @@ void print_notes(const std::vector<std::string> &notes) {
 base::Result<void> check_output(std::string_view option, const std::string &output,
                                 const std::vector<std::string> &inputs) {
   for (const std::string &input : inputs) {
+    if (output.empty() || input.empty()) {
+      continue;
+    }
     std::error_code no_such_file; // then it is not the same
-    if (!output.empty() && !input.empty() && std::filesystem::equivalent(output, input, no_such_file)) {
+    if (std::filesystem::equivalent(output, input, no_such_file)) {
       return base::failure(std::string(option) + " " + output + " is an input file: it is not written over");
+    }
+    if (is_part_of(output, input)) {
+      return base::failure(std::string(option) + " " + output + " is a part of the input " + input +
+                           ": it is not written over");
     }
   }
   return {};

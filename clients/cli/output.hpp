@@ -45,7 +45,7 @@ void print(std::string_view text);           // as it is
 void print_json(const nlohmann::json &json); // indented, with a newline
 // "note: <sentence>" on standard error, each: what a reader assumed or left out.
 void print_notes(const std::vector<std::string> &notes);
-// Refuses an output file that is one of the inputs. Empty paths are ignored.
+// Refuses an output that is an input, lies in a folder of inputs or holds an input's voxels. Empty paths are ignored.
 [[nodiscard]] base::Result<void> check_output(std::string_view option, const std::string &output,
                                               const std::vector<std::string> &inputs);
 // "bregma: <message>" on standard error, and kBadInput.

@@ -151,10 +151,13 @@ json details_json(const Drift &drift) {
 }
 
 int register_cloud(const CloudArguments &arguments, const Context &context) {
-  if (auto kept = check_output("--tfm", arguments.files.tfm,
-                               {arguments.files.source.path, arguments.files.target.path, arguments.targets});
-      !kept) {
-    return fail(kept.error());
+  for (const auto &[option, output] :
+       {std::pair("--tfm", arguments.files.tfm), {"--correspondences", arguments.correspondences}}) {
+    if (auto kept =
+            check_output(option, output, {arguments.files.source.path, arguments.files.target.path, arguments.targets});
+        !kept) {
+      return fail(kept.error());
+    }
   }
   const casefile::SizeLimits size = arguments.any_size ? casefile::kAnySize : casefile::kPointsSize;
   const auto source = read_cloud(arguments.files.source, size);

@@ -1,4 +1,10 @@
 // Images that were read wrongly once (tests/data/faults/volumes): all are one grid of 12 x 12 x 12 voxels of 2 mm.
+#include <csignal>
+#include <filesystem>
+#include <string>
+
+#include <sys/resource.h>
+
 #include <gtest/gtest.h>
 
 #include "casefile/volumes/volume.hpp"
@@ -72,11 +78,13 @@ TEST(FaultInput, WhatLiesBehindTheVoxelsIsSaidOrRefused) {
     ASSERT_TRUE(read_volume(folder / name, {}, &notes));
     ASSERT_EQ(notes.size(), 1U);
     EXPECT_NE(notes[0].find("4 bytes behind its voxels are not read"), std::string::npos) << notes[0];
-    test::write_bytes(folder / name, header + slice + slice + slice + slice);
-    const auto more = read_volume(folder / name, {}, &notes);
-    ASSERT_FALSE(more);
-    EXPECT_NE(more.error().message.find("holds 1 slices more than its header states"), std::string::npos)
-        << more.error().message;
+    for (const auto &[tail, said] : {std::pair(slice, "holds 1 slices more than its header states"),
+                                     {slice + "tail", "holds 292 bytes (a slice has 288) more than its header"}}) {
+      test::write_bytes(folder / name, header + slice + slice + slice + tail);
+      const auto more = read_volume(folder / name, {}, &notes);
+      ASSERT_FALSE(more);
+      EXPECT_NE(more.error().message.find(said), std::string::npos) << more.error().message;
+    }
   }
 }
 
@@ -87,6 +95,7 @@ TEST(FaultInput, AMetaImageThatContradictsItselfIsRefused) {
   for (const auto &[more, said] : {std::pair("", ""),
                                    {"Offset = 1 2 3\n", ""},
                                    {"HeaderSize = 0\n", ""},
+                                   {"ObjectType = Tube\n", "ObjectType = \"Tube\": is stated before as \"Image\""},
                                    {"Offset = 0 0 0\n", "Offset = \"0 0 0\": is stated before as \"1 2 3\""},
                                    {"Position = 1 2 3\n", ""},
                                    {"Position = 0 0 0\n", "Offset = \"0 0 0\": is stated before as \"1 2 3\""},
@@ -161,6 +170,51 @@ TEST(FaultInput, AnNrrdOfTextHoldsNumbersAndAsManyAsItStates) {
     }
     EXPECT_NE(text.find(said), std::string::npos) << text;
     EXPECT_EQ(text.empty(), *said == '\0') << text;
+  }
+}
+
+TEST(FaultInput, AnNrrdWhoseDirectionsAreInNoSpaceOrStatedTwiceIsRefused) {
+  const test::TemporaryFolder folder;
+  for (const auto &[more, said] :
+       {std::pair("space: RAS\n", ""),
+        {"space dimension: 3\n", ""},
+        {"", "space directions = \"(2,0,0) (0,2,0) (0,0,2)\": are in no space"},
+        {"space: RAS\nspacings: 2 2 2\n", "spacings = \"2 2 2\": is stated beside space directions"},
+        {"space: RAS\nunits: \"cm\" \"cm\" \"cm\"\n", "units = \"\"cm\" \"cm\" \"cm\"\": is stated beside"}}) {
+    test::write_bytes(folder / "v.nrrd", "NRRD0004\ntype: uint8\ndimension: 3\n" + std::string(more) +
+                                             "sizes: 2 2 2\nspace directions: (2,0,0) (0,2,0) (0,0,2)\n"
+                                             "space origin: (0,0,0)\nencoding: raw\n\n12345678");
+    const auto volume = read_volume(folder / "v.nrrd", {.space = Space::kRas});
+    EXPECT_EQ(volume.has_value(), *said == '\0') << more;
+    EXPECT_TRUE(volume || volume.error().message.find(said) != std::string::npos) << volume.error().message;
+  }
+}
+
+// ITK reports success where a NIfTI or MetaImage did not fit on the disk.
+TEST(FaultInput, AnImageThatCouldNotBeWrittenWholeIsAnErrorAndKeepsTheEarlierOne) {
+  const test::TemporaryFolder folder;
+  const auto whole = read_volume(kVolumes / "ras.nrrd");
+  ASSERT_TRUE(whole);
+  Volume noise = *whole; // which cannot be compressed
+  unsigned state = 1;
+  for (float &voxel : noise.voxels) {
+    state = state * 1664525U + 1013904223U;
+    voxel = static_cast<float>(state >> 8U);
+  }
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &before), 0);
+  for (const char *name : {"v.nii", "v.nii.gz", "v.nrrd", "v.mha"}) {
+    ASSERT_TRUE(write_volume(folder / name, *whole));
+    const std::string kept = test::read_bytes(folder / name);
+    auto *const handler = std::signal(SIGXFSZ, SIG_IGN); // else a write beyond the limit ends the process
+    const rlimit limit{3000, before.rlim_max};
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    const auto written = write_volume(folder / name, noise);
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &before), 0);
+    std::signal(SIGXFSZ, handler);
+    EXPECT_FALSE(written) << name;
+    EXPECT_EQ(test::read_bytes(folder / name), kept) << name;
+    EXPECT_FALSE(std::filesystem::exists(folder / ("new-" + std::string(name))));
   }
 }
 
