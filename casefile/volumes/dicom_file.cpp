@@ -7,12 +7,14 @@
 #include <cstdio>
 #include <fstream>
 #include <limits>
+#include <sstream>
 #include <string>
 #include <string_view>
 #include <system_error>
 #include <utility>
 
 #include <tl/expected.hpp>
+#include <zlib.h>
 
 #include "base/text.hpp"
 
@@ -66,7 +68,7 @@ template <class T> using Step = tl::expected<T, std::string>; // the problem
 class Walk {
 public:
   // begin: of the first element.
-  Walk(std::ifstream &in, std::uint64_t size, std::uint64_t begin) : in_(in), size_(size), at_(begin) {}
+  Walk(std::istream &in, std::uint64_t size, std::uint64_t begin) : in_(in), size_(size), at_(begin) {}
 
   Step<DicomFile> run() {
     auto syntax = read_meta();
@@ -77,11 +79,16 @@ public:
       return tl::unexpected(std::string("it ends before its data set"));
     }
     if (*syntax == "1.2.840.10008.1.2.1.99") { // deflated
-      out_.has_pixels = true;
-      out_.compressed = true;
-      return out_;
+      return inflated().and_then([](const std::string &bytes) {
+        std::istringstream in(bytes);
+        return Walk(in, bytes.size(), 0).data_set({.explicit_vr = true, .big_endian = false});
+      });
     }
-    const Encoding encoding{*syntax != "1.2.840.10008.1.2", *syntax == "1.2.840.10008.1.2.2"};
+    return data_set({*syntax != "1.2.840.10008.1.2", *syntax == "1.2.840.10008.1.2.2"});
+  }
+
+private:
+  Step<DicomFile> data_set(const Encoding &encoding) {
     while (at_ < size_) {
       if (padding_follows()) {
         break;
@@ -94,7 +101,31 @@ public:
     return out_;
   }
 
-private:
+  // The data set behind group 2, which is one stream without a checksum.
+  Step<std::string> inflated() {
+    constexpr std::uint64_t kMost = std::uint64_t{1} << 30;
+    std::string packed(static_cast<std::size_t>(size_ - at_), '\0');
+    read(packed.data(), packed.size());
+    z_stream stream{};
+    if (inflateInit2(&stream, -MAX_WBITS) != Z_OK) {
+      return tl::unexpected(std::string("zlib cannot be used"));
+    }
+    stream.next_in = reinterpret_cast<Bytef *>(packed.data());
+    stream.avail_in = static_cast<uInt>(std::min<std::size_t>(packed.size(), std::numeric_limits<uInt>::max()));
+    std::string out;
+    std::array<char, 1 << 16> block{};
+    int state = Z_OK;
+    while (state == Z_OK && out.size() < kMost) {
+      stream.next_out = reinterpret_cast<Bytef *>(block.data());
+      stream.avail_out = static_cast<uInt>(block.size());
+      state = inflate(&stream, Z_NO_FLUSH);
+      out.append(block.data(), block.size() - stream.avail_out);
+    }
+    inflateEnd(&stream);
+    return state == Z_STREAM_END ? Step<std::string>(std::move(out))
+                                 : tl::unexpected(std::string("its deflated data set does not end"));
+  }
+
   // Group 2, always explicit and little endian: the transfer syntax.
   Step<std::string> read_meta() {
     std::string syntax;
@@ -288,10 +319,24 @@ private:
       out_.frame_count = count >= 0.0 && count <= 4e9 ? static_cast<std::uint64_t>(count) : 0;
       return;
     }
-    if (header.tag == kSeries) {
-      const std::string text = text_of(header);
-      out_.series = base::trimmed(text.substr(0, text.find('\0')));
-      return;
+    for (const auto &[tag, text] : {std::pair(kSeries, &out_.series),
+                                    {Tag{0x0010, 0x0010}, &out_.patient_name},
+                                    {Tag{0x0010, 0x0020}, &out_.patient_id},
+                                    {Tag{0x0020, 0x0052}, &out_.frame_of_reference}}) {
+      if (header.tag == tag) {
+        const std::string padded = text_of(header);
+        *text = base::trimmed(padded.substr(0, padded.find('\0')));
+        return;
+      }
+    }
+    for (const auto &[tag, number] :
+         {std::pair(Tag{0x0020, 0x0013}, &out_.instance), {Tag{0x0020, 0x1002}, &out_.images_in_acquisition}}) {
+      if (header.tag == tag) {
+        if (const double stated = numbers_of<1>(text_of(header))[0]; std::isfinite(stated)) {
+          *number = stated;
+        }
+        return;
+      }
     }
     if (header.tag.group != 0x0028 || header.length < 2) {
       return;
@@ -376,7 +421,7 @@ private:
     return high << 16 | low;
   }
 
-  std::ifstream &in_;
+  std::istream &in_;
   std::uint64_t size_;
   std::uint64_t at_;
   DicomFile out_;
@@ -430,6 +475,16 @@ base::Result<DicomFile> read_dicom_file(const fs::path &file) {
     (void)std::snprintf(text.data(), text.size(), "%.0f", needed);
     return base::failure(file.string() + ": is not whole: it holds " + std::to_string(walked->pixel_bytes) +
                          " bytes of pixels, its header asks for " + text.data());
+  }
+  // One byte pads an odd number of them.
+  const double row = static_cast<double>(walked->columns * walked->samples * walked->bits_allocated) / 8.0;
+  if (const double more = static_cast<double>(walked->pixel_bytes) - needed;
+      walked->has_pixels && !walked->compressed && more > 1.0 && more >= row) {
+    std::array<char, 96> text{};
+    (void)std::snprintf(text.data(), text.size(), "%.0f, for %.0f x %.0f pixels", needed,
+                        static_cast<double>(walked->columns), static_cast<double>(walked->rows));
+    return base::failure(file.string() + ": holds " + std::to_string(walked->pixel_bytes) +
+                         " bytes of pixels, its header asks for " + text.data() + ": is it that of another image?");
   }
   // The first item is the table of offsets. A deflated data set has none.
   if (walked->fragments > 0 && walked->fragments - 1 < walked->frame_count) {

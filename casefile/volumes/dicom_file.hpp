@@ -33,6 +33,9 @@ struct DicomFile {
   std::uint64_t frame_count = 1;  // as stated
   std::vector<DicomFrame> frames; // of the functional groups; empty without them
   std::string series;             // its UID
+  // Empty where they are not stated.
+  std::string patient_name, patient_id, frame_of_reference;
+  std::optional<double> instance, images_in_acquisition;
   // Of the image; 1 if they are not stated.
   std::uint64_t rows = 1, columns = 1, samples = 1, bits_allocated = 8;
 };
@@ -40,8 +43,8 @@ struct DicomFile {
 // False for a file without the mark "DICM" of DICOM part 10.
 [[nodiscard]] bool is_dicom_file(const std::filesystem::path &file);
 
-// Refuses a file that is not whole: an element beyond its end, a sequence without its end, fewer pixels than stated.
-// Nothing but the headers of the elements, and what DicomFile holds, is read. A deflated data set is not looked into. A
+// Refuses a file that is not whole: an element beyond its end, a sequence without its end, fewer pixels than stated,
+// or a row of them and more too many. Nothing but the headers of the elements, and what DicomFile holds, is read. A
 // file without the mark is taken as a data set that begins with its first byte.
 [[nodiscard]] base::Result<DicomFile> read_dicom_file(const std::filesystem::path &file);
 

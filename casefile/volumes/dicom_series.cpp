@@ -1,6 +1,8 @@
 // A DICOM series: a set of files, each a slice, or one file with many frames.
 #include <algorithm>
+#include <optional>
 #include <set>
+#include <utility>
 
 #include <Eigen/Core>
 #include <Eigen/Eigenvalues> // before ITK brings its own, older copy
@@ -233,8 +235,7 @@ std::string pattern_of(const fs::path &file) {
 struct FolderFiles {
   struct Image {
     fs::path file;
-    bool has_pixels = false;
-    std::string series;
+    DicomFile header;
   };
   std::vector<Image> dicom;     // whole
   std::vector<fs::path> others; // without the mark of DICOM
@@ -254,7 +255,7 @@ base::Result<FolderFiles> whole_files(const fs::path &folder) {
       out.others.push_back(file);
       continue;
     }
-    const auto whole = read_dicom_file(file);
+    auto whole = read_dicom_file(file);
     if (!whole) {
       return tl::unexpected(whole.error());
     }
@@ -262,7 +263,7 @@ base::Result<FolderFiles> whole_files(const fs::path &folder) {
       return base::failure(file.string() + ": is not whole: its header states " + std::to_string(whole->columns) +
                            " x " + std::to_string(whole->rows) + " pixels, and it holds none");
     }
-    out.dicom.push_back({file, whole->has_pixels, whole->series});
+    out.dicom.push_back({file, std::move(*whole)});
   }
   return out;
 }
@@ -272,13 +273,13 @@ base::Result<std::vector<std::string>> notes_of_others(const FolderFiles &files,
                                                        const std::set<std::string> &used) {
   std::vector<std::string> out;
   std::set<std::string> patterns;
-  for (const auto &[file, has_pixels, of_series] : files.dicom) {
+  for (const auto &[file, header] : files.dicom) {
     if (used.contains(file.string())) {
       patterns.insert(pattern_of(file));
-    } else if (has_pixels && of_series == series) {
+    } else if (header.has_pixels && header.series == series) {
       return base::failure(file.string() + ": is a slice of the series that cannot be read");
     } else if (!is_list(file)) {
-      out.push_back(file.string() + (has_pixels ? " cannot be read" : " holds no image") + ": it is left out");
+      out.push_back(file.string() + (header.has_pixels ? " cannot be read" : " holds no image") + ": it is left out");
     }
   }
   const auto like_slice = [&patterns](const fs::path &file) {
@@ -306,6 +307,55 @@ base::Result<std::vector<std::string>> notes_of_others(const FolderFiles &files,
   if (count > 0) {
     out.push_back(names + (count > kMaxNamed ? " and " + std::to_string(count - kMaxNamed) + " more" : "") +
                   (count == 1 ? " is no DICOM file: it is left out" : " are no DICOM files: they are left out"));
+  }
+  return out;
+}
+
+struct SliceHeader {
+  std::string name;
+  DicomFile header;
+};
+
+// Programs that move or anonymise images join what is not of one scan. Names of patients are not printed.
+base::Result<void> check_one_scan(const fs::path &folder, const std::vector<SliceHeader> &slices) {
+  for (const auto &[what, text] :
+       {std::pair("of two patients", &DicomFile::patient_id),
+        {"of two patients", &DicomFile::patient_name},
+        {"in two frames of reference: the patient may have moved between them", &DicomFile::frame_of_reference}}) {
+    const SliceHeader *first = nullptr;
+    for (const SliceHeader &slice : slices) {
+      if ((slice.header.*text).empty()) {
+        continue;
+      }
+      if (first == nullptr) {
+        first = &slice;
+      } else if (slice.header.*text != first->header.*text) {
+        return base::failure(
+            series_error(folder, std::string("has slices ") + what + " (" + first->name + " and " + slice.name + ")"));
+      }
+    }
+  }
+  return {};
+}
+
+// Slices that are missing at an end leave no gap.
+std::vector<std::string> notes_of_numbers(const fs::path &folder, const std::vector<SliceHeader> &slices) {
+  std::vector<std::string> out;
+  std::optional<double> first;
+  double stated = 0.0;
+  for (const auto &[name, header] : slices) {
+    if (header.instance && header.frame_count == 1) {
+      first = std::min(first.value_or(*header.instance), *header.instance);
+    }
+    stated = std::max(stated, header.images_in_acquisition.value_or(0.0));
+  }
+  if (first && *first > 1.0) {
+    out.push_back(series_error(folder, "has slices that are numbered from " + shown(*first, 0) +
+                                           " on: if there are earlier ones, they are missing"));
+  }
+  if (slices.size() > 1 && stated > static_cast<double>(slices.size())) {
+    out.push_back(series_error(folder, "has " + std::to_string(slices.size()) + " files, which state " +
+                                           shown(stated, 0) + " images in their acquisition"));
   }
   return out;
 }
@@ -344,20 +394,30 @@ base::Result<SeriesFiles> files_of(const fs::path &folder, const std::string &se
   }
   const std::string &chosen = series.empty() ? found.front() : series;
   SeriesFiles out{names->GetFileNames(chosen), {}};
+  std::vector<SliceHeader> slices;
   for (const std::string &file : out.files) {
-    // GDCM takes files without the mark of part 10 as well.
-    if (is_dicom_file(file)) {
+    const auto walked = std::find_if(files->dicom.begin(), files->dicom.end(),
+                                     [&file](const FolderFiles::Image &image) { return image.file == file; });
+    if (walked != files->dicom.end()) {
+      slices.push_back({walked->file.filename().string(), walked->header});
       continue;
     }
-    if (const auto sound = read_dicom_file(file); !sound) {
+    // GDCM takes files without the mark of part 10 as well.
+    auto sound = read_dicom_file(file);
+    if (!sound) {
       return tl::unexpected(sound.error());
     }
+    slices.push_back({fs::path(file).filename().string(), std::move(*sound)});
+  }
+  if (auto one = check_one_scan(folder, slices); !one) {
+    return tl::unexpected(one.error());
   }
   auto notes = notes_of_others(*files, chosen, used);
   if (!notes) {
     return tl::unexpected(notes.error());
   }
-  out.notes = std::move(*notes);
+  out.notes = notes_of_numbers(folder, slices);
+  out.notes.insert(out.notes.end(), notes->begin(), notes->end());
   return out;
 }
 

@@ -2,6 +2,7 @@
 #include "casefile/volumes/dicom_file.hpp"
 
 #include <gtest/gtest.h>
+#include <zlib.h>
 
 #include "tests/unit/volumes/dicom_bytes.hpp"
 #include "tests/unit/volumes/files.hpp"
@@ -59,6 +60,46 @@ TEST(DicomFile, FewerPixelsThanStatedAreRefused) {
   const auto few = read_dicom_file(folder / "few.dcm");
   ASSERT_FALSE(few);
   EXPECT_NE(few.error().message.find("it holds 10 bytes of pixels, its header asks for 12"), std::string::npos);
+}
+
+// A header of fewer rows is that of another image.
+TEST(DicomFile, ARowOfPixelsMoreThanStatedIsRefused) {
+  const test::TemporaryFolder folder;
+  for (const auto &[bytes, sound] : {std::pair(12U, true), {14U, true}, {18U, false}}) {
+    test::write_bytes(folder / "a.dcm", slice(long_element(0x7FE0, 0x0010, "OW", bytes, std::string(bytes, '\1'))));
+    const auto read = read_dicom_file(folder / "a.dcm");
+    EXPECT_EQ(read.has_value(), sound) << bytes;
+    EXPECT_TRUE(read || read.error().message.find(
+                            "holds 18 bytes of pixels, its header asks for 12, for 3 x 2 pixels") != std::string::npos)
+        << read.error().message;
+  }
+}
+
+TEST(DicomFile, ADeflatedDataSetIsLookedInto) {
+  const test::TemporaryFolder folder;
+  const std::string syntax = "1.2.840.10008.1.2.1.99";
+  const std::string whole = slice(kPlainPixels, syntax);
+  const std::size_t begin = 132 + short_element(0x0002, 0x0010, "UI", syntax).size();
+  z_stream stream{};
+  ASSERT_EQ(deflateInit2(&stream, 9, Z_DEFLATED, -MAX_WBITS, 9, Z_DEFAULT_STRATEGY), Z_OK);
+  std::string data = whole.substr(begin);
+  std::string packed(1000, '\0');
+  stream.next_in = reinterpret_cast<Bytef *>(data.data()); // NOLINT
+  stream.avail_in = static_cast<uInt>(data.size());
+  stream.next_out = reinterpret_cast<Bytef *>(packed.data()); // NOLINT
+  stream.avail_out = static_cast<uInt>(packed.size());
+  ASSERT_EQ(deflate(&stream, Z_FINISH), Z_STREAM_END);
+  packed.resize(packed.size() - stream.avail_out);
+  deflateEnd(&stream);
+  test::write_bytes(folder / "a.dcm", whole.substr(0, begin) + packed);
+  const auto read = read_dicom_file(folder / "a.dcm");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_TRUE(read->has_pixels);
+  EXPECT_EQ(read->pixel_bytes, 12U);
+  for (std::size_t size = 0; size < packed.size(); ++size) {
+    test::write_bytes(folder / "a.dcm", whole.substr(0, begin) + packed.substr(0, size));
+    EXPECT_FALSE(read_dicom_file(folder / "a.dcm")) << size;
+  }
 }
 
 TEST(DicomFile, PaddingAtTheEndIsAllowed) {

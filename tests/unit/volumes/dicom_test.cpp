@@ -210,7 +210,8 @@ TEST(DicomSeries, ACdIsReadFromItsTopAndItsListIsNamed) {
   const auto volume = read_volume(scratch / "cd", {}, &notes);
   ASSERT_TRUE(volume) << volume.error().message;
   EXPECT_EQ(*std::min_element(volume->size.begin(), volume->size.end()), 8);
-  EXPECT_TRUE(notes.empty());
+  ASSERT_EQ(notes.size(), 1U) << "nothing of DICOMDIR";
+  EXPECT_NE(std::string::npos, notes[0].find("has slices that are numbered from 100 on")) << notes[0];
   const auto itself = read_volume(scratch / "cd/DICOMDIR");
   ASSERT_FALSE(itself);
   EXPECT_NE(std::string::npos, itself.error().message.find("is the list of a DICOM medium; give the folder"));
@@ -399,6 +400,44 @@ TEST_F(MadeSeries, TheScaleOfEachSliceIsUsed) {
   for (int k = 0; k < 12; ++k) {
     EXPECT_EQ(volume->at(3, 3, k), 100.0F * static_cast<float>(1 + k % 3) - 7.0F) << k;
   }
+}
+
+// A series in which something differs from slice 3 on, or of which slices are missing at an end.
+TEST(DicomSeries, SlicesOfTwoScansAreRefusedAndNumbersThatAreMissingAreSaid) {
+  const TemporaryFolder scratch;
+  image::Image<float, 3> head;
+  head.size = {4, 5, 6};
+  head.voxels.assign(120, 7.0F);
+  const auto series = [&](const std::string &name, int first, const auto &edit) {
+    fs::create_directory(scratch / name);
+    for (int k = first; k < head.size[2]; ++k) {
+      std::string bytes = test::dicom_slice(head, k);
+      const std::size_t at = bytes.find(test::tag(0x0028, 0x0002));
+      test::write_bytes(scratch / (name + "/IM" + std::to_string(k)), bytes.substr(0, at) + edit(k) + bytes.substr(at));
+    }
+    return scratch / name;
+  };
+  const auto frame = [](int k) { return test::uid_element(0x0020, 0x0052, k < 3 ? "1.2.9" : "1.2.8"); };
+  const auto moved = read_volume(series("moved", 0, frame));
+  ASSERT_FALSE(moved);
+  EXPECT_NE(moved.error().message.find("has slices in two frames of reference: the patient may have moved between "
+                                       "them (IM0 and IM3)"),
+            std::string::npos)
+      << moved.error().message;
+  const fs::path mixed = series("mixed", 0, [](int) { return std::string(); });
+  std::string other = test::read_bytes(mixed / "IM5");
+  test::write_bytes(mixed / "IM5", other.replace(other.find("Doe^Jane"), 8, "Roe^Jane"));
+  const auto two = read_volume(mixed);
+  ASSERT_FALSE(two);
+  EXPECT_NE(two.error().message.find("has slices of two patients (IM0 and IM5)"), std::string::npos)
+      << two.error().message;
+  EXPECT_EQ(two.error().message.find("Roe"), std::string::npos);
+  Notes notes;
+  ASSERT_TRUE(
+      read_volume(series("late", 2, [](int) { return test::text_element(0x0020, 0x1002, "IS", "6"); }), {}, &notes));
+  ASSERT_EQ(notes.size(), 2U);
+  EXPECT_NE(notes[0].find("has slices that are numbered from 3 on"), std::string::npos) << notes[0];
+  EXPECT_NE(notes[1].find("has 4 files, which state 6 images in their acquisition"), std::string::npos) << notes[1];
 }
 
 } // namespace
