@@ -55,6 +55,11 @@ std::optional<std::string> from_utf16(std::string_view bytes, bool big_endian) {
   return out;
 }
 
+std::string_view without_plus(std::string_view text) {
+  const bool plus = text.size() > 1 && text[0] == '+' && text[1] != '+' && text[1] != '-';
+  return plus ? text.substr(1) : text;
+}
+
 bool has_outside_of_quotes(std::string_view line, char wanted) {
   bool quoted = false;
   return std::any_of(line.begin(), line.end(), [&](char c) {
@@ -63,9 +68,44 @@ bool has_outside_of_quotes(std::string_view line, char wanted) {
   });
 }
 
+// "A 1,5 -2,0 3,5": every comma is within a number, of which blanks separate at least three. The first line may be a
+// header, which has none.
+bool has_decimal_commas_between_blanks(std::span<const std::string_view> lines) {
+  bool any = false;
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    std::size_t words = 0;
+    std::size_t commas = 0;
+    if (lines[i].find_first_of(";\t\"") != std::string_view::npos) {
+      return false;
+    }
+    for (std::string_view rest = lines[i]; !rest.empty(); ++words) {
+      const std::size_t end = std::min(rest.find(' '), rest.size());
+      const std::string_view word = rest.substr(0, end);
+      const std::size_t comma = word.find(',');
+      if (comma != std::string_view::npos) {
+        std::string with_point(without_plus(word));
+        std::replace(with_point.begin(), with_point.end(), ',', '.');         // a second one is no number
+        if (comma + 1 == word.size() || !parsed_number<double>(with_point)) { // "1, 2"
+          return false;
+        }
+        ++commas;
+      }
+      rest.remove_prefix(std::min(rest.find_first_not_of(' ', end), rest.size()));
+    }
+    if (words < 3 || (commas == 0 && i > 0)) {
+      return false;
+    }
+    any = any || commas > 0;
+  }
+  return any;
+}
+
 // The first of these that at least half of the lines contain. A semicolon or tab separates even if there are more
 // commas: those are decimal.
 char separator_of(std::span<const std::string_view> lines) {
+  if (has_decimal_commas_between_blanks(lines)) {
+    return ' ';
+  }
   for (const char candidate : {';', '\t', ','}) {
     const auto with = std::count_if(lines.begin(), lines.end(), [candidate](std::string_view line) {
       return has_outside_of_quotes(line, candidate);
@@ -111,11 +151,6 @@ std::optional<std::vector<std::string>> split(std::string_view line, char separa
 
 bool is_digits(std::string_view text) {
   return !text.empty() && std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
-}
-
-std::string_view without_plus(std::string_view text) {
-  const bool plus = text.size() > 1 && text[0] == '+' && text[1] != '+' && text[1] != '-';
-  return plus ? text.substr(1) : text;
 }
 
 // A number with a point before its decimals.
@@ -168,8 +203,13 @@ Result<std::string> utf8_of(const std::filesystem::path &file, std::string bytes
   }
   if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF")) {
     auto converted = from_utf16(text.substr(2), text[0] == '\xFE');
-    return converted ? Result<std::string>(std::move(*converted))
-                     : failure(file.string() + ": is not whole: its UTF-16 text ends within a character");
+    if (!converted) {
+      return failure(file.string() + ": is not whole: its UTF-16 text ends within a character");
+    }
+    if (converted->find('\0') == std::string::npos) {
+      return std::move(*converted);
+    }
+    return failure(file.string() + ": is not text (UTF-8, or UTF-16 with a byte order mark)");
   }
   if (text.find('\0') != std::string_view::npos) {
     return failure(file.string() + ": is not text (UTF-8, or UTF-16 with a byte order mark)");
@@ -215,7 +255,10 @@ Result<CsvTable> read_csv(const std::filesystem::path &file) {
     if (!cells) {
       return failure(out.file + ":" + std::to_string(numbers[i]) + ": a quote is not closed");
     }
-    out.rows.push_back({numbers[i], std::move(*cells)});
+    // Spreadsheets write separators alone for rows below the last one.
+    if (std::any_of(cells->begin(), cells->end(), [](const std::string &cell) { return !cell.empty(); })) {
+      out.rows.push_back({numbers[i], std::move(*cells)});
+    }
   }
   drop_empty_end(out.rows);
   const auto any_point = [](const CsvRow &row) { return std::any_of(row.cells.begin(), row.cells.end(), has_point); };

@@ -135,7 +135,9 @@ private:
 
   const base::CsvTable &table_;
   std::optional<Space> space_;
-  std::vector<std::string> columns_{"id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock", "label"};
+  // Slicer's, where the file does not name them.
+  std::vector<std::string> columns_{"id", "x",   "y",   "z",    "ow",    "ox",   "oy",
+                                    "oz", "vis", "sel", "lock", "label", "desc", "associatedNodeID"};
 };
 
 } // namespace

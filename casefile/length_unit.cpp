@@ -1,7 +1,9 @@
 #include "casefile/length_unit.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -44,12 +46,33 @@ double mm_per(LengthUnit unit) { return entry_of(unit).mm; }
 std::string_view name_of(LengthUnit unit) { return entry_of(unit).name; }
 
 std::optional<LengthUnit> unit_named(std::string_view name) {
+  constexpr std::array<std::pair<std::string_view, LengthUnit>, 19> kWords{{{"millimeter", LengthUnit::kMillimetre},
+                                                                            {"millimetre", LengthUnit::kMillimetre},
+                                                                            {"millimeters", LengthUnit::kMillimetre},
+                                                                            {"millimetres", LengthUnit::kMillimetre},
+                                                                            {"centimeter", LengthUnit::kCentimetre},
+                                                                            {"centimetre", LengthUnit::kCentimetre},
+                                                                            {"centimeters", LengthUnit::kCentimetre},
+                                                                            {"centimetres", LengthUnit::kCentimetre},
+                                                                            {"meter", LengthUnit::kMetre},
+                                                                            {"metre", LengthUnit::kMetre},
+                                                                            {"meters", LengthUnit::kMetre},
+                                                                            {"metres", LengthUnit::kMetre},
+                                                                            {"micrometer", LengthUnit::kMicrometre},
+                                                                            {"micrometre", LengthUnit::kMicrometre},
+                                                                            {"micrometers", LengthUnit::kMicrometre},
+                                                                            {"micrometres", LengthUnit::kMicrometre},
+                                                                            {"micron", LengthUnit::kMicrometre},
+                                                                            {"microns", LengthUnit::kMicrometre},
+                                                                            {"\u00b5m", LengthUnit::kMicrometre}}};
   for (const NamedUnit &known : kUnits) {
     if (known.name == name) {
       return known.unit;
     }
   }
-  return std::nullopt;
+  const auto word =
+      std::find_if(kWords.begin(), kWords.end(), [name](const auto &known) { return known.first == name; });
+  return word != kWords.end() ? std::optional(word->second) : std::nullopt;
 }
 
 double width_mm(std::span<const Eigen::Vector3d> points_mm) {
@@ -70,15 +93,20 @@ std::string size_problem(std::span<const Eigen::Vector3d> points_mm, const SizeL
   std::string out = std::string(what) + " is " + shown_width(width) + " mm wide, " +
                     (small ? "at least " : "at most ") + shown_width(small ? limits.smallest_mm : limits.largest_mm) +
                     " mm is taken";
+  constexpr double kInch_mm = 25.4;
+  const double as_inches_mm = width / mm_per(read_in) * kInch_mm;
+  const std::string inches =
+      small && as_inches_mm >= kHeadFrom_mm && as_inches_mm <= kHeadTo_mm ? "; inches are not read, convert them" : "";
   for (const NamedUnit &other : kUnits) {
     const double as_other_mm = width / mm_per(read_in) * other.mm;
     if (other.unit != read_in && as_other_mm >= kHeadFrom_mm && as_other_mm <= kHeadTo_mm) {
-      return option.empty() ? out + ": is the file in " + std::string(other.in_words) + "?"
-                            : out + ": if the file is in " + std::string(other.in_words) + ", say " +
-                                  std::string(option) + " " + std::string(other.name);
+      return (option.empty() ? out + ": is the file in " + std::string(other.in_words) + "?"
+                             : out + ": if the file is in " + std::string(other.in_words) + ", say " +
+                                   std::string(option) + " " + std::string(other.name)) +
+             inches;
     }
   }
-  return out;
+  return out + inches;
 }
 
 } // namespace bregma::casefile

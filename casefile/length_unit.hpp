@@ -15,7 +15,7 @@ enum class LengthUnit { kMillimetre, kCentimetre, kMetre, kMicrometre };
 
 [[nodiscard]] double mm_per(LengthUnit unit);
 [[nodiscard]] std::string_view name_of(LengthUnit unit);
-// "mm", "cm", "m", "um"; no result for another name.
+// "mm", "cm", "m", "um", or the word, such as "millimetres"; no result for another name.
 [[nodiscard]] std::optional<LengthUnit> unit_named(std::string_view name);
 
 // Limits of the width: the longest side of the bounding box.

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <set>
 #include <span>
 #include <string_view>
 
@@ -11,6 +12,7 @@
 
 #include "base/csv_table.hpp"
 #include "base/text.hpp"
+#include "casefile/markup_notes.hpp"
 
 namespace bregma::casefile {
 namespace {
@@ -143,16 +145,73 @@ bool is_header(const CsvTable &table, const CsvRow &row) {
   return names;
 }
 
-// "# x y z", as numpy writes it: a comment whose words are all columns.
+// "# x y z", as numpy writes it: a comment that names the three coordinates, between separators or in as many words as
+// a row has cells. Prose is no header.
 std::optional<CsvRow> header_in_comments(const CsvTable &table) {
   for (const base::CsvComment &comment : table.comments) {
-    auto cells = base::csv_cells(comment.text);
-    const auto is_column = [](const std::string &cell) { return column_named(cell).has_value(); };
-    if (cells && cells->size() > 2 && std::all_of(cells->begin(), cells->end(), is_column)) {
+    const std::string_view text = comment.text;
+    const std::size_t equals = text.find('=');
+    const bool labelled =
+        equals != std::string_view::npos && base::lower(base::trimmed(text.substr(0, equals))) == "columns"; // as .fcsv
+    auto cells = base::csv_cells(labelled ? text.substr(equals + 1) : text);
+    if (!cells || cells->size() < 3) {
+      continue;
+    }
+    std::set<Meaning> coordinates;
+    std::size_t known = 0;
+    for (const std::string &cell : *cells) {
+      const auto column = column_named(cell);
+      known += column ? 1 : 0;
+      if (column && column->meaning <= Meaning::kZ) {
+        coordinates.insert(column->meaning);
+      }
+    }
+    const bool separated = comment.text.find_first_of(",;\t") != std::string::npos;
+    const bool as_wide = !table.rows.empty() && table.rows.front().cells.size() == cells->size();
+    if (known == cells->size() || (coordinates.size() == 3 && (separated || as_wide))) {
       return CsvRow{comment.line, std::move(*cells)};
     }
   }
   return std::nullopt;
+}
+
+// "# CoordinateSystem = LPS", "# units: cm", as other formats state them. A value that is not known is an error: what
+// is stated must not be passed over.
+struct Statements {
+  std::optional<Space> space;
+  std::optional<LengthUnit> unit;
+};
+base::Result<Statements> statements_of(const CsvTable &table) {
+  Statements out;
+  for (const base::CsvComment &comment : table.comments) {
+    const std::size_t at = comment.text.find_first_of("=:");
+    if (at == std::string::npos) {
+      continue;
+    }
+    std::string key = base::lower(base::trimmed(std::string_view(comment.text).substr(0, at)));
+    std::erase_if(key, [](char c) { return c == ' ' || c == '_' || c == '-'; });
+    const std::string value(base::trimmed(std::string_view(comment.text).substr(at + 1)));
+    const auto refuse = [&](const std::string &what) {
+      return base::failure(table.file + ":" + std::to_string(comment.line) + ": " + comment.text.substr(0, 80) + ": " +
+                           what);
+    };
+    const bool is_lps = base::lower(value) == "lps";
+    const auto space = is_lps || base::lower(value) == "ras" ? std::optional(is_lps ? Space::kLps : Space::kRas)
+                                                             : space_of(value); // numbers as in .fcsv
+    if (key == "coordinatesystem" || (key == "space" && space)) {
+      if (!space || (out.space && out.space != space)) {
+        return refuse(space ? "is stated before as another one" : "must be LPS or RAS");
+      }
+      out.space = space;
+    } else if (key == "unit" || key == "units" || key == "coordinateunits" || key == "lengthunit") {
+      const auto unit = unit_named(base::lower(value));
+      if (!unit || (out.unit && out.unit != unit)) {
+        return refuse(unit ? "is stated before as another one" : "must be mm, cm, m or um");
+      }
+      out.unit = unit;
+    }
+  }
+  return out;
 }
 
 constexpr const char *kWithoutHeader =
@@ -230,6 +289,19 @@ public:
   [[nodiscard]] bool space_stated() const { return columns_[at_.at(Meaning::kX)].space_stated; }
   [[nodiscard]] std::optional<LengthUnit> unit() const { return columns_[at_.at(Meaning::kX)].unit; }
 
+  // A space that comments state against one of the columns.
+  [[nodiscard]] base::Result<void> check_space(Space stated) const {
+    const double sign = stated == Space::kLps ? -1.0 : 1.0;
+    const auto differs = [&](Meaning meaning, double wanted) {
+      const Column &column = columns_[at_.at(meaning)];
+      return column.space_stated && column.sign != wanted;
+    };
+    return differs(Meaning::kX, sign) || differs(Meaning::kY, sign) || differs(Meaning::kZ, 1.0) ||
+                   (has(Meaning::kTime) && stated == Space::kRas)
+               ? base::failure(place_ + "its columns contradict the coordinate system that a comment states")
+               : base::Result<void>();
+  }
+
 private:
   // The coordinates have one unit, and their errors the same where they state one.
   [[nodiscard]] base::Result<void> check_units(LengthUnit unstated) const {
@@ -249,6 +321,13 @@ private:
   std::string place_; // "file:line: "
   std::map<Meaning, std::size_t> at_;
 };
+
+std::optional<bool> truth_of(const std::string &cell) {
+  const std::string text = base::lower(cell);
+  const bool yes = text == "1" || text == "true" || text == "yes" || text == "2"; // 2: Slicer's PositionDefined
+  const bool no = text == "0" || text == "false" || text == "no";
+  return yes || no ? std::optional(yes) : std::nullopt;
+}
 
 class Reader {
 public:
@@ -277,8 +356,16 @@ public:
       return base::failure(table_.place(row) + "has " + std::to_string(row.cells.size()) + " cells, there are " +
                            std::to_string(layout_.columns().size()) + " columns");
     }
-    if (layout_.has(Meaning::kDefined) && table_.number(cell(row, Meaning::kDefined)) == 0.0) {
-      return std::nullopt;
+    if (layout_.has(Meaning::kDefined)) {
+      const std::string text = cell(row, Meaning::kDefined);
+      const auto defined = truth_of(text);
+      if (!defined) {
+        return base::failure(place + layout_.columns()[layout_.at(Meaning::kDefined)].word + " = \"" + text +
+                             "\": must be 1 or 0: was the point placed?");
+      }
+      if (!*defined) {
+        return std::nullopt;
+      }
     }
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
       const auto value = number(row, static_cast<Meaning>(axis), place);
@@ -361,6 +448,34 @@ std::string list_of(const std::vector<std::string> &words) {
   return out;
 }
 
+// Columns without a header that are something else than their number suggests.
+base::Result<void> check_columns_by_count(const CsvTable &table, const std::vector<Column> &columns) {
+  const auto is_whole = [&table](const std::string &cell) {
+    const auto value = table.number(cell);
+    return value && *value == std::floor(*value) && cell.find_first_of(".,eE") == std::string::npos;
+  };
+  bool any_decimals = false;
+  for (const CsvRow &row : table.rows) {
+    const auto value = table.number(row.cells.front());
+    if (columns.front().meaning == Meaning::kName && value && !is_whole(row.cells.front())) {
+      return base::failure(table.place(row) + "\"" + row.cells.front() +
+                           "\" is no name: " + std::to_string(columns.size()) +
+                           " numbers need a header that says what they are; " + kWithoutHeader);
+    }
+    any_decimals = any_decimals || std::any_of(row.cells.begin(), row.cells.end(), [&](const std::string &cell) {
+                     return table.number(cell) && !is_whole(cell);
+                   });
+  }
+  const bool pairs = std::count_if(columns.begin(), columns.end(), [](const Column &column) {
+                       return column.meaning >= Meaning::kSigmaX && column.meaning <= Meaning::kSigmaZ;
+                     }) == 3;
+  return pairs && !any_decimals
+             ? base::failure(table.place(table.rows.front()) +
+                             "has whole numbers where x,y,z and their errors are expected: are its commas decimal "
+                             "commas? With them, separate by semicolons or tabs, or add a header")
+             : base::Result<void>();
+}
+
 base::Result<Layout> layout_of(const CsvTable &table, const std::optional<CsvRow> &header,
                                const PointTableOptions &options) {
   std::vector<Column> columns;
@@ -380,6 +495,9 @@ base::Result<Layout> layout_of(const CsvTable &table, const std::optional<CsvRow
       return base::failure(table.place(table.rows.front()) + "has " + std::to_string(table.rows.front().cells.size()) +
                            " cells: " + kWithoutHeader);
     }
+    if (auto plausible = check_columns_by_count(table, columns); !plausible) {
+      return tl::unexpected(plausible.error());
+    }
   }
   Layout layout(std::move(columns), header ? table.place(*header) : table.file + ": ");
   if (auto checked = table.rows.empty() && !header ? base::Result<void>() : layout.check(options.unit); !checked) {
@@ -388,8 +506,16 @@ base::Result<Layout> layout_of(const CsvTable &table, const std::optional<CsvRow
   return layout;
 }
 
-std::vector<std::string> notes_of(const CsvTable &table, const Layout &layout, const PointTableOptions &options) {
+std::vector<std::string> notes_of(const CsvTable &table, const Layout &layout, bool by_count,
+                                  const PointTableOptions &options) {
   std::vector<std::string> out;
+  if (by_count && layout.columns().size() > 4) {
+    std::vector<std::string> words;
+    for (const Column &column : layout.columns()) {
+      words.push_back(column.word);
+    }
+    out.push_back(table.file + ": without a header its columns are taken as " + list_of(words));
+  }
   std::vector<std::string> not_used;
   for (const Column &column : layout.columns()) {
     if (column.meaning == Meaning::kNotUsed || column.meaning == Meaning::kTime) {
@@ -438,16 +564,34 @@ base::Result<PointTable> read_point_table(const std::filesystem::path &file, con
     header = rows.front();
     rows = rows.subspan(1);
   }
-  const auto layout = layout_of(*table, header, options);
+  const auto stated = statements_of(*table);
+  if (!stated) {
+    return tl::unexpected(stated.error());
+  }
+  const PointTableOptions used{stated->space ? stated->space : options.space, stated->unit.value_or(options.unit),
+                               options.curves};
+  const auto layout = layout_of(*table, header, used);
   if (!layout) {
     return tl::unexpected(layout.error());
   }
   if (rows.empty()) {
     return out;
   }
+  if (stated->space) {
+    if (auto agrees = layout->check_space(*stated->space); !agrees) {
+      return tl::unexpected(agrees.error());
+    }
+  }
+  if (stated->unit && layout->unit() && stated->unit != layout->unit()) {
+    return base::failure(table->file + ": its columns contradict the unit that a comment states");
+  }
   out.named = layout->has(Meaning::kName) || layout->has(Meaning::kId);
-  out.notes = notes_of(*table, *layout, options);
-  const Reader reader(*table, *layout, options);
+  out.notes = notes_of(*table, *layout, !header, used);
+  if ((stated->space && options.space && stated->space != options.space) ||
+      (stated->unit && options.unit != LengthUnit::kMillimetre && stated->unit != options.unit)) {
+    out.notes.push_back(table->file + ": its comments state a space or a unit, which have priority over options");
+  }
+  const Reader reader(*table, *layout, used);
   for (const CsvRow &row : rows) {
     auto point = reader.read(row, out.points.size() + 1);
     if (!point) {

@@ -38,6 +38,11 @@ TEST_F(CsvTableTest, CellsAreBetweenCommasSemicolonsTabsOrBlanks) {
   EXPECT_EQ(cells("a,1,2\rb,3,4\r"), expected);
   EXPECT_EQ(cells("a\t1\t2\nb\t3\t4"), expected);
   EXPECT_EQ(cells("  a   1 2 \n b 3  4\n"), expected);
+  EXPECT_EQ(cells("a,1,2\n,,\nb,3,4\n,,\n"), expected);
+  const Cells decimals{{"a", "1,5", "2,0"}, {"b", "3,5", "4"}};
+  EXPECT_EQ(cells("a 1,5 2,0\nb 3,5 4\n"), decimals);
+  EXPECT_EQ(cells("left ear,1,2\nright ear,3,4\n"), (Cells{{"left ear", "1", "2"}, {"right ear", "3", "4"}}));
+  EXPECT_EQ(cells("1, 2, 3\n"), (Cells{{"1", "2", "3"}}));
   EXPECT_EQ(cells("\xEF\xBB\xBF"
                   "a,1,2\n\n# remark\nb,3,4\n"),
             expected);

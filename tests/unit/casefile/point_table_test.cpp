@@ -46,6 +46,47 @@ TEST_F(PointTableTest, ColumnsAreReadByName) {
   expect("name,x,y,z\nA,0.001,0.002,0.003\n", p, "A", {.unit = LengthUnit::kMetre});
 }
 
+TEST_F(PointTableTest, CommentsStateColumnsSpaceAndUnitAsWell) {
+  expect("# label,l,p,s\nA,-1,-2,3\n", p, "A");
+  expect("# CoordinateSystem = LPS\nA,-1,-2,3\n", p, "A");
+  expect("# CoordinateSystem = LPS\n# columns = label,z,y,x\nA,3,-2,-1\n", p, "A");
+  expect("# coordinate system: 1\nA,-1,-2,3\n", p, "A", {.space = Space::kRas});
+  expect("# space: lps\n-1,-2,3\n", p, "1");
+  expect("# space: the operating room\n1,2,3\n", p, "1");
+  expect("# units: cm\nx,y,z\n0.1,0.2,0.3\n", p, "1");
+  expect("# a point is x y z\n1,2,3\n", p, "1");
+  expect("# note: columns x, y, z of the tracker\n1,2,3\n", p, "1");
+  EXPECT_TRUE(read("# CoordinateSystem = RAS\n1,2,3\n")->notes.empty());
+  EXPECT_EQ(refusal("# name,z,y,x,weight\nA,3,2,1\n").rfind("p.csv:1: column \"weight\" is not known", 0), 0U);
+  EXPECT_EQ(refusal("# CoordinateSystem = IJK\n1,2,3\n"), "p.csv:1: CoordinateSystem = IJK: must be LPS or RAS");
+  EXPECT_EQ(refusal("# units: inches\n1,2,3\n"), "p.csv:1: units: inches: must be mm, cm, m or um");
+  EXPECT_EQ(refusal("# CoordinateSystem = LPS\nr,a,s\n1,2,3\n"),
+            "p.csv:2: its columns contradict the coordinate system that a comment states");
+  EXPECT_EQ(refusal("# units: cm\nx_mm,y_mm,z_mm\n1,2,3\n"),
+            "p.csv: its columns contradict the unit that a comment states");
+}
+
+// A fourth number is no name, and a decimal comma separates nothing.
+TEST_F(PointTableTest, NumbersWithoutAHeaderAreNotGuessed) {
+  EXPECT_EQ(refusal("0.5,1,2,3\n").rfind("p.csv:1: \"0.5\" is no name: 4 numbers need a header", 0), 0U);
+  for (const char *decimals : {"1,5,2,5,3,5\n", "A,1,5,2,5,3,5\n"}) {
+    EXPECT_EQ(refusal(decimals).rfind("p.csv:1: has whole numbers where x,y,z and their errors are expected", 0), 0U);
+  }
+  EXPECT_NE(read("1,2,3,0.5,0.5,0.5\n")->notes[0].find("without a header its columns are taken as x, y, z, sx, sy, sz"),
+            std::string::npos);
+}
+
+TEST_F(PointTableTest, WhetherAPointWasPlacedIsStatedInSeveralWays) {
+  for (const char *no : {"0", "false", "FALSE", "no"}) {
+    EXPECT_TRUE(read("label,r,a,s,defined\nA,0,0,0," + std::string(no) + "\n")->points.empty()) << no;
+  }
+  for (const char *yes : {"1", "true", "Yes"}) {
+    EXPECT_EQ(read("label,r,a,s,defined\nA,0,0,0," + std::string(yes) + "\n")->points.size(), 1U) << yes;
+  }
+  EXPECT_EQ(refusal("label,r,a,s,defined\nB,1,2,3,1\nA,0,0,0,\n"),
+            "p.csv:3: point A: defined = \"\": must be 1 or 0: was the point placed?");
+}
+
 TEST_F(PointTableTest, WithoutAHeaderTheNumberOfCellsDecides) {
   expect("1,2,3\n", p, "1");
   expect("A,1,2,3\n", p, "A");
@@ -108,7 +149,7 @@ TEST_F(PointTableTest, WhatCannotBeReadIsRefusedByLineAndCell) {
       "decimals");
   EXPECT_EQ(refusal("nothing,known,here,too\n1,2,3,4\n"),
             "p.csv:1: point nothing: x = \"known\": must be a finite number");
-  EXPECT_EQ(refusal("A,1,2,3,0,1,1\n"), "p.csv:1: point A: its error must be positive in every direction");
+  EXPECT_EQ(refusal("A,1,2,3.5,0,1,1\n"), "p.csv:1: point A: its error must be positive in every direction");
 }
 
 } // namespace
