@@ -63,6 +63,7 @@ public:
       const std::string_view value = base::trimmed(text.substr(separator + (both ? 2 : 1)));
       ended = !nrrd && field == "ElementDataFile"; // the pixels follow
       if (!field.starts_with(kFramePrefix)) {
+        keep_of_images(field, value);
         continue;
       }
       if (auto taken = take(field.substr(kFramePrefix.size()), value); !taken) {
@@ -72,10 +73,65 @@ public:
     if (!ended && !frames_.empty()) {
       return base::failure(out_.file.string() + ": is not whole: its header does not end");
     }
-    return finished();
+    const auto position = in.tellg();
+    return check_frames().and_then([&] { return check_images(static_cast<std::uint64_t>(position)); }).and_then([&] {
+      return finished();
+    });
   }
 
 private:
+  // Of the header of the images: their number, and what is needed for the number of their bytes.
+  void keep_of_images(std::string_view field, std::string_view value) {
+    if (field == "DimSize" || field == "sizes") {
+      sizes_ = detail::parse_numbers(value).value_or(std::vector<double>{});
+    } else if (field == "ElementType" || field == "type") {
+      bytes_only_ = value == "MET_UCHAR" || value == "MET_CHAR" || value == "uchar" || value == "unsigned char" ||
+                    value == "uint8";
+    } else if ((field == "CompressedData" && value != "False") || (field == "encoding" && value != "raw") ||
+               (field == "ElementDataFile" && value != "LOCAL") || field == "data file" || field == "datafile") {
+      raw_here_ = false;
+    } else if (field == "CompressedDataSize") {
+      compressed_bytes_ = base::parsed_number<std::uint64_t>(value);
+    }
+  }
+
+  // The last size is the number of frames.
+  [[nodiscard]] base::Result<void> check_frames() const {
+    const auto refuse = [this](const std::string &what) {
+      return base::failure(out_.file.string() + ": is not whole: " + what);
+    };
+    if (frames_.empty()) {
+      return {};
+    }
+    if (sizes_.size() >= 3 && sizes_.back() != static_cast<double>(frames_.size())) {
+      return refuse("its header has fields of " + std::to_string(frames_.size()) + " frames, and states " +
+                    std::to_string(static_cast<std::int64_t>(sizes_.back())));
+    }
+    if (const std::size_t last = frames_.rbegin()->first; last - frames_.begin()->first + 1 != frames_.size()) {
+      return refuse("fields of " + std::to_string(last - frames_.begin()->first + 1 - frames_.size()) +
+                    " frames between the first and the last are missing");
+    }
+    return {};
+  }
+
+  // The images are not read, but their bytes show whether the file is whole.
+  [[nodiscard]] base::Result<void> check_images(std::uint64_t begin) const {
+    std::error_code error;
+    const std::uintmax_t size = fs::file_size(out_.file, error);
+    double needed = raw_here_ && bytes_only_ && !sizes_.empty() ? 1.0 : 0.0;
+    for (const double length : sizes_) {
+      needed *= length;
+    }
+    if (compressed_bytes_) {
+      needed = static_cast<double>(*compressed_bytes_);
+    }
+    if (error || frames_.empty() || size < begin || static_cast<double>(size - begin) >= needed) {
+      return {};
+    }
+    return base::failure(out_.file.string() + ": is not whole: it holds " + std::to_string(size - begin) +
+                         " bytes of images, its header asks for " + std::to_string(static_cast<std::uint64_t>(needed)));
+  }
+
   struct Raw {
     std::vector<double> numbers;
     std::string wrong; // why the numbers are unreadable; used only if the status is OK
@@ -99,6 +155,9 @@ private:
     }
     RawFrame &frame = frames_[number];
     const std::string_view name = field.substr(digits + 1);
+    if (const auto [stated, fresh] = seen_.emplace(field, value); !fresh && stated->second != value) {
+      return base::failure(place() + "Seq_Frame" + std::string(field) + ": is stated before with another value");
+    }
     if (name == "Timestamp") {
       const auto seconds = detail::parse_numbers(value);
       if (!seconds || seconds->size() != 1 || std::abs(seconds->front()) > 9e9) {
@@ -164,6 +223,10 @@ private:
 
   TransformSequence out_;
   std::map<std::size_t, RawFrame> frames_;
+  std::map<std::string, std::string, std::less<>> seen_; // fields of frames
+  std::vector<double> sizes_;                            // of the images
+  bool bytes_only_ = false, raw_here_ = true;
+  std::optional<std::uint64_t> compressed_bytes_;
   int line_ = 0;
 };
 

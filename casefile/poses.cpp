@@ -13,6 +13,7 @@
 #include <Eigen/LU>
 #include <archive.h>
 #include <archive_entry.h>
+#include <zlib.h>
 
 #include "base/text.hpp"
 #include "casefile/pose_text.hpp"
@@ -108,6 +109,34 @@ struct CloseArchive {
   void operator()(archive *reader) const { archive_read_free(reader); }
 };
 
+// libarchive reads no further than the archive's end mark, does not miss it where the file was cut between two entries,
+// and does not compare gzip's checksum. content: after inflating.
+base::Result<void> check_archive_whole(const fs::path &file, bool is_tar) {
+  const std::unique_ptr<gzFile_s, int (*)(gzFile)> in(gzopen(file.c_str(), "rb"), gzclose);
+  if (!in) {
+    return base::failure(file.string() + ": cannot be read");
+  }
+  constexpr std::size_t kEndMark = 1024; // of tar: two blocks of zeros
+  std::string end;
+  std::array<char, 1 << 16> block{};
+  int count = 0;
+  while ((count = gzread(in.get(), block.data(), block.size())) > 0) {
+    end.append(block.data(), static_cast<std::size_t>(count));
+    end.erase(0, end.size() - std::min(end.size(), kEndMark));
+  }
+  int problem = Z_OK;
+  static_cast<void>(gzerror(in.get(), &problem));
+  if (count < 0 || problem != Z_OK) {
+    return base::failure(file.string() +
+                         ": is not whole: its compressed data end early or do not match their checksum");
+  }
+  const bool plain_tar = is_tar && (gzdirect(in.get()) == 0 || base::lower(file.extension().string()) == ".tar");
+  if (plain_tar && (end.size() < kEndMark || end.find_first_not_of('\0') != std::string::npos)) {
+    return base::failure(file.string() + ": is not whole: the archive has no end mark");
+  }
+  return {};
+}
+
 base::Result<PoseSeries> read_archive(const fs::path &file) {
   const std::unique_ptr<archive, CloseArchive> reader(archive_read_new());
   archive_read_support_filter_all(reader.get());
@@ -143,6 +172,10 @@ base::Result<PoseSeries> read_archive(const fs::path &file) {
   }
   if (status != ARCHIVE_EOF) {
     return damaged();
+  }
+  const bool is_tar = (archive_format(reader.get()) & ARCHIVE_FORMAT_BASE_MASK) == ARCHIVE_FORMAT_TAR;
+  if (auto whole = check_archive_whole(file, is_tar); !whole) {
+    return tl::unexpected(whole.error());
   }
   return sorted(std::move(series), file);
 }

@@ -3,11 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <limits>
+#include <map>
 #include <optional>
 #include <random>
-#include <set>
 #include <vector>
 
 #include <Eigen/Cholesky>
@@ -228,17 +229,58 @@ Matrix3d jackknife_covariance(PivotProblem &problem, const Estimate &estimate) {
   return kFewBlocks * kJackknife * covariance;
 }
 
-std::vector<PivotPose> without_repeats(std::span<const PivotPose> poses) {
+// In the order of time, without those that are closer to an earlier one than both bounds. A grid of the positions keeps
+// the comparisons few.
+std::vector<PivotPose> apart(std::span<const PivotPose> poses, double turn_rad, double distance_mm) {
+  using Cell = std::array<std::int64_t, 3>;
+  const auto cell_of = [distance_mm](const Vector3d &t) {
+    Cell out{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      out[axis] = std::llround(std::floor(std::clamp(t[static_cast<Eigen::Index>(axis)] / distance_mm, -9e15, 9e15)));
+    }
+    return out;
+  };
   std::vector<PivotPose> out;
-  std::set<std::array<double, 7>> seen;
+  std::map<Cell, std::vector<std::size_t>> kept; // indices of out
+  const auto has_neighbour = [&](const PivotPose &pose, const Cell &at) {
+    for (int near = 0; near < 27; ++near) {
+      const auto found = kept.find({at[0] + near % 3 - 1, at[1] + near / 3 % 3 - 1, at[2] + near / 9 - 1});
+      if (found == kept.end()) {
+        continue;
+      }
+      for (const std::size_t i : found->second) {
+        const ToolPose &other = out[i].T_fixed_tool;
+        if ((other.translation() - pose.T_fixed_tool.translation()).norm() <= distance_mm &&
+            other.rotation().angularDistance(pose.T_fixed_tool.rotation()) <= turn_rad) {
+          return true;
+        }
+      }
+    }
+    return false;
+  };
   for (const PivotPose &pose : poses) {
-    const Eigen::Vector4d q = pose.T_fixed_tool.rotation().coeffs();
-    const Vector3d &t = pose.T_fixed_tool.translation();
-    if (seen.insert({q[0], q[1], q[2], q[3], t[0], t[1], t[2]}).second) {
+    const Cell at = cell_of(pose.T_fixed_tool.translation());
+    if (!has_neighbour(pose, at)) {
+      kept[at].push_back(out.size());
       out.push_back(pose);
     }
   }
   return out;
+}
+
+// A pose that is sent again is no other pose, also where it was rounded on its way. None of the 1,151 poses of a real
+// recording is as near to another one.
+std::vector<PivotPose> without_repeats(std::span<const PivotPose> poses, const PivotOptions &options) {
+  constexpr double kRounding_rad = 0.01 * geometry::kRadiansPerDegree;
+  constexpr double kRounding = 0.08; // of the tracker's noise
+  return apart(poses, kRounding_rad, kRounding * options.tracker_noise_mm);
+}
+
+// Places in which a tool rested, be it for many frames. A real recording of 1,151 poses has 1,117.
+std::size_t places_of(std::span<const PivotPose> poses, const PivotOptions &options) {
+  constexpr double kTurn_rad = 0.25 * geometry::kRadiansPerDegree;
+  constexpr double kReach = 2.0; // in the tracker's noise
+  return apart(poses, kTurn_rad, kReach * options.tracker_noise_mm).size();
 }
 
 template <class... Values> std::string format(const char *pattern, Values... values) {
@@ -253,7 +295,7 @@ struct Judgement {
 };
 
 // The reason why no estimate is possible; no result if one is.
-std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &options) {
+std::optional<Judgement> judge_motion(const PivotResult &r, std::size_t places, const PivotOptions &options) {
   const double wide = r.rotation_rad[0] / geometry::kRadiansPerDegree;
   const double narrow = r.rotation_rad[1] / geometry::kRadiansPerDegree;
   if (r.poses + r.repeated >= options.min_poses && r.rotation_rad[0] < kStatic_rad) {
@@ -264,6 +306,11 @@ std::optional<Judgement> judge_motion(const PivotResult &r, const PivotOptions &
     const std::string repeats = r.repeated > 0 ? format(" different (%zu repeat an earlier one)", r.repeated) : "";
     return Judgement{PivotVerdict::kTooFewPoses, format("refused: %zu%s poses, at least %zu are needed", r.poses,
                                                         repeats.c_str(), options.min_poses)};
+  }
+  if (const std::size_t least = options.min_poses / 2; places < least) {
+    return Judgement{
+        PivotVerdict::kTooFewPoses,
+        format("refused: the tool rested in %zu places, at least %zu are needed: turn it all the time", places, least)};
   }
   if (r.rotation_rad[1] < options.min_rotation_rad) {
     return Judgement{PivotVerdict::kTooLittleRotation,
@@ -306,9 +353,12 @@ Judgement judge_errors(const PivotResult &r, const PivotOptions &options) {
                    r.poses, 100.0 * fraction)};
   }
   const double sigma = std::sqrt(Eigen::SelfAdjointEigenSolver<Matrix3d>(r.covariance_mm2).eigenvalues()[2]);
-  return {PivotVerdict::kAccepted, format("accepted: tip %.1f mm from the tool's origin, known to %.2f mm (1 sigma, "
-                                          "worst direction), RMS %.2f mm over %zu of %zu poses",
-                                          tip_mm, sigma, r.rms_mm, r.poses - r.outliers, r.poses)};
+  constexpr double kShortTip_mm = 40.0; // sensors in needles are as near to their tip; markers are not
+  return {PivotVerdict::kAccepted,
+          format("accepted: tip %.1f mm from the tool's origin, known to %.2f mm (1 sigma, "
+                 "worst direction), RMS %.2f mm over %zu of %zu poses%s",
+                 tip_mm, sigma, r.rms_mm, r.poses - r.outliers, r.poses,
+                 tip_mm < kShortTip_mm ? "; few tools are as short: are the poses in mm?" : "")};
 }
 
 PivotFit to_fit(const PivotProblem &problem, const Estimate &estimate) {
@@ -328,7 +378,7 @@ PivotFit fit_pivot_least_squares(std::span<const PivotPose> poses) {
 }
 
 PivotResult calibrate_pivot(std::span<const PivotPose> recorded, const PivotOptions &options) {
-  const std::vector<PivotPose> different = without_repeats(recorded);
+  const std::vector<PivotPose> different = without_repeats(recorded, options);
   const std::span<const PivotPose> poses(different);
   PivotResult out;
   out.poses = poses.size();
@@ -337,7 +387,7 @@ PivotResult calibrate_pivot(std::span<const PivotPose> recorded, const PivotOpti
     const auto ranges = widest_rotations(poses);
     std::copy(ranges.begin(), ranges.end(), out.rotation_rad);
   }
-  if (auto refused = judge_motion(out, options)) {
+  if (auto refused = judge_motion(out, places_of(poses, options), options)) {
     out.verdict = refused->verdict;
     out.text = std::move(refused->text);
     return out;

@@ -31,7 +31,7 @@ struct PivotPose {
 };
 
 struct PivotOptions {
-  std::size_t min_poses = 50;
+  std::size_t min_poses = 50;     // different ones, in at least half as many places
   double min_rotation_rad = 0.35; // about each of two axes: 20 degrees
   double tracker_noise_mm = 0.25; // 1 sigma of a coordinate of a tracked marker
   double max_noise_ratio = 4.0;   // maximum RMS residual over the noise; above it the tip is not fit for navigation
@@ -88,7 +88,7 @@ struct PivotResult {
 // axis only).
 [[nodiscard]] PivotFit fit_pivot_least_squares(std::span<const PivotPose> poses);
 
-// Poses in temporal order, all finite. Poses that equal an earlier one to the bit are left out.
+// Poses in temporal order, all finite. Repeats of an earlier one, to 0.01 degrees and 0.08 of the noise, are left out.
 [[nodiscard]] PivotResult calibrate_pivot(std::span<const PivotPose> recorded, const PivotOptions &options = {});
 
 } // namespace bregma::calibration

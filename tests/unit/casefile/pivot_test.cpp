@@ -143,6 +143,19 @@ TEST(Pivot, RepeatedPosesAreNoPoses) {
   const PivotResult few = calibrate_pivot(six);
   EXPECT_EQ(few.verdict, PivotVerdict::kTooFewPoses);
   EXPECT_EQ(few.text, "refused: 6 different (114 repeat an earlier one) poses, at least 50 are needed");
+  // Sent again by way of another program, which rounds them; and a tool that rests six times, with little noise.
+  for (const auto &[jitter_mm, text] :
+       {std::pair(1e-6, "refused: 6 different (114 repeat an earlier one) poses, at least 50 are needed"),
+        {0.05, "refused: the tool rested in 6 places, at least 25 are needed: turn it all the time"}}) {
+    auto near = six;
+    for (PivotPose &pose : near) {
+      const auto &T = pose.T_fixed_tool;
+      pose.T_fixed_tool = ToolPose(T.rotation(), T.translation() + jitter_mm * normal_vector(rng));
+    }
+    const PivotResult refused = calibrate_pivot(near);
+    EXPECT_EQ(refused.verdict, PivotVerdict::kTooFewPoses);
+    EXPECT_EQ(refused.text, text);
+  }
   std::vector<PivotPose> stuck(poses.begin(), poses.begin() + 60);
   stuck.insert(stuck.end(), 61, stuck.back());
   const PivotResult most = calibrate_pivot(stuck);

@@ -1,3 +1,6 @@
+#include <cstdlib>
+#include <filesystem>
+
 #include <gtest/gtest.h>
 
 #include "casefile/poses.hpp"
@@ -63,6 +66,27 @@ TEST(PoseMatrices, ARealArchiveIsReadAndATruncatedOneRefused) {
   const std::string whole = bregma::tests::read_file(archive);
   const auto cut = folder.write("cut.tgz", whole.substr(0, whole.size() / 2));
   EXPECT_NE(message_after(read_pose_matrices(cut), cut).find("cannot be read as an archive"), std::string::npos);
+  // Its last byte, and its checksum.
+  std::string wrong = whole;
+  wrong[wrong.size() - 6] ^= 1;
+  for (const std::string &bytes : {whole.substr(0, whole.size() - 1), wrong}) {
+    const auto damaged = folder.write("damaged.tgz", bytes);
+    EXPECT_NE(message_after(read_pose_matrices(damaged), damaged).find("compressed data end early or do not match"),
+              std::string::npos);
+  }
+}
+
+// Between two files of it an archive may be cut without a trace, but for the mark at its end.
+TEST(PoseMatrices, AnArchiveWithoutItsEndMarkIsRefused) {
+  TemporaryFolder folder;
+  const auto pose = folder.write("1378476416922755200.txt", kQuarterTurn);
+  const std::string file = (folder.path() / "poses.tar").string();
+  ASSERT_EQ(
+      std::system(("tar -cf '" + file + "' -C '" + folder.path().string() + "' " + pose.filename().string()).c_str()),
+      0);
+  ASSERT_TRUE(read_pose_matrices(file));
+  std::filesystem::resize_file(file, 1024); // its header and its content
+  EXPECT_EQ(message_after(read_pose_matrices(file), file), ": is not whole: the archive has no end mark");
 }
 
 const std::string kHeader = "ObjectType = Image\nNDims = 3\n";
@@ -127,6 +151,28 @@ TEST(TransformSequence, AHeaderThatDoesNotEndIsNotWhole) {
   TemporaryFolder folder;
   const auto file = folder.write("a.igs.mha", kHeader + frame(0, "AToB", kIdentity));
   EXPECT_EQ(message_after(read_transform_sequence(file), file), ": is not whole: its header does not end");
+}
+
+TEST(TransformSequence, FramesAndImagesAreAsManyAsStated) {
+  const std::string two = frame(0, "AToB", kIdentity) + frame(1, "AToB", kIdentity);
+  const std::string other = "Seq_Frame0001_Timestamp = 2.5\n";
+  for (const auto &[content, said] :
+       {std::pair("DimSize = 0 0 2\n" + two + kEnd, ""),
+        {"DimSize = 2 3 2\nElementType = MET_UCHAR\n" + two + kEnd + std::string(12, 'x'), ""},
+        {"DimSize = 2 3 2\nElementType = MET_UCHAR\n" + two + kEnd + std::string(11, 'x'),
+         ": is not whole: it holds 11 bytes of images, its header asks for 12"},
+        {"CompressedData = True\nCompressedDataSize = 9\nDimSize = 2 3 2\n" + two + kEnd + std::string(8, 'x'),
+         ": is not whole: it holds 8 bytes of images, its header asks for 9"},
+        {"DimSize = 0 0 3\n" + two + kEnd, ": is not whole: its header has fields of 2 frames, and states 3"},
+        {frame(0, "AToB", kIdentity) + frame(2, "AToB", kIdentity) + kEnd,
+         ": is not whole: fields of 1 frames between the first and the last are missing"},
+        {two + two + kEnd, ""},
+        {two + other + kEnd, ":9: Seq_Frame0001_Timestamp: is stated before with another value"}}) {
+    TemporaryFolder folder;
+    const auto file = folder.write("a.igs.mha", kHeader + content);
+    const auto read = read_transform_sequence(file);
+    EXPECT_EQ(read ? "" : message_after(read, file), said) << content;
+  }
 }
 
 TEST(TransformSequence, TheHeaderMayBeOfNrrd) {
