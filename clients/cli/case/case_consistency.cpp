@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 
+#include "algorithms/registration/points/paired_points.hpp"
 #include "algorithms/surface/surface_model.hpp"
 #include "casefile/volumes/label_names.hpp"
 #include "casefile/volumes/second_image.hpp"
@@ -32,6 +33,8 @@ constexpr double kMostOutside = 0.02;                            // fraction of 
 constexpr double kLeastInBrain = 0.8;                            // fraction of a structure's surface inside the brain's
 constexpr double kBrainTolerance_mm = 3.0;                       // both surfaces are smoothed
 constexpr double kLeastInSecondImage = 0.4;                      // fraction of the scalp in a second image's grid
+constexpr double kLeastSpread_mm =
+    5.0; // of the fiducials, RMS from their best line, as the estimator (RegistrationOptions)
 constexpr double kLongestPath_mm = 150.0;
 // An entry is on the skin, the skull or the brain's surface: below that of the brain, or without one of the scalp.
 constexpr double kDeepestInBrain_mm = 10.0, kDeepestInHead_mm = 40.0;
@@ -72,6 +75,7 @@ public:
     brain_in_head();
     structures();
     sides();
+    fiducials();
     points();
     paths();
     images();
@@ -149,6 +153,19 @@ private:
     }
     say(names + (wrong.size() == 1 ? " lies" : " lie") + " on the other side than the name says" +
         (wrong.size() == sided && sided > 1 ? ": are the labels mirrored?" : ""));
+  }
+
+  // The turn about a line through them would not be known; a registration refuses touches as near to one.
+  void fiducials() {
+    std::vector<Vector3d> points;
+    for (const NamedPoint &fiducial : c_.fiducials) {
+      points.push_back(fiducial.position_mm);
+    }
+    const Vector3d spread = registration::spread_mm(points);
+    if (!(spread[1] >= kLeastSpread_mm)) {
+      say("the fiducials lie on a line, or together, within " + fixed(spread[1], 1) +
+          " mm (RMS): spread them over the head");
+    }
   }
 
   void points() {

@@ -44,6 +44,17 @@ Result<PointFile> read_slicer(const std::filesystem::path &file, const PointFile
     return tl::unexpected(points.error());
   }
   out.points = std::move(*points);
+  const auto elsewhere = std::find_if(out.points.begin(), out.points.end(), [&out](const casefile::NamedPoint &point) {
+    return point.placed_in != out.points.front().placed_in;
+  });
+  if (elsewhere != out.points.end()) {
+    const auto place = [](const casefile::NamedPoint &point) {
+      return "\"" + point.name + "\" in " +
+             (point.placed_in.empty() ? "no named image" : "the image " + point.placed_in);
+    };
+    return failure(file.string() + ": its points were placed in different images: " + place(out.points.front()) + ", " +
+                   place(*elsewhere) + "; register the points of one image");
+  }
   for (const casefile::NamedPoint &point : out.points) {
     if (!point.placed_in.empty()) {
       out.notes.push_back(file.string() + ": " + point.name + " was placed in the image " + point.placed_in +

@@ -3,14 +3,18 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <memory>
+#include <numeric>
 #include <optional>
+#include <utility>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/geometry/unknown.hpp"
+#include "algorithms/registration/points/explanations.hpp"
 #include "algorithms/registration/points/paired_points.hpp"
 #include "algorithms/registration/splines/curves.hpp"
 #include "algorithms/registration/splines/thin_plate_spline.hpp"
@@ -161,6 +165,82 @@ std::string reversed_curves(const Pairs &pairs) {
       out += (out.empty() ? "" : "; ") + ("curve \"" + printable(pairs.curve_names[i])) +
              "\" is marked in the other direction: " + fixed(as_marked, 1, "mm") + " apart (RMS, rigid), reversed " +
              fixed(reversed, 1, "mm");
+    }
+  }
+  return out;
+}
+
+struct SampledPairs {
+  std::vector<registration::Vector3d> from, to; // landmarks, then the points of the curves
+};
+// order: the floating curve of each reference curve.
+SampledPairs sampled(const Pairs &pairs, const std::vector<std::size_t> &order) {
+  SampledPairs out;
+  const auto add = [&out](const Points3 &reference, const Points3 &floating) {
+    for (Eigen::Index i = 0; i < std::min(reference.cols(), floating.cols()); ++i) {
+      out.from.emplace_back(reference.col(i));
+      out.to.emplace_back(floating.col(i));
+    }
+  };
+  add(pairs.landmarks.reference_mm, pairs.landmarks.floating_mm);
+  for (std::size_t i = 0; i < pairs.curves.size(); ++i) {
+    const auto &one = pairs.curves[i];
+    const auto reference = registration::subdivide<3>(one.reference_mm, one.count, one.closed);
+    const auto floating = registration::subdivide<3>(pairs.curves[order[i]].floating_mm, one.count, one.closed);
+    if (reference && floating) { // else the fit says why
+      add(*reference, *floating);
+    }
+  }
+  return out;
+}
+
+double rigid_rms(const SampledPairs &points) {
+  const auto T = registration::fit_rigid(points.from, points.to);
+  double squares = 0.0;
+  for (std::size_t i = 0; T && i < points.from.size(); ++i) {
+    squares += (*T * points.from[i] - points.to[i]).squaredNorm();
+  }
+  return T ? std::sqrt(squares / static_cast<double>(points.from.size())) : geometry::kUnknown;
+}
+
+// A spline fits anything. Sides of different units, mirrored ones and exchanged curves fit each other several times as
+// well otherwise. Empty: none.
+std::string unlike_sides(const Pairs &pairs) {
+  constexpr double kClearly = 3.0;
+  constexpr double kMostScale = 1.25; // of brains and of scanners
+  std::vector<std::size_t> order(pairs.curves.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  const SampledPairs as_marked = sampled(pairs, order);
+  const double rms = rigid_rms(as_marked);
+  constexpr double kPlacement_mm = 3.0; // people mark as well
+  if (!(rms > kPlacement_mm)) {
+    return {};
+  }
+  std::string out;
+  const auto say = [&](const std::string &what, double then_mm) {
+    out += (out.empty() ? "" : "; ") + what + " (" + fixed(rms, 1, "mm") + " apart as given, RMS, rigid; then " +
+           fixed(then_mm, 1, "mm") + ")";
+  };
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    for (std::size_t j = i + 1; j < order.size(); ++j) {
+      std::swap(order[i], order[j]);
+      if (const double then = rigid_rms(sampled(pairs, order));
+          pairs.curves[i].closed == pairs.curves[j].closed && rms > kClearly * then) {
+        say("the curves \"" + printable(pairs.curve_names[i]) + "\" and \"" + printable(pairs.curve_names[j]) +
+                "\" are exchanged",
+            then);
+      }
+      std::swap(order[i], order[j]);
+    }
+  }
+  for (const registration::Explanation &one :
+       registration::explain(as_marked.from, as_marked.to, std::numeric_limits<double>::max())) {
+    using Kind = registration::Explanation::Kind;
+    if (one.kind == Kind::kMirrored) {
+      say("one side is the mirror image of the other", one.rms_mm);
+    } else if (one.kind == Kind::kScaled && (one.scale > kMostScale || one.scale < 1.0 / kMostScale)) {
+      say("the lengths of the source are " + fixed(one.scale, 3) + " times those of the target, are both in mm?",
+          one.rms_mm);
     }
   }
   return out;
@@ -343,7 +423,10 @@ int register_curves(const CurvesArguments &arguments, const Context &context) {
   if (arguments.source_points.empty() != arguments.target_points.empty()) {
     return fail("--source-points and --target-points go together");
   }
-  if (auto kept = check_output("--warped", arguments.warped, {arguments.source_image, arguments.target_image}); !kept) {
+  if (auto kept = check_output("--warped", arguments.warped,
+                               {arguments.source, arguments.target, arguments.source_points, arguments.target_points,
+                                arguments.source_image, arguments.target_image});
+      !kept) {
     return fail(kept.error());
   }
   if (arguments.source_image.empty() != arguments.target_image.empty() ||
@@ -361,6 +444,9 @@ int register_curves(const CurvesArguments &arguments, const Context &context) {
   }
   if (const std::string reversed = reversed_curves(pairs); !reversed.empty()) {
     return refuse("refused", reversed, context, {{"notes", pairs.notes}});
+  }
+  if (const std::string unlike = unlike_sides(pairs); !unlike.empty()) {
+    return refuse("refused", unlike, context, {{"notes", pairs.notes}});
   }
   if (!lies_in_plane(pairs)) {
     return register_in<3>(arguments, pairs, context);

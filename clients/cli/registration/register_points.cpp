@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
+#include <limits>
 #include <memory>
 #include <optional>
 
@@ -14,6 +16,7 @@
 #include "algorithms/registration/points/explanations.hpp"
 #include "algorithms/registration/points/robust_points.hpp"
 #include "algorithms/uncertainty/tre.hpp"
+#include "casefile/length_unit.hpp"
 #include "clients/cli/output.hpp"
 #include "clients/cli/plain_text.hpp"
 #include "clients/cli/registration/point_pairs.hpp"
@@ -37,6 +40,8 @@ constexpr double kMinSpread_mm = 3.0;
 // Root mean square distance with which people place anatomical landmarks in images. Two raters of AFIDs-HCP are within
 // it (RegisterPoints.TwoRatersOfTheSameHeadAgree).
 constexpr double kPlacement_mm = 3.0;
+// A relation that leaves this fraction of the FRE explains the pairs, whatever their stated error.
+constexpr double kExplains = 0.2;
 // Significance level: below this p-value the stated error or a point is wrong.
 constexpr double kContradiction = 0.001;
 
@@ -269,7 +274,13 @@ std::string refusal_of(const Registration &r, const Input &input, const PointsAr
                 : other);
   }
   if (r.sigma_stated) {
-    return {};
+    // An error that is stated as large explains whatever the pairs are.
+    const double other_mm = kExplains * r.fit.fre_mm;
+    const std::string other =
+        r.fit.fre_mm > kPlacement_mm ? explanations_text(input, arguments, other_mm) : std::string();
+    return other.empty() ? other
+                         : "FRE " + fixed(r.fit.fre_mm, 3, "mm") +
+                               " is within the stated error, but is not an error of placing points" + other;
   }
   if (!(r.fit.fre_mm <= arguments.max_fre_mm)) {
     const std::string other = explanations_text(input, arguments, limit_mm);
@@ -399,6 +410,27 @@ Result<void> check_targets(const std::string &file, const std::vector<NamedPoint
   return {};
 }
 
+// Within 1 m a target may still be in another unit or space: most lie amid the points, or nearly.
+std::vector<std::string> notes_of_far_targets(const std::string &file, const std::vector<NamedPoint> &targets,
+                                              const std::vector<Pair> &pairs) {
+  std::vector<std::string> out;
+  std::vector<Vector3d> around;
+  std::transform(pairs.begin(), pairs.end(), std::back_inserter(around), [](const Pair &pair) { return pair.target; });
+  const double width = casefile::width_mm(around);
+  for (const NamedPoint &target : targets) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const Vector3d &point : around) {
+      nearest = std::min(nearest, (target.position_mm - point).norm());
+    }
+    if (nearest > width) {
+      out.push_back(file + ": \"" + target.name + "\" is " + fixed(nearest, 0, "mm") +
+                    " from the nearest of the points, which are " + fixed(width, 0, "mm") +
+                    " wide: is it in another unit or space?");
+    }
+  }
+  return out;
+}
+
 Result<Input> read_input(const PointsArguments &arguments) {
   const RegistrationFiles &files = arguments.files;
   const auto source = read_point_file(files.source.path, files.source.point_options());
@@ -422,7 +454,10 @@ Result<Input> read_input(const PointsArguments &arguments) {
   }
   Input out{pairs_of(*pairing, *source, *target), source->points.size(), target->points.size(),
             std::move(targets->points), joined({source->notes, target->notes, targets->notes, pairing->notes})};
-  return check_targets(arguments.targets, out.targets, out.pairs).map([&] { return std::move(out); });
+  return check_targets(arguments.targets, out.targets, out.pairs).map([&] {
+    out.notes = joined({out.notes, notes_of_far_targets(arguments.targets, out.targets, out.pairs)});
+    return std::move(out);
+  });
 }
 
 int register_points(const PointsArguments &arguments, const Context &context) {

@@ -72,7 +72,21 @@ base::Result<PointFile> read_targets(const std::string &file, const InputFile &t
   }
   // Lesions may be close to each other.
   auto read = read_point_file(file, target.point_options({0.0, casefile::kPointsSize.largest_mm}));
-  return read && read->points.empty() ? base::failure(file + ": holds no points") : read;
+  if (read && read->points.empty()) {
+    std::string why;
+    for (const std::string &note : read->notes) {
+      why += "; note that " + note;
+    }
+    return base::failure(file + ": holds no points" + why);
+  }
+  for (std::size_t i = 0; read && i < read->points.size(); ++i) {
+    for (std::size_t other = 0; other < i; ++other) {
+      if (read->named && read->points[i].name == read->points[other].name) {
+        return base::failure(file + ": two points are called \"" + read->points[i].name + "\"");
+      }
+    }
+  }
+  return read;
 }
 
 std::vector<std::string> joined(std::initializer_list<std::vector<std::string>> lists) {

@@ -106,6 +106,17 @@ TEST_F(CaseCreate, ACaseThatCannotBeVerifiedIsNotFitForUse) {
   EXPECT_NE(checked.out.find("there are 0 landmarks, a verification checks 3"), std::string::npos) << checked.out;
 }
 
+TEST_F(CaseCreate, FiducialsBesideEachOtherAreNotFitForUse) {
+  const NamedPoint close[] = {{"A", {kRadius_mm, 0, 0}}, {"B", {kRadius_mm, 3, 0}}, {"C", {kRadius_mm, 0, 4}}};
+  ASSERT_TRUE(bregma::casefile::write_points(file("f.mrk.json"), "f", close));
+  const auto made = run_bregma(folder_, "case create c --image head.nrrd --fiducials f.mrk.json --landmarks l.mrk.json "
+                                        "--targets t.mrk.json --tools tools.toml --snap");
+  ASSERT_EQ(made.exit_code, 0) << made.err;
+  const auto checked = run_bregma(folder_, "case check c");
+  EXPECT_EQ(checked.exit_code, 1);
+  EXPECT_NE(checked.out.find("the fiducials lie on a line, or together, within 1."), std::string::npos) << checked.out;
+}
+
 TEST_F(CaseCreate, AllPartsThatAreNeededAreNamedAtOnce) {
   const auto run = run_bregma(folder_, "case create c --image head.nrrd");
   EXPECT_EQ(run.exit_code, 2);

@@ -1,5 +1,7 @@
 // Inputs that were read wrongly once (tests/data/faults): each with what is right.
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -105,8 +107,66 @@ TEST(FaultInput, TargetsKeepTheirUnitAndEveryRow) {
   EXPECT_NE(far.err.find("is it in another unit or space?"), std::string::npos) << far.err;
 }
 
+// A name twice, an image of another one, and what nobody placed.
+TEST(FaultInput, TargetsAndPointsOfOneFileBelongTogether) {
+  const TemporaryFolder folder;
+  const std::string points =
+      "register points --json " + kFaults + "targets_units/a.csv " + kFaults + "targets_units/b.mrk.json";
+  const auto markup = [](const std::string &control_points) {
+    return R"({"markups":[{"type":"Fiducial","coordinateSystem":"LPS","coordinateUnits":"mm","controlPoints":[)" +
+           control_points + "]}]}";
+  };
+  folder.write("mixed.mrk.json", markup(R"({"label":"A","position":[1,2,3]},)"
+                                        R"({"label":"B","position":[9,2,3],"description":"image: T2"})"));
+  folder.write("unplaced.mrk.json", markup(R"({"label":"A","position":[0,0,0],"positionStatus":"undefined"})"));
+  folder.write("twice.csv", "name,r,a,s\nL,150,-20,330\nL,151,-20,330\n");
+  folder.write("lps.csv", "# CoordinateSystem = LPS\nL,-150,20,330\n");
+  folder.write("numbers.csv", "12.5,150,-20,330\n");
+  for (const auto &[file, said] :
+       {std::pair("mixed.mrk.json",
+                  "its points were placed in different images: \"A\" in no named image, \"B\" in the image T2"),
+        {"unplaced.mrk.json", "holds no points; note that unplaced.mrk.json: markup 1, control point 1 (A)"},
+        {"twice.csv", "two points are called \"L\""},
+        {"numbers.csv", "\"12.5\" is no name: 4 numbers need a header"}}) {
+    const Outcome run = run_bregma(folder, points + " --targets " + file);
+    EXPECT_EQ(run.exit_code, 2) << file;
+    EXPECT_NE(run.err.find(said), std::string::npos) << run.err;
+  }
+  const auto lps = run_bregma(folder, points + " --targets lps.csv").json();
+  EXPECT_NEAR(lps["targets"][0]["position_mm"][0].get<double>(), 150.0, 1e-6);
+  folder.write("far.csv", "name,r,a,s\nL,-150,20,-330\n");
+  const auto far = run_bregma(folder, points + " --targets far.csv").json();
+  EXPECT_NE(far["notes"].dump().find("is it in another unit or space?"), std::string::npos) << far["notes"];
+}
+
+// A mirror image lies within any error that is large enough.
+TEST(FaultInput, AStatedErrorDoesNotHideAMirrorImage) {
+  const TemporaryFolder folder;
+  const Outcome run = run_bregma(folder, "register points --json --sigma-mm 60 " + kFaults + "points_mirrored/a.csv " +
+                                             kFaults + "points_mirrored/b.mrk.json");
+  EXPECT_EQ(run.exit_code, 1);
+  const auto out = run.json();
+  EXPECT_NE(out["reason"].get<std::string>().find("explained by one list is the mirror image"), std::string::npos)
+      << out["reason"];
+  EXPECT_TRUE(out["T_target_source"].is_null());
+}
+
 TEST(FaultInput, AnInputIsNotWrittenOver) {
   const TemporaryFolder folder;
+  std::filesystem::create_directory(folder / "series");
+  for (const char *name : {"s.mhd", "s.raw", "series/IM1", "cloud.csv"}) {
+    std::ofstream(folder / name) << "x,y,z\n1,2,3\n";
+  }
+  for (const auto &[command, said] :
+       {std::pair("register cloud cloud.csv cloud.csv --correspondences cloud.csv",
+                  "--correspondences cloud.csv is an input file: it is not written over"),
+        {"image register series s.mhd --tfm s.raw", "--tfm s.raw is a part of the input s.mhd: it is not written over"},
+        {"image register series s.mhd --tfm series/IM1",
+         "--tfm series/IM1 is a part of the input series: it is not written over"}}) {
+    const Outcome run = run_bregma(folder, command);
+    EXPECT_EQ(run.exit_code, 2);
+    EXPECT_NE(run.err.find(said), std::string::npos) << run.err;
+  }
   std::filesystem::copy(kFaults + "csv_header_lps/a.csv", folder / "a.csv");
   const Outcome run =
       run_bregma(folder, "register points a.csv " + kFaults + "csv_header_lps/b.mrk.json --tfm ./a.csv");

@@ -1,4 +1,5 @@
 // `bregma register surface | cloud | curves` as programs.
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -254,6 +255,43 @@ TEST(RegisterCurves, WhatIsNoPairIsNamed) {
   const auto flat = run_bregma(folder, "register curves flat.csv flat.csv");
   EXPECT_EQ(flat.exit_code, 1);
   EXPECT_EQ(flat.err.rfind("bregma: refused: ", 0), 0U) << flat.err;
+}
+
+// A spline fits anything, so it is tried what else would fit the marks.
+TEST(RegisterCurves, SidesThatDoNotBelongTogetherAreRefused) {
+  const TemporaryFolder folder;
+  using Curve = std::vector<Vector3d>;
+  const std::vector<std::pair<std::string, Curve>> marked{{"A", {{0, 0, 0}, {50, 10, 0}, {60, 50, 20}}},
+                                                          {"B", {{-40, 0, 50}, {-60, 30, 60}, {-50, 70, 90}}},
+                                                          {"C", {{10, -80, 20}, {20, -60, 60}, {0, -20, 90}}}};
+  const auto table = [&](const Vector3d &scales, const std::vector<std::size_t> &order, bool reversed) {
+    std::string out = "curve,x,y,z\n";
+    for (std::size_t i = 0; i < marked.size(); ++i) {
+      Curve curve = marked[order[i]].second;
+      if (reversed && i == 1) {
+        std::reverse(curve.begin(), curve.end());
+      }
+      for (const Vector3d &mark : curve) {
+        const Vector3d p = kMoved * Vector3d(scales.cwiseProduct(mark));
+        out += marked[i].first + "," + std::to_string(p.x()) + "," + std::to_string(p.y()) + "," +
+               std::to_string(p.z()) + "\n";
+      }
+    }
+    return out;
+  };
+  folder.write("a.csv", table({1, 1, 1}, {0, 1, 2}, false));
+  for (const auto &[content, said] :
+       {std::pair(table({1, 1, 1}, {0, 1, 2}, false), ""),
+        {table({1.1, 1.05, 0.95}, {0, 1, 2}, false), ""}, // another head
+        {table({-1, 1, 1}, {0, 1, 2}, false), "one side is the mirror image of the other"},
+        {table({0.1, 0.1, 0.1}, {0, 1, 2}, false), "are both in mm?"},
+        {table({1, 1, 1}, {1, 0, 2}, false), "the curves \"A\" and \"B\" are exchanged"},
+        {table({1, 1, 1}, {0, 1, 2}, true), "curve \"B\" is marked in the other direction"}}) {
+    folder.write("b.csv", content);
+    const auto run = run_bregma(folder, "register curves a.csv b.csv --json");
+    EXPECT_EQ(run.exit_code, *said == '\0' ? 0 : 1) << run.out;
+    EXPECT_TRUE(*said == '\0' || run.json()["reason"].get<std::string>().find(said) != std::string::npos) << run.out;
+  }
 }
 
 // A slice: the spline is two-dimensional, and options that it does not support are reported.
