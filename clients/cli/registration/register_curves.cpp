@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <limits>
 #include <memory>
 #include <numeric>
 #include <optional>
@@ -14,7 +13,6 @@
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/geometry/unknown.hpp"
-#include "algorithms/registration/points/explanations.hpp"
 #include "algorithms/registration/points/paired_points.hpp"
 #include "algorithms/registration/splines/curves.hpp"
 #include "algorithms/registration/splines/thin_plate_spline.hpp"
@@ -233,15 +231,21 @@ std::string unlike_sides(const Pairs &pairs) {
       std::swap(order[i], order[j]);
     }
   }
-  for (const registration::Explanation &one :
-       registration::explain(as_marked.from, as_marked.to, std::numeric_limits<double>::max())) {
-    using Kind = registration::Explanation::Kind;
-    if (one.kind == Kind::kMirrored) {
-      say("one side is the mirror image of the other", one.rms_mm);
-    } else if (one.kind == Kind::kScaled && (one.scale > kMostScale || one.scale < 1.0 / kMostScale)) {
-      say("the lengths of the source are " + fixed(one.scale, 3) + " times those of the target, are both in mm?",
-          one.rms_mm);
-    }
+  SampledPairs mirrored = as_marked;
+  for (registration::Vector3d &point : mirrored.from) {
+    point.x() = -point.x();
+  }
+  if (const double then = rigid_rms(mirrored); rms > kClearly * then) {
+    say("one side is the mirror image of the other", then);
+  }
+  const double scale = registration::spread_mm(as_marked.to).norm() / registration::spread_mm(as_marked.from).norm();
+  SampledPairs scaled = as_marked;
+  for (registration::Vector3d &point : scaled.from) {
+    point *= scale;
+  }
+  if (const double then = rigid_rms(scaled);
+      rms > kClearly * then && (scale > kMostScale || scale < 1.0 / kMostScale)) {
+    say("the lengths of the source are " + fixed(scale, 3) + " times those of the target, are both in mm?", then);
   }
   return out;
 }

@@ -97,7 +97,7 @@ TEST(RegisterPoints, WrongFilesAreNamedWithLineAndValue) {
             "bregma: source.csv:1: has 2 cells: without a header a row is x,y,z or name,x,y,z, and may go on with "
             "sx,sy,sz or cxx,cxy,cxz,cyy,cyz,czz\n");
   EXPECT_EQ(error_of("A,0,0,0\nB,50,0\n", kTarget), "bregma: source.csv:2: has 3 cells, there are 4 columns\n");
-  EXPECT_EQ(error_of("A,0,0,0,1,1,1\nB,50,0,0,1,0,1\n", kTarget),
+  EXPECT_EQ(error_of("A,0,0,0,1,1.5,1\nB,50,0,0,1,0,1\n", kTarget),
             "bregma: source.csv:2: point B: its error must be positive in every direction\n");
   EXPECT_EQ(error_of("A,0,0,0,1,0,0,1,2,1\n", kTarget),
             "bregma: source.csv:1: point A: its error must be positive in every direction\n");
