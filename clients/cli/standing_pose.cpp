@@ -31,7 +31,7 @@ base::Result<StandingPair> standing_pair(const std::vector<StandingFlange> &flan
                          std::to_string(kStandingSamples) +
                          " are needed: is it hidden, or turned away from the tracker?");
   }
-  const StandingPair out{mean_of(flanges), mean_of(bodies)};
+  StandingPair out{mean_of(flanges), mean_of(bodies)};
   for (const StandingFlange &flange : flanges) {
     const double way_mm = (flange.translation() - out.T_base_flange.translation()).norm();
     const double turn_rad = geometry::angle_between(flange.rotation(), out.T_base_flange.rotation());

@@ -74,7 +74,7 @@ TEST(PatientPlace, AveragesNoiseAndBeginsAnewAfterAJump) {
 
 TEST(GuideWatch, NamesTheFirstThingThatDoesNotHold) {
   const auto problem = [](const ReferenceView &reference, const char *body = "Marker") {
-    const std::string following = following_problem(reference, body, kNow_ns);
+    std::string following = following_problem(reference, body, kNow_ns);
     EXPECT_EQ(following, planning_problem(reference, body, kNow_ns));
     return following;
   };
