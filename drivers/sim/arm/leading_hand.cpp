@@ -62,7 +62,7 @@ base::Result<LeadingHand> LeadingHand::open(const std::filesystem::path &fifo, F
 }
 
 LeadingHand::LeadingHand(LeadingHand &&other) noexcept
-    : face_(other.face_), tip_mm_(std::move(other.tip_mm_)), first_(other.first_),
+    : face_(other.face_), tip_mm_(std::move(other.tip_mm_)), first_(std::move(other.first_)),
       fifo_(std::exchange(other.fifo_, -1)), received_(std::move(other.received_)),
       going_to_(std::move(other.going_to_)) {}
 
