@@ -148,7 +148,9 @@ Parsed<RawSurface> binary_freesurfer(std::string_view content) {
     return tl::unexpected(geometry.error());
   }
   RawSurface out;
-  if (!geometry->valid && !geometry->in_scanner) {
+  if (geometry->valid || geometry->in_scanner) {
+    out.space = Space::kRas; // as stated: an option does not change it
+  } else {
     out.notes.emplace_back(kSurfaceRas);
   }
   for (std::size_t i = 0; i < vertices; ++i) {

@@ -183,7 +183,11 @@ Parsed<void> place_points(const XmlElement &points, RawSurface &out) {
       vertex = (*matrix * vertex.homogeneous()).head<3>();
     }
     out.notes.emplace_back("its transform to scanner coordinates is applied");
+    out.space = Space::kRas;
     return {};
+  }
+  if (in_scanner || geometry->valid) {
+    out.space = Space::kRas; // as stated: an option does not change it
   }
   if (!in_scanner && geometry->valid) {
     for (Eigen::Vector3d &vertex : out.mesh.vertices_mm) {

@@ -36,6 +36,8 @@ std::vector<std::string> notes_of(const InputFile &file, const casefile::Surface
   if (!surface.space_stated) {
     out.push_back(file.path + " (" + surface.format + ") does not say its space: taken as " +
                   std::string(casefile::name_of(surface.space)) + " (--" + file.side + "-space)");
+  } else if (file.stated_space() && *file.stated_space() != surface.space) {
+    out.push_back(file.path + " states its space, which has priority over --" + file.side + "-space");
   }
   if (surface.triangles_left_out > 0) {
     out.push_back(file.path + ": " + std::to_string(surface.triangles_left_out) +

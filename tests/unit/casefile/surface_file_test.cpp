@@ -200,6 +200,12 @@ TEST(SurfaceFile, FreeSurferBinaryIsMovedToScannerRasByItsFooter) {
   // Coordinates that are already scanner RAS do not change.
   EXPECT_LT((first_vertex(big_endian(2U) + big_endian(1U) + big_endian(20U) + geometry) - Vector3d(90, 20, 30)).norm(),
             1e-4);
+  // An option does not change what the footer states.
+  const auto stated = read_surface(folder.write("lh.skin", freesurfer_binary(mesh, big_endian(20U) + geometry)),
+                                   {.space = Space::kLps});
+  ASSERT_TRUE(stated) << stated.error().message;
+  EXPECT_TRUE(stated->space_stated);
+  EXPECT_LT((stated->mesh.vertices_mm[0] - Vector3d(95.5, 3, 38)).norm(), 1e-4);
   const auto bad = error_of("lh.skin", freesurfer_binary(mesh, big_endian(20U) + replaced(geometry, "5.5", "nan")));
   EXPECT_NE(bad.find("volume geometry: cras: x = \"nan\": must be a finite number"), std::string::npos) << bad;
 }
@@ -477,6 +483,10 @@ TEST(SurfaceFile, WhatAGiftiStatesAboutItsFrameIsApplied) {
     EXPECT_TRUE((read->mesh.vertices_mm[0] - first).isZero(1e-4)) << what << read->mesh.vertices_mm[0];
     EXPECT_TRUE((read->mesh.vertices_mm[3] - first - Vector3d(0, 0, 100)).isZero(1e-4)) << what;
     EXPECT_EQ(read->notes.empty(), first.isZero()) << what;
+    EXPECT_EQ(read->space_stated, !what.empty()) << what;
+    const auto said_lps = read_surface(folder.path() / "s.surf.gii", {.space = Space::kLps});
+    ASSERT_TRUE(said_lps) << said_lps.error().message;
+    EXPECT_EQ(said_lps->mesh.vertices_mm[0].isApprox(read->mesh.vertices_mm[0]), !what.empty() || first.isZero());
   }
 }
 
