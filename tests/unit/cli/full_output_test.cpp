@@ -143,7 +143,7 @@ TEST(FullOutput, EveryProgramSaysThatItsHelpWasLost) {
     EXPECT_EQ(ask(kFullDisk), 2) << name;
     EXPECT_EQ(read_file(folder / "err"), name + ": the output could not be written completely\n");
   }
-  EXPECT_EQ(asked, 13);
+  EXPECT_EQ(asked, 14);
 }
 
 } // namespace
