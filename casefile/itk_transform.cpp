@@ -210,14 +210,25 @@ Matrix3d euler(const Vector3d &angles_rad, bool zyx) {
   return zyx ? Matrix3d(z * y * x) : Matrix3d(z * x * y);
 }
 
-constexpr std::array<std::string_view, 7> kKinds{
-    "AffineTransform",        "MatrixOffsetTransformBase", "Rigid3DTransform",    "Euler3DTransform",
-    "VersorRigid3DTransform", "QuaternionRigidTransform",  "TranslationTransform"};
+constexpr std::array<std::string_view, 9> kKinds{
+    "AffineTransform",  "MatrixOffsetTransformBase", "Rigid3DTransform",
+    "Euler3DTransform", "VersorRigid3DTransform",    "Similarity3DTransform",
+    "VersorTransform",  "QuaternionRigidTransform",  "TranslationTransform"};
 
 struct LinearPart {
   Matrix3d matrix;
   Vector3d translation;
 };
+
+// The vector part of a unit quaternion whose scalar part is not negative.
+std::optional<Matrix3d> rotation_of_versor(const Vector3d &versor) {
+  const double squared = versor.squaredNorm();
+  if (squared > 1.0 + 1e-12) {
+    return std::nullopt;
+  }
+  const double scalar = std::sqrt(std::max(0.0, 1.0 - squared));
+  return Eigen::Quaterniond(scalar, versor.x(), versor.y(), versor.z()).normalized().toRotationMatrix();
+}
 
 std::optional<LinearPart> linear_part(const Content &content, std::string_view kind) {
   const std::vector<double> &p = content.parameters;
@@ -237,21 +248,19 @@ std::optional<LinearPart> linear_part(const Content &content, std::string_view k
                ? std::optional(LinearPart{q.normalized().toRotationMatrix(), Vector3d(p.data() + 4)})
                : std::nullopt;
   }
-  if (p.size() != 6) {
+  // The rotation, the translation but for VersorTransform, and the scale of Similarity3DTransform.
+  const bool scaled = kind == "Similarity3DTransform", turns_only = kind == "VersorTransform";
+  if (p.size() != (scaled ? 7U : turns_only ? 3U : 6U)) {
     return std::nullopt;
   }
   const Vector3d first(p.data());
+  const Vector3d translation = turns_only ? Vector3d(Vector3d::Zero()) : Vector3d(p.data() + 3);
   if (kind == "Euler3DTransform") {
     const bool zyx = content.fixed.size() == 4 && content.fixed[3] != 0.0;
-    return LinearPart{euler(first, zyx), Vector3d(p.data() + 3)};
+    return LinearPart{euler(first, zyx), translation};
   }
-  // VersorRigid3DTransform: the vector part of a unit quaternion whose scalar part is not negative.
-  const double squared = first.squaredNorm();
-  if (squared > 1.0 + 1e-12) {
-    return std::nullopt;
-  }
-  const Eigen::Quaterniond versor(std::sqrt(std::max(0.0, 1.0 - squared)), first.x(), first.y(), first.z());
-  return LinearPart{versor.normalized().toRotationMatrix(), Vector3d(p.data() + 3)};
+  const auto rotation = rotation_of_versor(first);
+  return rotation ? std::optional(LinearPart{Matrix3d((scaled ? p[6] : 1.0) * *rotation), translation}) : std::nullopt;
 }
 
 } // namespace

@@ -23,10 +23,11 @@ using TargetFromSource = geometry::Rigid3<geometry::frame::Target, geometry::fra
 [[nodiscard]] base::Result<void> write_itk_transform(const std::filesystem::path &file,
                                                      const Eigen::Matrix4d &T_target_source);
 
-// One affine (AffineTransform, MatrixOffsetTransformBase) or rigid transform (Rigid3DTransform, Euler3DTransform,
-// VersorRigid3DTransform, QuaternionRigidTransform, TranslationTransform) of three dimensions, in double or float, also
-// as the only one of a CompositeTransform. The content decides between text and binary, not the extension. Refused:
-// others, several, a binary file that is not whole, a matrix that cannot be inverted.
+// One affine (AffineTransform, MatrixOffsetTransformBase, Similarity3DTransform) or rigid transform (Rigid3DTransform,
+// Euler3DTransform, VersorRigid3DTransform, VersorTransform, QuaternionRigidTransform, TranslationTransform) of three
+// dimensions, in double or float, also as the only one of a CompositeTransform. The content decides between text and
+// binary, not the extension. Refused: others, several, a binary file that is not whole, a matrix that cannot be
+// inverted.
 [[nodiscard]] base::Result<Eigen::Matrix4d> read_itk_transform(const std::filesystem::path &file);
 
 // The same, refused where it is not rigid to kRigidTolerance.

@@ -5,10 +5,12 @@
 #include <gtest/gtest.h>
 #include <itkAffineTransform.h>
 #include <itkEuler3DTransform.h>
+#include <itkSimilarity3DTransform.h>
 #include <itkTransformFileReader.h>
 #include <itkTransformFileWriter.h>
 #include <itkTxtTransformIO.h>
 #include <itkVersorRigid3DTransform.h>
+#include <itkVersorTransform.h>
 
 #include "casefile/itk_transform.hpp"
 #include "tests/unit/casefile/files.hpp"
@@ -96,6 +98,18 @@ TEST(ItkTransformFiles, OurReaderReadsItksAffineAndRigidFiles) {
   versor->SetRotation(axis(1.0, -2.0, 0.5), 2.8);
   versor->SetTranslation(offset);
   expect_read(*versor);
+
+  auto rotation = itk::VersorTransform<double>::New();
+  rotation->SetCenter(centre);
+  rotation->SetRotation(axis(0.3, -1.0, 0.5), 1.7);
+  expect_read(*rotation);
+
+  auto similarity = itk::Similarity3DTransform<double>::New();
+  similarity->SetCenter(centre);
+  similarity->SetRotation(axis(0.3, 1.0, -0.5), 2.1);
+  similarity->SetTranslation(offset);
+  similarity->SetScale(1.1);
+  expect_read(*similarity);
 }
 
 } // namespace

@@ -77,7 +77,7 @@ TEST(ItkTransform, UnreadableContentIsRefusedWithLineAndValue) {
               "a.tfm:3: Transform: " + type +
                   ": is not read; read are transforms of three dimensions (_double_3_3, _float_3_3): AffineTransform, "
                   "MatrixOffsetTransformBase, Rigid3DTransform, Euler3DTransform, VersorRigid3DTransform, "
-                  "QuaternionRigidTransform, TranslationTransform");
+                  "Similarity3DTransform, VersorTransform, QuaternionRigidTransform, TranslationTransform");
   }
   EXPECT_EQ(transform_error(kHead + affine + "Parameters: 1 0 0 0 1 0 0 0 1 0 0\nFixedParameters: 0 0 0\n"),
             "a.tfm:4: Parameters: 11 numbers that are no AffineTransform");
@@ -97,6 +97,13 @@ TEST(ItkTransform, UnreadableContentIsRefusedWithLineAndValue) {
   EXPECT_EQ(transform_error(kHead + "Transform: VersorRigid3DTransform_double_3_3\nParameters: 1 1 0 0 0 0\n"
                                     "FixedParameters: 0 0 0\n"),
             "a.tfm:4: Parameters: 6 numbers that are no VersorRigid3DTransform");
+  EXPECT_EQ(transform_error(kHead + "Transform: VersorTransform_double_3_3\nParameters: 0 0 0 1 2 3\n"
+                                    "FixedParameters: 0 0 0\n"),
+            "a.tfm:4: Parameters: 6 numbers that are no VersorTransform");
+  EXPECT_EQ(transform_error(kHead + "Transform: Similarity3DTransform_double_3_3\nParameters: 0 0 0 1 2 3 0.5\n"
+                                    "FixedParameters: 0 0 0\n",
+                            true),
+            "a.tfm: the transform is not rigid: it scales, shears or mirrors (determinant 8)");
   const TemporaryFolder folder;
   EXPECT_FALSE(write_itk_transform(folder.path() / "b.tfm", Matrix4d::Zero()));
 }
