@@ -7,9 +7,10 @@
 //
 // A few tenths of a millimetre pass both, since each coil is off by its build and its detection. So what the coils show
 // beyond their stated errors is returned as `unexplained`, to be added to the covariance of the pose: of the common
-// offset, and of the scatter along the rows and columns of the slices, along one of which B0 moves spins by another
-// amount at each place. The scatter is that of the verifying coils about their offset and of the fitted coils about the
-// fit. Its variance is estimated from few coils, and therefore enlarged as Student's t exceeds the normal.
+// offset, with the error with which the coils show it, and of the scatter along the rows and columns of the slices,
+// along one of which B0 moves spins by another amount at each place. The scatter is that of the verifying coils about
+// their offset and of the fitted coils about the fit. Its variance is estimated from few coils, and therefore enlarged
+// as Student's t exceeds the normal.
 //
 // All of this is what B0 does along the read-out of this scan. It says nothing about other read-outs: verify in the
 // orientation in which images are taken.
