@@ -10,6 +10,7 @@
 //   t                        ANTs: the space is LPS; t itself is not used
 //   defined                  Slicer: 0 if the point was never placed
 //   selected visible locked description ...  of Slicer and ANTs: not used, and said
+// A comment may name the columns ("# x y z") and state space and unit ("# CoordinateSystem = LPS", "# units: cm").
 // Any other column is refused by name. A row is a header only if it names columns and contains no number.
 // Without a header: x,y,z or name,x,y,z, perhaps followed by sx,sy,sz or the covariance; or SimNIBS' rows
 // type,x,y,z,name, with type Fiducial, Electrode, ReferenceElectrode or Generic.

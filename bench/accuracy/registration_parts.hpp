@@ -13,7 +13,7 @@ namespace bregma::bench {
 struct RegistrationBenchOptions : Options {
   std::string case_folder = "out/cases/colin27"; // its scalp is the head
   int runs = 100;                                // per cell of table 1
-  int slow_runs = 0;                             // of its slow peers; 0: as runs
+  int slow_runs = 0;                             // of its slow peers; 0: a part of runs
   std::string basin_file;                        // SVG of the convergence basin; none when empty
   std::string pictures;                          // folder for the figures of table 1; none when empty
   std::vector<std::string> heads;                // surfaces or images of other heads

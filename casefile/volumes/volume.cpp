@@ -17,6 +17,7 @@
 #include <itkMetaImageIO.h>
 #include <itkNiftiImageIO.h>
 #include <itkNrrdImageIO.h>
+#include <unistd.h>
 
 #include "base/text.hpp"
 #include "casefile/volumes/dicom_file.hpp"
@@ -203,7 +204,8 @@ base::Result<void> write_checked(const fs::path &path,
     return base::failure(file_error(path, "cannot be written: it is not a file"));
   }
   fs::path fresh = place;
-  fresh.replace_filename("new-" + place.filename().string()); // the format is known by the extension
+  // The format is known by the extension, so that the name has something before it: what no file of a user has.
+  fresh.replace_filename("." + std::to_string(::getpid()) + "-" + place.filename().string());
   auto done = write(fresh);
   if (done) {
     const auto whole = read_image_header(fresh, image_format_of(fresh), std::nullopt);

@@ -277,8 +277,8 @@ int main(int argc, char **argv) {
       "--hand", options.hand,
       "A FIFO from which the names of fiducials and landmarks are read, one per line: a person leads the "
       "arm there, so that its tip touches the skin; \"up\" leads away, \"where\" prints where the tip truly is; "
-      "\"flange "
-      "X Y Z RX RY RZ\" leads the flange to its first place, displaced (mm) and turned (degrees); \"patient X Y Z "
+      "\"flange X Y Z RX RY RZ\" leads the flange to its first place, displaced (mm) and turned (degrees); \"patient X "
+      "Y Z "
       "SECONDS\" moves the head to this displacement (mm)");
   app.add_option("--scene-port", options.scene_port,
                  "TCP port on the loopback interface for bregma-sim-tracker; 0: any. With --face");
