@@ -56,11 +56,11 @@ bool TargetError::covered() const { return mahalanobis <= uncertainty::chi_squar
 
 TargetError target_error(const MriSession &session,
                          const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
-                         const std::string &target) {
+                         const std::string &target, std::optional<ReadOuts> read_outs) {
   const int coil = session.frame().find(target);
   TargetError out;
-  out.error_mm =
-      session.error_at(coil, T_base_device.pose, Images::kOurs, coil_protocol(60), tree_plan(Plane::kCoronal));
+  out.error_mm = session.error_at(coil, T_base_device.pose, Images::kOurs, coil_protocol(60),
+                                  tree_plan(Plane::kCoronal), read_outs.value_or(session.read_outs()));
   const Vector3d at = session.frame().coils[static_cast<std::size_t>(coil)].position_mm;
   Eigen::Matrix3d covariance = uncertainty::tre_covariance(T_base_device.covariance, at);
   const auto known = session.field()->assess(T_base_device.pose.inverse() * at);

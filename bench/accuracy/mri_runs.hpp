@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -36,11 +37,12 @@ struct TargetError {
   double bound_95_mm = 0.0;
   [[nodiscard]] bool covered() const; // by the region of 95 %
 };
-// Registration's own error at a place that the field maps by itself: what the prediction covers.
+// Registration's own error at a place that the field maps by itself: what the prediction covers. In an image of one
+// read-out, or with the read-outs that the field was mapped with.
 [[nodiscard]] TargetError
 target_error(const MriSession &session,
              const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
-             const std::string &target = kTarget);
+             const std::string &target = kTarget, std::optional<ReadOuts> read_outs = std::nullopt);
 
 struct Study {
   std::vector<double> fre_mm, tre_mm;

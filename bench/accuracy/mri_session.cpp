@@ -18,6 +18,16 @@ constexpr double kCoarserCt = 3.0; // times the voxels of the paper's CT, for me
 // A normal error with this mean length.
 double sigma_of_mean(double mean_mm) { return mean_mm / std::sqrt(8.0 / M_PI); }
 
+// As an estimator knows it: the shift of slices depends on the pulse, which no header states.
+Vector3d b0_movement(const Protocol &protocol, const StackPlan &plan) {
+  return mri::b0_movement(plan.read_out(), protocol.pixel_mm(), protocol.bandwidth_Hz);
+}
+
+StackPlan reversed(StackPlan plan) {
+  plan.read_reversed = !plan.read_reversed;
+  return plan;
+}
+
 } // namespace
 
 StackPlan pillar_plan(bool top, int slices) { return plan_of(Plane::kCoronal, Vector3d(0, top ? 55 : -55, 0), slices); }
@@ -47,7 +57,7 @@ MriSession::MriSession(const ScannerOptions &options, std::uint64_t seed)
 
 MriSession::MriSession(const ScannerOptions &options, std::uint64_t seed, const MriSession &mapped)
     : scanner_(std::make_unique<SimulatedScanner>(options, seed, mapped.scanner_->shared_field())), seed_(seed),
-      design_(options.phantom), field_(mapped.field_) {
+      read_outs_(mapped.read_outs_), design_(options.phantom), field_(mapped.field_), separated_(mapped.separated_) {
   name_coils(options);
 }
 
@@ -91,6 +101,38 @@ std::optional<MriSession::Pairs> MriSession::disturbed_points() const {
   return out;
 }
 
+// Gradients and B0 from points that are disturbed in the same way, in two scans.
+bool MriSession::map_opposed() {
+  const auto forward = disturbed_points();
+  if (!forward) {
+    return false;
+  }
+  sim::Random random(seed_, "control points, reversed");
+  const Acquisition acquisition(scanner_->field(), phantom_protocol(), reversed(scanner_->phantom_plan()));
+  const std::vector<Vector3d> &crossings = scanner_->truth().crossings_mm;
+  const Vector3d d = b0_movement(phantom_protocol(), scanner_->phantom_plan());
+  mri::PhantomScan one{forward->imaged, d}, other{forward->imaged, -d};
+  for (std::size_t i = 0; i < crossings.size(); ++i) {
+    other.imaged_mm.col(static_cast<Eigen::Index>(i)) =
+        acquisition.believed_mm(crossings[i]) + random.normal3(sigma_of_mean(0.15));
+  }
+  auto field = mri::separate_fields(forward->real, std::vector{one, other});
+  if (!field) {
+    return false;
+  }
+  separated_ = std::make_shared<const mri::SeparatedField>(std::move(*field));
+  field_ = std::shared_ptr<const mri::DistortionField>(separated_, &separated_->gradients);
+  return true;
+}
+
+Vector3d MriSession::shown_mm(const Vector3d &real_mm, const Protocol &protocol, const StackPlan &plan,
+                              ReadOuts read_outs) const {
+  const Vector3d forward = Acquisition(scanner_->field(), protocol, plan).believed_mm(real_mm);
+  return read_outs == ReadOuts::kOne
+             ? forward
+             : 0.5 * (forward + Acquisition(scanner_->field(), protocol, reversed(plan)).believed_mm(real_mm));
+}
+
 std::optional<MriSession::Pairs> MriSession::points_from_images() {
   mri::GridOptions grid;
   grid.cell_mm = design_.pitch_mm();
@@ -108,7 +150,11 @@ std::optional<MriSession::Pairs> MriSession::points_from_images() {
   return Pairs{match.reference_points(ct->points_mm), match.imaged_points(mr->points_mm)};
 }
 
-bool MriSession::map_field(ControlPoints source) {
+bool MriSession::map_field(ControlPoints source, ReadOuts read_outs) {
+  read_outs_ = read_outs;
+  if (read_outs == ReadOuts::kOpposed) {
+    return map_opposed();
+  }
   const auto pairs = source == ControlPoints::kImages ? points_from_images() : disturbed_points();
   if (!pairs) {
     return false;
@@ -126,7 +172,17 @@ std::unique_ptr<StackPair> MriSession::scan(const Protocol &protocol, const Stac
   auto out = std::make_unique<StackPair>();
   out->background = scanner_->background(protocol, plan);
   out->foreground = scanner_->foreground(protocol, plan, on);
-  out->scan = {name(Plane::kCoronal), &out->background, &out->foreground, nullptr, coils_of(on), coils_of(verify)};
+  out->scan.name = name(Plane::kCoronal);
+  out->scan.background = &out->background;
+  out->scan.foreground = &out->foreground;
+  out->scan.on = coils_of(on);
+  out->scan.verify = coils_of(verify);
+  if (read_outs_ == ReadOuts::kOpposed) {
+    out->reversed_background = scanner_->background(protocol, reversed(plan));
+    out->reversed_foreground = scanner_->foreground(protocol, reversed(plan), on);
+    out->scan.reversed_background = &out->reversed_background;
+    out->scan.reversed_foreground = &out->reversed_foreground;
+  }
   out->normal = plan.normal();
   return out;
 }
@@ -142,8 +198,10 @@ std::unique_ptr<StackPair> MriSession::vendor_corrected(const StackPair &pair) c
   return out;
 }
 
-std::optional<mri::CorrectedPoint> MriSession::corrected(const Vector3d &shown_mm) const {
-  const auto real = field_->to_true(shown_mm);
+std::optional<mri::CorrectedPoint> MriSession::corrected(const Vector3d &shown_mm, ReadOuts read_outs) const {
+  const auto real = separated_ != nullptr && read_outs == ReadOuts::kOne
+                        ? separated_->to_true(shown_mm, b0_movement(coil_protocol(60), tree_plan(Plane::kCoronal)))
+                        : field_->to_true(shown_mm);
   if (!real) {
     return std::nullopt;
   }
@@ -158,22 +216,27 @@ mri::RobotRegistrationOptions MriSession::options(Images images, mri::CoilMethod
   mri::RobotRegistrationOptions out;
   out.artefacts.method = method;
   if (images == Images::kOurs) {
-    out.correction = [this](const Vector3d &shown) { return corrected(shown); };
+    out.correction = [this](const Vector3d &shown) { return corrected(shown, read_outs_); };
   } else {
     out.uncorrected_sigma_mm = images == Images::kVendor ? 0.3 : 1.0;
+  }
+  if (read_outs_ == ReadOuts::kOpposed) {
+    const Vector3d d = b0_movement(coil_protocol(60), tree_plan(Plane::kCoronal));
+    out.mapped_b0 = [this, d](const Vector3d &real) -> Vector3d { return separated_->b0_Hz(real) * d; };
   }
   return out;
 }
 
 Vector3d MriSession::error_at(int coil, const Rigid3<mri::frame::Base, mri::frame::Device> &T_base_device,
-                              Images images, const Protocol &protocol, const StackPlan &plan) const {
+                              Images images, const Protocol &protocol, const StackPlan &plan,
+                              ReadOuts read_outs) const {
   const auto i = static_cast<std::size_t>(coil);
   const Vector3d &real = scanner_->truth().coils_device_mm[i];
-  Vector3d shown = Acquisition(scanner_->field(), protocol, plan).believed_mm(real);
+  Vector3d shown = shown_mm(real, protocol, plan, read_outs);
   if (images == Images::kVendor) {
     shown -= scanner_->field().gradient_mm(real);
   } else if (images == Images::kOurs) {
-    const auto point = corrected(shown);
+    const auto point = corrected(shown, read_outs);
     shown = point ? point->position_mm : Vector3d::Constant(std::nan(""));
   }
   return T_base_device * shown - scanner_->truth().T_device_base.inverse() * real;

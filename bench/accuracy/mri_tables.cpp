@@ -111,7 +111,9 @@ void run(MriSession &session, Tables &tables, std::map<std::pair<Images, std::si
           double squares = 0.0;
           for (const int coil : session.coils_of({"tree"})) {
             squares +=
-                session.error_at(coil, *T, images, sim::scanner::coil_protocol(plan.slices), plan).squaredNorm() / 5;
+                session.error_at(coil, *T, images, sim::scanner::coil_protocol(plan.slices), plan, ReadOuts::kOne)
+                    .squaredNorm() /
+                5;
           }
           pure[{images, 2 + p}].push_back(std::sqrt(squares));
         }

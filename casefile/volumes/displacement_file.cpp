@@ -180,6 +180,20 @@ private:
   DisplacementNrrd out_;
 };
 
+constexpr std::array kParts = {"", "gradients", "B0"}; // in the order of FieldPart
+
+// "(x,y,z)" in LPS; nothing for another text.
+std::optional<Eigen::Vector3d> vector_of(std::string text) {
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c == '(' || c == ')' || c == ','; }, ' ');
+  const std::vector<double> numbers = header_numbers(text);
+  if (numbers.size() != 3) {
+    return std::nullopt;
+  }
+  const Eigen::Vector3d out = flipped(Eigen::Vector3d(numbers.data()));
+  return out.allFinite() ? std::optional(out) : std::nullopt;
+}
+
 bool is_date(const std::string &text) {
   constexpr std::string_view kForm = "dddd-dd-dd";
   return text.size() == kForm.size() && std::equal(text.begin(), text.end(), kForm.begin(), [](char c, char form) {
@@ -198,9 +212,14 @@ base::Result<void> write_displacement_field(const fs::path &path, const Displace
   if (path.extension() != ".nrrd") {
     return base::failure(problem(path, "a distortion field is written as .nrrd"));
   }
-  const std::map<std::string, std::string> keys = {
-      {"max_error_95_mm", number(field.max_error_95_mm)}, {"scanner", field.scanner}, {"protocol", field.protocol},
-      {"patient_position", field.patient_position},       {"made", field.made},       {"expires", field.expires}};
+  const std::map<std::string, std::string> keys = {{"max_error_95_mm", number(field.max_error_95_mm)},
+                                                   {"scanner", field.scanner},
+                                                   {"protocol", field.protocol},
+                                                   {"patient_position", field.patient_position},
+                                                   {"made", field.made},
+                                                   {"expires", field.expires},
+                                                   {"part", kParts.at(static_cast<std::size_t>(field.part))},
+                                                   {"mm_per_Hz", vector(flipped(field.mm_per_Hz))}};
   for (const auto &[key, value] : keys) {
     if (!is_one_line(value)) {
       return base::failure(problem(path, key + " has a line break or a control character"));
@@ -246,6 +265,19 @@ base::Result<DisplacementField> read_displacement_field(const fs::path &path) {
   if (!is_date(out.made) || (!out.expires.empty() && !is_date(out.expires))) {
     return base::failure(problem(path, "bregma made \"" + out.made + "\" or expires \"" + out.expires +
                                            "\" is not a date (YYYY-MM-DD)"));
+  }
+  const std::string &part = vectors->keys["part"]; // files of earlier versions have none
+  const auto *const known = std::find(kParts.begin(), kParts.end(), part);
+  if (known == kParts.end()) {
+    return base::failure(problem(path, "bregma part \"" + part + "\" is not gradients or B0"));
+  }
+  out.part = static_cast<FieldPart>(known - kParts.begin());
+  if (const std::string &text = vectors->keys["mm_per_Hz"]; !text.empty()) {
+    const auto movement = vector_of(text);
+    if (!movement) {
+      return base::failure(problem(path, "bregma mm_per_Hz \"" + text + "\" is not three numbers"));
+    }
+    out.mm_per_Hz = *movement;
   }
   static_cast<image::Grid<3> &>(out.displacement_mm) = vectors->grid;
   const std::vector<float> &v = vectors->values;

@@ -21,15 +21,25 @@
 
 namespace bregma::casefile {
 
-struct DisplacementField {
-  image::Image<Eigen::Vector3f, 3> displacement_mm;
-  image::Image<float, 3> signed_error_95_mm; // on a grid of its own; without voxels: not known, and no file is written
-  double max_error_95_mm = 0.0;              // above it the field is unknown
-  std::string scanner;                       // may be empty
+// What a scanner's field belongs to.
+struct FieldHeader {
+  std::string scanner; // may be empty
   std::string protocol;
   std::string patient_position = "HFS"; // of the images that the field was measured with
   std::string made;                     // date, YYYY-MM-DD
   std::string expires;                  // last day of use, YYYY-MM-DD; empty: no limit
+};
+
+// What displaces: all that displaced one scan, or one of its parts (mri/scan_fields.hpp).
+enum class FieldPart { kOneReadOut, kGradients, kB0 };
+
+struct DisplacementField : FieldHeader {
+  image::Image<Eigen::Vector3f, 3> displacement_mm;
+  image::Image<float, 3> signed_error_95_mm; // on a grid of its own; without voxels: not known, and no file is written
+  double max_error_95_mm = 0.0;              // above it the field is unknown
+  FieldPart part = FieldPart::kOneReadOut;
+  // RAS: movement by B0 in the scan to which the displacements belong (mri/separation.hpp); zero: not stated, or none.
+  Eigen::Vector3d mm_per_Hz = Eigen::Vector3d::Zero();
 };
 
 // The path must end in .nrrd. Texts are one line each. Files are replaced.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <Eigen/Dense>
 #include <opencv2/imgproc.hpp>
@@ -16,6 +17,8 @@ using Eigen::Vector3d;
 
 constexpr double kMinLostVolume_mm3 = 60.0; // a ball of 2.4 mm
 constexpr double kEdge_mm = 3.0;            // over which the window falls to zero
+// Of the variance of one scan, in the mean of two: noise averages, what sampling and pattern leave is the same.
+constexpr double kOfTwoScans = 0.7;
 
 struct Circle {
   int slice = 0;
@@ -293,6 +296,48 @@ tl::expected<ArtefactSearch, std::string> find_artefacts(const Stack &background
     finder->add(k, std::span(foreground.voxels).subspan(foreground.offset(0, 0, k), slice));
   }
   return finder->finish();
+}
+
+namespace {
+
+// Of both scans, where the other one shows this coil within the distance; nothing otherwise.
+std::optional<CoilArtefact> mean_with(const CoilArtefact &one, std::span<const CoilArtefact> others,
+                                      double distance_mm) {
+  const auto distance = [&](const CoilArtefact &other) { return (other.centre_mm - one.centre_mm).norm(); };
+  const auto other = std::min_element(others.begin(), others.end(), [&](const CoilArtefact &a, const CoilArtefact &b) {
+    return distance(a) < distance(b);
+  });
+  if (other == others.end() || distance(*other) > distance_mm) {
+    return std::nullopt;
+  }
+  CoilArtefact out = one;
+  out.centre_mm = 0.5 * (one.centre_mm + other->centre_mm);
+  out.covariance = 0.5 * kOfTwoScans * (one.covariance + other->covariance);
+  out.cut_off = one.cut_off || other->cut_off;
+  return out;
+}
+
+} // namespace
+
+std::vector<CoilArtefact> mean_of_polarities(std::span<const CoilArtefact> positive,
+                                             std::span<const CoilArtefact> negative, double window_mm) {
+  std::vector<CoilArtefact> out;
+  for (const CoilArtefact &one : positive) {
+    out.push_back(mean_with(one, negative, 0.5 * window_mm).value_or(one));
+  }
+  return out;
+}
+
+std::vector<CoilArtefact> mean_of_read_outs(std::span<const CoilArtefact> forward,
+                                            std::span<const CoilArtefact> reversed, double window_mm) {
+  std::vector<CoilArtefact> out;
+  for (const CoilArtefact &one : forward) {
+    if (auto mean = mean_with(one, reversed, window_mm)) {
+      mean->b0_mm = one.centre_mm - mean->centre_mm;
+      out.push_back(*mean);
+    }
+  }
+  return out;
 }
 
 } // namespace bregma::mri

@@ -9,6 +9,7 @@
 // Frame: that of the stacks' T_image_index, mm. Pure functions, any thread; they allocate.
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <span>
 #include <string>
@@ -42,6 +43,8 @@ struct CoilArtefact {
   double volume_mm3 = 0.0;                              // lost signal over all slices
   int slices = 0;                                       // in which a circle was found
   bool cut_off = false; // reaches the first or the last slice, or the border: its centre is not known
+  // By which B0 displaces it in the scan whose read-out is forward; NaN unless both read-outs show it.
+  Eigen::Vector3d b0_mm = Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
 };
 
 struct ArtefactSearch {
@@ -76,5 +79,16 @@ private:
 // foreground of another scene or brightness, a pair in the wrong order.
 [[nodiscard]] tl::expected<ArtefactSearch, std::string> find_artefacts(const Stack &background, const Stack &foreground,
                                                                        const ArtefactOptions &options = {});
+
+// Coils of two foregrounds, one with the current reversed: the mean of both places. A coil that the second one does not
+// show near the first (half of window_mm) stays where it is.
+[[nodiscard]] std::vector<CoilArtefact> mean_of_polarities(std::span<const CoilArtefact> positive,
+                                                           std::span<const CoilArtefact> negative, double window_mm);
+
+// Coils that two scans of the same slices show, one with its read-out reversed. B0 displaces a coil along the read-out,
+// oppositely in both, so the mean of its two places is free of that, whatever the field is. Along the normal of the
+// slices B0 displaces both alike; that remains. What only one of the scans shows (within window_mm) is left out.
+[[nodiscard]] std::vector<CoilArtefact> mean_of_read_outs(std::span<const CoilArtefact> forward,
+                                                          std::span<const CoilArtefact> reversed, double window_mm);
 
 } // namespace bregma::mri

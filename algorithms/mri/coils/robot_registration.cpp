@@ -16,20 +16,6 @@ namespace {
 
 using Artefacts = std::vector<CoilArtefact>;
 
-// Positions of both polarities of the current: the mean of each pair, and those seen once.
-Artefacts averaged(Artefacts one, const Artefacts &other, double window_mm) {
-  for (CoilArtefact &a : one) {
-    for (const CoilArtefact &b : other) {
-      if ((a.centre_mm - b.centre_mm).norm() < 0.5 * window_mm && !a.cut_off && !b.cut_off) {
-        a.centre_mm = 0.5 * (a.centre_mm + b.centre_mm);
-        a.covariance *= 0.7; // noise averages, what sampling and pattern leave is the same
-        break;
-      }
-    }
-  }
-  return one;
-}
-
 tl::expected<Artefacts, std::string> artefacts_of(const CoilScan &scan, const ArtefactOptions &options) {
   if (scan.background == nullptr || scan.foreground == nullptr) {
     return tl::make_unexpected(scan.name + ": background or foreground is missing");
@@ -43,7 +29,14 @@ tl::expected<Artefacts, std::string> artefacts_of(const CoilScan &scan, const Ar
     if (!other) {
       return tl::make_unexpected(scan.name + ", current reversed: " + other.error());
     }
-    return averaged(std::move(found->artefacts), other->artefacts, options.window_mm);
+    found->artefacts = mean_of_polarities(found->artefacts, other->artefacts, options.window_mm);
+  }
+  if (scan.reversed_background != nullptr && scan.reversed_foreground != nullptr) {
+    const auto reversed = find_artefacts(*scan.reversed_background, *scan.reversed_foreground, options);
+    if (!reversed) {
+      return tl::make_unexpected(scan.name + ", read-out reversed: " + reversed.error());
+    }
+    return mean_of_read_outs(found->artefacts, reversed->artefacts, options.window_mm);
   }
   return std::move(found->artefacts);
 }
@@ -55,6 +48,7 @@ std::optional<LocatedCoil> corrected(const CoilArtefact &artefact, int scan, con
   out.shown_mm = artefact.centre_mm;
   out.position_mm = artefact.centre_mm;
   out.covariance = artefact.covariance;
+  out.b0_mm = artefact.b0_mm;
   Vector3d sigma = Vector3d::Constant(options.uncorrected_sigma_mm);
   if (options.correction) {
     const auto point = options.correction(artefact.centre_mm);

@@ -35,6 +35,10 @@ struct CoilScan {
   // Coils that must not take part in the fit, because they verify it: they are named with the others, and are targets
   // of (16).
   std::vector<int> verify = {};
+  // Both with the read-out reversed, or none: positions are averaged (mean_of_read_outs). The correction must then be
+  // by the gradients' part of the field alone.
+  const Stack *reversed_background = nullptr;
+  const Stack *reversed_foreground = nullptr;
 };
 
 // Where a point that the scanner shows really is, with one sigma of each coordinate. Nothing where the field is
@@ -45,10 +49,14 @@ struct CorrectedPoint {
 };
 using PointCorrection = std::function<std::optional<CorrectedPoint>(const Vector3d &device_mm)>;
 
+// By which B0 displaced a point of Device in scans with the read-out forward when the field was mapped, mm.
+using MappedB0 = std::function<Vector3d(const Vector3d &device_mm)>;
+
 struct RobotRegistrationOptions {
   ArtefactOptions artefacts;
   NamingOptions naming;
   PointCorrection correction;            // empty: none
+  MappedB0 mapped_b0;                    // for the verification by opposed read-outs; empty: not known
   double uncorrected_sigma_mm = 1.0;     // of each coordinate, where there is no correction
   double limit_mm = 3.0;                 // of the predicted 95 % error at the target
   Vector3d target_mm = Vector3d::Zero(); // in Base
@@ -64,6 +72,7 @@ struct LocatedCoil {
   Vector3d shown_mm = Vector3d::Zero();                 // in Device, as found
   Vector3d position_mm = Vector3d::Zero();              // in Device, corrected
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero(); // of position_mm, that of the field included
+  Vector3d b0_mm = Vector3d::Constant(std::nan(""));    // by which B0 displaces it (CoilArtefact)
   Vector3d field_sigma_mm = Vector3d::Zero();           // one sigma of the field's correction, in Device
   double residual_mm = 0.0;                             // in Base, after the fit
   bool used = false;                                    // false: an outlier

@@ -30,6 +30,19 @@ struct Scatter {
   }
 };
 
+// How B0 has changed since it was mapped, as coils show it that both read-outs show.
+void add_b0_change(std::span<const LocatedCoil> coils, const Eigen::Matrix3d &R, const MappedB0 &mapped,
+                   Verification &out, double &count) {
+  for (const LocatedCoil &coil : coils) {
+    if (coil.used && coil.b0_mm.allFinite()) {
+      const Vector3d change = R * (coil.b0_mm - mapped(coil.position_mm));
+      out.b0_change += change * change.transpose();
+      out.max_b0_change_mm = std::max(out.max_b0_change_mm, change.norm());
+      count += 1.0;
+    }
+  }
+}
+
 std::string in_mm(double value) {
   char out[32];
   std::snprintf(out, sizeof out, "%.2f mm", value);
@@ -111,6 +124,12 @@ Verification verify_registration(const CoilFrame &frame, std::span<const Located
       scatter.freedom += used - 2.0;
     }
     out.unexplained += scatter.excess() * along * along.transpose();
+  }
+  if (options.mapped_b0) {
+    double shown = 0.0;
+    add_b0_change(coils, R, options.mapped_b0, out, shown);
+    add_b0_change(fitted, R, options.mapped_b0, out, shown);
+    out.b0_change /= std::max(1.0, shown);
   }
   if (out.rms_mm > options.limit_mm) {
     out.failure = "the coils that verify are " + in_mm(out.rms_mm) + " from where the registration expects them";

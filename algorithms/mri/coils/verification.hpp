@@ -15,6 +15,9 @@
 // All of this is what B0 does along the read-out of this scan. It says nothing about other read-outs: verify in the
 // orientation in which images are taken.
 //
+// Opposed read-outs (mean_of_read_outs) leave nothing of it in the pose. They also show B0 at each coil by itself, free
+// of how the frame was built. What it is there beyond the mapped B0 displaces images that are taken with one read-out.
+//
 // Units: mm. Frame: Base. Pure, any thread; allocates.
 #pragma once
 
@@ -33,7 +36,11 @@ struct Verification {
   Eigen::Matrix3d offset_covariance = Eigen::Matrix3d::Zero(); // that the stated errors give it
   // mm^2: second moment of displacements that the stated errors do not explain; zero where they explain all.
   Eigen::Matrix3d unexplained = Eigen::Matrix3d::Zero();
-  std::string failure; // one sentence; empty: the coils agree with the registration
+  // mm^2: second moment, over all coils, of that by which B0 displaces them otherwise than when it was mapped; to be
+  // added to the covariance for images of one read-out. Zero where opposed read-outs or the mapped B0 are missing.
+  Eigen::Matrix3d b0_change = Eigen::Matrix3d::Zero();
+  double max_b0_change_mm = 0.0; // at one coil
+  std::string failure;           // one sentence; empty: the coils agree with the registration
 };
 
 // coils: located with the same options (correction, limit) as the registration. expected: how many there should be.

@@ -1,10 +1,13 @@
 // The files of a distortion field: round trip, refusals by field, and cuts anywhere.
+#include <filesystem>
 #include <fstream>
+#include <memory>
 #include <string>
 
 #include <gtest/gtest.h>
 
 #include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_fields_file.hpp"
 #include "tests/unit/casefile/files.hpp"
 
 namespace {
@@ -72,6 +75,7 @@ TEST(DisplacementFile, FilesThatAreNoFieldAreRefusedByField) {
             ": bregma max_error_95_mm \"x\" is not a positive number");
   EXPECT_EQ(message("made:=2026-11-29", "made:=yesterday"),
             ": bregma made \"yesterday\" or expires \"2027-02-27\" is not a date (YYYY-MM-DD)");
+  EXPECT_EQ(message("part:=", "part:=x"), ": bregma part \"x\" is not gradients or B0");
   EXPECT_EQ(message("(-4,-0,0)", "(0,0,0)").substr(0, 20), ": space directions \"");
   EXPECT_EQ(message("NRRD0005", "NIFTI005"), ": is not an NRRD file");
   const std::string cut = message(good, good.substr(0, good.size() - 1));
@@ -83,6 +87,49 @@ TEST(DisplacementFile, FilesThatAreNoFieldAreRefusedByField) {
   ASSERT_FALSE(refused);
   EXPECT_EQ(refused.error().message, file.string() + ": scanner has a line break or a control character");
   EXPECT_FALSE(write_displacement_field(folder / "field.mha", small_field()));
+}
+
+TEST(ScanFieldsFile, BothPartsAreWrittenAndReadBack) {
+  const TemporaryFolder folder;
+  const auto file = folder / "field.nrrd";
+  const DisplacementField one = small_field();
+  const auto table =
+      std::make_shared<const mri::FieldTable>(one.displacement_mm, one.signed_error_95_mm, one.max_error_95_mm);
+  const Eigen::Vector3d mm_per_Hz(1.0 / 260.0, 0.0, -0.25);
+  ASSERT_TRUE(write_scan_fields(file, mri::ScanFields(table, table, mm_per_Hz), one));
+  const auto both = read_scan_fields(file);
+  ASSERT_TRUE(both) << both.error().message;
+  EXPECT_TRUE(both->fields.has_b0());
+  EXPECT_EQ(both->fields.mm_per_Hz(), mm_per_Hz);
+  EXPECT_EQ(both->header.scanner, one.scanner);
+  EXPECT_EQ(both->fields.by_b0()->displacements().voxels, one.displacement_mm.voxels);
+  const auto reason = [&](const std::filesystem::path &path) {
+    const auto read = read_scan_fields(path);
+    return read ? std::string("read") : read.error().message;
+  };
+  EXPECT_NE(reason(b0_file_of(file)).find("holds the part of B0 alone"), std::string::npos);
+
+  // The part of B0 of another day, and none.
+  const std::string good = tests::read_file(b0_file_of(file));
+  std::string other = good;
+  other.replace(other.find("2026-11-29"), 10, "2026-11-30");
+  std::ofstream(b0_file_of(file), std::ios::binary) << other;
+  EXPECT_NE(reason(file).find("is not the part of B0 that belongs to"), std::string::npos) << reason(file);
+  other = good;
+  other.replace(other.find("mm_per_Hz:=("), 12, "mm_per_Hz:=x");
+  std::ofstream(b0_file_of(file), std::ios::binary) << other;
+  EXPECT_NE(reason(file).find("is not three numbers"), std::string::npos) << reason(file);
+  std::filesystem::remove(b0_file_of(file));
+  EXPECT_NE(reason(file).find("holds the part of the gradients alone"), std::string::npos) << reason(file);
+
+  // A field of one read-out replaces both.
+  ASSERT_TRUE(write_scan_fields(file, mri::ScanFields(table, table, mm_per_Hz), one));
+  ASSERT_TRUE(write_scan_fields(file, mri::ScanFields(table, mm_per_Hz), one));
+  EXPECT_FALSE(std::filesystem::exists(b0_file_of(file)));
+  const auto single = read_scan_fields(file);
+  ASSERT_TRUE(single) << single.error().message;
+  EXPECT_FALSE(single->fields.has_b0());
+  EXPECT_EQ(single->fields.mm_per_Hz(), mm_per_Hz);
 }
 
 TEST(DisplacementFile, ACutAnywhereIsRefused) {

@@ -1,11 +1,14 @@
 // Gradients and B0 from several scans: fields that share no formula with the estimator, and the real phantom's repeats.
 #include <cmath>
 #include <limits>
+#include <memory>
+#include <stdexcept>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "algorithms/mri/point_matching.hpp"
+#include "algorithms/mri/scan_fields.hpp"
 #include "algorithms/mri/separation.hpp"
 #include "tests/unit/mri/field_phantom.hpp"
 
@@ -110,6 +113,41 @@ TEST(Separation, WhatB0CannotDoBetweenTwoScansIsTakenOutWhereItIsAskedFor) {
                                        scan_of(points, Vector3d::UnitY() / 26.0, 2),
                                        scan_of(points, Vector3d::UnitZ() / 26.0, 3)};
   EXPECT_TRUE(relative_placements(points, three)[2].slope.isZero());
+}
+
+// From two scans with opposed read-outs the field of a scan along another axis, with another bandwidth.
+TEST(Separation, TheTableOfEveryReadOutFollowsFromBothParts) {
+  const Points3 points = test::lattice(7, 24.0);
+  const Vector3d d = b0_movement(Vector3d::UnitX(), 1.0, 26.0);
+  const auto field = separate_fields(points, std::vector{scan_of(points, d, 1), scan_of(points, -d, 2)});
+  ASSERT_TRUE(field.has_value()) << field.error();
+  const ScanFields fields(*field, d);
+  ASSERT_TRUE(fields.has_b0());
+  for (const Vector3d &other : {d, Vector3d(-d), b0_movement(Vector3d::UnitZ(), 1.5, 20.0)}) {
+    const auto table = fields.of_scan(other);
+    double mean = 0.0;
+    int covered = 0;
+    const Points3 probes = test::lattice(5, 29.0, {2.0, -3.0, 1.0});
+    for (const auto &probe : probes.colwise()) {
+      const Vector3d p = probe;
+      const double error = (table->to_imaged(p) - kGradients.image_of(p) - b0_Hz(p) * other).norm();
+      mean += error / static_cast<double>(probes.cols());
+      covered += error <= table->sample(p).error_95_mm ? 1 : 0;
+      EXPECT_GT(table->sample(p).error_95_mm, fields.table()->sample(p).error_95_mm);
+    }
+    EXPECT_LT(mean, 0.08) << other.transpose();
+    EXPECT_GE(covered, static_cast<int>(0.93 * static_cast<double>(probes.cols()))) << other.transpose();
+  }
+  const Vector3d p(20.0, -30.0, 10.0);
+  EXPECT_NEAR(fields.b0_Hz(p), b0_Hz(p), 2.0);
+  // A field of one read-out is the same for all scans.
+  const ScanFields one(fields.of_scan(d));
+  EXPECT_FALSE(one.has_b0());
+  EXPECT_EQ(one.of_scan(-d), one.table());
+  // Parts of two fields are not put together.
+  const auto coarser = std::make_shared<const FieldTable>(field->gradients, 5.0);
+  EXPECT_THROW(ScanFields(fields.table(), coarser, d), std::invalid_argument);
+  EXPECT_THROW(ScanFields(fields.table(), fields.by_b0(), Vector3d::Zero()), std::invalid_argument);
 }
 
 TEST(Separation, ScansThatB0MovesAlikeAreRefused) {

@@ -27,9 +27,10 @@ RobotRegistrationOptions undistorted() {
 // Top and bottom scans of the mid pillars.
 struct Session {
   explicit Session(std::uint64_t seed, const sim::scanner::ScannerOptions &options = {}) : scanner(options, seed) {}
-  void scan() {
-    top = pair_of(scanner, frame, plan_of(Plane::kCoronal, Vector3d(0, 55, 0), 60), {"mid-top"}, "top");
-    bottom = pair_of(scanner, frame, plan_of(Plane::kCoronal, Vector3d(0, -55, 0), 60), {"mid-bottom"}, "bottom");
+  void scan(bool opposed = false) {
+    top = pair_of(scanner, frame, plan_of(Plane::kCoronal, Vector3d(0, 55, 0), 60), {"mid-top"}, "top", opposed);
+    bottom =
+        pair_of(scanner, frame, plan_of(Plane::kCoronal, Vector3d(0, -55, 0), 60), {"mid-bottom"}, "bottom", opposed);
   }
   [[nodiscard]] std::vector<CoilScan> scans() const { return {top->scan, bottom->scan}; }
   // Error of the mapped origin of the frame, in Base.
@@ -70,6 +71,30 @@ TEST(Coils, OfASimulatedSessionAreFoundNamedAndRegistered) {
     options.artefacts.method = method;
     EXPECT_EQ(register_robot(session.frame, session.scans(), options).coils.size(), 8U);
   }
+}
+
+// B0 ten times as large as that of a shimmed magnet: 80 Hz are half a millimetre.
+TEST(Coils, OpposedReadOutsAreFreeOfB0AndShowIt) {
+  sim::scanner::ScannerOptions scanner;
+  scanner.field.kind = sim::scanner::FieldKind::kNone;
+  scanner.field.b0_Hz = 80.0;
+  scanner.fine_groups = {"mid-top", "mid-bottom"};
+  Session session(23, scanner);
+  session.scan(true);
+  const RobotRegistration r = register_robot(session.frame, session.scans(), undistorted());
+  ASSERT_EQ(r.verdict, RegistrationVerdict::kFound) << r.reason;
+  ASSERT_EQ(r.coils.size(), 8U);
+  const auto protocol = sim::scanner::coil_protocol(60);
+  double largest_mm = 0.0;
+  for (const LocatedCoil &c : r.coils) {
+    const Vector3d real = session.scanner.truth().coils_device_mm[static_cast<std::size_t>(c.coil)];
+    const double b0_mm = session.scanner.field().b0_Hz(real) * protocol.pixel_mm() / protocol.bandwidth_Hz;
+    largest_mm = std::max(largest_mm, std::abs(b0_mm));
+    EXPECT_LT(std::abs(c.position_mm.x() - real.x()), 0.25) << c.coil; // the read-out runs along x
+    EXPECT_NEAR(c.b0_mm.x(), b0_mm, 0.25) << c.coil;
+    EXPECT_LT(c.b0_mm.tail<2>().norm(), 0.15) << c.coil;
+  }
+  EXPECT_GT(largest_mm, 0.6);
 }
 
 TEST(Coils, ABrokenAndAMovedCoilAreReportedAndTheRestRegisters) {
@@ -164,6 +189,30 @@ TEST(Artefacts, SlicesMayComeOneByOneInAnyOrder) {
   for (std::size_t i = 0; i < batch->artefacts.size(); ++i) {
     EXPECT_LT((streamed->artefacts[i].centre_mm - batch->artefacts[i].centre_mm).norm(), 1e-6);
   }
+}
+
+TEST(Artefacts, WhatOneReadOutAloneShowsIsLeftOut) {
+  const auto at = [](double x, bool cut_off) {
+    CoilArtefact out;
+    out.centre_mm = {x, 0.0, 0.0};
+    out.covariance = 0.01 * Eigen::Matrix3d::Identity();
+    out.cut_off = cut_off;
+    return out;
+  };
+  const std::vector<CoilArtefact> forward{at(-40.0, false), at(1.5, false), at(40.0, false)};
+  const std::vector<CoilArtefact> reversed{at(0.5, false), at(41.0, true)};
+  const auto mean = mean_of_read_outs(forward, reversed, 12.0);
+  ASSERT_EQ(mean.size(), 2U);
+  EXPECT_EQ(mean[0].centre_mm, Vector3d(1.0, 0.0, 0.0));
+  EXPECT_EQ(mean[0].b0_mm, Vector3d(0.5, 0.0, 0.0));
+  EXPECT_LT(mean[0].covariance(0, 0), 0.01);
+  EXPECT_FALSE(mean[0].cut_off);
+  EXPECT_TRUE(mean[1].cut_off) << "in the second";
+  // A coil that the second polarity of the current does not show stays.
+  const auto polarities = mean_of_polarities(forward, reversed, 12.0);
+  ASSERT_EQ(polarities.size(), 3U);
+  EXPECT_EQ(polarities[0].centre_mm, forward[0].centre_mm);
+  EXPECT_FALSE(polarities[0].b0_mm.allFinite());
 }
 
 TEST(Artefacts, NothingIsFoundInTwoBackgrounds) {
@@ -342,6 +391,27 @@ TEST(Verification, ScatterAlongARowIsAddedToTheCovarianceOfThePose) {
   const Verification less =
       verify_registration(draw.frame, draw.coils, 5, draw.T, fitted, Eigen::Matrix3d::Identity(), {});
   EXPECT_LT(less.unexplained(0, 0), 0.5 * v.unexplained(0, 0));
+}
+
+// Opposed read-outs show B0 at each coil; what it was when it was mapped is subtracted.
+TEST(Verification, AB0ThatChangedSinceItWasMappedIsStatedForImagesOfOneReadOut) {
+  VerifyingDraw draw(5, Vector3d::Zero());
+  for (LocatedCoil &coil : draw.coils) {
+    coil.used = true;
+    coil.b0_mm = Vector3d(0.5 + 0.01 * coil.position_mm.x(), 0.0, 0.0);
+  }
+  RobotRegistrationOptions options;
+  const auto verify = [&] {
+    return verify_registration(draw.frame, draw.coils, 5, draw.T, {}, Eigen::Matrix3d::Identity(), options);
+  };
+  EXPECT_TRUE(verify().b0_change.isZero()) << "what was mapped is not known";
+  options.mapped_b0 = [](const Vector3d &p) { return Vector3d(0.01 * p.x(), 0.0, 0.0); };
+  const Verification v = verify();
+  EXPECT_NEAR(v.b0_change(0, 0), 0.25, 1e-9);
+  EXPECT_NEAR(v.max_b0_change_mm, 0.5, 1e-9);
+  EXPECT_TRUE(v.failure.empty()) << "the pose is free of it: " << v.failure;
+  draw.coils.front().b0_mm.setConstant(std::nan("")); // one that a single read-out shows
+  EXPECT_NEAR(verify().b0_change(0, 0), 0.25, 1e-9);
 }
 
 TEST(Verification, AMeanIsNotBetterThanWhatIsCommonToItsCoils) {

@@ -31,19 +31,29 @@ inline std::vector<int> coils_of(const CoilFrame &frame, const std::vector<std::
   return out;
 }
 
-// Background and foreground of one stack, with the CoilScan that refers to them.
+// Background and foreground of one stack, with the CoilScan that refers to them; opposed: also with the read-out
+// reversed.
 struct Pair {
   Stack background, foreground;
+  Stack reversed_background, reversed_foreground;
   CoilScan scan;
 };
 inline std::unique_ptr<Pair> pair_of(sim::scanner::SimulatedScanner &scanner, const CoilFrame &frame,
                                      const sim::scanner::StackPlan &plan, const std::vector<std::string> &groups,
-                                     const std::string &name) {
+                                     const std::string &name, bool opposed = false) {
   auto out = std::make_unique<Pair>();
   const sim::scanner::Protocol protocol = sim::scanner::coil_protocol(plan.slices);
   out->background = scanner.background(protocol, plan);
   out->foreground = scanner.foreground(protocol, plan, groups);
   out->scan = {name, &out->background, &out->foreground, nullptr, coils_of(frame, groups)};
+  if (opposed) {
+    sim::scanner::StackPlan reversed = plan;
+    reversed.read_reversed = true;
+    out->reversed_background = scanner.background(protocol, reversed);
+    out->reversed_foreground = scanner.foreground(protocol, reversed, groups);
+    out->scan.reversed_background = &out->reversed_background;
+    out->scan.reversed_foreground = &out->reversed_foreground;
+  }
   return out;
 }
 
