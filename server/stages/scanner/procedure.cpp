@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <cstring>
 #include <utility>
 
 namespace bregma::server {
@@ -10,6 +11,7 @@ namespace bregma::server {
 namespace {
 
 constexpr std::int64_t kStragglers_ns = 3'000'000'000; // for slices that come after the reply to their order
+constexpr std::int64_t kOffNow_ns = -1;                // the coils are switched off at the end of the next poll
 constexpr const char *kOff = "background";
 
 constexpr std::array kStepNames = {"unknown", "idle",   "scout",  "phantom", "swap", "frame scout",
@@ -45,7 +47,7 @@ ProcedureAnswer Procedure::start(const std::string &device, std::int64_t now_ns)
   if (busy()) {
     return {false, "step " + name_of(step_) + " is under way: wait, or reset"};
   }
-  estimate_.reset();
+  forget_scans();
   if (field_is_valid(now_ns)) {
     wait_for_operator(bregma_wire_SCANNER_STEP_SWAP, "the distortion field " + field_->identity + " is valid",
                       "place the registration frame, then confirm swap; or place the phantom and confirm phantom");
@@ -92,9 +94,14 @@ ProcedureAnswer Procedure::confirm(const std::string &device, const std::string 
     return {true, "the bottom of the registration frame is scanned"};
   }
   if (step == "verify") {
-    const bool found = estimate_ && estimate_->verdict == mri::RegistrationVerdict::kFound;
-    if (options_.verify.empty() || (!found && !accepted_)) {
-      return {false, options_.verify.empty() ? "no coils verify (scanner.verify)" : "nothing is registered yet"};
+    if (options_.verify.empty()) {
+      return {false, "no coils verify (scanner.verify)"};
+    }
+    if (!found_anew() && !accepted_) {
+      return {false, "nothing is registered yet: confirm top"};
+    }
+    if (!found_anew() && validity_ != bregma_wire_SCANNER_VALID) {
+      return {false, "the registration is void, " + validity_text_ + ": confirm top to register anew"};
     }
     begin(bregma_wire_SCANNER_STEP_VERIFY, now_ns);
     return {true, "the coils that verify are scanned"};
@@ -106,16 +113,23 @@ ProcedureAnswer Procedure::accept(const std::string &device, std::int64_t now_ns
   if (const auto wrong = refuse_device(device)) {
     return {false, *wrong};
   }
-  if (step_ != bregma_wire_SCANNER_STEP_ACCEPT || busy()) {
+  if (step_ != bregma_wire_SCANNER_STEP_ACCEPT || activity_ != bregma_wire_SCANNER_WAITS || !found_anew()) {
     return {false, "there is nothing to accept: step " + name_of(step_) + ", " + next_};
+  }
+  const bool field = field_is_valid(now_ns);
+  if (estimate_corrected_ && !field) {
+    return {false, "the distortion field has expired since the scans: measure it again (confirm phantom)"};
   }
   accepted_ = Accepted{estimate_revision_, estimate_->T_base_device, fitted_covariance_,
                        estimate_->coils,   estimate_->tre_95_mm,     now_ns,
-                       top_->table_mm(),   estimate_corrected_};
+                       top_->table_mm(),   estimate_corrected_,      estimate_corrected_ ? field_->expires_ns : 0};
   validity_ = bregma_wire_SCANNER_VALID;
   validity_text_.clear();
-  wait_for_operator(bregma_wire_SCANNER_STEP_DONE, "the robot is registered to the scanner",
-                    "confirm verify to check it again, or top to register anew");
+  wait_for_operator(bregma_wire_SCANNER_STEP_DONE,
+                    std::string("the robot is registered to the scanner") +
+                        (field ? "" : "; without a distortion field slices are not corrected, and show no tip"),
+                    options_.verify.empty() ? "confirm top to register anew"
+                                            : "confirm verify to check it again, or top to register anew");
   return {true, text_};
 }
 
@@ -127,18 +141,27 @@ ProcedureAnswer Procedure::reset(const std::string &device, std::int64_t /*now_n
   phase_ = Phase::kIdle;
   measuring_.reset();
   series_.reset();
-  top_.reset();
-  bottom_.reset();
-  tree_.reset();
-  estimate_.reset();
-  verifying_.clear();
+  forget_scans();
   accepted_.reset();
   step_ = bregma_wire_SCANNER_STEP_IDLE;
   activity_ = bregma_wire_SCANNER_ACTIVITY_NONE;
   text_ = "reset";
   next_ = "start the registration of the scanner";
   changed();
-  return {true, "the coils are switched off; the registration is void"};
+  return {true, "the coils are ordered off; the registration is void"};
+}
+
+void Procedure::forget_scans() {
+  top_.reset();
+  bottom_.reset();
+  tree_.reset();
+  estimate_.reset();
+  verifying_.clear();
+}
+
+bool Procedure::found_anew() const {
+  return estimate_ && estimate_->verdict == mri::RegistrationVerdict::kFound &&
+         (!accepted_ || accepted_->revision != estimate_revision_);
 }
 
 void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
@@ -147,6 +170,7 @@ void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
   switch (step) {
   case bregma_wire_SCANNER_STEP_SCOUT:
   case bregma_wire_SCANNER_STEP_FRAME_SCOUT:
+    forget_scans(); // phantom and frame are placed by hand: what was scanned before lies elsewhere
     plan_ = {{Role::kScout, "scout", 0, {}}};
     break;
   case bregma_wire_SCANNER_STEP_PHANTOM:
@@ -194,15 +218,23 @@ CoilPair &Procedure::pair_of_step() { return *coil_step(step_).pair; }
 
 void Procedure::order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values,
                       std::int64_t now_ns) {
-  awaited_id_ = next_id_++;
+  awaited_id_ = new_id(now_ns);
   deadline_ns_ = now_ns + options_.reply_timeout_ns;
   orders_.push_back({awaited_id_, device, kind, std::move(values)});
 }
 
-void Procedure::switch_off() {
-  off_id_ = next_id_++;
-  off_deadline_ns_ = -1; // set at the next poll
-  orders_.push_back({off_id_, options_.coils, bregma_wire_COMMAND_SET_COILS, {options_.coils, kOff, "0", "0"}});
+std::uint64_t Procedure::new_id(std::int64_t now_ns) {
+  next_id_ = next_id_ == 0 ? static_cast<std::uint64_t>(now_ns) : next_id_;
+  return next_id_++;
+}
+
+void Procedure::switch_off() { off_deadline_ns_ = kOffNow_ns; }
+
+void Procedure::confirmed_off() {
+  off_id_ = 0;
+  off_deadline_ns_ = 0;
+  coils_ordered_ = false;
+  coils_fault_.clear();
 }
 
 void Procedure::start_scan(std::int64_t now_ns) {
@@ -212,6 +244,10 @@ void Procedure::start_scan(std::int64_t now_ns) {
     return acquire(now_ns);
   }
   const bool off = scan.pattern == kOff;
+  if (!off) {
+    coils_ordered_ = true;
+    hold_ends_ns_ = now_ns + static_cast<std::int64_t>(1e9 * options_.hold_s);
+  }
   order(options_.coils, bregma_wire_COMMAND_SET_COILS,
         {options_.coils, scan.pattern, off ? "0" : number(options_.current_mA), off ? "0" : number(options_.hold_s)},
         now_ns);
@@ -226,6 +262,7 @@ void Procedure::acquire(std::int64_t now_ns) {
   order(options_.scanner, bregma_wire_COMMAND_ACQUIRE_SERIES,
         {options_.scanner, scan.protocol, std::to_string(scan.slices)}, now_ns);
   deadline_ns_ = now_ns + options_.series_timeout_ns;
+  series_replied_ = false;
   series_.reset();
   phase_ = Phase::kWaiting;
   activity_ = bregma_wire_SCANNER_ACQUIRES;
@@ -275,12 +312,16 @@ bool Procedure::on_slice(const wire::ImageSlice &slice, std::int64_t now_ns) {
     last_series_ = slice.series;
     text_ = "receives series " + std::to_string(slice.series) + ", " + plan_[scan_].protocol;
   } else if (phase_ == Phase::kReceiving && slice.series == series_->series()) {
-    (void)series_->add(slice); // the guard has refused one that is there already
+    if (const auto added = series_->add(slice); !added) {
+      fail("slice " + std::to_string(slice.index) + " of series " + std::to_string(slice.series) + ": " +
+           added.error());
+      return true;
+    }
   } else {
     last_series_ = phase_ == Phase::kWaiting || phase_ == Phase::kReceiving ? last_series_ : slice.series;
     return false;
   }
-  deadline_ns_ = now_ns + options_.series_timeout_ns;
+  deadline_ns_ = now_ns + (series_replied_ ? kStragglers_ns : options_.series_timeout_ns);
   if (plan_[scan_].role == Role::kForeground) {
     if (const auto added = pair_of_step().add(*series_, slice.index - 1, slice); !added) {
       fail(added.error().message);
@@ -294,6 +335,13 @@ bool Procedure::on_slice(const wire::ImageSlice &slice, std::int64_t now_ns) {
   return true;
 }
 
+void Procedure::on_other_scanner() {
+  last_series_ = 0;
+  if (phase_ == Phase::kReceiving) {
+    fail("the scanner's program was started again within series " + std::to_string(series_->series()));
+  }
+}
+
 void Procedure::on_refused(const wire::ImageSlice &slice, const std::string &text, std::int64_t /*now_ns*/) {
   // A series of which a slice was refused is never used: what is left of it may be another scene.
   if (phase_ == Phase::kReceiving && slice.series == series_->series()) {
@@ -304,9 +352,13 @@ void Procedure::on_refused(const wire::ImageSlice &slice, const std::string &tex
 void Procedure::on_reply(const wire::CommandReply &reply, std::int64_t now_ns) {
   const std::string text(reply.text, strnlen(reply.text, sizeof reply.text));
   const bool done = reply.result == bregma_wire_COMMAND_DONE;
-  if (reply.id == off_id_) {
-    off_deadline_ns_ = 0;
-    coils_fault_ = done ? "" : "the coils were not switched off: " + text;
+  if (off_id_ != 0 && reply.id == off_id_) {
+    if (done) {
+      confirmed_off();
+    } else {
+      coils_fault_ = "the coils were not switched off: " + text + "; disconnect the coil controller";
+      off_id_ = 0; // ordered again at the deadline
+    }
     changed();
     return;
   }
@@ -316,7 +368,11 @@ void Procedure::on_reply(const wire::CommandReply &reply, std::int64_t now_ns) {
   if (!done) {
     return fail((phase_ == Phase::kSwitching ? options_.coils : options_.scanner) + ": " + text);
   }
+  if (phase_ == Phase::kSwitching && plan_[scan_].pattern == kOff) {
+    confirmed_off();
+  }
   if (phase_ != Phase::kSwitching) {
+    series_replied_ = true;
     deadline_ns_ = std::min(deadline_ns_, now_ns + kStragglers_ns);
   } else if (plan_[scan_].protocol.empty()) {
     next_scan(now_ns);
@@ -326,23 +382,68 @@ void Procedure::on_reply(const wire::CommandReply &reply, std::int64_t now_ns) {
 }
 
 void Procedure::poll(std::int64_t now_ns) {
-  if (off_deadline_ns_ == -1) {
-    off_deadline_ns_ = now_ns + options_.reply_timeout_ns;
-  } else if (off_deadline_ns_ != 0 && now_ns >= off_deadline_ns_) {
-    off_deadline_ns_ = 0;
-    coils_fault_ = "the coil controller has not answered: the coils may carry current";
+  if (off_deadline_ns_ > 0 && now_ns >= off_deadline_ns_) {
+    if (off_id_ != 0) {
+      coils_fault_ = "the coil controller has not answered: the coils may carry current; disconnect it";
+    }
+    switch_off(); // again, until it is confirmed
     changed();
   }
+  poll_step(now_ns);
+  if (accepted_ && validity_ == bregma_wire_SCANNER_VALID && has_expired(accepted_->field_expires_ns, now_ns)) {
+    void_registration(bregma_wire_SCANNER_FIELD_EXPIRED, "the distortion field has expired: measure it again");
+  }
+  if (off_deadline_ns_ == kOffNow_ns) {
+    off_id_ = new_id(now_ns);
+    off_deadline_ns_ = now_ns + options_.reply_timeout_ns;
+    orders_.push_back({off_id_, options_.coils, bregma_wire_COMMAND_SET_COILS, {options_.coils, kOff, "0", "0"}});
+  }
+}
+
+void Procedure::poll_step(std::int64_t now_ns) {
   if (phase_ == Phase::kComputing) {
-    take_field();
-  } else if (busy() && now_ns >= deadline_ns_) {
+    return take_field();
+  }
+  const bool series = phase_ == Phase::kWaiting || phase_ == Phase::kReceiving;
+  if (series && scans(Role::kForeground) && now_ns >= hold_ends_ns_) {
+    return fail("the coils were on for " + number(options_.hold_s) +
+                    " s, after which their controller switches them off, before the series was complete",
+                "take fewer slices or a longer hold (scanner.hold_s), then confirm " + name_of(step_));
+  }
+  if (series && scanner_driver_.is_silent(now_ns)) {
+    return fail("the driver of " + options_.scanner + " has ended or is not reached: start it again");
+  }
+  if (series && scans(Role::kForeground) && coils_driver_.is_silent(now_ns)) {
+    return fail("the driver of " + options_.coils + " has ended or is not reached: start it again");
+  }
+  if (busy() && now_ns >= deadline_ns_) {
     const std::string who = phase_ == Phase::kSwitching ? options_.coils : options_.scanner;
     fail(phase_ == Phase::kReceiving ? std::to_string(series_->received()) + " of " +
                                            std::to_string(series_->expected()) + " slices came, then no more"
-                                     : who + " has not answered");
+                                     : who + " has not answered: is its driver started?");
   }
-  if (accepted_ && validity_ == bregma_wire_SCANNER_VALID && accepted_->corrected && !field_is_valid(now_ns)) {
-    void_registration(bregma_wire_SCANNER_FIELD_EXPIRED, "the distortion field has expired: measure it again");
+}
+
+void Procedure::on_driver(const wire::DriverHealth &health, std::int64_t now_ns) {
+  const bool coils = wire::view(health.device) == options_.coils;
+  if (!coils && wire::view(health.device) != options_.scanner) {
+    return;
+  }
+  SeenDriver &seen = coils ? coils_driver_ : scanner_driver_;
+  const SeenDriver before =
+      std::exchange(seen, SeenDriver{health.started_time_ns, health.connections, now_ns,
+                                     health.state == bregma_wire_DRIVER_CONNECTED && health.connections > 0, true});
+  const bool returned = seen.connected && (!before.connected || before.started_ns != seen.started_ns ||
+                                           before.connections != seen.connections);
+  const bool series = phase_ == Phase::kWaiting || phase_ == Phase::kReceiving;
+  const bool on = (series && scans(Role::kForeground)) || scans(Role::kOff); // or were just now
+  if (coils && on && before.seen && (returned || !seen.connected)) {
+    const std::string why(health.failure, strnlen(health.failure, sizeof health.failure));
+    fail("the coil controller was lost within a series, and the coils with it" + (why.empty() ? "" : ": " + why));
+  } else if (coils && returned && options_.frame && !scans(Role::kForeground)) {
+    switch_off(); // a daemon that ended may have left them on
+  } else if (!coils && series && before.seen && before.started_ns != seen.started_ns) {
+    fail("the driver of " + options_.scanner + " was started again within a series: it does not know of the order");
   }
 }
 

@@ -9,6 +9,7 @@
 // It owns no topic and no thread: the stage passes slices, replies and time, and sends the orders. One thread.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -75,12 +76,21 @@ public:
   // ---- what happens ----
   // Every accepted slice of the scanner. True if it belongs to the procedure.
   bool on_slice(const wire::ImageSlice &slice, std::int64_t now_ns);
+  // Slices come from another program than before: it counts its series anew, and knows of no order.
+  void on_other_scanner();
   // A slice that was refused at the input; text: why.
   void on_refused(const wire::ImageSlice &slice, const std::string &text, std::int64_t now_ns);
+  // What the drivers of scanner and coils state once per second. One that states nothing is not watched.
+  void on_driver(const wire::DriverHealth &health, std::int64_t now_ns);
   void on_reply(const wire::CommandReply &reply, std::int64_t now_ns);
   void poll(std::int64_t now_ns); // time-outs, results of other threads, expiry
 
   void use_field(ScannerField field) { field_ = std::move(field); }
+  // The calendar is the wall clock: a field that it calls expired is not used.
+  void set_wall_lead(std::int64_t lead_ns) { wall_lead_ns_ = lead_ns; }
+
+  // Ordered by the next poll, again and again until it is confirmed.
+  void switch_off();
 
   // ---- results ----
   [[nodiscard]] std::vector<DeviceOrder> take_orders() { return std::exchange(orders_, {}); }
@@ -90,7 +100,11 @@ public:
   [[nodiscard]] ScannerPoseView pose() const;
   // Not valid where there is none, or it has expired.
   [[nodiscard]] const std::optional<ScannerField> &field() const { return field_; }
-  [[nodiscard]] bool field_is_valid(std::int64_t now_ns) const;
+  [[nodiscard]] bool field_is_valid(std::int64_t now_ns) const {
+    return field_ && !has_expired(field_->expires_ns, now_ns);
+  }
+  // Coils were ordered on, and no controller has confirmed that they are off.
+  [[nodiscard]] bool coils_may_be_on() const { return coils_ordered_; }
   // The coils could not be switched off: an alarm. Empty: all is well.
   [[nodiscard]] const std::string &coils_fault() const { return coils_fault_; }
   [[nodiscard]] wire::ScannerValidity validity() const {
@@ -116,6 +130,15 @@ private:
     std::int64_t time_ns = 0;
     std::optional<double> table_mm;
     bool corrected = false;
+    std::int64_t field_expires_ns = 0; // of the field that corrected it; 0: never
+  };
+
+  struct SeenDriver {
+    std::int64_t started_ns = 0;
+    std::uint64_t connections = 0;
+    std::int64_t time_ns = 0; // of its last statement
+    bool connected = false, seen = false;
+    [[nodiscard]] bool is_silent(std::int64_t now_ns) const { return seen && now_ns - time_ns > 10'000'000'000; }
   };
 
   // procedure.cpp: steps
@@ -128,9 +151,18 @@ private:
   void wait_for_operator(wire::ScannerStep step, const std::string &text, const std::string &next);
   void fail(const std::string &text, const std::string &next = {});
   void order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values, std::int64_t now_ns);
-  void switch_off();
+  void confirmed_off();
+  void poll_step(std::int64_t now_ns);
+  [[nodiscard]] std::uint64_t new_id(std::int64_t now_ns);
+  void forget_scans(); // of the coils, and the estimate by them
   void changed() { ++revision_; }
   [[nodiscard]] bool busy() const { return phase_ != Phase::kIdle; }
+  [[nodiscard]] bool has_expired(std::int64_t expires_ns, std::int64_t now_ns) const { // 0: never
+    return expires_ns != 0 && now_ns + std::max<std::int64_t>(wall_lead_ns_, 0) >= expires_ns;
+  }
+  // An estimate was found and not accepted yet. Otherwise coils verify the accepted registration.
+  [[nodiscard]] bool found_anew() const;
+  [[nodiscard]] bool scans(Role role) const { return busy() && scan_ < plan_.size() && plan_[scan_].role == role; }
   [[nodiscard]] std::optional<std::string> refuse_device(const std::string &device) const;
   [[nodiscard]] std::optional<std::string> wrong_input(const wire::ImageSlice &slice) const;
   // Top, bottom or verify: protocol of its scans, pattern of its coils, and where the scans are kept.
@@ -159,14 +191,19 @@ private:
   wire::ScannerActivity activity_ = bregma_wire_SCANNER_ACTIVITY_NONE;
   std::string text_ = "not started", next_ = "start the registration of the scanner";
   std::vector<DeviceOrder> orders_;
-  std::uint64_t next_id_ = 1, awaited_id_ = 0, off_id_ = 0;
-  std::int64_t off_deadline_ns_ = 0; // 0: the coils are off, or a step switches them
+  // 0: no order yet. A daemon that is started again does not count from 1: replies to its predecessor may be under way.
+  std::uint64_t next_id_ = 0, awaited_id_ = 0, off_id_ = 0;
+  std::int64_t off_deadline_ns_ = 0; // of an order to switch off; 0: the coils are off, or a step switches them
+  bool coils_ordered_ = false;
+  std::int64_t hold_ends_ns_ = 0; // of the coils that were ordered on
   std::string coils_fault_;
+  SeenDriver scanner_driver_, coils_driver_;
 
   std::vector<PlannedScan> plan_;
   std::size_t scan_ = 0;
   Phase phase_ = Phase::kIdle;
   std::int64_t deadline_ns_ = 0;
+  bool series_replied_ = false;   // the scanner states that the series is complete
   std::uint32_t last_series_ = 0; // of the scanner
   std::optional<SliceStack> series_;
   wire::ImageSlice header_{}; // of the series under way, without pixels
@@ -175,6 +212,7 @@ private:
   wire::ImageSlice phantom_header_{};
   std::shared_ptr<JobResult<base::Result<ScannerField>>> measuring_;
   std::optional<ScannerField> field_;
+  std::int64_t wall_lead_ns_ = 0;
 
   std::optional<CoilPair> top_, bottom_, tree_;
   std::optional<mri::RobotRegistration> estimate_;

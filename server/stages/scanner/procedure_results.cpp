@@ -21,10 +21,6 @@ wire::ScannerVerdict verdict_of(mri::RegistrationVerdict verdict) {
 
 } // namespace
 
-bool Procedure::field_is_valid(std::int64_t now_ns) const {
-  return field_ && (field_->expires_ns == 0 || now_ns < field_->expires_ns);
-}
-
 void Procedure::measure(std::int64_t now_ns) {
   FieldMeasurement input;
   input.phantom = std::move(*phantom_);
@@ -40,7 +36,7 @@ void Procedure::measure(std::int64_t now_ns) {
   input.protocol = wire::text(phantom_header_.protocol);
   input.file = options_.field_file;
   input.days = options_.field_days;
-  input.utc_ns = now_ns;
+  input.utc_ns = now_ns + wall_lead_ns_;
   measuring_ = std::make_shared<JobResult<base::Result<ScannerField>>>();
   phase_ = Phase::kComputing;
   activity_ = bregma_wire_SCANNER_COMPUTES;
@@ -113,7 +109,7 @@ void Procedure::estimate(std::int64_t now_ns) {
 }
 
 void Procedure::check(std::int64_t now_ns) {
-  const bool of_accepted = accepted_ && (!estimate_ || accepted_->revision == estimate_revision_);
+  const bool of_accepted = !found_anew();
   auto &pose = of_accepted ? accepted_->T_base_device : estimate_->T_base_device;
   const geometry::Matrix6d &fitted = of_accepted ? accepted_->fitted_covariance : fitted_covariance_;
   const std::optional<double> table = of_accepted ? accepted_->table_mm : top_->table_mm();
@@ -137,6 +133,9 @@ void Procedure::check(std::int64_t now_ns) {
   }
   if (of_accepted && !failure.empty()) {
     void_registration(bregma_wire_SCANNER_FRAME_MOVED, failure);
+  } else if (!failure.empty()) { // what does not verify is not shown as found
+    estimate_->verdict = mri::RegistrationVerdict::kInconsistent;
+    estimate_->reason = failure;
   }
   if (!failure.empty()) {
     return fail(failure, "look for what moved or entered the bore, then confirm top to register anew");
@@ -150,9 +149,15 @@ void Procedure::check(std::int64_t now_ns) {
 }
 
 void Procedure::watch_table(const wire::ImageSlice &slice) {
-  if (accepted_ && validity_ == bregma_wire_SCANNER_VALID && table_moved(accepted_->table_mm, stated_table(slice))) {
+  const auto stated = stated_table(slice);
+  if (step_ == bregma_wire_SCANNER_STEP_ACCEPT && !busy() && found_anew() && table_moved(top_->table_mm(), stated)) {
+    estimate_->verdict = mri::RegistrationVerdict::kInconsistent;
+    estimate_->reason = "the table moved by " + mm(std::abs(*stated - *top_->table_mm())) + " since the scans";
+    fail(estimate_->reason, "confirm top to register anew");
+  }
+  if (accepted_ && validity_ == bregma_wire_SCANNER_VALID && table_moved(accepted_->table_mm, stated)) {
     void_registration(bregma_wire_SCANNER_TABLE_MOVED, "the table moved by " +
-                                                           mm(std::abs(slice.table_mm - *accepted_->table_mm)) +
+                                                           mm(std::abs(*stated - *accepted_->table_mm)) +
                                                            " since the registration: register again");
   }
 }

@@ -13,7 +13,8 @@ namespace bregma::server {
 namespace {
 
 constexpr std::int64_t kTakeOver_ns = 2'000'000'000; // silence after which another writer may send
-constexpr std::int64_t kFuture_ns = 2'000'000'000;   // of the device's clock, which may be set by hand
+constexpr std::int64_t kFuture_ns = 2'000'000'000;   // by which the device's clock may run ahead within a series
+constexpr std::int64_t kMaxTime_ns = 4'000'000'000'000'000'000; // the year 2096: differences do not overflow
 constexpr double kMaxSpacing_mm = 50.0;
 constexpr double kMaxThickness_mm = 200.0;
 constexpr double kMaxPosition_mm = 2'000.0; // inside a scanner
@@ -62,8 +63,9 @@ SliceVerdict SliceGuard::check(const wire::ImageSlice &slice, std::uint64_t writ
     ++refused_;
     return {false, wrong->reason, wrong->text};
   }
+  const bool other = arrived_ns_ != 0 && writer != writer_;
   take(slice, writer, now_ns);
-  return {true, bregma_wire_REJECT_UNKNOWN, {}};
+  return {true, bregma_wire_REJECT_UNKNOWN, {}, other};
 }
 
 SliceGuard::Check SliceGuard::check_header(const wire::ImageSlice &s) {
@@ -123,7 +125,8 @@ SliceGuard::Check SliceGuard::check_writer(std::uint64_t writer, std::int64_t no
   }
   if (now_ns - arrived_ns_ < kTakeOver_ns) {
     ++health_.other_writer;
-    return Refusal{bregma_wire_REJECT_DUPLICATE, "another program sends slices of the same scanner"};
+    return Refusal{bregma_wire_REJECT_DUPLICATE,
+                   "another program sends slices of the same scanner: end one of the two, or give it another name"};
   }
   frame_ = 0; // a restarted driver counts anew
   device_time_ns_ = 0;
@@ -137,11 +140,20 @@ SliceGuard::Check SliceGuard::check_order(const wire::ImageSlice &s, std::int64_
   if (frame_ != 0 && s.frame == frame_) {
     return Refusal{bregma_wire_REJECT_DUPLICATE, "it was received already"};
   }
-  if (s.frame < frame_ || s.device_time_ns < device_time_ns_) {
+  if (s.frame < frame_) {
     return Refusal{bregma_wire_REJECT_TIME_BACKWARDS, "it is older than the last one"};
   }
-  if (s.device_time_ns > now_ns + kFuture_ns) {
-    return Refusal{bregma_wire_REJECT_TIME_IN_FUTURE, "its time is in the future"};
+  if (s.device_time_ns <= 0 || s.device_time_ns > kMaxTime_ns) {
+    return Refusal{bregma_wire_REJECT_MALFORMED, "it states no time"};
+  }
+  if (first_.series == 0 || s.series != first_.series) {
+    return std::nullopt; // its clock may have been set since the last series
+  }
+  if (s.device_time_ns < device_time_ns_) {
+    return Refusal{bregma_wire_REJECT_TIME_BACKWARDS, "it is older than the last one, or the scanner's clock was set"};
+  }
+  if (s.device_time_ns - now_ns - lead_ns_ > kFuture_ns) {
+    return Refusal{bregma_wire_REJECT_TIME_IN_FUTURE, "its time is in the future: the scanner's clock was set"};
   }
   return std::nullopt;
 }
@@ -185,6 +197,7 @@ void SliceGuard::take(const wire::ImageSlice &s, std::uint64_t writer, std::int6
   frame_ = s.frame;
   device_time_ns_ = s.device_time_ns;
   if (s.series != first_.series) {
+    lead_ns_ = s.device_time_ns - now_ns;
     first_ = s;
     first_.pixels = {}; // they belong to the caller
     seen_.assign(s.count, false);

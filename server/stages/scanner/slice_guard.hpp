@@ -1,6 +1,7 @@
 // Input check of a scanner's slices. Every ImageSlice passes here once: it is accepted, or rejected with a sentence and
 // counted by reason. Accepted slices have finite numbers within a scanner's range, a rotation, as many pixels as rows
-// and columns state, increasing numbers and times, and fit the other slices of their series.
+// and columns state, increasing numbers, times that pass as here, and fit the other slices of their series. The clock
+// of a scanner may be set: that costs the series under way.
 //
 // One scanner. One thread. The sentence of a rejection is for the operator.
 #pragma once
@@ -22,6 +23,7 @@ struct SliceVerdict {
   bool accepted = false;
   wire::RejectReason reason = bregma_wire_REJECT_MALFORMED; // unless accepted
   std::string text;                                         // unless accepted
+  bool other_writer = false; // accepted, and from another program than the one before: it counts anew
 };
 
 class SliceGuard {
@@ -58,6 +60,7 @@ private:
   std::int64_t arrived_ns_ = 0; // of the last accepted slice; 0: none
   std::uint64_t frame_ = 0;
   std::int64_t device_time_ns_ = 0;
+  std::int64_t lead_ns_ = 0; // device time minus arrival, of the first slice of the series under way
   // The series under way: its first slice without pixels, and which indices were taken.
   wire::ImageSlice first_{};
   std::vector<bool> seen_;

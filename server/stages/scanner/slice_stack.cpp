@@ -19,19 +19,26 @@ SliceStack::SliceStack(const wire::ImageSlice &first)
       axes_(axes_of(first)), spacing_mm_(first.spacing_mm[0], first.spacing_mm[1]),
       thickness_mm_(first.thickness_mm > 0.0 ? first.thickness_mm : 1.0), slices_(first.count),
       origins_mm_(first.count, Eigen::Vector3d::Zero()) {
-  (void)add(first);
+  (void)add(first); // the first belongs to itself
 }
 
-bool SliceStack::add(const wire::ImageSlice &slice) {
-  if (slice.series != series_ || slice.index == 0 || slice.index > slices_.size() ||
-      !slices_[slice.index - 1].empty()) {
-    return false;
+tl::expected<void, std::string> SliceStack::add(const wire::ImageSlice &slice) {
+  if (slice.series != series_ || slice.count != slices_.size() || slice.index == 0 || slice.index > slices_.size() ||
+      static_cast<int>(slice.columns) != size_[0] || static_cast<int>(slice.rows) != size_[1]) {
+    return tl::make_unexpected("it does not belong to the series: another size or number of slices");
+  }
+  if (!slices_[slice.index - 1].empty()) {
+    return tl::make_unexpected("it was received already");
+  }
+  if ((axes_of(slice) - axes_).cwiseAbs().maxCoeff() > kSameDirection ||
+      (Eigen::Vector2d::Map(slice.spacing_mm) - spacing_mm_).cwiseAbs().maxCoeff() > 1e-6) {
+    return tl::make_unexpected("mixed orientations or spacings");
   }
   const std::uint16_t *pixels = slice.pixels._buffer;
   slices_[slice.index - 1].assign(pixels, pixels + slice.pixels._length);
   origins_mm_[slice.index - 1] = Eigen::Vector3d::Map(slice.T_scanner_slice.translation_mm);
   ++received_;
-  return true;
+  return {};
 }
 
 tl::expected<image::Image<float, 3>, std::string> SliceStack::stack() const {

@@ -16,8 +16,8 @@ public:
   // An accepted slice, as are those of add(). The series is that of this slice.
   explicit SliceStack(const wire::ImageSlice &first);
 
-  // False, and nothing done, for another series, and for a slice that is there already.
-  bool add(const wire::ImageSlice &slice);
+  // Refused, with nothing done: a slice of another series, size or plane than the first, and one that is there already.
+  [[nodiscard]] tl::expected<void, std::string> add(const wire::ImageSlice &slice);
   [[nodiscard]] std::uint32_t series() const { return series_; }
   [[nodiscard]] std::uint32_t expected() const { return static_cast<std::uint32_t>(size_[2]); }
   [[nodiscard]] std::uint32_t received() const { return received_; }

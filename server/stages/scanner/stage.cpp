@@ -127,7 +127,7 @@ void declare(base::ParameterSet &set, ScannerParameters &p) {
 ScannerStage::ScannerStage(const ScannerParameters &parameters, const StageContext &context)
     : Stage(kName, {.thread = ThreadClass::kWorker, .rate_hz = kLookRate_hz, .triggered = true, .long_work = true}),
       device_(parameters.device), host_(context.host), slices_(context.link), replies_(context.link),
-      commands_(context.link), states_(context.link), corrected_(context.link), guard_([&] {
+      drivers_(context.link), commands_(context.link), states_(context.link), corrected_(context.link), guard_([&] {
         wire::Name name{};
         if (parameters.device.empty() || !wire::set_name(name, parameters.device)) {
           refuse("devices.scanner = \"" + parameters.device + "\"", "is no name of a device");
@@ -151,6 +151,17 @@ ScannerStage::ScannerStage(const ScannerParameters &parameters, const StageConte
   }
 }
 
+ScannerStage::~ScannerStage() {
+  if (procedure_.coils_may_be_on()) {
+    procedure_.switch_off();
+    const std::int64_t now_ns = last_ns_;
+    procedure_.poll(now_ns);
+    for (const DeviceOrder &order : procedure_.take_orders()) {
+      commands_(command_for(order, now_ns), now_ns);
+    }
+  }
+}
+
 void ScannerStage::connect(ScannerInbox &commands, const runtime::LatestValue<RobotToolsView> &tools) {
   inbox_ = &commands;
   tools_.connect(tools);
@@ -165,8 +176,14 @@ void ScannerStage::step(const Moment &now) noexcept {
 }
 
 void ScannerStage::advance(const Moment &now) {
+  last_ns_ = now.utc_ns;
+  procedure_.set_wall_lead(now.wall_lead_ns());
   (void)tools_.refresh();
   take_commands(now);
+  drivers_.take_each(now.utc_ns, [&](const wire::DriverHealth &health, std::uint64_t /*writer*/) {
+    procedure_.on_driver(health, now.utc_ns);
+    return false; // not recorded: the state says what follows from it
+  });
   take_slices(now);
   replies_.take_each(now.utc_ns, [&](const wire::CommandReply &reply, std::uint64_t /*writer*/) {
     const bool own = wire::view(reply.client) == kClient;
@@ -207,7 +224,7 @@ void ScannerStage::take_commands(const Moment &now) {
     out.kind = command.kind;
     out.result = answer.done ? bregma_wire_COMMAND_DONE : bregma_wire_COMMAND_REFUSED;
     wire::set_text(out.text, answer.text);
-    (void)answers.try_push(out); // a full ring: the session answers by its time-out
+    answered_.push_back(out);
   });
 }
 
@@ -218,17 +235,20 @@ void ScannerStage::take_slices(const Moment &now) {
       return false; // of another scanner: counted, and no fault of this one
     }
     if (!verdict.accepted) {
-      refused_text_ =
-          "series " + std::to_string(slice.series) + ", slice " + std::to_string(slice.index) + ": " + verdict.text;
-      refused_ns_ = now.utc_ns;
+      refused(slice, verdict.text, now);
       procedure_.on_refused(slice, verdict.text, now.utc_ns);
       return false;
+    }
+    if (verdict.other_writer) {
+      procedure_.on_other_scanner();
     }
     if (procedure_.on_slice(slice, now.utc_ns)) {
       return true;
     }
-    if (waiting_.size() >= kMaxWaiting) {
-      waiting_.pop_front(); // a display wants the newest
+    if (waiting_.size() >= kMaxWaiting) { // a display wants the newest
+      refused(waiting_.front().header, "slices come faster than they are corrected: it is skipped", now);
+      ++not_corrected_;
+      waiting_.pop_front();
     }
     waiting_.emplace_back(slice);
     return true;
@@ -236,6 +256,11 @@ void ScannerStage::take_slices(const Moment &now) {
   if (taken == 0) {
     guard_.set_writers_alive(slices_.writers_alive());
   }
+}
+
+void ScannerStage::refused(const wire::ImageSlice &slice, const std::string &text, const Moment &now) {
+  refused_text_ = "series " + std::to_string(slice.series) + ", slice " + std::to_string(slice.index) + ": " + text;
+  refused_ns_ = now.utc_ns;
 }
 
 void ScannerStage::send_orders(const Moment &now) {
@@ -254,8 +279,8 @@ void ScannerStage::correct(const Moment &now) {
     const ScannerField &field = *procedure_.field();
     auto corrected = corrector_.correct(slice, field);
     if (!corrected) {
-      refused_text_ = "series " + std::to_string(slice.header.series) + ": " + corrected.error().message;
-      refused_ns_ = now.utc_ns;
+      refused(slice.header, corrected.error().message, now);
+      ++not_corrected_;
       continue;
     }
     // The earlier ones first: the topic keeps what was written last, and that is to be the newest slice.
@@ -293,14 +318,17 @@ void ScannerStage::put_tip(wire::CorrectedSlice &out, std::int64_t now_ns) const
   put_unknown(out.tip_direction);
   out.tip_distance_mm = out.tip_error_95_mm = wire::kUnknown;
   const RobotToolsView &tools = tools_.value();
+  const bool registered = procedure_.validity() == bregma_wire_SCANNER_VALID;
   for (std::uint32_t i = 0; i < tools.count; ++i) {
     const wire::RobotTool &tool = tools.tools[i];
-    const bool valid =
-        tool.scanner_status == bregma_wire_POSE_LIVE && now_ns - tool.published_time_ns <= tool.valid_for_ns;
+    const bool live = tool.scanner_status == bregma_wire_POSE_LIVE;
+    const bool in_time = now_ns - tool.published_time_ns <= tool.valid_for_ns;
     copy_name(out.tip_tool, tool.tool);
-    out.tip_status =
-        tool.scanner_status == bregma_wire_POSE_LIVE && !valid ? bregma_wire_POSE_STALE : tool.scanner_status;
-    if (!valid) {
+    out.tip_status = live && !in_time ? bregma_wire_POSE_STALE : tool.scanner_status;
+    if (live && in_time && !registered) { // void since that pose was made, perhaps by this very slice
+      out.tip_status = bregma_wire_POSE_NOT_REGISTERED;
+    }
+    if (out.tip_status != bregma_wire_POSE_LIVE) {
       continue;
     }
     struct Plane;
@@ -331,13 +359,13 @@ void ScannerStage::publish(const Moment &now) {
   if (now.tick) {
     devices.store(guard_.health(now.utc_ns));
   }
-  const bool changed = published_revision_ != procedure_.revision() || guard_.refused() != seen_refused_ ||
+  const bool changed = published_revision_ != procedure_.revision() || slices_refused() != seen_refused_ ||
                        slices_corrected_ != seen_corrected_;
-  if (!(changed && now.tick) && now.monotonic_ns - published_ns_ < kStateRepeat_ns) {
+  if (!(changed && now.tick) && answered_.empty() && now.monotonic_ns - published_ns_ < kStateRepeat_ns) {
     return;
   }
   published_revision_ = procedure_.revision();
-  seen_refused_ = guard_.refused();
+  seen_refused_ = slices_refused();
   seen_corrected_ = slices_corrected_;
   published_ns_ = now.monotonic_ns;
   wire::ScannerRegistration state{};
@@ -345,10 +373,15 @@ void ScannerStage::publish(const Moment &now) {
   state.time_ns = now.utc_ns;
   procedure_.fill(state, now.utc_ns);
   state.slices_taken = guard_.taken();
-  state.slices_refused = guard_.refused();
+  state.slices_refused = slices_refused();
   state.slices_corrected = slices_corrected_;
   wire::set_text(state.refused_text, refused_text_);
   states_(state, now.utc_ns);
+  // After the state: a client that has its answer finds no older one.
+  for (const StageAnswer &answer : answered_) {
+    (void)answers.try_push(answer); // a full ring: the session answers by its time-out
+  }
+  answered_.clear();
 }
 
 } // namespace bregma::server

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <deque>
 #include <string>
+#include <vector>
 
 #include "base/parameters.hpp"
 #include "idl/host_clock.hpp"
@@ -52,6 +53,8 @@ public:
 
   // Throws std::invalid_argument for files that cannot be read and for patterns that the frame does not have.
   ScannerStage(const ScannerParameters &parameters, const StageContext &context);
+  // Switches the coils off, where they may be on.
+  ~ScannerStage() override;
   void connect(ScannerInbox &commands, const runtime::LatestValue<RobotToolsView> &tools);
 
   void step(const Moment &now) noexcept override;
@@ -67,6 +70,8 @@ private:
   void advance(const Moment &now);
   void take_commands(const Moment &now);
   void take_slices(const Moment &now);
+  void refused(const wire::ImageSlice &slice, const std::string &text, const Moment &now);
+  [[nodiscard]] std::uint64_t slices_refused() const { return guard_.refused() + not_corrected_; }
   void send_orders(const Moment &now);
   void correct(const Moment &now);
   void publish_corrected(CorrectedPixels pixels, const ScannerField &field, const Moment &now);
@@ -78,6 +83,7 @@ private:
   Host &host_;
   Subscriber<wire::ImageSlice> slices_;
   Subscriber<wire::CommandReply> replies_;
+  Subscriber<wire::DriverHealth> drivers_;
   Publisher<wire::Command> commands_;
   Publisher<wire::ScannerRegistration> states_;
   Publisher<wire::CorrectedSlice> corrected_;
@@ -91,8 +97,11 @@ private:
   CorrectedPixels pixels_; // of the slice published last
   std::uint64_t published_revision_ = 0;
   std::int64_t published_ns_ = 0; // monotonic
+  std::int64_t last_ns_ = 0;      // UTC, of the last step
   std::int64_t refused_ns_ = 0;   // UTC, of the last refusal; 0: none
   std::uint64_t slices_corrected_ = 0;
+  std::uint64_t not_corrected_ = 0;   // accepted, but already corrected, or skipped since newer ones came
+  std::vector<StageAnswer> answered_; // sent when the state that they led to is published
   std::string refused_text_;
   std::uint64_t seen_refused_ = 0, seen_corrected_ = 0;
 };

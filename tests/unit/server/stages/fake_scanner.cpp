@@ -129,8 +129,30 @@ void FakeScanner::send_live(const std::string &protocol, std::uint32_t count, st
   series_.push_back(std::move(series));
 }
 
+void FakeScanner::health(std::int64_t started_ns, std::uint64_t connections, wire::DriverState state,
+                         const char *device) {
+  wire::DriverHealth &out = health_[device];
+  (void)wire::set_name(out.device, device);
+  out.started_time_ns = started_ns;
+  out.connections = connections;
+  out.state = state;
+}
+
+void FakeScanner::restart() {
+  commands_.clear();
+  series_.clear();
+  number_ = 0;
+  frame_ = 0;
+  ++writer_;
+}
+
 void FakeScanner::advance(std::int64_t now_ns) {
   now_ns_ = now_ns;
+  for (const auto &[device, health] : health_) {
+    if (answers) {
+      topics_.put(health);
+    }
+  }
   for (const wire::Command &command : std::exchange(commands_, {})) {
     take(command);
   }
@@ -161,7 +183,7 @@ void FakeScanner::advance(std::int64_t now_ns) {
     one.table_stated = true;
     one.table_mm = table_mm;
     change(one);
-    topics_.put(one);
+    topics_.put(one, writer_);
   }
   if (series.sent == slice.count) {
     if (series.command) {

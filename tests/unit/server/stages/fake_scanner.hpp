@@ -43,6 +43,12 @@ public:
   // Slices of a series that nobody ordered.
   void send_live(const std::string &protocol, std::uint32_t count, std::int64_t now_ns);
 
+  // What a driver states about itself, from now on once per step.
+  void health(std::int64_t started_ns, std::uint64_t connections, wire::DriverState state,
+              const char *device = "Scanner");
+  // Its program ends, with all orders, and another one begins to count.
+  void restart();
+
   // ---- what happens ----
   std::function<void(wire::ImageSlice &)> change = [](wire::ImageSlice &) {}; // every slice
   std::set<int> dark;                                                         // coils without current
@@ -80,6 +86,8 @@ private:
   std::vector<std::shared_ptr<const Pixels>> kept_; // slices on the topic refer to them
   std::uint32_t number_ = 0;
   std::uint64_t frame_ = 0;
+  std::uint64_t writer_ = 1; // identity of its program
+  std::map<std::string, wire::DriverHealth> health_;
 };
 
 // The stage with its inputs, and a fake scanner; steps in virtual time.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -388,6 +389,226 @@ TEST(ScannerProcedure, APhantomThatMovedDuringItsScansRefusesTheField) {
   EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
   EXPECT_TRUE(says(bench.state.text, "the phantom moved by")) << bench.state.text;
   EXPECT_EQ(bench.state.field_status, bregma_wire_FIELD_NONE);
+}
+
+// ---- steps in a wrong order ----
+
+void expect_refused(const StageAnswer &answer, const std::string &words) {
+  EXPECT_EQ(answer.result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_TRUE(says(answer.text, words)) << answer.text;
+}
+
+void accept(ScannerBench &bench) {
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+}
+
+TEST(ScannerProcedure, CoilsVerifyTheAcceptedRegistrationAndNoEstimateThatFailed) {
+  ScannerBench bench;
+  bench.procedure();
+  accept(bench);
+  const std::uint32_t accepted = bench.state.accepted_revision;
+  bench.scanner.dark = {0, 1, 2, 4, 5};
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  ASSERT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED) << bench.state.text;
+  ASSERT_NE(bench.state.verdict, bregma_wire_SCANNER_VERDICT_FOUND);
+  EXPECT_EQ(bench.confirm("verify").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_DONE) << bench.state.text;
+  expect_refused(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}), "nothing to accept");
+  EXPECT_EQ(bench.state.accepted_revision, std::max(accepted, 1U));
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALID);
+}
+
+TEST(ScannerProcedure, AnEstimateThatDoesNotVerifyIsNotShownAsFound) {
+  ScannerBench bench;
+  bench.scanner.change = [&](wire::ImageSlice &slice) {
+    if (wire::view(slice.protocol) == "bottom" && slice.coil_state == bregma_wire_COILS_POSITIVE) {
+      bench.scanner.frame_moved_mm = {0.0, 0.0, 4.0}; // before the coils that verify are scanned
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_VERIFY, "from where the registration expects them");
+  EXPECT_EQ(bench.state.verdict, bregma_wire_SCANNER_VERDICT_INCONSISTENT);
+  EXPECT_TRUE(std::isnan(bench.state.T_base_scanner.translation_mm[0]));
+  EXPECT_EQ(std::string(bench.state.reason), bench.state.text);
+  expect_refused(bench.confirm("verify"), "nothing is registered yet");
+}
+
+TEST(ScannerProcedure, AVoidRegistrationIsNotVerified) {
+  ScannerBench bench;
+  bench.procedure();
+  accept(bench);
+  bench.scanner.table_mm = 12.0;
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  bench.step();
+  bench.step();
+  expect_refused(bench.confirm("verify"), "the registration is void, the table moved by 12.00 mm");
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_DONE);
+}
+
+TEST(ScannerProcedure, ATableThatMovesBeforeTheOperatorAcceptsIsNoticed) {
+  ScannerBench bench;
+  bench.procedure();
+  ASSERT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT);
+  bench.scanner.table_mm = 12.0;
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  bench.step();
+  bench.step();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_ACCEPT, "the table moved by 12.00 mm since the scans");
+  EXPECT_EQ(bench.state.verdict, bregma_wire_SCANNER_VERDICT_INCONSISTENT);
+  expect_refused(bench.confirm("verify"), "nothing is registered yet");
+}
+
+TEST(ScannerProcedure, ScansOfBeforeTheFrameWasPlacedAreForgotten) {
+  ScannerBench bench;
+  bench.procedure();
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  bench.scanner.frame_moved_mm = {0.0, 2.0, 0.0};
+  expect_refused(bench.confirm("bottom"), "the top is not scanned");
+  expect_refused(bench.confirm("verify"), "nothing is registered yet");
+  EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+}
+
+// ---- programs that end and come back ----
+
+TEST(ScannerProcedure, AScannerThatIsStartedAgainCountsAnewAndIsUsed) {
+  ScannerBench bench;
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  bench.scanner.health(1, 1, bregma_wire_DRIVER_CONNECTED);
+  EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
+  bench.scanner.restart(); // with the order of the scout
+  bench.scanner.health(2, 1, bregma_wire_DRIVER_CONNECTED);
+  bench.step();
+  bench.step();
+  EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
+  EXPECT_TRUE(says(bench.state.text, "the driver of Scanner was started again")) << bench.state.text;
+  bench.let_pass(3'000'000'000); // longer than two programs of one name may be mistaken for each other
+  EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+}
+
+TEST(ScannerProcedure, AScannerThatEndsWithinASeriesEndsTheStepSoon) {
+  ScannerBench bench;
+  bench.scanner.health(1, 1, bregma_wire_DRIVER_CONNECTED);
+  bench.scanner.change = [&](wire::ImageSlice &slice) {
+    if (slice.coil_state == bregma_wire_COILS_POSITIVE && slice.index > 40) {
+      (void)wire::set_name(slice.device, "Elsewhere");
+      bench.scanner.answers = false;
+    }
+  };
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  const std::int64_t began_ns = bench.now.utc_ns;
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_TRUE(says(bench.state.text, "the driver of Scanner has ended or is not reached")) << bench.state.text;
+  EXPECT_LT(bench.now.utc_ns - began_ns, 15'000'000'000);
+}
+
+TEST(ScannerProcedure, ACoilControllerThatIsLostWithinTheForegroundEndsTheStep) {
+  ScannerBench bench;
+  bench.scanner.health(1, 1, bregma_wire_DRIVER_CONNECTED, "Coils");
+  bool lost = false;
+  bench.scanner.change = [&](wire::ImageSlice &slice) {
+    if (slice.coil_state == bregma_wire_COILS_POSITIVE && slice.index > 20 && !std::exchange(lost, true)) {
+      bench.scanner.health(1, 2, bregma_wire_DRIVER_CONNECTED, "Coils"); // it has switched off, and connected again
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "the coil controller was lost within a series");
+}
+
+TEST(ScannerProcedure, ADaemonThatIsStartedAgainSwitchesTheCoilsOff) {
+  ScannerBench bench;
+  bench.step();
+  EXPECT_TRUE(bench.scanner.patterns.empty());
+  bench.scanner.health(1, 1, bregma_wire_DRIVER_CONNECTED, "Coils");
+  bench.step();
+  bench.step();
+  EXPECT_EQ(bench.scanner.patterns, std::vector<std::string>{"background"});
+  EXPECT_TRUE(bench.alarms.empty());
+}
+
+TEST(ScannerProcedure, ADaemonThatEndsSwitchesTheCoilsOff) {
+  ScannerBench bench;
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  while (!bench.scanner.coils_on()) {
+    bench.step();
+  }
+  bench.stage.reset();
+  bench.topics.deliver();
+  bench.scanner.advance(bench.now.utc_ns);
+  EXPECT_FALSE(bench.scanner.coils_on());
+}
+
+TEST(ScannerProcedure, TheCoilsAreOrderedOffUntilThatIsConfirmed) {
+  ScannerBench bench;
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  bench.scanner.answers = false;
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  for (int i = 0; i < 220; ++i) {
+    bench.step();
+  }
+  EXPECT_TRUE(bench.alarms.contains("coils_on"));
+  bench.scanner.answers = true;
+  for (int i = 0; i < 220; ++i) {
+    bench.step();
+  }
+  EXPECT_TRUE(bench.alarms.empty());
+}
+
+// The controller switches off by itself after the hold: the rest of the series would show no coil.
+TEST(ScannerProcedure, AHoldThatEndsWithinTheForegroundEndsTheStep) {
+  ScannerBench bench;
+  bool passed = false;
+  bench.scanner.change = [&](wire::ImageSlice &slice) {
+    if (slice.coil_state == bregma_wire_COILS_POSITIVE && slice.index > 20 && !std::exchange(passed, true)) {
+      bench.let_pass(900'000'000'000);
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "the coils were on for 900 s");
+  EXPECT_TRUE(says(bench.state.next, "scanner.hold_s")) << bench.state.next;
+}
+
+TEST(ScannerProcedure, AReplyWithoutTheLastSlicesEndsTheStepSoon) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    if (slice.coil_state == bregma_wire_COILS_POSITIVE && slice.index > 50) {
+      (void)wire::set_name(slice.device, "Elsewhere");
+    }
+  };
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  const std::int64_t began_ns = bench.now.utc_ns;
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "50 of 60 slices came, then no more");
+  EXPECT_LT(bench.now.utc_ns - began_ns, 6'000'000'000);
+}
+
+TEST(ScannerProcedure, TheAnswerToACommandComesAfterTheStateThatItLedTo) {
+  ScannerBench bench;
+  bench.now.tick = false; // triggered by a sample
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_SWAP);
 }
 
 } // namespace

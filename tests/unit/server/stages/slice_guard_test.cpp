@@ -83,7 +83,7 @@ TEST(SliceGuard, RefusesWhatNoScannerSends) {
       {"of series 0", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.series = 0; }},
       {"negative constant", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.correction = -1; }},
       {"parallel", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.read_out = 1, s.phase_encoding = 2; }},
-      {"future", bregma_wire_REJECT_TIME_IN_FUTURE, [](auto &s) { s.device_time_ns = kArrival_ns + 3'000'000'000; }},
+      {"no time", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.device_time_ns = 0; }},
       {"another scanner", bregma_wire_REJECT_UNKNOWN_DEVICE, [](auto &s) { (void)wire::set_name(s.device, "Other"); }},
   };
   for (const Fault &fault : faults) {
@@ -111,6 +111,32 @@ TEST(SliceGuard, RefusesWhatDoesNotFollow) {
   restarted.frame = 1;
   EXPECT_TRUE(s.check(restarted, kWriter + 1, kArrival_ns + 3'000'000'000).accepted) << "a restarted driver";
   EXPECT_EQ(s.guard.refused(), 4U);
+}
+
+// Whichever way the clock of scanner or daemon was set: the series under way is lost, and no other.
+TEST(SliceGuard, AClockThatWasSetCostsOneSeries) {
+  for (const std::int64_t step_ns : {3'600'000'000'000LL, -3'600'000'000'000LL}) {
+    Stream s;
+    EXPECT_TRUE(s.check(s.slice(1)).accepted);
+    wire::ImageSlice second = s.slice(2);
+    second.device_time_ns += step_ns;
+    const SliceVerdict verdict = s.check(second);
+    EXPECT_EQ(verdict.reason, step_ns > 0 ? bregma_wire_REJECT_TIME_IN_FUTURE : bregma_wire_REJECT_TIME_BACKWARDS);
+    EXPECT_NE(verdict.text.find("clock was set"), std::string::npos) << verdict.text;
+    for (std::uint32_t i = 1; i <= 3; ++i) {
+      wire::ImageSlice next = s.slice(i, 2);
+      next.device_time_ns += step_ns;
+      EXPECT_TRUE(s.check(next).accepted) << i;
+    }
+  }
+}
+
+TEST(SliceGuard, SaysThatAnotherProgramSends) {
+  Stream s;
+  EXPECT_FALSE(s.check(s.slice(1)).other_writer);
+  EXPECT_FALSE(s.check(s.slice(2)).other_writer);
+  EXPECT_TRUE(s.check(s.slice(1), kWriter + 1, kArrival_ns + 3'000'000'000).other_writer);
+  EXPECT_FALSE(s.check(s.slice(2), kWriter + 1, kArrival_ns + 3'000'000'000).other_writer);
 }
 
 TEST(SliceGuard, RefusesSlicesOfAnotherKindWithinASeries) {
