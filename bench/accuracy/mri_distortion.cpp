@@ -53,11 +53,12 @@ void left_out(Report &report, bool quick) {
   const mri::ErrorSummary before = mri::summarise((imaged - truth)(Eigen::all, tested));
   const mri::ErrorSummary after = mri::summarise(errors);
   report.note("Real phantom, 336 markers; residual of each when left out. Last columns: table 3 of the paper.");
-  report.note("axis initial mean (SD) max   residual mean (SD) max   paper: initial mean, max; residual mean, max");
-  row(report, "x", before.axis[0], after.axis[0], "0.68, 4.13; 0.17, 1.29");
-  row(report, "y", before.axis[1], after.axis[1], "0.59, 2.36; 0.10, 0.96");
-  row(report, "z", before.axis[2], after.axis[2], "0.51, 2.57; 0.15, 1.22");
-  row(report, "e", before.overall, after.overall, "1.20, 4.14; 0.29, 1.47");
+  report.note(
+      "axis initial mean (SD) max   residual mean (SD) max   paper: initial mean (SD) max; residual mean (SD) max");
+  row(report, "x", before.axis[0], after.axis[0], "0.68 (0.66) 4.13; 0.17 (0.16) 1.29");
+  row(report, "y", before.axis[1], after.axis[1], "0.59 (0.44) 2.36; 0.10 (0.09) 0.96");
+  row(report, "z", before.axis[2], after.axis[2], "0.51 (0.49) 2.57; 0.15 (0.15) 1.22");
+  row(report, "e", before.overall, after.overall, "1.20 (0.72) 4.14; 0.29 (0.20) 1.47");
   report.add(
       with_peer(at_most("distortion.left_out.mean", after.overall.mean_mm, "mm", 0.37), 0.383, "spline r^2 ln r"));
   report.add(figure("distortion.left_out.max", after.overall.max_mm, "mm"));
