@@ -65,6 +65,12 @@ base::Result<void> check_values(const itk::MetaDataDictionary &tags) {
   return {};
 }
 
+std::string tag_text(const itk::MetaDataDictionary &tags, const std::string &tag) {
+  std::string text;
+  itk::ExposeMetaData(tags, tag, text);
+  return std::string(base::trimmed(text.substr(0, text.find('\0'))));
+}
+
 base::Result<DicomSlice> read_slice(const fs::path &folder, const std::string &file) {
   auto io = itk::GDCMImageIO::New();
   io->SetFileName(file);
@@ -78,6 +84,11 @@ base::Result<DicomSlice> read_slice(const fs::path &folder, const std::string &f
   }
   if (io->GetNumberOfComponents() != 1) {
     return base::failure(series_error(folder, "is in colour (" + slice.name + "); a scalar image is needed"));
+  }
+  if (const std::string type = tag_text(io->GetMetaDataDictionary(), "0008|0008");
+      type.find("MOSAIC") != std::string::npos) {
+    return base::failure(series_error(folder, "is a mosaic (" + slice.name + ", image type " + type +
+                                                  "): its tiles are slices; convert it to NIfTI"));
   }
   const auto position = numbers(io->GetMetaDataDictionary(), {"0020|0032", "Image Position", 3});
   const auto orientation = numbers(io->GetMetaDataDictionary(), {"0020|0037", "Image Orientation", 6});
@@ -176,12 +187,6 @@ base::Result<ItkVolume::Pointer> read_frames(const fs::path &file, const DicomFi
     }
   }
   return out;
-}
-
-std::string tag_text(const itk::MetaDataDictionary &tags, const std::string &tag) {
-  std::string text;
-  itk::ExposeMetaData(tags, tag, text);
-  return std::string(base::trimmed(text.substr(0, text.find('\0'))));
 }
 
 // "UID (T1 MPRAGE, 176 slices, 20240131)"

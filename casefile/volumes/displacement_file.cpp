@@ -10,11 +10,14 @@
 #include <fstream>
 #include <map>
 #include <optional>
+#include <span>
 #include <string_view>
 #include <vector>
 
 #include <Eigen/LU>
 
+#include "base/write_file.hpp"
+#include "casefile/sha256.hpp"
 #include "casefile/space.hpp"
 #include "casefile/volumes/image_header.hpp"
 
@@ -44,30 +47,31 @@ bool is_one_line(std::string_view text) {
 }
 
 // components: 3 or 1. values: components per voxel.
-base::Result<void> write_nrrd(const fs::path &path, const image::Grid<3> &grid, int components,
-                              const std::vector<float> &values, const std::map<std::string, std::string> &keys) {
-  std::ofstream out(path, std::ios::binary | std::ios::trunc);
+std::string nrrd_text(const image::Grid<3> &grid, int components, const std::vector<float> &values,
+                      const std::map<std::string, std::string> &keys) {
   const bool vectors = components == 3;
   const Eigen::Matrix3d axes = grid.axes();
-  out << "NRRD0005\n# made by bregma\ntype: float\ndimension: " << (vectors ? 4 : 3)
-      << "\nspace: left-posterior-superior\nsizes:" << (vectors ? " 3" : "");
+  std::string out = std::string("NRRD0005\n# made by bregma\ntype: float\ndimension: ") + (vectors ? "4" : "3") +
+                    "\nspace: left-posterior-superior\nsizes:" + (vectors ? " 3" : "");
   for (const int size : grid.size) {
-    out << ' ' << size;
+    out += " " + std::to_string(size);
   }
-  out << "\nspace directions:" << (vectors ? " none" : "");
+  out += std::string("\nspace directions:") + (vectors ? " none" : "");
   for (Eigen::Index axis = 0; axis < 3; ++axis) {
-    out << ' ' << vector(flipped(axes.col(axis)));
+    out += " " + vector(flipped(axes.col(axis)));
   }
-  out << "\nkinds:" << (vectors ? " vector" : "") << " domain domain domain\nendian: little\nencoding: raw\n"
-      << "space origin: " << vector(flipped(grid.origin_mm())) << '\n';
+  out += std::string("\nkinds:") + (vectors ? " vector" : "") +
+         " domain domain domain\nendian: little\nencoding: raw\nspace origin: " + vector(flipped(grid.origin_mm())) +
+         "\n";
   for (const auto &[key, value] : keys) {
-    out << "bregma " << key << ":=" << value << '\n';
+    out += "bregma " + key + ":=" + value + "\n";
   }
-  out << '\n';
-  out.write(reinterpret_cast<const char *>(values.data()), static_cast<std::streamsize>(values.size() * sizeof(float)));
-  out.close();
-  return out ? base::Result<void>() : base::failure(problem(path, "cannot be written"));
+  out += "\n";
+  return out.append(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(float));
 }
+
+// Of the displacements: which field the errors beside it are of.
+std::string mark_of(const std::vector<float> &values) { return to_hex(sha256(std::as_bytes(std::span(values)))); }
 
 struct DisplacementNrrd {
   image::Grid<3> grid; // RAS
@@ -230,15 +234,19 @@ base::Result<void> write_displacement_field(const fs::path &path, const Displace
   for (const Eigen::Vector3f &v : field.displacement_mm.voxels) {
     values.insert(values.end(), {-v.x(), -v.y(), v.z()}); // LPS
   }
-  return write_nrrd(path, field.displacement_mm, 3, values, keys).and_then([&]() -> base::Result<void> {
-    if (field.signed_error_95_mm.voxels.empty()) {
+  const std::string displacements = nrrd_text(field.displacement_mm, 3, values, keys);
+  if (field.signed_error_95_mm.voxels.empty()) {
+    return base::write_file(path, displacements).map([&] {
       std::error_code ignored;
       fs::remove(error_file_of(path), ignored); // of another field
-      return {};
-    }
-    return write_nrrd(error_file_of(path), field.signed_error_95_mm, 1, field.signed_error_95_mm.voxels,
-                      {{"content", "error not exceeded with 95 %, mm; negative where the field extrapolates"}});
-  });
+    });
+  }
+  const std::string errors = nrrd_text(field.signed_error_95_mm, 1, field.signed_error_95_mm.voxels,
+                                       {{"content", "error not exceeded with 95 %, mm; negative where the field "
+                                                    "extrapolates"},
+                                        {"field", mark_of(values)}});
+  // Each is whole or as it was; what is left of two fields, where only one was written, does not agree.
+  return base::write_file(error_file_of(path), errors).and_then([&] { return base::write_file(path, displacements); });
 }
 
 base::Result<DisplacementField> read_displacement_field(const fs::path &path) {
@@ -249,6 +257,10 @@ base::Result<DisplacementField> read_displacement_field(const fs::path &path) {
   auto errors = NrrdReader(error_file_of(path), 1).read();
   if (!errors) {
     return tl::unexpected(errors.error());
+  }
+  if (const std::string &mark = errors->keys["field"]; !mark.empty() && mark != mark_of(vectors->values)) {
+    return base::failure(problem(error_file_of(path), "holds the errors of another field than " + path.string() +
+                                                          ": copy both files, or make the field again"));
   }
   DisplacementField out;
   out.scanner = vectors->keys["scanner"];

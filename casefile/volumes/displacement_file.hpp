@@ -42,7 +42,8 @@ struct DisplacementField : FieldHeader {
   Eigen::Vector3d mm_per_Hz = Eigen::Vector3d::Zero();
 };
 
-// The path must end in .nrrd. Texts are one line each. Files are replaced.
+// The path must end in .nrrd. Texts are one line each. Files are replaced, each as a whole; the reader refuses errors
+// beside a field that they were not written with.
 [[nodiscard]] base::Result<void> write_displacement_field(const std::filesystem::path &path,
                                                           const DisplacementField &field);
 [[nodiscard]] base::Result<DisplacementField> read_displacement_field(const std::filesystem::path &path);

@@ -2,8 +2,12 @@
 
 #include <algorithm>
 #include <charconv>
+#include <map>
+#include <optional>
 #include <set>
 #include <string_view>
+#include <system_error>
+#include <utility>
 #include <vector>
 
 #include <gdcmReader.h>
@@ -64,6 +68,53 @@ base::Result<ScanHeader> read_file(const fs::path &file) {
   return out;
 }
 
+// Sorted. A file without the mark of DICOM part 10 is one where its whole content is a data set with an image.
+base::Result<std::vector<fs::path>> images_in(const fs::path &path) {
+  std::error_code failed;
+  std::vector<fs::path> out;
+  if (!fs::is_directory(path, failed)) {
+    if (is_dicom_file(path)) {
+      out.push_back(path);
+    }
+    return out;
+  }
+  for (fs::recursive_directory_iterator entry(path, failed), end; !failed && entry != end; entry.increment(failed)) {
+    std::error_code ignored;
+    if (!entry->is_regular_file(ignored)) {
+      continue;
+    }
+    const auto whole = read_dicom_file(entry->path());
+    if (!whole && is_dicom_file(entry->path())) {
+      return tl::unexpected(whole.error());
+    }
+    if (whole && whole->has_pixels && !whole->series.empty()) {
+      out.push_back(entry->path());
+    }
+  }
+  if (failed) {
+    return base::failure(path.string() + ": cannot be listed: " + failed.message());
+  }
+  std::sort(out.begin(), out.end());
+  return out;
+}
+
+// "states the patient position "FFS", not that "HFS"": what two images of one scan have in common; empty if all is.
+std::string difference(const ScanHeader &first, const ScanHeader &other) {
+  const auto differ = [](const std::string &what, const std::string &is, const std::string &was) {
+    return "states the " + what + " \"" + is + "\", not that \"" + was + "\"";
+  };
+  if (first.modality != other.modality) {
+    return differ("modality", other.modality, first.modality);
+  }
+  if (first.vendor_correction() != other.vendor_correction()) {
+    return differ("image type", other.image_type, first.image_type);
+  }
+  if (first.patient_position != other.patient_position) {
+    return differ("patient position", other.patient_position, first.patient_position);
+  }
+  return first.scanner() == other.scanner() ? std::string() : differ("scanner", other.scanner(), first.scanner());
+}
+
 } // namespace
 
 std::string ScanHeader::scanner() const {
@@ -74,38 +125,66 @@ std::string ScanHeader::scanner() const {
   return out;
 }
 
-bool ScanHeader::vendor_corrected() const {
-  for (std::size_t begin = 0; begin <= image_type.size();) {
-    const std::size_t end = std::min(image_type.find('\\', begin), image_type.size());
-    const std::string_view value = std::string_view(image_type).substr(begin, end - begin);
-    if (value == "DIS2D" || value == "DIS3D") {
-      return true;
+bool is_dicom(const fs::path &path) {
+  std::error_code ignored;
+  return fs::is_directory(path, ignored) || is_dicom_file(path);
+}
+
+VendorCorrection ScanHeader::vendor_correction() const {
+  VendorCorrection out = VendorCorrection::kNotStated;
+  for (const std::string_view value : base::cells(image_type, '\\')) {
+    const std::string word = base::lower(value);
+    if (word == "dis2d" || word == "dis3d") {
+      return VendorCorrection::kCorrected;
     }
-    begin = end + 1;
+    out = word == "nd" ? VendorCorrection::kNone : out;
   }
-  return false;
+  return out;
+}
+
+bool ScanHeader::shows_phase() const {
+  const auto words = base::cells(image_type, '\\');
+  return std::any_of(words.begin(), words.end(), [](std::string_view word) {
+    return base::lower(word) == "p" || base::lower(word).starts_with("phase");
+  });
 }
 
 base::Result<ScanHeader> read_scan_header(const fs::path &path, const std::string &series) {
-  std::error_code failed;
-  std::vector<fs::path> files;
-  if (fs::is_directory(path, failed)) {
-    for (const fs::directory_entry &entry : fs::directory_iterator(path, failed)) {
-      if (entry.is_regular_file(failed) && is_dicom_file(entry.path())) {
-        files.push_back(entry.path());
-      }
-    }
-    std::sort(files.begin(), files.end());
-  } else if (is_dicom_file(path)) {
-    files.push_back(path);
+  const auto files = images_in(path);
+  if (!files) {
+    return tl::unexpected(files.error());
   }
-  for (const fs::path &file : files) {
+  std::optional<ScanHeader> first;
+  fs::path first_file;
+  std::map<std::string, std::string> descriptions; // of the series
+  for (const fs::path &file : *files) {
     auto header = read_file(file);
-    if (!header || series.empty() || header->series_uid == series) {
+    if (!header) {
       return header;
     }
+    descriptions.try_emplace(header->series_uid, header->series_description);
+    if (first ? header->series_uid != first->series_uid : !series.empty() && header->series_uid != series) {
+      continue;
+    }
+    if (!first) {
+      first = std::move(*header);
+      first_file = file;
+    } else if (const std::string text = difference(*first, *header); !text.empty()) {
+      return base::failure(file.string() + ": " + text + " of " + first_file.string() +
+                           ": the images are not of one scan");
+    }
   }
-  return base::failure(path.string() + ": no DICOM file" + (series.empty() ? "" : " of the series " + series));
+  if (series.empty() && descriptions.size() > 1) {
+    std::string list;
+    for (const auto &[uid, description] : descriptions) {
+      list +=
+          (list.empty() ? "" : "; ") + uid + " (" + (description.empty() ? "without a description" : description) + ")";
+    }
+    return base::failure(path.string() + ": the folder holds " + std::to_string(descriptions.size()) +
+                         " DICOM series, choose one of: " + list);
+  }
+  return first ? base::Result<ScanHeader>(std::move(*first))
+               : base::failure(path.string() + ": no DICOM image" + (series.empty() ? "" : " of the series " + series));
 }
 
 } // namespace bregma::casefile

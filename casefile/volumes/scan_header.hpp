@@ -8,6 +8,12 @@
 
 namespace bregma::casefile {
 
+enum class VendorCorrection {
+  kNotStated, // other vendors than Siemens do not state it in the image type
+  kNone,      // ND
+  kCorrected, // DIS2D: in the plane, or DIS3D: in space
+};
+
 struct ScanHeader {
   std::string modality;           // (0008,0060)
   std::string image_type;         // (0008,0008), values joined by backslashes
@@ -22,12 +28,16 @@ struct ScanHeader {
   double bandwidth_Hz = 0.0;      // (0018,0095) per pixel; 0: not stated
 
   [[nodiscard]] std::string scanner() const; // manufacturer, model, serial number: those that are stated
-  // The vendor has corrected distortion in the plane (DIS2D) or in space (DIS3D).
-  [[nodiscard]] bool vendor_corrected() const;
+  [[nodiscard]] VendorCorrection vendor_correction() const;
+  [[nodiscard]] bool shows_phase() const; // P or PHASE..., whose values wrap and cannot be interpolated
 };
 
-// Of a DICOM file, or of the first DICOM file (by name) of a folder; with `series`, the first of that UID. Refused: no
-// DICOM file, a file that is not whole.
+// A folder, which can only be that of a series, or a file with the mark of DICOM part 10.
+[[nodiscard]] bool is_dicom(const std::filesystem::path &path);
+
+// Of a DICOM image, or of all images of one series in a folder and the folders within; `series` is its UID, where there
+// are several. Files without an image are passed over. Refused: no image, a file that is not whole, and images of one
+// series that differ in series, modality, scanner, patient position, or in what the vendor has corrected.
 [[nodiscard]] base::Result<ScanHeader> read_scan_header(const std::filesystem::path &path,
                                                         const std::string &series = {});
 

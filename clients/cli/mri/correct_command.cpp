@@ -1,9 +1,12 @@
 // `bregma mri correct`: an image corrected by a distortion field.
 #include <algorithm>
 #include <array>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
+#include <system_error>
+#include <utility>
 #include <vector>
 
 #include <CLI/App.hpp>
@@ -13,6 +16,7 @@
 #include "algorithms/mri/correction.hpp"
 #include "algorithms/mri/frames.hpp"
 #include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_header.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
@@ -122,6 +126,25 @@ base::Result<Eigen::Matrix4d> field_from_image(const std::string &field_position
       .matrix();
 }
 
+// What the image states, else the option, else that of the field. A position that is none is refused by its place.
+base::Result<std::string> position_of(const CorrectArguments &arguments, const std::string &stated,
+                                      const std::string &of_field, std::vector<std::string> &notes) {
+  const std::string &option = arguments.patient_position;
+  if (!stated.empty() && !option.empty() && stated != option) {
+    return base::failure(arguments.image + ": states the patient position " + stated + ", --patient-position " +
+                         option);
+  }
+  if (!stated.empty()) {
+    const auto known = mri::parse_patient_position(stated);
+    return known ? base::Result<std::string>(stated) : base::failure(arguments.image + ": " + known.error());
+  }
+  if (option.empty()) {
+    notes.push_back(arguments.image + ": does not state its patient position: " + of_field +
+                    ", that of the field, is assumed; otherwise say --patient-position");
+  }
+  return option.empty() ? of_field : option;
+}
+
 int refuse_correction(const std::string &reason, const Context &context) {
   nlohmann::json nothing;
   withhold(nothing, {"output"});
@@ -133,22 +156,36 @@ int run_correct(const CorrectArguments &arguments, const Context &context) {
   if (!field) {
     return fail(field.error());
   }
-  if (auto free = check_output("--output", arguments.output, {arguments.field, arguments.image}); !free) {
+  const std::string error_file = casefile::error_file_of(arguments.field).string();
+  if (auto free = check_output("--output", arguments.output, {arguments.field, error_file, arguments.image}); !free) {
     return fail(free.error());
   }
-  const auto stated = check_field_use(arguments.field, *field, arguments.image, arguments.series,
-                                      {arguments.not_corrected, arguments.other_scanner, arguments.expired});
+  const FieldConsent consent{arguments.not_corrected, arguments.other_scanner, arguments.expired};
+  if (auto valid = check_date(arguments.field, *field, consent); !valid) {
+    return refuse_correction(valid.error().message, context);
+  }
+  std::error_code ignored;
+  if (!std::filesystem::exists(arguments.image, ignored)) {
+    return fail(arguments.image + ": no such file or folder");
+  }
+  if (casefile::is_dicom(arguments.image)) {
+    if (const auto header = casefile::read_scan_header(arguments.image, arguments.series); !header) {
+      return fail(header.error());
+    }
+  }
+  const auto stated = check_field_use(arguments.field, *field, arguments.image, arguments.series, consent);
   if (!stated) {
     return refuse_correction(stated.error().message, context);
   }
-  const std::string position = !arguments.patient_position.empty() ? arguments.patient_position
-                               : !stated->empty()                  ? *stated
-                                                                   : field->patient_position;
-  const auto T_field_image = field_from_image(field->patient_position, position);
+  std::vector<std::string> notes;
+  const auto position = position_of(arguments, *stated, field->patient_position, notes);
+  if (!position) {
+    return fail(position.error());
+  }
+  const auto T_field_image = field_from_image(field->patient_position, *position);
   if (!T_field_image) {
     return fail(T_field_image.error());
   }
-  std::vector<std::string> notes;
   casefile::VolumeOptions options;
   options.series = arguments.series;
   auto volume = casefile::read_volume(arguments.image, options, &notes);

@@ -12,7 +12,9 @@
 
 #include "algorithms/mri/grid/grid_points.hpp"
 #include "algorithms/mri/grid/marker_points.hpp"
+#include "base/text.hpp"
 #include "casefile/markups.hpp"
+#include "casefile/volumes/scan_header.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
@@ -74,6 +76,14 @@ tl::expected<FoundPoints, std::string> separate_markers(const casefile::Volume &
                          left_out_lines(found->cut_off_mm, "is cut by the border of the image")};
 }
 
+// What `bregma mri field` is told about a scan.
+std::string origin_text(const casefile::ScanHeader &header) {
+  return header.modality != "MR" ? ""
+                                 : "Scanner \"" + header.scanner() + "\", patient position " +
+                                       (header.patient_position.empty() ? "not stated" : header.patient_position) +
+                                       ": --scanner and --patient-position of `bregma mri field`\n";
+}
+
 int refuse_points(const std::string &reason, const Context &context) {
   json nothing;
   withhold(nothing, {"output", "points"});
@@ -84,16 +94,21 @@ int run_points(const PointsArguments &arguments, const Context &context) {
   if (auto free = check_output("--output", arguments.output, {arguments.image}); !free) {
     return fail(free.error());
   }
+  if (!base::lower(arguments.output).ends_with(".json")) {
+    return fail("--output " + arguments.output + ": control points are written as .mrk.json");
+  }
   std::vector<std::string> notes;
   casefile::VolumeOptions options;
   options.series = arguments.series;
   const auto image = casefile::read_volume(arguments.image, options, &notes);
-  print_notes(notes);
   if (!image) {
+    print_notes(notes);
     return fail(image.error());
   }
-  if (auto fit = check_phantom_image(arguments.image, arguments.series); !fit) {
-    return refuse_points(fit.error().message, context);
+  const auto header = check_phantom_image(arguments.image, arguments.series, notes);
+  print_notes(notes);
+  if (!header) {
+    return refuse_points(header.error().message, context);
   }
   const auto found =
       arguments.separate_markers ? separate_markers(*image, arguments.markers) : grid_crossings(*image, arguments.grid);
@@ -113,10 +128,12 @@ int run_points(const PointsArguments &arguments, const Context &context) {
     out["accepted"] = true;
     out["output"] = arguments.output;
     out["points"] = points.size();
+    out["scanner"] = *header ? json((*header)->scanner()) : json();
+    out["patient_position"] = *header ? json((*header)->patient_position) : json();
     print_json(out);
     return kOk;
   }
-  print(found->text + "Written: " + arguments.output + "\n");
+  print(found->text + (*header ? origin_text(**header) : std::string()) + "Written: " + arguments.output + "\n");
   return kOk;
 }
 

@@ -124,13 +124,8 @@ base::Result<mri::PointCorrection> read_correction(const RegisterArguments &argu
     return tl::unexpected(field.error());
   }
   for (const std::string &file : list.files) {
-    const auto position = check_field_use(arguments.field, *field, file, {}, arguments.consent);
-    if (!position) {
-      return tl::unexpected(position.error());
-    }
-    if (!position->empty() && *position != mri::name(list.position)) {
-      return base::failure(file + ": the patient position is " + *position + ", the list states " +
-                           mri::name(list.position));
+    if (const auto use = check_field_use(arguments.field, *field, file, {}, arguments.consent); !use) {
+      return tl::unexpected(use.error());
     }
   }
   const auto position = mri::parse_patient_position(field->patient_position);
@@ -166,6 +161,9 @@ int run_register(const RegisterArguments &arguments, const Context &context) {
     const Eigen::Matrix3d R_device_base =
         mri::T_device_patient(list->position).rotation_matrix() * *list->frame.R_patient_base;
     options.expected_rotation = Eigen::Quaterniond(R_device_base.transpose());
+  }
+  if (auto one = check_coil_images(list->files, mri::name(list->position)); !one) {
+    return fail(one.error());
   }
   auto correction = read_correction(arguments, *list);
   if (!correction) {

@@ -132,6 +132,26 @@ TEST(ScanFieldsFile, BothPartsAreWrittenAndReadBack) {
   EXPECT_EQ(single->fields.mm_per_Hz(), mm_per_Hz);
 }
 
+TEST(DisplacementFile, ErrorsOfAnotherFieldAreRefusedAndAFailedWriteKeepsTheFormer) {
+  const TemporaryFolder folder;
+  DisplacementField other = small_field();
+  other.displacement_mm.voxels.front().x() = 7.0F;
+  ASSERT_TRUE(write_displacement_field(folder / "field.nrrd", small_field()));
+  ASSERT_TRUE(write_displacement_field(folder / "other.nrrd", other));
+  std::filesystem::copy_file(folder / "other.error.nrrd", folder / "field.error.nrrd",
+                             std::filesystem::copy_options::overwrite_existing);
+  const auto read = read_displacement_field(folder / "field.nrrd");
+  ASSERT_FALSE(read);
+  EXPECT_NE(read.error().message.find("field.error.nrrd: holds the errors of another field than "), std::string::npos)
+      << read.error().message;
+
+  ASSERT_TRUE(write_displacement_field(folder / "field.nrrd", small_field()));
+  std::filesystem::create_directory(folder / "field.nrrd.new"); // where the new file would be
+  EXPECT_FALSE(write_displacement_field(folder / "field.nrrd", small_field()));
+  const auto kept = read_displacement_field(folder / "field.nrrd");
+  EXPECT_TRUE(kept) << kept.error().message;
+}
+
 TEST(DisplacementFile, ACutAnywhereIsRefused) {
   const TemporaryFolder folder;
   const auto file = folder / "field.nrrd";

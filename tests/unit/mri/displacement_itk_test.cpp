@@ -55,23 +55,34 @@ TEST(ScanHeader, StatesScannerPositionAndVendorCorrection) {
   EXPECT_EQ(header->scanner(), "SIEMENS Avanto 18030");
   EXPECT_EQ(header->patient_position, "HFS");
   EXPECT_EQ(header->bandwidth_Hz, 260.0);
-  EXPECT_FALSE(header->vendor_corrected()) << header->image_type;
+  EXPECT_EQ(header->vendor_correction(), casefile::VendorCorrection::kNone) << header->image_type;
   BREGMA_SHARED_DATA(ct, "distortion/CT_dicom");
   EXPECT_EQ(casefile::read_scan_header(ct)->modality, "CT");
   const auto none = casefile::read_scan_header(mr, "1.2.3");
   ASSERT_FALSE(none);
-  EXPECT_EQ(none.error().message, mr.string() + ": no DICOM file of the series 1.2.3");
+  EXPECT_EQ(none.error().message, mr.string() + ": no DICOM image of the series 1.2.3");
 }
 
 TEST(ScanHeader, KnowsTheVendorsMarks) {
+  using enum casefile::VendorCorrection;
   casefile::ScanHeader header;
-  for (const char *type : {"ORIGINAL\\PRIMARY\\M\\DIS2D", "DERIVED\\PRIMARY\\M\\DIS3D\\NORM", "DIS3D"}) {
+  for (const char *type : {"ORIGINAL\\PRIMARY\\M\\DIS2D", "DERIVED\\PRIMARY\\M\\DIS3D\\NORM", "DIS3D",
+                           "ORIGINAL\\PRIMARY\\M\\ND\\dis2d "}) {
     header.image_type = type;
-    EXPECT_TRUE(header.vendor_corrected()) << type;
+    EXPECT_EQ(header.vendor_correction(), kCorrected) << type;
   }
-  for (const char *type : {"", "ORIGINAL\\PRIMARY\\M\\ND", "ORIGINAL\\PRIMARY\\M\\NODIS2D\\NORM"}) {
+  header.image_type = "ORIGINAL\\PRIMARY\\M\\ND\\NORM";
+  EXPECT_EQ(header.vendor_correction(), kNone);
+  // Other vendors have no such mark.
+  for (const char *type :
+       {"", "ORIGINAL\\PRIMARY\\OTHER", "ORIGINAL\\PRIMARY\\M_FFE\\M\\FFE", "ORIGINAL\\PRIMARY\\M\\NODIS2D\\NORM"}) {
     header.image_type = type;
-    EXPECT_FALSE(header.vendor_corrected()) << type;
+    EXPECT_EQ(header.vendor_correction(), kNotStated) << type;
+    EXPECT_FALSE(header.shows_phase()) << type;
+  }
+  for (const char *type : {"ORIGINAL\\PRIMARY\\P\\ND", "ORIGINAL\\PRIMARY\\PHASE MAP\\P\\FFE"}) {
+    header.image_type = type;
+    EXPECT_TRUE(header.shows_phase()) << type;
   }
 }
 
