@@ -65,7 +65,9 @@ void one_run(Outcome &out, double ppm, ReadOuts read_outs, std::uint64_t seed) {
       mri::verify_registration(session.frame(), found.value_or(std::vector<mri::LocatedCoil>()), 5, T, run.result.coils,
                                mri::unit_axes(tree->background), options);
   out.offset_mm.push_back(verification.offset_mm.norm());
-  out.b0_change_mm.push_back(verification.max_b0_change_mm);
+  const mri::B0Change b0 =
+      mri::b0_change(found.value_or(std::vector<mri::LocatedCoil>()), run.result.coils, T.pose, options.mapped_b0);
+  out.b0_change_mm.push_back(b0.max_mm);
   out.errors_over_offset[verification.failure.empty() ? 0 : 1].push_back(
       {verification.offset_mm.norm(), alone.error_mm.norm()});
   if (!verification.failure.empty()) {
@@ -79,7 +81,7 @@ void one_run(Outcome &out, double ppm, ReadOuts read_outs, std::uint64_t seed) {
   out.answered[0] += verified.covered() ? 1 : 0;
   out.answered[1] += target_error(session, T, kOffTheTree).covered() ? 1 : 0;
   if (read_outs == ReadOuts::kOpposed) {
-    T.covariance.bottomRightCorner<3, 3>() += verification.b0_change;
+    T.covariance.bottomRightCorner<3, 3>() += b0.second_moment;
     const TargetError one = target_error(session, T, kTarget, ReadOuts::kOne);
     out.one_mm.push_back(one.error_mm.norm());
     out.one_predicted_mm.push_back(one.bound_95_mm);

@@ -70,8 +70,17 @@ std::string nrrd_text(const image::Grid<3> &grid, int components, const std::vec
   return out.append(reinterpret_cast<const char *>(values.data()), values.size() * sizeof(float));
 }
 
-// Of the displacements: which field the errors beside it are of.
+// Of the displacements as in the file: which field the errors beside it are of.
 std::string mark_of(const std::vector<float> &values) { return to_hex(sha256(std::as_bytes(std::span(values)))); }
+
+std::vector<float> values_of(const DisplacementField &field) {
+  std::vector<float> out;
+  out.reserve(3 * field.displacement_mm.voxels.size());
+  for (const Eigen::Vector3f &v : field.displacement_mm.voxels) {
+    out.insert(out.end(), {-v.x(), -v.y(), v.z()}); // LPS
+  }
+  return out;
+}
 
 struct DisplacementNrrd {
   image::Grid<3> grid; // RAS
@@ -207,6 +216,8 @@ bool is_date(const std::string &text) {
 
 } // namespace
 
+std::string field_mark(const DisplacementField &field) { return mark_of(values_of(field)); }
+
 fs::path error_file_of(const fs::path &path) {
   fs::path out = path;
   return out.replace_extension(".error.nrrd");
@@ -223,17 +234,14 @@ base::Result<void> write_displacement_field(const fs::path &path, const Displace
                                                    {"made", field.made},
                                                    {"expires", field.expires},
                                                    {"part", kParts.at(static_cast<std::size_t>(field.part))},
-                                                   {"mm_per_Hz", vector(flipped(field.mm_per_Hz))}};
+                                                   {"mm_per_Hz", vector(flipped(field.mm_per_Hz))},
+                                                   {"gradients", field.gradients}};
   for (const auto &[key, value] : keys) {
     if (!is_one_line(value)) {
       return base::failure(problem(path, key + " has a line break or a control character"));
     }
   }
-  std::vector<float> values;
-  values.reserve(3 * field.displacement_mm.voxels.size());
-  for (const Eigen::Vector3f &v : field.displacement_mm.voxels) {
-    values.insert(values.end(), {-v.x(), -v.y(), v.z()}); // LPS
-  }
+  const std::vector<float> values = values_of(field);
   const std::string displacements = nrrd_text(field.displacement_mm, 3, values, keys);
   if (field.signed_error_95_mm.voxels.empty()) {
     return base::write_file(path, displacements).map([&] {
@@ -278,6 +286,7 @@ base::Result<DisplacementField> read_displacement_field(const fs::path &path) {
     return base::failure(problem(path, "bregma made \"" + out.made + "\" or expires \"" + out.expires +
                                            "\" is not a date (YYYY-MM-DD)"));
   }
+  out.gradients = vectors->keys["gradients"];
   const std::string &part = vectors->keys["part"]; // files of earlier versions have none
   const auto *const known = std::find(kParts.begin(), kParts.end(), part);
   if (known == kParts.end()) {

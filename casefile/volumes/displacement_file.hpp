@@ -40,7 +40,10 @@ struct DisplacementField : FieldHeader {
   FieldPart part = FieldPart::kOneReadOut;
   // RAS: movement by B0 in the scan to which the displacements belong (mri/separation.hpp); zero: not stated, or none.
   Eigen::Vector3d mm_per_Hz = Eigen::Vector3d::Zero();
+  std::string gradients; // of a part of B0: field_mark() of that of the gradients
 };
+// Differs for fields with other displacements.
+[[nodiscard]] std::string field_mark(const DisplacementField &field);
 
 // The path must end in .nrrd. Texts are one line each. Files are replaced, each as a whole; the reader refuses errors
 // beside a field that they were not written with.

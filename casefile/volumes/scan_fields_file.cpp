@@ -35,6 +35,11 @@ fs::path b0_file_of(const fs::path &path) {
   return out.replace_extension(".b0.nrrd");
 }
 
+std::vector<fs::path> scan_field_files(const fs::path &path) {
+  const fs::path b0 = b0_file_of(path);
+  return {path, error_file_of(path), b0, error_file_of(b0)};
+}
+
 base::Result<void> write_scan_fields(const fs::path &path, const mri::ScanFields &fields, const FieldHeader &header) {
   const fs::path b0 = b0_file_of(path);
   if (!fields.has_b0()) {
@@ -43,12 +48,11 @@ base::Result<void> write_scan_fields(const fs::path &path, const mri::ScanFields
     fs::remove(error_file_of(b0), ignored);
     return write_displacement_field(path, file_of(*fields.table(), header, FieldPart::kOneReadOut, fields.mm_per_Hz()));
   }
-  // That of B0 first: a part of the gradients that is there has its B0 beside it.
-  return write_displacement_field(b0, file_of(*fields.by_b0(), header, FieldPart::kB0, fields.mm_per_Hz()))
-      .and_then([&] {
-        return write_displacement_field(
-            path, file_of(*fields.table(), header, FieldPart::kGradients, Eigen::Vector3d::Zero()));
-      });
+  const DisplacementField gradients = file_of(*fields.table(), header, FieldPart::kGradients, Eigen::Vector3d::Zero());
+  DisplacementField by_b0 = file_of(*fields.by_b0(), header, FieldPart::kB0, fields.mm_per_Hz());
+  by_b0.gradients = field_mark(gradients);
+  // That of B0 first: a part of the gradients that is there has its B0 beside it, or one that does not agree.
+  return write_displacement_field(b0, by_b0).and_then([&] { return write_displacement_field(path, gradients); });
 }
 
 base::Result<ScanFieldsFile> read_scan_fields(const fs::path &path) {
@@ -69,8 +73,9 @@ base::Result<ScanFieldsFile> read_scan_fields(const fs::path &path) {
   if (!b0) {
     return base::failure(b0.error().message + "; " + path.string() + " holds the part of the gradients alone");
   }
-  if (b0->part != FieldPart::kB0 || b0->scanner != header.scanner || b0->made != header.made) {
-    return base::failure(b0_path.string() + ": is not the part of B0 that belongs to " + path.string());
+  if (b0->part != FieldPart::kB0 || b0->gradients != field_mark(*file)) {
+    return base::failure(b0_path.string() + ": is not the part of B0 that belongs to " + path.string() +
+                         ": copy all files of the field, or make it again");
   }
   const Eigen::Vector3d mm_per_Hz = b0->mm_per_Hz;
   try {

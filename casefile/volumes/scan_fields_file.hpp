@@ -5,6 +5,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "algorithms/mri/scan_fields.hpp"
 #include "base/result.hpp"
@@ -23,6 +24,8 @@ struct ScanFieldsFile {
 // Refused: a file of B0 alone, a part of the gradients without its B0 or with that of another field.
 [[nodiscard]] base::Result<ScanFieldsFile> read_scan_fields(const std::filesystem::path &path);
 
+// All files that a field may have, those of B0 included.
+[[nodiscard]] std::vector<std::filesystem::path> scan_field_files(const std::filesystem::path &path);
 // The file of the part of B0.
 [[nodiscard]] std::filesystem::path b0_file_of(const std::filesystem::path &path);
 

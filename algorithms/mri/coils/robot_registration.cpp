@@ -246,6 +246,7 @@ private:
       out_.T_base_device.covariance.bottomRightCorner<3, 3>() += verification.unexplained;
     }
     out_.verified_mm = verification.rms_mm;
+    out_.b0_change_mm = b0_change(out_.coils, out_.verified, out_.T_base_device.pose, options_.mapped_b0).max_mm;
     out_.tre_95_mm = predicted_95_mm(out_.T_base_device, options_.target_mm);
     std::vector<LocatedCoil> used;
     std::copy_if(out_.coils.begin(), out_.coils.end(), std::back_inserter(used),

@@ -93,6 +93,9 @@ struct RobotRegistration {
   // (16) of the coils that verify; contains the error of finding them. NaN without. Three or more are tested
   // (verification.hpp): what they find and the stated errors do not explain enters the covariance.
   double verified_mm = 0.0;
+  // Largest displacement of a coil by B0 that has changed since it was mapped; NaN unless opposed read-outs and
+  // mapped_b0 show it. It does not displace the registration, but images of one read-out.
+  double b0_change_mm = std::nan("");
   double opme_mm = 0.0; // (17) of the coils used, along the normal of their slices
 };
 

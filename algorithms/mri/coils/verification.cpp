@@ -30,19 +30,6 @@ struct Scatter {
   }
 };
 
-// How B0 has changed since it was mapped, as coils show it that both read-outs show.
-void add_b0_change(std::span<const LocatedCoil> coils, const Eigen::Matrix3d &R, const MappedB0 &mapped,
-                   Verification &out, double &count) {
-  for (const LocatedCoil &coil : coils) {
-    if (coil.used && coil.b0_mm.allFinite()) {
-      const Vector3d change = R * (coil.b0_mm - mapped(coil.position_mm));
-      out.b0_change += change * change.transpose();
-      out.max_b0_change_mm = std::max(out.max_b0_change_mm, change.norm());
-      count += 1.0;
-    }
-  }
-}
-
 std::string in_mm(double value) {
   char out[32];
   std::snprintf(out, sizeof out, "%.2f mm", value);
@@ -125,12 +112,6 @@ Verification verify_registration(const CoilFrame &frame, std::span<const Located
     }
     out.unexplained += scatter.excess() * along * along.transpose();
   }
-  if (options.mapped_b0) {
-    double shown = 0.0;
-    add_b0_change(coils, R, options.mapped_b0, out, shown);
-    add_b0_change(fitted, R, options.mapped_b0, out, shown);
-    out.b0_change /= std::max(1.0, shown);
-  }
   if (out.rms_mm > options.limit_mm) {
     out.failure = "the coils that verify are " + in_mm(out.rms_mm) + " from where the registration expects them";
   } else if (uncertainty::chi_square_survival(offset, 3.0) < kMinPValue) {
@@ -140,6 +121,27 @@ Verification verify_registration(const CoilFrame &frame, std::span<const Located
   } else if (uncertainty::chi_square_survival(statistic, 3.0 * count) < kMinPValue) {
     out.failure = "the coils that verify are " + in_mm(out.rms_mm) + " off, more than the stated errors allow";
   }
+  return out;
+}
+
+B0Change b0_change(std::span<const LocatedCoil> coils, std::span<const LocatedCoil> more,
+                   const Rigid3<frame::Base, frame::Device> &T_base_device, const MappedB0 &mapped) {
+  B0Change out;
+  if (!mapped) {
+    return out;
+  }
+  double count = 0.0;
+  for (const std::span<const LocatedCoil> list : {coils, more}) {
+    for (const LocatedCoil &coil : list) {
+      if (coil.used && coil.b0_mm.allFinite()) {
+        const Vector3d change = T_base_device.rotation() * (coil.b0_mm - mapped(coil.position_mm));
+        out.second_moment += change * change.transpose();
+        out.max_mm = std::fmax(out.max_mm, change.norm()); // fmax ignores the NaN of the beginning
+        count += 1.0;
+      }
+    }
+  }
+  out.second_moment /= std::max(1.0, count);
   return out;
 }
 

@@ -16,11 +16,12 @@
 // orientation in which images are taken.
 //
 // Opposed read-outs (mean_of_read_outs) leave nothing of it in the pose. They also show B0 at each coil by itself, free
-// of how the frame was built. What it is there beyond the mapped B0 displaces images that are taken with one read-out.
+// of how the frame was built: b0_change().
 //
 // Units: mm. Frame: Base. Pure, any thread; allocates.
 #pragma once
 
+#include <cmath>
 #include <span>
 #include <string>
 
@@ -36,11 +37,7 @@ struct Verification {
   Eigen::Matrix3d offset_covariance = Eigen::Matrix3d::Zero(); // that the stated errors give it
   // mm^2: second moment of displacements that the stated errors do not explain; zero where they explain all.
   Eigen::Matrix3d unexplained = Eigen::Matrix3d::Zero();
-  // mm^2: second moment, over all coils, of that by which B0 displaces them otherwise than when it was mapped; to be
-  // added to the covariance for images of one read-out. Zero where opposed read-outs or the mapped B0 are missing.
-  Eigen::Matrix3d b0_change = Eigen::Matrix3d::Zero();
-  double max_b0_change_mm = 0.0; // at one coil
-  std::string failure;           // one sentence; empty: the coils agree with the registration
+  std::string failure; // one sentence; empty: the coils agree with the registration
 };
 
 // coils: located with the same options (correction, limit) as the registration. expected: how many there should be.
@@ -51,6 +48,17 @@ struct Verification {
                                                const geometry::UncertainPose<frame::Base, frame::Device> &T_base_device,
                                                std::span<const LocatedCoil> fitted, const Eigen::Matrix3d &axes_device,
                                                const RobotRegistrationOptions &options);
+
+// By how much B0 displaces coils that both read-outs show otherwise than when it was mapped. Images that are taken with
+// one read-out are off by as much; the pose is not.
+struct B0Change {
+  Eigen::Matrix3d second_moment = Eigen::Matrix3d::Zero(); // mm^2, over the coils, in Base; zero where not known
+  double max_mm = std::nan("");                            // at one coil; NaN where not known
+};
+// coils, more: located coils; those that are not used, and those that one read-out alone shows, do not count.
+[[nodiscard]] B0Change b0_change(std::span<const LocatedCoil> coils, std::span<const LocatedCoil> more,
+                                 const Rigid3<frame::Base, frame::Device> &T_base_device, const MappedB0 &mapped);
+
 // Of the slices of a stack.
 [[nodiscard]] Eigen::Matrix3d unit_axes(const Stack &stack);
 

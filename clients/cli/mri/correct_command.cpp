@@ -15,11 +15,12 @@
 
 #include "algorithms/mri/correction.hpp"
 #include "algorithms/mri/frames.hpp"
-#include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_fields_file.hpp"
 #include "casefile/volumes/scan_header.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
+#include "clients/cli/mri/read_out.hpp"
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
@@ -30,6 +31,8 @@ using nlohmann::json;
 
 struct CorrectArguments {
   std::string field, image, output, series, patient_position;
+  std::string read_out; // empty: not stated
+  double bandwidth_Hz = 0.0;
   bool not_corrected = false, other_scanner = false, expired = false, jacobian = false;
 };
 
@@ -145,6 +148,35 @@ base::Result<std::string> position_of(const CorrectArguments &arguments, const s
   return option.empty() ? of_field : option;
 }
 
+// The field of the image's own read-out, where both are known. A field of one read-out is not applied to the opposite
+// one, where its part of B0 would be doubled.
+base::Result<std::shared_ptr<const mri::FieldTable>> table_for(const CorrectArguments &arguments,
+                                                               const mri::ScanFields &fields,
+                                                               const image::Image<float, 3> &volume,
+                                                               const Eigen::Matrix4d &T_field_image) {
+  if (arguments.read_out.empty()) {
+    if (fields.has_b0()) {
+      print_notes({arguments.field + ": the part of B0 is not corrected; state the image's --read-out to correct it"});
+    }
+    return fields.table();
+  }
+  double bandwidth_Hz = arguments.bandwidth_Hz;
+  if (bandwidth_Hz == 0.0) {
+    const auto header = casefile::read_scan_header(arguments.image, arguments.series);
+    bandwidth_Hz = header ? header->bandwidth_Hz : 0.0;
+  }
+  const auto in_image = movement_in(volume.T_image_index, arguments.read_out, bandwidth_Hz);
+  if (!in_image) {
+    return base::failure(arguments.image + ": " + in_image.error().message + "; state it by --bandwidth-Hz");
+  }
+  const Eigen::Vector3d mm_per_Hz = T_field_image.topLeftCorner<3, 3>() * *in_image;
+  if (!fields.has_b0() && fields.mm_per_Hz().dot(mm_per_Hz) < 0.0) {
+    return base::failure(arguments.field + ": was measured with the opposite read-out, so B0 would be doubled; measure "
+                                           "the phantom with both read-outs");
+  }
+  return fields.of_scan(mm_per_Hz);
+}
+
 int refuse_correction(const std::string &reason, const Context &context) {
   nlohmann::json nothing;
   withhold(nothing, {"output"});
@@ -152,16 +184,19 @@ int refuse_correction(const std::string &reason, const Context &context) {
 }
 
 int run_correct(const CorrectArguments &arguments, const Context &context) {
-  auto field = casefile::read_displacement_field(arguments.field);
+  const auto field = casefile::read_scan_fields(arguments.field);
   if (!field) {
     return fail(field.error());
   }
-  const std::string error_file = casefile::error_file_of(arguments.field).string();
-  if (auto free = check_output("--output", arguments.output, {arguments.field, error_file, arguments.image}); !free) {
+  std::vector<std::string> inputs{arguments.image};
+  for (const std::filesystem::path &file : casefile::scan_field_files(arguments.field)) {
+    inputs.push_back(file.string());
+  }
+  if (auto free = check_output("--output", arguments.output, inputs); !free) {
     return fail(free.error());
   }
   const FieldConsent consent{arguments.not_corrected, arguments.other_scanner, arguments.expired};
-  if (auto valid = check_date(arguments.field, *field, consent); !valid) {
+  if (auto valid = check_date(arguments.field, field->header, consent); !valid) {
     return refuse_correction(valid.error().message, context);
   }
   std::error_code ignored;
@@ -173,16 +208,16 @@ int run_correct(const CorrectArguments &arguments, const Context &context) {
       return fail(header.error());
     }
   }
-  const auto stated = check_field_use(arguments.field, *field, arguments.image, arguments.series, consent);
+  const auto stated = check_field_use(arguments.field, field->header, arguments.image, arguments.series, consent);
   if (!stated) {
     return refuse_correction(stated.error().message, context);
   }
   std::vector<std::string> notes;
-  const auto position = position_of(arguments, *stated, field->patient_position, notes);
+  const auto position = position_of(arguments, *stated, field->header.patient_position, notes);
   if (!position) {
     return fail(position.error());
   }
-  const auto T_field_image = field_from_image(field->patient_position, *position);
+  const auto T_field_image = field_from_image(field->header.patient_position, *position);
   if (!T_field_image) {
     return fail(T_field_image.error());
   }
@@ -198,9 +233,11 @@ int run_correct(const CorrectArguments &arguments, const Context &context) {
   if (sizes[1] < 2) {
     return fail(arguments.image + ": a line of voxels is not an image");
   }
-  const mri::FieldTable table(std::move(field->displacement_mm), std::move(field->signed_error_95_mm),
-                              field->max_error_95_mm);
-  const Summary s = correct(*volume, table, *T_field_image, arguments.jacobian);
+  const auto table = table_for(arguments, field->fields, *volume, *T_field_image);
+  if (!table) {
+    return fail(table.error());
+  }
+  const Summary s = correct(*volume, **table, *T_field_image, arguments.jacobian);
   if (s.worst.unknown_fraction >= 1.0) {
     return refuse_correction(arguments.image + ": lies outside the field everywhere", context);
   }
@@ -244,6 +281,13 @@ void add_mri_correct(CLI::App &mri, Context &context) {
         const auto position = mri::parse_patient_position(text);
         return position ? std::string() : position.error();
       });
+  command->add_option("--read-out", arguments->read_out,
+                      "Where the image's read-out shifts a spin of higher frequency to (R, L, A, P, S, I): its B0 is "
+                      "corrected where the field holds both parts");
+  command
+      ->add_option("--bandwidth-Hz", arguments->bandwidth_Hz,
+                   "With --read-out: bandwidth per pixel, where the image does not state it")
+      ->check(CLI::Range(1.0, 100000.0));
   command->add_flag("--jacobian", arguments->jacobian, "Correct the brightness as well");
   command->add_flag("--not-corrected", arguments->not_corrected,
                     "States that the vendor has not corrected the image, where its file cannot say so");
@@ -253,7 +297,8 @@ void add_mri_correct(CLI::App &mri, Context &context) {
   command->footer("Refused (exit code 1): images that the vendor has corrected, of another modality or scanner, and a "
                   "field that has expired.\n\nExamples:\n"
                   "  bregma mri correct field.nrrd series/ -o corrected.nrrd\n"
-                  "  bregma mri correct field.nrrd image.nii.gz -o corrected.nii.gz --not-corrected --jacobian");
+                  "  bregma mri correct field.nrrd image.nii.gz -o corrected.nii.gz --not-corrected --jacobian\n"
+                  "  bregma mri correct field.nrrd series/ -o corrected.nrrd --read-out L");
   command->callback(
       [arguments, &context] { context.run = [arguments, &context] { return run_correct(*arguments, context); }; });
 }

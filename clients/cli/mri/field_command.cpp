@@ -13,7 +13,7 @@
 
 #include "algorithms/mri/field_table.hpp"
 #include "algorithms/mri/frames.hpp"
-#include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_fields_file.hpp"
 #include "clients/cli/mri/control_points.hpp"
 #include "clients/cli/mri/field_of_scans.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
@@ -48,41 +48,39 @@ std::string date(int days_from_now) {
   return {text, std::strftime(text, sizeof text, "%Y-%m-%d", &utc)};
 }
 
-base::Result<void> save(const FieldArguments &arguments, const mri::FieldTable &table) {
-  casefile::DisplacementField file;
-  file.displacement_mm = table.displacements();
-  file.signed_error_95_mm = table.signed_errors();
-  file.max_error_95_mm = table.max_error_95_mm();
-  file.scanner = arguments.scanner;
-  file.protocol = arguments.protocol;
-  file.patient_position = arguments.patient_position;
-  file.made = date(0);
-  file.expires = arguments.days > 0 ? date(arguments.days) : "";
-  return casefile::write_displacement_field(arguments.output, file);
-}
-
-// The field as a table, to the output file.
-base::Result<void> write_field(const FieldArguments &arguments, const mri::DistortionField &field, std::string &text,
-                               json &out) {
-  if (arguments.output.empty()) {
-    return {};
+// The fields as tables, to the output file.
+base::Result<void> write_fields(const FieldArguments &arguments, const mri::ScanFields &fields, std::string &text,
+                                json &out) {
+  casefile::FieldHeader header;
+  header.scanner = arguments.scanner;
+  header.protocol = arguments.protocol;
+  header.patient_position = arguments.patient_position;
+  header.made = date(0);
+  header.expires = arguments.days > 0 ? date(arguments.days) : "";
+  if (auto written = casefile::write_scan_fields(arguments.output, fields, header); !written) {
+    return written;
   }
-  const mri::FieldTable table(field, kGrid_mm, kMargin_mm, kThreads);
-  if (auto saved = save(arguments, table); !saved) {
-    return saved;
-  }
-  text += "Written: " + arguments.output + " and " + casefile::error_file_of(arguments.output).string() +
-          "; the grid differs from the field by at most " + fixed(table.table_error_mm(), 3, "mm") + "\n";
+  const std::string b0 = fields.has_b0() ? casefile::b0_file_of(arguments.output).string() : "";
+  text += (b0.empty() ? "" : "The part of the gradients, the same for every protocol, and that of B0: ") +
+          ("Written: " + arguments.output) + (b0.empty() ? "" : ", " + b0) + " and " +
+          (b0.empty() ? casefile::error_file_of(arguments.output).string() : "their errors") +
+          "; the grid differs from the field by at most " + fixed(fields.table()->table_error_mm(), 3, "mm") + "\n";
   out["output"] = arguments.output;
-  out["grid_error_mm"] = json_number(table.table_error_mm());
+  if (!b0.empty()) {
+    out["output_b0"] = b0;
+  }
+  out["grid_error_mm"] = json_number(fields.table()->table_error_mm());
   return {};
 }
 
-// Writes the field and prints what was found.
-int finish(const FieldArguments &arguments, const mri::DistortionField &field, std::string text, json out,
+// Writes the fields, where a file is asked for, and prints what was found.
+template <class MakeFields>
+int finish(const FieldArguments &arguments, const MakeFields &make, std::string text, json out,
            const Context &context) {
-  if (auto written = write_field(arguments, field, text, out); !written) {
-    return fail(written.error());
+  if (!arguments.output.empty()) {
+    if (auto written = write_fields(arguments, make(), text, out); !written) {
+      return fail(written.error());
+    }
   }
   if (context.json) {
     out["accepted"] = true;
@@ -103,12 +101,8 @@ int run_several(const FieldArguments &arguments, const Points3 &ct, const std::v
     withhold(nothing, {"output"});
     return refuse("refused", found.error().message, context, std::move(nothing));
   }
-  std::string text = found->text;
-  json out = found->figures;
-  if (!arguments.output.empty()) {
-    text += "The file holds the part of the gradients, which is the same for every protocol\n";
-  }
-  return finish(arguments, found->field.gradients, std::move(text), std::move(out), context);
+  const auto fields = [&] { return mri::ScanFields(found->field, found->mm_per_Hz, kGrid_mm, kMargin_mm, kThreads); };
+  return finish(arguments, fields, found->text, found->figures, context);
 }
 
 int run_field(const FieldArguments &arguments, const Context &context) {
@@ -133,6 +127,17 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   }
   if (scans.size() > 1) {
     return run_several(arguments, *ct, scans, context);
+  }
+  Eigen::Vector3d mm_per_Hz = Eigen::Vector3d::Zero(); // not stated
+  if (!arguments.scans.read_outs.empty()) {
+    if (const std::string missing = missing_in(arguments.scans, 1); !missing.empty()) {
+      return fail(missing);
+    }
+    const auto stated = scan_movement(arguments.scans, 0);
+    if (!stated) {
+      return fail(stated.error());
+    }
+    mm_per_Hz = *stated;
   }
   const Points3 *mr = &scans.front();
   mri::MatchOptions options;
@@ -162,7 +167,10 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   out["initial"] = summary_json(before);
   out["residual"] = summary_json(*after);
   out["local_spline"] = field->has_spline();
-  return finish(arguments, *field, std::move(text), std::move(out), context);
+  const auto fields = [&] {
+    return mri::ScanFields(std::make_shared<const mri::FieldTable>(*field, kGrid_mm, kMargin_mm, kThreads), mm_per_Hz);
+  };
+  return finish(arguments, fields, std::move(text), std::move(out), context);
 }
 
 } // namespace
@@ -177,7 +185,7 @@ void add_mri_field(CLI::App &mri, Context &context) {
       ->required();
   command
       ->add_option("--read-out", arguments->scans.read_outs,
-                   "Several scans, once per scan: where its read-out shifts a spin of higher frequency to (R, L, A, "
+                   "Once per scan: where its read-out shifts a spin of higher frequency to (R, L, A, "
                    "P, S, I)")
       ->expected(1)
       ->take_all();
@@ -186,9 +194,9 @@ void add_mri_field(CLI::App &mri, Context &context) {
                    "The same along the normal of its slices; without it slices are not shifted")
       ->expected(1)
       ->take_all();
-  command->add_option("--pixel-mm", arguments->scans.pixel_mm, "Several scans: pixel along the read-out")
+  command->add_option("--pixel-mm", arguments->scans.pixel_mm, "Pixel along the read-out")
       ->check(CLI::Range(0.05, 20.0));
-  command->add_option("--bandwidth-Hz", arguments->scans.bandwidth_Hz, "Several scans: bandwidth per pixel")
+  command->add_option("--bandwidth-Hz", arguments->scans.bandwidth_Hz, "Bandwidth per pixel")
       ->check(CLI::Range(1.0, 100000.0));
   command->add_option("--thickness-mm", arguments->scans.thickness_mm, "With --slice-shift: thickness of a slice")
       ->check(CLI::Range(0.05, 100.0));

@@ -5,12 +5,12 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <string_view>
 #include <utility>
 
 #include "algorithms/mri/lattice.hpp"
 #include "algorithms/registration/points/paired_points.hpp"
 #include "clients/cli/mri/control_points.hpp"
+#include "clients/cli/mri/read_out.hpp"
 #include "clients/cli/output.hpp"
 
 namespace bregma::cli {
@@ -21,46 +21,6 @@ using Eigen::Index;
 using Eigen::Vector3d;
 using geometry::Points3;
 using mri::PhantomScan;
-
-base::Result<Vector3d> direction(const std::string &letter) {
-  static constexpr std::string_view kLetters = "RLAPSI"; // RAS
-  const auto at = letter.size() == 1 ? kLetters.find(letter[0]) : std::string_view::npos;
-  if (at == std::string_view::npos) {
-    return base::failure("the direction \"" + letter + "\" is not one of R, L, A, P, S, I");
-  }
-  const double sign = at % 2 == 0 ? 1.0 : -1.0;
-  return Vector3d(sign * Vector3d::Unit(static_cast<Index>(at / 2)));
-}
-
-base::Result<Vector3d> movement(const ScanProtocols &protocols, std::size_t scan) {
-  const auto read_out = direction(protocols.read_outs[scan]);
-  if (!read_out) {
-    return tl::unexpected(read_out.error());
-  }
-  if (protocols.slices.empty()) {
-    return mri::b0_movement(*read_out, protocols.pixel_mm, protocols.bandwidth_Hz);
-  }
-  const auto normal = direction(protocols.slices[scan]);
-  if (!normal) {
-    return tl::unexpected(normal.error());
-  }
-  return mri::b0_movement(*read_out, protocols.pixel_mm, protocols.bandwidth_Hz, *normal, protocols.thickness_mm,
-                          protocols.pulse_Hz);
-}
-
-std::string incomplete(const ScanProtocols &protocols, std::size_t scans) {
-  if (protocols.read_outs.size() != scans) {
-    return std::to_string(scans) + " scans need --read-out " + std::to_string(scans) + " times, once per scan";
-  }
-  if (!(protocols.pixel_mm > 0.0) || !(protocols.bandwidth_Hz > 0.0)) {
-    return "several scans need --pixel-mm and --bandwidth-Hz: B0 displaces by pixel / bandwidth";
-  }
-  if (!protocols.slices.empty() &&
-      (protocols.slices.size() != scans || !(protocols.thickness_mm > 0.0) || !(protocols.pulse_Hz > 0.0))) {
-    return "--slice-shift is needed once per scan, with --thickness-mm and --pulse-Hz";
-  }
-  return {};
-}
 
 // The reference on the points that all scans show, on average over the scans.
 std::optional<Points3> placed(const Points3 &ct, const std::vector<PhantomScan> &scans) {
@@ -132,16 +92,46 @@ std::string cell(const Points3 &residuals) {
 
 } // namespace
 
+std::string missing_in(const ScanProtocols &protocols, std::size_t scans) {
+  if (protocols.read_outs.size() != scans) {
+    return std::to_string(scans) + (scans == 1 ? " scan needs" : " scans need") + " --read-out once per scan";
+  }
+  if (!(protocols.pixel_mm > 0.0) || !(protocols.bandwidth_Hz > 0.0)) {
+    return "--read-out needs --pixel-mm and --bandwidth-Hz: B0 displaces by pixel / bandwidth";
+  }
+  if (!protocols.slices.empty() &&
+      (protocols.slices.size() != scans || !(protocols.thickness_mm > 0.0) || !(protocols.pulse_Hz > 0.0))) {
+    return "--slice-shift is needed once per scan, with --thickness-mm and --pulse-Hz";
+  }
+  return {};
+}
+
+base::Result<Vector3d> scan_movement(const ScanProtocols &protocols, std::size_t scan) {
+  const auto read_out = ras_direction(protocols.read_outs[scan]);
+  if (!read_out) {
+    return tl::unexpected(read_out.error());
+  }
+  if (protocols.slices.empty()) {
+    return mri::b0_movement(*read_out, protocols.pixel_mm, protocols.bandwidth_Hz);
+  }
+  const auto normal = ras_direction(protocols.slices[scan]);
+  if (!normal) {
+    return tl::unexpected(normal.error());
+  }
+  return mri::b0_movement(*read_out, protocols.pixel_mm, protocols.bandwidth_Hz, *normal, protocols.thickness_mm,
+                          protocols.pulse_Hz);
+}
+
 base::Result<FieldOfScans> field_of_scans(const Points3 &ct, const std::vector<Points3> &scans,
                                           const std::vector<std::string> &names, const ScanProtocols &protocols,
                                           const mri::MatchOptions &options) {
-  if (const std::string text = incomplete(protocols, scans.size()); !text.empty()) {
+  if (const std::string text = missing_in(protocols, scans.size()); !text.empty()) {
     return base::failure(text);
   }
   std::vector<PhantomScan> matched;
   std::string text;
   for (std::size_t s = 0; s < scans.size(); ++s) {
-    const auto d = movement(protocols, s);
+    const auto d = scan_movement(protocols, s);
     if (!d) {
       return tl::unexpected(d.error());
     }
@@ -220,7 +210,7 @@ base::Result<FieldOfScans> field_of_scans(const Points3 &ct, const std::vector<P
                             {"b0_rms_Hz", json_number(rms)},
                             {"b0_min_Hz", json_number(b0.minCoeff())},
                             {"b0_max_Hz", json_number(b0.maxCoeff())}};
-  return FieldOfScans{std::move(*field), std::move(text), std::move(figures)};
+  return FieldOfScans{std::move(*field), matched.front().mm_per_Hz, std::move(text), std::move(figures)};
 }
 
 } // namespace bregma::cli

@@ -21,9 +21,15 @@ struct ScanProtocols {
   bool own_placement = false; // the scans may differ perpendicular to the read-outs: taken out, and stated
 };
 
+// What is missing in the protocols of so many scans; empty: nothing.
+[[nodiscard]] std::string missing_in(const ScanProtocols &protocols, std::size_t scans);
+// How B0 displaces spins in one of the scans. Refused: a direction that is none.
+[[nodiscard]] base::Result<Eigen::Vector3d> scan_movement(const ScanProtocols &protocols, std::size_t scan);
+
 struct FieldOfScans {
   mri::SeparatedField field;
-  std::string text; // residual of each scan by one scan, and by all
+  Eigen::Vector3d mm_per_Hz; // of the first scan
+  std::string text;          // residual of each scan by one scan, and by all
   nlohmann::json figures;
 };
 

@@ -28,7 +28,7 @@ base::Result<void> check_modality(const std::string &image, const casefile::Scan
 
 } // namespace
 
-base::Result<void> check_date(const std::string &field_file, const casefile::DisplacementField &field,
+base::Result<void> check_date(const std::string &field_file, const casefile::FieldHeader &field,
                               const FieldConsent &consent) {
   return field.expires.empty() || field.expires >= today() || consent.expired
              ? base::Result<void>()
@@ -36,7 +36,7 @@ base::Result<void> check_date(const std::string &field_file, const casefile::Dis
                              "; measure the scanner again, or accept it by --expired");
 }
 
-base::Result<std::string> check_field_use(const std::string &field_file, const casefile::DisplacementField &field,
+base::Result<std::string> check_field_use(const std::string &field_file, const casefile::FieldHeader &field,
                                           const std::string &image, const std::string &series_uid,
                                           const FieldConsent &consent) {
   if (auto valid = check_date(field_file, field, consent); !valid) {

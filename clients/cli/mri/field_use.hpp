@@ -20,16 +20,15 @@ struct FieldConsent {
 };
 
 // Refused: a field that has expired.
-[[nodiscard]] base::Result<void> check_date(const std::string &field_file, const casefile::DisplacementField &field,
+[[nodiscard]] base::Result<void> check_date(const std::string &field_file, const casefile::FieldHeader &field,
                                             const FieldConsent &consent);
 
 // The patient position that the image states, or an empty text. Refused: a field that has expired, an image that the
 // vendor has corrected or that does not state it, a mosaic, another modality or scanner. `series`: UID in a folder with
 // several.
 [[nodiscard]] base::Result<std::string> check_field_use(const std::string &field_file,
-                                                        const casefile::DisplacementField &field,
-                                                        const std::string &image, const std::string &series,
-                                                        const FieldConsent &consent);
+                                                        const casefile::FieldHeader &field, const std::string &image,
+                                                        const std::string &series, const FieldConsent &consent);
 
 // Of the image of a phantom: the header where it is DICOM. Refused: MR that the vendor has corrected, which does not
 // show the scanner's distortion. A note where it does not state this.

@@ -10,8 +10,7 @@
 #include <CLI/Formatter.hpp>
 
 #include "algorithms/mri/coils/field_correction.hpp"
-#include "algorithms/mri/field_table.hpp"
-#include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_fields_file.hpp"
 #include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
 #include "clients/cli/mri/register_watch.hpp"
@@ -22,6 +21,7 @@ namespace bregma::cli {
 
 namespace {
 
+using Eigen::Vector3d;
 using nlohmann::json;
 
 struct RegisterArguments {
@@ -75,6 +75,7 @@ json to_json(const mri::RobotRegistration &r, const ScanList &list) {
     out["out_of_plane_mm"] = json_number(r.opme_mm);
     out["verified"] = coils_json(r.verified, list);
     out["verified_rms_mm"] = json_number(r.verified_mm);
+    out["b0_change_mm"] = json_number(r.b0_change_mm);
   }
   if (r.verdict != mri::RegistrationVerdict::kFound) {
     withhold(out, {"T_base_device", "covariance"});
@@ -110,31 +111,58 @@ std::string to_text(const mri::RobotRegistration &r, const ScanList &list) {
     if (!r.verified.empty()) {
       out += "Coils that verify: RMS " + fixed(r.verified_mm, 2, "mm") + ", the error of finding them included\n";
     }
+    if (std::isfinite(r.b0_change_mm)) {
+      out += "B0 has changed by up to " + fixed(r.b0_change_mm, 2, "mm") +
+             " at a coil since it was mapped: so far off are images of one read-out\n";
+    }
   }
   return out;
 }
 
-// Reads the field and asks whether it may be applied to every image. An empty path: no correction.
-base::Result<mri::PointCorrection> read_correction(const RegisterArguments &arguments, const ScanList &list) {
-  if (arguments.field.empty()) {
-    return mri::PointCorrection();
-  }
-  const auto field = casefile::read_displacement_field(arguments.field);
+// Reads the field, asks whether it may be applied to every image, and corrects by the part of it that displaces these
+// scans.
+base::Result<void> use_field(const RegisterArguments &arguments, const ScanList &list,
+                             mri::RobotRegistrationOptions &options) {
+  const auto field = casefile::read_scan_fields(arguments.field);
   if (!field) {
     return tl::unexpected(field.error());
   }
   for (const std::string &file : list.files) {
-    if (const auto use = check_field_use(arguments.field, *field, file, {}, arguments.consent); !use) {
+    if (const auto use = check_field_use(arguments.field, field->header, file, {}, arguments.consent); !use) {
       return tl::unexpected(use.error());
     }
   }
-  const auto position = mri::parse_patient_position(field->patient_position);
+  const auto position = mri::parse_patient_position(field->header.patient_position);
   if (!position) {
     return base::failure(position.error());
   }
-  return mri::correction_by(std::make_shared<const mri::FieldTable>(field->displacement_mm, field->signed_error_95_mm,
-                                                                    field->max_error_95_mm),
-                            *position);
+  const auto T_device_ras = [](mri::PatientPosition of) {
+    return mri::T_device_patient(of) * mri::T_image_patient().inverse();
+  };
+  const auto T_field_device = T_device_ras(*position).inverse();
+  // Of the scans, in the frame of the field.
+  std::optional<Vector3d> mm_per_Hz;
+  if (list.mm_per_Hz) {
+    mm_per_Hz = T_field_device.rotation() * (T_device_ras(list.position).rotation() * *list.mm_per_Hz);
+  }
+  const mri::ScanFields &fields = field->fields;
+  if (list.opposed() && !fields.has_b0()) {
+    return base::failure(arguments.field + ": holds B0 of one read-out, which scans with both read-outs do not show; "
+                                           "make it by `bregma mri field` from scans of the phantom with both");
+  }
+  if (!list.opposed() && !fields.has_b0() && mm_per_Hz && fields.mm_per_Hz().dot(*mm_per_Hz) < 0.0) {
+    return base::failure(arguments.field + ": was measured with the opposite read-out, so B0 would be doubled");
+  }
+  if (!list.opposed() && fields.has_b0() && !mm_per_Hz) {
+    print_notes(
+        {arguments.field + ": the part of B0 is not corrected; state read_out and bandwidth_Hz in " + arguments.scans});
+  }
+  options.correction =
+      mri::correction_by(list.opposed() || !mm_per_Hz ? fields.table() : fields.of_scan(*mm_per_Hz), *position);
+  if (list.opposed() && mm_per_Hz) {
+    options.mapped_b0 = mri::mapped_b0(fields, *position, *mm_per_Hz);
+  }
+  return {};
 }
 
 int run_register(const RegisterArguments &arguments, const Context &context) {
@@ -165,11 +193,11 @@ int run_register(const RegisterArguments &arguments, const Context &context) {
   if (auto one = check_coil_images(list->files, mri::name(list->position)); !one) {
     return fail(one.error());
   }
-  auto correction = read_correction(arguments, *list);
-  if (!correction) {
-    return fail(correction.error());
+  if (!arguments.field.empty()) {
+    if (const auto used = use_field(arguments, *list, options); !used) {
+      return fail(used.error());
+    }
   }
-  options.correction = std::move(*correction);
   const mri::RobotRegistration r = mri::register_robot(list->frame, list->scans, options);
   if (context.json) {
     print_json(to_json(r, *list));

@@ -8,6 +8,7 @@
 #include "base/table_reader.hpp"
 #include "casefile/coil_frames.hpp"
 #include "casefile/volumes/volume.hpp"
+#include "clients/cli/mri/read_out.hpp"
 
 namespace bregma::cli {
 
@@ -17,6 +18,7 @@ constexpr double kAligned = 0.999; // cosine of 2.6 degrees
 
 struct Entry {
   std::string name, background, foreground, opposite, orientation;
+  std::string background_opposed, foreground_opposed;
   std::vector<int> on, verify;
 };
 
@@ -59,6 +61,14 @@ base::Result<std::vector<Entry>> read_entries(base::TableReader &root, const mri
     entry.background = table.require_string("background");
     entry.foreground = table.require_string("foreground");
     entry.opposite = table.string("opposite", "");
+    entry.background_opposed = table.string("background_opposed", "");
+    entry.foreground_opposed = table.string("foreground_opposed", "");
+    if (entry.background_opposed.empty() != entry.foreground_opposed.empty()) {
+      table.refuse(entry.background_opposed.empty() ? "background_opposed" : "foreground_opposed",
+                   "is missing: both images are needed with the read-out reversed");
+    } else if (!out.empty() && out.front().foreground_opposed.empty() != entry.foreground_opposed.empty()) {
+      table.refuse("foreground_opposed", "either all scans are made with both read-outs, or none");
+    }
     entry.orientation = table.require_string("orientation");
     entry.on = coils_named(table, "on", frame);
     entry.verify = coils_named(table, "verify", frame);
@@ -137,6 +147,8 @@ base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::ve
   } else {
     out.position = *position;
   }
+  const std::string read_out = root.string("read_out", "");
+  const double bandwidth_Hz = root.optional_number("bandwidth_Hz", "Hz", 1.0, 1e5).value_or(0.0);
   const auto entries = read_entries(root, out.frame);
   if (!entries) {
     return tl::unexpected(entries.error());
@@ -146,10 +158,14 @@ base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::ve
   }
   for (const Entry &entry : *entries) {
     const Eigen::Vector3d normal = *mri::parse_orientation(entry.orientation);
-    mri::CoilScan scan{entry.name, nullptr, nullptr, nullptr, entry.on, entry.verify};
+    mri::CoilScan scan;
+    scan.name = entry.name;
+    scan.on = entry.on;
+    scan.verify = entry.verify;
     for (const auto &[path, to] :
          {std::pair(entry.background, &scan.background), std::pair(entry.foreground, &scan.foreground),
-          std::pair(entry.opposite, &scan.opposite)}) {
+          std::pair(entry.opposite, &scan.opposite), std::pair(entry.background_opposed, &scan.reversed_background),
+          std::pair(entry.foreground_opposed, &scan.reversed_foreground)}) {
       if (path.empty()) {
         continue;
       }
@@ -160,6 +176,16 @@ base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::ve
       *to = *stack;
     }
     out.scans.push_back(std::move(scan));
+  }
+  if (!read_out.empty()) {
+    const Eigen::Matrix4d T_ras_device =
+        (mri::T_image_patient() * mri::T_device_patient(out.position).inverse()).matrix();
+    const auto movement = movement_in(T_ras_device * out.images.front().T_image_index, read_out, bandwidth_Hz);
+    if (!movement) {
+      return base::failure(file.string() + ": read_out \"" + read_out + "\", bandwidth_Hz " +
+                           std::to_string(bandwidth_Hz) + ": " + movement.error().message);
+    }
+    out.mm_per_Hz = *movement;
   }
   return out;
 }

@@ -47,6 +47,7 @@ int run(int argc, char **argv) {
       ->check(CLI::Range(1.0, 8.0))
       ->capture_default_str();
   app.add_flag("--reversed", files.reversed, "Also foregrounds with the current reversed");
+  app.add_flag("--opposed", files.opposed, "Also images with the read-out reversed, towards R instead of L");
   app.add_flag("!--no-mr", files.mr, "No MR images: only the frame, the truth and, with --phantom, its CT");
   std::array<double, 3> frame_at_mm{};
   app.add_option("--frame-at-mm", frame_at_mm, "Where the registration frame's origin lies in the robot's base")

@@ -70,28 +70,35 @@ mri::CoilFrame frame_of(const SimulatedScanner &scanner, const Vector3d &frame_a
 using Save = std::function<base::Result<void>(const std::string &name, const Stack &stack)>;
 
 // Background and foreground of top and bottom, and the list of them.
-base::Result<void> write_scans(const std::filesystem::path &folder, SimulatedScanner &scanner, bool reversed,
-                               const Save &save) {
-  std::string scans = "frame = \"frame.toml\"\npatient_position = \"HFS\"\n";
+base::Result<void> write_scans(const std::filesystem::path &folder, SimulatedScanner &scanner,
+                               const SessionFiles &files, const Save &save) {
+  const Protocol protocol = coil_protocol(60);
+  std::string scans = "frame = \"frame.toml\"\npatient_position = \"HFS\"\nread_out = \"L\"\nbandwidth_Hz = " +
+                      std::to_string(static_cast<int>(protocol.bandwidth_Hz)) + "\n";
   for (const bool top : {true, false}) {
     const std::string side = top ? "top" : "bottom";
-    const StackPlan plan = plan_of(Plane::kCoronal, Vector3d(0, top ? 55 : -55, 0), 60);
-    const Protocol protocol = coil_protocol(60);
+    StackPlan plan = plan_of(Plane::kCoronal, Vector3d(0, top ? 55 : -55, 0), 60);
     const std::vector<std::string> on{"mid-" + side, "inner-" + side};
-    auto done = save(side + "_off.nrrd", scanner.background(protocol, plan));
-    if (done) {
-      done = save(side + "_on.nrrd", scanner.foreground(protocol, plan, on));
+    scans += "\n[[scans]]\nname = \"" + side + "\"\norientation = \"C\"\n";
+    base::Result<void> done;
+    const auto add = [&](const std::string &key, const std::string &name, const std::function<Stack()> &scan) {
+      scans += key + " = \"" + name + "\"\n";
+      done = done.and_then([&] { return save(name, scan()); });
+    };
+    add("background", side + "_off.nrrd", [&] { return scanner.background(protocol, plan); });
+    add("foreground", side + "_on.nrrd", [&] { return scanner.foreground(protocol, plan, on); });
+    if (files.reversed) {
+      add("opposite", side + "_reversed.nrrd", [&] { return scanner.foreground(protocol, plan, on, -1); });
     }
-    if (done && reversed) {
-      done = save(side + "_reversed.nrrd", scanner.foreground(protocol, plan, on, -1));
+    if (files.opposed) {
+      plan.read_reversed = true;
+      add("background_opposed", side + "_off_opposed.nrrd", [&] { return scanner.background(protocol, plan); });
+      add("foreground_opposed", side + "_on_opposed.nrrd", [&] { return scanner.foreground(protocol, plan, on); });
     }
     if (!done) {
       return done;
     }
-    scans += "\n[[scans]]\nname = \"" + side + "\"\norientation = \"C\"\nbackground = \"" + side +
-             "_off.nrrd\"\nforeground = \"" + side + "_on.nrrd\"\n" +
-             (reversed ? "opposite = \"" + side + "_reversed.nrrd\"\n" : "") + "on = [\"mid-" + side + "\", \"inner-" +
-             side + "\"]\nverify = [\"inner-" + side + "\"]\n";
+    scans += "on = [\"mid-" + side + "\", \"inner-" + side + "\"]\nverify = [\"inner-" + side + "\"]\n";
   }
   return write_text(folder / "scans.toml", scans);
 }
@@ -109,9 +116,14 @@ base::Result<void> write_session(const std::filesystem::path &folder, SimulatedS
     return casefile::write_volume(folder / name,
                                   in_ras(files.vendor ? vendor_corrected(stack, scanner.field()) : stack));
   };
-  base::Result<void> done = files.mr ? write_scans(folder, scanner, files.reversed, save) : base::Result<void>{};
+  base::Result<void> done = files.mr ? write_scans(folder, scanner, files, save) : base::Result<void>{};
   if (done && files.mr && files.phantom) {
-    done = save("phantom_mr.nrrd", scanner.phantom(phantom_protocol(), scanner.phantom_plan()));
+    StackPlan plan = scanner.phantom_plan();
+    done = save("phantom_mr.nrrd", scanner.phantom(phantom_protocol(), plan));
+    if (done && files.opposed) {
+      plan.read_reversed = true;
+      done = save("phantom_mr_opposed.nrrd", scanner.phantom(phantom_protocol(), plan));
+    }
   }
   if (done && files.phantom) { // the CT has no gradients to correct
     done = casefile::write_volume(folder / "phantom_ct.nrrd", in_ras(scanner.ct(files.ct_coarser)));

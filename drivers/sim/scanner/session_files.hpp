@@ -13,6 +13,7 @@ struct SessionFiles {
   bool phantom = false;    // also the phantom in CT and MR
   double ct_coarser = 2.0; // 1: the paper's voxels, 334 MB
   bool reversed = false;   // also foregrounds with the current reversed
+  bool opposed = false;    // also images, of frame and phantom, with the read-out reversed
   bool vendor = false;     // images as the vendor's correction leaves them
   bool mr = true;          // false: only what does not come from the scanner, the frame and the CT
   // Where the frame's origin lies in the robot's base. The axes of both are parallel.

@@ -187,7 +187,7 @@ TEST(MriField, TheRealRepeatsSeparateGradientsAndB0) {
     EXPECT_EQ(bad.exit_code, 1) << more << bad.out;
     return bad.err;
   };
-  EXPECT_NE(refused("").find("--read-out 2 times"), std::string::npos);
+  EXPECT_NE(refused("").find("2 scans need --read-out once per scan"), std::string::npos);
   EXPECT_NE(refused(" --read-out R --read-out L").find("--pixel-mm"), std::string::npos);
   EXPECT_NE(refused(protocol + " --read-out R --read-out Q").find("not one of R, L, A, P, S, I"), std::string::npos);
   EXPECT_NE(refused(protocol + " --read-out R --read-out R").find("alike"), std::string::npos);
@@ -235,6 +235,42 @@ TEST(MriField, AnAmbiguousPhantomGivesNoField) {
   EXPECT_TRUE(json["output"].is_null() && json["residual"].is_null()) << json;
 }
 
+Points3 columns(const std::vector<Vector3d> &points) {
+  Points3 out(3, static_cast<Eigen::Index>(points.size()));
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    out.col(static_cast<Eigen::Index>(i)) = points[i];
+  }
+  return out;
+}
+
+// Soft balls at these places, in voxels of 2 mm.
+casefile::Volume image_of_balls(const Points3 &shown_mm) {
+  casefile::Volume out;
+  out.size = {64, 64, 40};
+  out.T_image_index.topLeftCorner<3, 3>() *= 2.0;
+  out.T_image_index.topRightCorner<3, 1>() = Vector3d(-63.0, -63.0, -39.0);
+  for (std::size_t i = 0; i < out.pixels(); ++i) {
+    double value = 0.0;
+    for (const auto &ball : shown_mm.colwise()) {
+      value += 1000.0 * std::exp(-0.5 * (out.pixel_mm(i) - ball).squaredNorm() / 16.0);
+    }
+    out.voxels.push_back(static_cast<float>(value));
+  }
+  return out;
+}
+
+Vector3d centre_near(const casefile::Volume &v, const Vector3d &near) {
+  Vector3d sum = Vector3d::Zero();
+  double weight = 0.0;
+  for (std::size_t i = 0; i < v.pixels(); ++i) {
+    if ((v.pixel_mm(i) - near).norm() < 14.0) {
+      sum += static_cast<double>(v.voxels[i]) * v.pixel_mm(i);
+      weight += static_cast<double>(v.voxels[i]);
+    }
+  }
+  return sum / weight;
+}
+
 // An image of balls at known places, as a distorting scanner shows them.
 TEST(MriCorrect, MovesTissueBackToItsPlace) {
   const TemporaryFolder folder;
@@ -243,18 +279,8 @@ TEST(MriCorrect, MovesTissueBackToItsPlace) {
   write_points(folder, "ct.csv", lattice);
   write_points(folder, "mr.csv", truth.image_of(lattice));
   ASSERT_EQ(run_bregma(folder, "mri field ct.csv mr.csv -o field.nrrd --scanner \"A B\"").exit_code, 0);
-  casefile::Volume image;
-  image.size = {64, 64, 40};
-  image.T_image_index.topLeftCorner<3, 3>() *= 2.0;
-  image.T_image_index.topRightCorner<3, 1>() = Vector3d(-63.0, -63.0, -39.0);
-  const Vector3d balls[] = {{40, 30, 20}, {-45, 20, -25}, {30, -50, 10}};
-  for (std::size_t i = 0; i < image.pixels(); ++i) {
-    double value = 0.0;
-    for (const Vector3d &ball : balls) {
-      value += 1000.0 * std::exp(-0.5 * (image.pixel_mm(i) - truth.image_of(ball)).squaredNorm() / 16.0);
-    }
-    image.voxels.push_back(static_cast<float>(value));
-  }
+  const std::vector<Vector3d> balls{{40, 30, 20}, {-45, 20, -25}, {30, -50, 10}};
+  const casefile::Volume image = image_of_balls(truth.image_of(columns(balls)));
   ASSERT_TRUE(casefile::write_volume(folder / "image.nrrd", image));
   const auto refused = run_bregma(folder, "mri correct field.nrrd image.nrrd -o out.nrrd");
   EXPECT_EQ(refused.exit_code, 1);
@@ -268,21 +294,65 @@ TEST(MriCorrect, MovesTissueBackToItsPlace) {
   }
   const auto corrected = casefile::read_volume(folder / "out.nrrd");
   ASSERT_TRUE(corrected) << corrected.error().message;
-  const auto centre = [](const casefile::Volume &v, const Vector3d &near) {
-    Vector3d sum = Vector3d::Zero();
-    double weight = 0.0;
-    for (std::size_t i = 0; i < v.pixels(); ++i) {
-      if ((v.pixel_mm(i) - near).norm() < 14.0) {
-        sum += static_cast<double>(v.voxels[i]) * v.pixel_mm(i);
-        weight += static_cast<double>(v.voxels[i]);
-      }
-    }
-    return Vector3d(sum / weight);
-  };
   for (const Vector3d &ball : balls) {
-    const double before = (centre(image, truth.image_of(ball)) - ball).norm();
-    EXPECT_LT((centre(*corrected, ball) - ball).norm(), 0.15) << "was off by " << before;
+    const double before = (centre_near(image, truth.image_of(ball)) - ball).norm();
+    EXPECT_LT((centre_near(*corrected, ball) - ball).norm(), 0.15) << "was off by " << before;
   }
+}
+
+// The phantom with opposed read-outs along x; the image with one along y and half the shift per Hz.
+TEST(MriCorrect, TheB0OfEveryReadOutIsCorrected) {
+  const TemporaryFolder folder;
+  const test::SourceField gradients(6, 2.0), b0(7, 40.0); // mm; Hz as the first coordinate
+  const auto shown = [&](const Points3 &points, const Vector3d &mm_per_Hz) {
+    Points3 out = gradients.image_of(points);
+    for (Eigen::Index i = 0; i < points.cols(); ++i) {
+      out.col(i) += b0.displacement(points.col(i)).x() * mm_per_Hz;
+    }
+    return out;
+  };
+  const Points3 lattice = test::lattice(9, 20.0);
+  const Vector3d d = Vector3d::UnitX() / 26.0;
+  write_points(folder, "ct.csv", lattice);
+  write_points(folder, "right.csv", shown(lattice, d));
+  write_points(folder, "left.csv", shown(lattice, -d));
+  const std::string protocol = " --pixel-mm 1 --bandwidth-Hz 26";
+  ASSERT_EQ(run_bregma(folder, "mri field ct.csv right.csv -o one.nrrd --read-out R" + protocol).exit_code, 0);
+  const auto both =
+      run_bregma(folder, "mri field ct.csv right.csv left.csv -o both.nrrd --read-out R --read-out L" + protocol);
+  ASSERT_EQ(both.exit_code, 0) << both.err;
+  EXPECT_NE(both.out.find("both.b0.nrrd"), std::string::npos) << both.out;
+
+  const std::vector<Vector3d> balls{{40, 30, 20}, {-45, 20, -25}, {30, -50, 10}};
+  const Points3 imaged = shown(columns(balls), -Vector3d::UnitY() * (2.0 / 104.0));
+  ASSERT_TRUE(casefile::write_volume(folder / "image.nrrd", image_of_balls(imaged)));
+  const auto largest = [&](const std::string &file) {
+    const auto corrected = casefile::read_volume(folder / file);
+    double out = corrected ? 0.0 : 99.0;
+    for (const Vector3d &ball : balls) {
+      out = std::max(out, corrected ? (centre_near(*corrected, ball) - ball).norm() : 99.0);
+    }
+    return out;
+  };
+  const std::string correct = "mri correct both.nrrd image.nrrd --not-corrected -o ";
+  const auto plain = run_bregma(folder, correct + "plain.nrrd");
+  EXPECT_EQ(plain.exit_code, 0) << plain.err;
+  EXPECT_NE(plain.notes.find("the part of B0 is not corrected"), std::string::npos) << plain.notes;
+  const auto whole = run_bregma(folder, correct + "whole.nrrd --read-out P --bandwidth-Hz 104");
+  EXPECT_EQ(whole.exit_code, 0) << whole.err;
+  EXPECT_EQ(whole.err, "");
+  EXPECT_LT(largest("whole.nrrd"), 0.15);
+  EXPECT_GT(largest("plain.nrrd"), 2.0 * largest("whole.nrrd"));
+
+  // A bandwidth that nobody states; a field of the opposite read-out.
+  const auto silent = run_bregma(folder, correct + "out.nrrd --read-out P");
+  EXPECT_EQ(silent.exit_code, 2);
+  EXPECT_NE(silent.err.find("state it by --bandwidth-Hz"), std::string::npos) << silent.err;
+  const auto opposite =
+      run_bregma(folder, "mri correct one.nrrd image.nrrd --not-corrected -o out.nrrd --read-out L --bandwidth-Hz 104");
+  EXPECT_EQ(opposite.exit_code, 2);
+  EXPECT_NE(opposite.err.find("measured with the opposite read-out"), std::string::npos) << opposite.err;
+  EXPECT_FALSE(std::filesystem::exists(folder / "out.nrrd"));
 }
 
 TEST(MriCorrect, AnExpiredFieldIsRefused) {

@@ -1,11 +1,15 @@
 // `bregma mri register` on files, and the files that it reads.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <memory>
+#include <string>
+#include <vector>
 
 #include "casefile/coil_frames.hpp"
-#include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_fields_file.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "tests/unit/cli/run_bregma.hpp"
 #include "tests/unit/scanner/drawn_stacks.hpp"
@@ -121,6 +125,69 @@ TEST(MriRegister, AFieldCorrectsTheCoilsAndStatesItsError) {
   const auto doubtful = files.run("--field field.nrrd");
   EXPECT_EQ(doubtful.exit_code, 2);
   EXPECT_NE(doubtful.err.find("--not-corrected"), std::string::npos) << doubtful.err;
+}
+
+// B0 shifts all coils alike, by 1.5 mm: no fit shows it, opposed read-outs do.
+TEST(MriRegister, OpposedReadOutsAreFreeOfB0) {
+  const Files files;
+  const auto shifted = [&](double x_mm, std::uint64_t seed) {
+    std::vector<Vector3d> shown = places(files.frame, {0, 1, 2, 3, 4, 5}, kPlaced);
+    for (Vector3d &p : shown) {
+      p.x() += x_mm; // Device's x is L
+    }
+    return drawn(shown, 6.0, seed);
+  };
+  save(files.folder, "on.nrrd", shifted(1.5, 2));
+  save(files.folder, "off_opposed.nrrd", drawn({}, 0, 3));
+  save(files.folder, "on_opposed.nrrd", shifted(-1.5, 4));
+  casefile::DisplacementField empty;
+  empty.displacement_mm.size = empty.signed_error_95_mm.size = {2, 2, 2};
+  for (auto *grid : {static_cast<image::Grid<3> *>(&empty.displacement_mm),
+                     static_cast<image::Grid<3> *>(&empty.signed_error_95_mm)}) {
+    grid->T_image_index.diagonal().head<3>().setConstant(240.0);
+    grid->T_image_index.topRightCorner<3, 1>().setConstant(-120.0);
+  }
+  const auto table = std::make_shared<const FieldTable>(
+      image::Image<Eigen::Vector3f, 3>{empty.displacement_mm, std::vector<Eigen::Vector3f>(8, Eigen::Vector3f::Zero())},
+      image::Image<float, 3>{empty.signed_error_95_mm, std::vector<float>(8, 0.2F)}, 2.0);
+  casefile::FieldHeader header;
+  header.made = "2026-01-01";
+  ASSERT_TRUE(casefile::write_scan_fields(files.folder.path() / "both.nrrd",
+                                          ScanFields(table, table, Vector3d::UnitX() / 260.0), header));
+  ASSERT_TRUE(casefile::write_scan_fields(files.folder.path() / "one.nrrd",
+                                          ScanFields(table, Vector3d::UnitX() / 260.0), header));
+  const std::string read_out = "read_out = \"L\"\nbandwidth_Hz = 260\n" + kScans;
+  const std::string opposed =
+      read_out + "background_opposed = \"off_opposed.nrrd\"\nforeground_opposed = \"on_opposed.nrrd\"\n";
+
+  write(files.folder, "scans.toml", read_out);
+  const auto error_of = [&](const nlohmann::json &json) {
+    return json["T_base_device"][0][3].get<double>() - kPlaced.inverse().matrix()(0, 3);
+  };
+  const auto one = files.run("--field both.nrrd --not-corrected --json");
+  ASSERT_EQ(one.exit_code, 0) << one.out << one.err;
+  EXPECT_NEAR(std::abs(error_of(one.json())), 1.5, 0.3);
+  EXPECT_TRUE(one.json()["b0_change_mm"].is_null());
+  write(files.folder, "scans.toml", opposed);
+  const auto both = files.run("--field both.nrrd --not-corrected --json");
+  ASSERT_EQ(both.exit_code, 0) << both.out << both.err;
+  EXPECT_NEAR(error_of(both.json()), 0.0, 0.3);
+  EXPECT_NEAR(both.json()["b0_change_mm"].get<double>(), 1.5, 0.2) << "none was mapped";
+  const auto text = files.run("--field both.nrrd --not-corrected");
+  EXPECT_NE(text.out.find("B0 has changed by up to 1."), std::string::npos) << text.out;
+
+  const auto error = [&](const std::string &field) {
+    const auto run = files.run("--not-corrected --field " + field);
+    EXPECT_EQ(run.exit_code, 2) << run.out;
+    return run.err;
+  };
+  EXPECT_NE(error("one.nrrd").find("holds B0 of one read-out"), std::string::npos);
+  write(files.folder, "scans.toml", read_out); // L, the field R
+  EXPECT_NE(error("one.nrrd").find("measured with the opposite read-out"), std::string::npos);
+  write(files.folder, "scans.toml", read_out + "foreground_opposed = \"on_opposed.nrrd\"\n");
+  EXPECT_NE(error("both.nrrd").find("background_opposed"), std::string::npos);
+  write(files.folder, "scans.toml", "read_out = \"X\"\nbandwidth_Hz = 260\n" + kScans);
+  EXPECT_NE(error("both.nrrd").find("read_out \"X\""), std::string::npos);
 }
 
 TEST(MriRegister, RefusalsAreExitCode1AndSayWhy) {

@@ -1,0 +1,43 @@
+#include "clients/cli/mri/read_out.hpp"
+
+#include <cmath>
+#include <string_view>
+
+#include "algorithms/mri/separation.hpp"
+
+namespace bregma::cli {
+
+using Eigen::Vector3d;
+
+base::Result<Vector3d> ras_direction(const std::string &letter) {
+  static constexpr std::string_view kLetters = "RLAPSI"; // RAS
+  const auto at = letter.size() == 1 ? kLetters.find(letter[0]) : std::string_view::npos;
+  if (at == std::string_view::npos) {
+    return base::failure("the direction \"" + letter + "\" is not one of R, L, A, P, S, I");
+  }
+  const double sign = at % 2 == 0 ? 1.0 : -1.0;
+  return Vector3d(sign * Vector3d::Unit(static_cast<Eigen::Index>(at / 2)));
+}
+
+base::Result<Vector3d> movement_in(const Eigen::Matrix4d &T_ras_index, const std::string &read_out,
+                                   double bandwidth_Hz) {
+  const auto towards = ras_direction(read_out);
+  if (!towards) {
+    return tl::unexpected(towards.error());
+  }
+  if (!(bandwidth_Hz > 0.0)) {
+    return base::failure("the bandwidth per pixel is not stated");
+  }
+  Vector3d nearest = Vector3d::Zero();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    const Vector3d step = T_ras_index.block<3, 1>(0, axis);
+    if (std::abs(step.normalized().dot(*towards)) >
+        (nearest.isZero() ? 0.0 : std::abs(nearest.normalized().dot(*towards)))) {
+      nearest = step;
+    }
+  }
+  const double sign = nearest.dot(*towards) < 0.0 ? -1.0 : 1.0;
+  return mri::b0_movement(sign * nearest.normalized(), nearest.norm(), bandwidth_Hz);
+}
+
+} // namespace bregma::cli

@@ -1,0 +1,20 @@
+// How B0 displaces the spins of a scan, from what the operator and headers state.
+#pragma once
+
+#include <string>
+
+#include <Eigen/Core>
+
+#include "base/result.hpp"
+
+namespace bregma::cli {
+
+// R, L, A, P, S or I, as a unit vector (RAS).
+[[nodiscard]] base::Result<Eigen::Vector3d> ras_direction(const std::string &letter);
+
+// mm per Hz (mri/separation.hpp) of a scan whose read-out shifts a spin of higher frequency towards `read_out`. The
+// pixel is the spacing of the image's axis nearest to it. T_ras_index: of the image.
+[[nodiscard]] base::Result<Eigen::Vector3d> movement_in(const Eigen::Matrix4d &T_ras_index, const std::string &read_out,
+                                                        double bandwidth_Hz);
+
+} // namespace bregma::cli
