@@ -76,6 +76,11 @@ std::shared_ptr<const FieldTable> ScanFields::of_scan(const Vector3d &mm_per_Hz)
   return std::make_shared<const FieldTable>(std::move(displacement), std::move(error), table_->max_error_95_mm());
 }
 
+bool ScanFields::is_opposite(const Vector3d &mm_per_Hz) const {
+  constexpr double kOpposite = -0.5; // cosine
+  return !has_b0() && mm_per_Hz_.dot(mm_per_Hz) < kOpposite * mm_per_Hz_.norm() * mm_per_Hz.norm();
+}
+
 double ScanFields::b0_Hz(const Vector3d &true_mm) const noexcept {
   return has_b0() ? b0_->displacement(true_mm).dot(mm_per_Hz_) / mm_per_Hz_.squaredNorm() : 0.0;
 }

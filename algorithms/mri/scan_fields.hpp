@@ -38,6 +38,9 @@ public:
   // The field of a scan that B0 displaces by mm_per_Hz, with the stated error of both parts; table() where B0 is not
   // known. Milliseconds, allocates.
   [[nodiscard]] std::shared_ptr<const FieldTable> of_scan(const Eigen::Vector3d &mm_per_Hz) const;
+  // A field of one read-out, and a scan with the opposite one: its part of B0 would double what it is to correct. False
+  // where one of them is not stated.
+  [[nodiscard]] bool is_opposite(const Eigen::Vector3d &mm_per_Hz) const;
   // 0 where B0 is not known.
   [[nodiscard]] double b0_Hz(const Eigen::Vector3d &true_mm) const noexcept;
 

@@ -8,6 +8,8 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 
+#include "algorithms/registration/points/paired_points.hpp"
+
 namespace bregma::mri {
 
 namespace {
@@ -95,6 +97,38 @@ Vector3d b0_movement(const Vector3d &read_out, double pixel_mm, double bandwidth
   Vector3d out = read_out * (pixel_mm / bandwidth_Hz);
   if (pulse_Hz > 0.0) {
     out += normal * (thickness_mm / pulse_Hz);
+  }
+  return out;
+}
+
+PhantomScan phantom_scan(const MatchResult &match, Index reference, const Points3 &imaged_mm,
+                         const Vector3d &mm_per_Hz) {
+  PhantomScan out{Points3::Constant(3, reference, std::numeric_limits<double>::quiet_NaN()), mm_per_Hz};
+  for (const MatchedPair &pair : match.pairs) {
+    out.imaged_mm.col(pair.reference) = imaged_mm.col(pair.imaged);
+  }
+  return out;
+}
+
+std::optional<Points3> place_reference(const Points3 &reference_mm, std::span<const PhantomScan> scans) {
+  std::vector<Vector3d> from, to;
+  for (Index i = 0; i < reference_mm.cols(); ++i) {
+    Vector3d mean = Vector3d::Zero();
+    for (const PhantomScan &scan : scans) {
+      mean += scan.imaged_mm.col(i) / static_cast<double>(scans.size());
+    }
+    if (mean.allFinite()) {
+      from.emplace_back(reference_mm.col(i));
+      to.push_back(mean);
+    }
+  }
+  const auto T = registration::fit_rigid(from, to);
+  if (!T) {
+    return std::nullopt;
+  }
+  Points3 out(3, reference_mm.cols());
+  for (Index i = 0; i < reference_mm.cols(); ++i) {
+    out.col(i) = *T * Vector3d(reference_mm.col(i));
   }
   return out;
 }

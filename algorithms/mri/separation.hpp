@@ -24,6 +24,7 @@
 #include "algorithms/geometry/points.hpp"
 #include "algorithms/mri/distortion_field.hpp"
 #include "algorithms/mri/harmonic_series.hpp"
+#include "algorithms/mri/point_matching.hpp"
 
 namespace bregma::mri {
 
@@ -37,6 +38,14 @@ struct PhantomScan {
   geometry::Points3 imaged_mm; // a column per control point; NaN where the scan does not show it
   Eigen::Vector3d mm_per_Hz = Eigen::Vector3d::Zero(); // d_s
 };
+
+// The imaged point of each of `reference` reference points.
+[[nodiscard]] PhantomScan phantom_scan(const MatchResult &match, Eigen::Index reference,
+                                       const geometry::Points3 &imaged_mm, const Eigen::Vector3d &mm_per_Hz);
+// The reference in the frame of the scans: rigidly, by least squares, on the points that all of them show, on average
+// over them. Nothing for fewer than three such points.
+[[nodiscard]] std::optional<geometry::Points3> place_reference(const geometry::Points3 &reference_mm,
+                                                               std::span<const PhantomScan> scans);
 
 // How a scan lies against the first one in what B0 cannot do: along the directions perpendicular to every d_s the scans
 // differ by the position of the table, and by steps between slices that are not as stated.

@@ -170,7 +170,7 @@ base::Result<std::shared_ptr<const mri::FieldTable>> table_for(const CorrectArgu
     return base::failure(arguments.image + ": " + in_image.error().message + "; state it by --bandwidth-Hz");
   }
   const Eigen::Vector3d mm_per_Hz = T_field_image.topLeftCorner<3, 3>() * *in_image;
-  if (!fields.has_b0() && fields.mm_per_Hz().dot(mm_per_Hz) < 0.0) {
+  if (fields.is_opposite(mm_per_Hz)) {
     return base::failure(arguments.field + ": was measured with the opposite read-out, so B0 would be doubled; measure "
                                            "the phantom with both read-outs");
   }

@@ -3,12 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
-#include <optional>
 #include <utility>
 
 #include "algorithms/mri/lattice.hpp"
-#include "algorithms/registration/points/paired_points.hpp"
 #include "clients/cli/mri/control_points.hpp"
 #include "clients/cli/mri/read_out.hpp"
 #include "clients/cli/output.hpp"
@@ -21,30 +18,6 @@ using Eigen::Index;
 using Eigen::Vector3d;
 using geometry::Points3;
 using mri::PhantomScan;
-
-// The reference on the points that all scans show, on average over the scans.
-std::optional<Points3> placed(const Points3 &ct, const std::vector<PhantomScan> &scans) {
-  std::vector<Vector3d> from, to;
-  for (Index i = 0; i < ct.cols(); ++i) {
-    Vector3d mean = Vector3d::Zero();
-    for (const PhantomScan &scan : scans) {
-      mean += scan.imaged_mm.col(i) / static_cast<double>(scans.size());
-    }
-    if (mean.allFinite()) {
-      from.emplace_back(ct.col(i));
-      to.push_back(mean);
-    }
-  }
-  const auto T = registration::fit_rigid(from, to);
-  if (!T) {
-    return std::nullopt;
-  }
-  Points3 out(3, ct.cols());
-  for (Index i = 0; i < ct.cols(); ++i) {
-    out.col(i) = *T * Vector3d(ct.col(i));
-  }
-  return out;
-}
 
 std::vector<PhantomScan> some_points(const std::vector<PhantomScan> &scans, const std::vector<Index> &points) {
   std::vector<PhantomScan> out;
@@ -140,13 +113,9 @@ base::Result<FieldOfScans> field_of_scans(const Points3 &ct, const std::vector<P
     if (match.outcome != mri::MatchOutcome::kMatched) {
       return base::failure(names[s] + ": " + text + "No field: the correspondence must be matched");
     }
-    PhantomScan scan{Points3::Constant(3, ct.cols(), std::numeric_limits<double>::quiet_NaN()), *d};
-    for (const mri::MatchedPair &pair : match.pairs) {
-      scan.imaged_mm.col(pair.reference) = scans[s].col(pair.imaged);
-    }
-    matched.push_back(std::move(scan));
+    matched.push_back(mri::phantom_scan(match, ct.cols(), scans[s], *d));
   }
-  const auto real = placed(ct, matched);
+  const auto real = mri::place_reference(ct, matched);
   if (!real) {
     return base::failure("fewer than three control points are shown by all scans");
   }

@@ -150,7 +150,7 @@ base::Result<void> use_field(const RegisterArguments &arguments, const ScanList 
     return base::failure(arguments.field + ": holds B0 of one read-out, which scans with both read-outs do not show; "
                                            "make it by `bregma mri field` from scans of the phantom with both");
   }
-  if (!list.opposed() && !fields.has_b0() && mm_per_Hz && fields.mm_per_Hz().dot(*mm_per_Hz) < 0.0) {
+  if (mm_per_Hz && fields.is_opposite(*mm_per_Hz)) {
     return base::failure(arguments.field + ": was measured with the opposite read-out, so B0 would be doubled");
   }
   if (!list.opposed() && fields.has_b0() && !mm_per_Hz) {

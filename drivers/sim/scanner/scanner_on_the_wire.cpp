@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <string_view>
 
 #include "base/text.hpp"
 #include "drivers/sim/scanner/dicom_slice.hpp"
@@ -15,6 +16,7 @@ namespace bregma::sim::scanner {
 namespace {
 
 constexpr std::size_t kMaxWaiting = 16;
+constexpr std::string_view kReversed = "-reversed"; // of the read-out; every protocol has both
 
 struct Acquired {
   const char *name;
@@ -155,8 +157,10 @@ void ScannerOnTheWire::set_coils(const wire::Command &command, driver::Io &io) {
 void ScannerOnTheWire::acquire(const wire::Command &command, driver::Io &io) {
   const auto &body = command.body._u.series;
   const std::string name = wire::text(body.protocol);
+  const bool reversed = name.ends_with(kReversed);
+  const std::string_view plain = std::string_view(name).substr(0, name.size() - (reversed ? kReversed.size() : 0));
   const auto *known =
-      std::find_if(std::begin(kProtocols), std::end(kProtocols), [&](const Acquired &a) { return name == a.name; });
+      std::find_if(std::begin(kProtocols), std::end(kProtocols), [&](const Acquired &a) { return plain == a.name; });
   if (known == std::end(kProtocols)) {
     return reply(command, bregma_wire_COMMAND_REFUSED, "protocol \"" + name + "\" is not known to this scanner", io);
   }
@@ -170,6 +174,7 @@ void ScannerOnTheWire::acquire(const wire::Command &command, driver::Io &io) {
   const int slices = body.slices > 0 ? static_cast<int>(body.slices) : known->slices;
   series.protocol = protocol_of(*known, slices);
   series.plan = plan_of(known->plane, Vector3d(0, known->centre_mm, 0), slices);
+  series.plan.read_reversed = reversed;
   series.phantom = known->phantom;
   if (!known->phantom && std::abs(current_mA_) > 0.0) {
     series.on = groups_on_;
@@ -232,7 +237,7 @@ void ScannerOnTheWire::send_slice(Series &series, driver::Io &io) {
   slice.series = series.number;
   slice.index = static_cast<std::uint32_t>(series.next) + 1;
   slice.count = static_cast<std::uint32_t>(series.plan.slices);
-  slice.read_out = bregma_wire_DIRECTION_ROW_POSITIVE;
+  slice.read_out = series.plan.read_reversed ? bregma_wire_DIRECTION_ROW_NEGATIVE : bregma_wire_DIRECTION_ROW_POSITIVE;
   slice.phase_encoding = bregma_wire_DIRECTION_COLUMN_POSITIVE;
   slice.bandwidth_Hz_per_pixel = series.protocol.bandwidth_Hz;
   slice.coil_state = series.coils == 0     ? bregma_wire_COILS_OFF

@@ -13,7 +13,8 @@ namespace bregma::server {
 namespace {
 
 constexpr double kSamePlane_mm = 0.05;
-constexpr double kTable_mm = 0.5; // a larger change of the table's position is a movement
+constexpr double kSameReadOut = 0.01; // relative, of movements by B0
+constexpr double kTable_mm = 0.5;      // a larger change of the table's position is a movement
 
 } // namespace
 
@@ -65,6 +66,7 @@ base::Result<void> CoilPair::set_background(const SliceStack &slices, const wire
   finder_.emplace(std::move(*finder));
   table_mm_ = stated_table(header);
   position_ = stated_position(header).value_or(mri::PatientPosition::kHfs);
+  mm_per_Hz_ = movement_by_b0(header);
   return {};
 }
 
@@ -88,6 +90,9 @@ base::Result<void> CoilPair::add(const SliceStack &slices, std::uint32_t index, 
   }
   if (table_moved(table_mm_, stated_table(header))) {
     return base::failure(name_ + ": the table moved between background and foreground");
+  }
+  if ((movement_by_b0(header) - mm_per_Hz_).norm() > kSameReadOut * mm_per_Hz_.norm()) {
+    return base::failure(name_ + ": the foreground has another read-out or bandwidth than the background");
   }
   if (header.coil_state == bregma_wire_COILS_OFF) {
     return base::failure(name_ + ": the scanner states that no coil carried current in the foreground");
@@ -128,13 +133,50 @@ mri::CoilScan CoilPair::scan() const {
   return out;
 }
 
-VerifyingCoils verify(const mri::CoilFrame &frame, const CoilPair &pair,
+bool are_opposed(const Eigen::Vector3d &mm_per_Hz, const Eigen::Vector3d &other_mm_per_Hz) {
+  return !mm_per_Hz.isZero() && (mm_per_Hz + other_mm_per_Hz).norm() < kSameReadOut * mm_per_Hz.norm();
+}
+
+CoilScans::CoilScans(const std::string &name, const std::vector<int> &on, bool opposed) : forward_(name, on) {
+  if (opposed) {
+    reversed_.emplace(name + ", read-out reversed", on);
+  }
+}
+
+base::Result<void> CoilScans::set_background(bool reversed, const SliceStack &slices, const wire::ImageSlice &header) {
+  if (reversed && !are_opposed(forward_.mm_per_Hz(), movement_by_b0(header))) {
+    return base::failure("the scanner does not state opposed read-outs, with the same bandwidth, for protocols " +
+                         wire::text(header.protocol) + " and that without the suffix");
+  }
+  if (reversed && table_moved(forward_.table_mm(), stated_table(header))) {
+    return base::failure("the table moved between the scans with both read-outs");
+  }
+  return pair(reversed).set_background(slices, header);
+}
+
+mri::CoilScan CoilScans::scan() const {
+  mri::CoilScan out = forward_.scan();
+  if (reversed_) {
+    const mri::CoilScan reversed = reversed_->scan();
+    out.reversed_background = reversed.background;
+    out.reversed_foreground = reversed.foreground;
+  }
+  return out;
+}
+
+std::vector<mri::CoilArtefact> CoilScans::artefacts() const {
+  return reversed_
+             ? mri::mean_of_read_outs(forward_.artefacts(), reversed_->artefacts(), mri::ArtefactOptions{}.window_mm)
+             : forward_.artefacts();
+}
+
+VerifyingCoils verify(const mri::CoilFrame &frame, const CoilScans &scans,
                       const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
                       std::span<const mri::LocatedCoil> fitted, const mri::RobotRegistrationOptions &options) {
   VerifyingCoils out;
   mri::RobotRegistration registration;
   registration.T_base_device = T_base_device;
-  const mri::CoilScan scan = pair.scan();
+  const mri::CoilScan scan = scans.scan();
   auto located = mri::locate_targets(frame, scan, registration, options);
   if (!located) {
     out.found.failure = located.error();
@@ -143,6 +185,7 @@ VerifyingCoils verify(const mri::CoilFrame &frame, const CoilPair &pair,
   out.coils = std::move(*located);
   out.found = mri::verify_registration(frame, out.coils, scan.on.size(), T_base_device, fitted,
                                        mri::unit_axes(*scan.background), options);
+  out.b0 = mri::b0_change(out.coils, {}, T_base_device.pose, options.mapped_b0);
   return out;
 }
 

@@ -39,6 +39,8 @@ public:
   [[nodiscard]] const std::vector<mri::CoilArtefact> &artefacts() const { return artefacts_; }
   [[nodiscard]] std::optional<double> table_mm() const { return table_mm_; }
   [[nodiscard]] mri::PatientPosition position() const { return position_; }
+  // Of the background (slice_stack.hpp).
+  [[nodiscard]] const Eigen::Vector3d &mm_per_Hz() const { return mm_per_Hz_; }
 
 private:
   std::string name_;
@@ -48,7 +50,35 @@ private:
   std::vector<mri::CoilArtefact> artefacts_;
   std::optional<double> table_mm_; // as stated
   mri::PatientPosition position_ = mri::PatientPosition::kHfs;
+  Eigen::Vector3d mm_per_Hz_ = Eigen::Vector3d::Zero();
 };
+
+// The scans of one position of the stack: with one read-out, or with opposed ones.
+class CoilScans {
+public:
+  CoilScans(const std::string &name, const std::vector<int> &on, bool opposed);
+
+  // reversed: with the read-out reversed; only where they are opposed, and after the forward one.
+  [[nodiscard]] CoilPair &pair(bool reversed) { return reversed ? *reversed_ : forward_; }
+  // As CoilPair. Also refused: a read-out that is not opposed to the other one, a table that moved between both.
+  [[nodiscard]] base::Result<void> set_background(bool reversed, const SliceStack &slices,
+                                                  const wire::ImageSlice &header);
+
+  [[nodiscard]] bool finished() const { return forward_.finished() && (!reversed_ || reversed_->finished()); }
+  [[nodiscard]] bool opposed() const { return reversed_.has_value(); }
+  [[nodiscard]] mri::CoilScan scan() const;
+  [[nodiscard]] std::vector<mri::CoilArtefact> artefacts() const; // of opposed read-outs the mean
+  [[nodiscard]] std::optional<double> table_mm() const { return forward_.table_mm(); }
+  [[nodiscard]] mri::PatientPosition position() const { return forward_.position(); }
+  [[nodiscard]] const Eigen::Vector3d &mm_per_Hz() const { return forward_.mm_per_Hz(); }
+
+private:
+  CoilPair forward_;
+  std::optional<CoilPair> reversed_;
+};
+
+// Whether B0 displaces two scans oppositely along one line; false where one of them does not state its read-out.
+[[nodiscard]] bool are_opposed(const Eigen::Vector3d &mm_per_Hz, const Eigen::Vector3d &other_mm_per_Hz);
 
 // The table positions of two scans or slices differ by more than a registration allows. False where one is not stated.
 [[nodiscard]] bool table_moved(const std::optional<double> &from_mm, const std::optional<double> &to_mm);
@@ -61,8 +91,9 @@ private:
 struct VerifyingCoils {
   std::vector<mri::LocatedCoil> coils;
   mri::Verification found;
+  mri::B0Change b0; // of coils that opposed read-outs show
 };
-[[nodiscard]] VerifyingCoils verify(const mri::CoilFrame &frame, const CoilPair &pair,
+[[nodiscard]] VerifyingCoils verify(const mri::CoilFrame &frame, const CoilScans &scans,
                                     const geometry::UncertainPose<mri::frame::Base, mri::frame::Device> &T_base_device,
                                     std::span<const mri::LocatedCoil> fitted,
                                     const mri::RobotRegistrationOptions &options);

@@ -12,15 +12,15 @@
 
 #include "algorithms/geometry/points.hpp"
 #include "algorithms/image/grid.hpp"
-#include "algorithms/mri/field_table.hpp"
 #include "algorithms/mri/frames.hpp"
+#include "algorithms/mri/scan_fields.hpp"
 #include "base/result.hpp"
 
 namespace bregma::server {
 
-// A field in use, and where it comes from. Frame of the table: Image of the patient position.
+// A field in use, and where it comes from. Frame of the fields: Image of the patient position.
 struct ScannerField {
-  std::shared_ptr<const mri::FieldTable> table;
+  std::shared_ptr<const mri::ScanFields> scans; // the field of every scan
   mri::PatientPosition position = mri::PatientPosition::kHfs;
   std::string scanner;  // empty: not stated
   std::string identity; // for messages and the wire
@@ -31,10 +31,15 @@ struct ScannerField {
   double initial_mm = 0.0, residual_mm = 0.0, residual_max_mm = 0.0, moved_mm = 0.0;
 };
 
+// Of a scan, from Device to the frame of the fields (mri/separation.hpp).
+[[nodiscard]] Eigen::Vector3d in_field(const ScannerField &field, const Eigen::Vector3d &mm_per_Hz);
+
 struct FieldMeasurement {
   image::Image<float, 3> phantom; // frame Device, as the next
   std::optional<image::Image<float, 3>> again;
-  geometry::Points3 reference_mm; // control points in CT
+  std::optional<image::Image<float, 3>> reversed;      // the whole phantom with the read-out reversed: B0 apart
+  Eigen::Vector3d mm_per_Hz = Eigen::Vector3d::Zero(); // Device: of `phantom`, opposite for `reversed`; zero: not known
+  geometry::Points3 reference_mm;                      // control points in CT
   double cell_mm = 15.0, bar_mm = 2.0;
   double max_moved_mm = 0.3;
   mri::PatientPosition position = mri::PatientPosition::kHfs;

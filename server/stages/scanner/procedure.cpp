@@ -13,6 +13,7 @@ namespace {
 constexpr std::int64_t kStragglers_ns = 3'000'000'000; // for slices that come after the reply to their order
 constexpr std::int64_t kOffNow_ns = -1;                // the coils are switched off at the end of the next poll
 constexpr const char *kOff = "background";
+constexpr const char *kReversed = "-reversed"; // suffix of protocols
 
 constexpr std::array kStepNames = {"unknown", "idle",   "scout",  "phantom", "swap", "frame scout",
                                    "top",     "bottom", "verify", "accept",  "done"};
@@ -48,13 +49,15 @@ ProcedureAnswer Procedure::start(const std::string &device, std::int64_t now_ns)
     return {false, "step " + name_of(step_) + " is under way: wait, or reset"};
   }
   forget_scans();
-  if (field_is_valid(now_ns)) {
+  if (can_correct(now_ns)) {
     wait_for_operator(bregma_wire_SCANNER_STEP_SWAP, "the distortion field " + field_->identity + " is valid",
                       "place the registration frame, then confirm swap; or place the phantom and confirm phantom");
     return {true, text_ + ": " + next_};
   }
   if (options_.phantom_mm.cols() == 0) {
-    wait_for_operator(bregma_wire_SCANNER_STEP_SWAP, "there is no distortion field, and no phantom is configured",
+    wait_for_operator(bregma_wire_SCANNER_STEP_SWAP,
+                      field_is_valid(now_ns) ? "the distortion field is of one read-out, and no phantom is configured"
+                                             : "there is no distortion field, and no phantom is configured",
                       "place the registration frame, then confirm swap: it is registered without correction");
     return {true, text_ + ": " + next_};
   }
@@ -167,23 +170,10 @@ bool Procedure::found_anew() const {
 void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
   step_ = step;
   scan_ = 0;
-  switch (step) {
-  case bregma_wire_SCANNER_STEP_SCOUT:
-  case bregma_wire_SCANNER_STEP_FRAME_SCOUT:
+  if (step == bregma_wire_SCANNER_STEP_SCOUT || step == bregma_wire_SCANNER_STEP_FRAME_SCOUT) {
     forget_scans(); // phantom and frame are placed by hand: what was scanned before lies elsewhere
-    plan_ = {{Role::kScout, "scout", 0, {}}};
-    break;
-  case bregma_wire_SCANNER_STEP_PHANTOM:
-    plan_ = {{Role::kPhantom, "phantom", 0, {}}, {Role::kPhantomAgain, "phantom", options_.phantom_again_slices, {}}};
-    break;
-  default: {
-    const CoilStep coils = coil_step(step);
-    plan_ = {{Role::kBackground, coils.protocol, 0, kOff},
-             {Role::kForeground, coils.protocol, 0, coils.pattern},
-             {Role::kOff, {}, 0, kOff}};
-    break;
   }
-  }
+  plan_ = plan_of(step);
   if (step == bregma_wire_SCANNER_STEP_TOP) {
     bottom_.reset();
     tree_.reset();
@@ -198,9 +188,33 @@ void Procedure::begin(wire::ScannerStep step, std::int64_t now_ns) {
     if (!on) {
       return fail(on.error().message);
     }
-    coils.pair.emplace(name_of(step), std::move(*on));
+    coils.scans.emplace(name_of(step), *on, options_.opposed_read_outs);
   }
   start_scan(now_ns);
+}
+
+std::vector<Procedure::PlannedScan> Procedure::plan_of(wire::ScannerStep step) {
+  if (step == bregma_wire_SCANNER_STEP_SCOUT || step == bregma_wire_SCANNER_STEP_FRAME_SCOUT) {
+    return {{Role::kScout, "scout", 0, {}}};
+  }
+  std::vector<PlannedScan> out;
+  // With both read-outs the coils stay as they are for the second scan.
+  const auto add = [&](Role role, const std::string &protocol, const std::string &pattern) {
+    out.push_back({role, protocol, 0, pattern});
+    if (options_.opposed_read_outs) {
+      out.push_back({role, protocol + kReversed, 0, {}, true});
+    }
+  };
+  if (step == bregma_wire_SCANNER_STEP_PHANTOM) {
+    add(Role::kPhantom, "phantom", {});
+    out.push_back({Role::kPhantomAgain, "phantom", options_.phantom_again_slices, {}});
+    return out;
+  }
+  const CoilStep coils = coil_step(step);
+  add(Role::kBackground, coils.protocol, kOff);
+  add(Role::kForeground, coils.protocol, coils.pattern);
+  out.push_back({Role::kOff, {}, 0, kOff});
+  return out;
 }
 
 Procedure::CoilStep Procedure::coil_step(wire::ScannerStep step) {
@@ -213,8 +227,6 @@ Procedure::CoilStep Procedure::coil_step(wire::ScannerStep step) {
     return {options_.verify_protocol, options_.verify, tree_};
   }
 }
-
-CoilPair &Procedure::pair_of_step() { return *coil_step(step_).pair; }
 
 void Procedure::order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values,
                       std::int64_t now_ns) {
@@ -323,7 +335,7 @@ bool Procedure::on_slice(const wire::ImageSlice &slice, std::int64_t now_ns) {
   }
   deadline_ns_ = now_ns + (series_replied_ ? kStragglers_ns : options_.series_timeout_ns);
   if (plan_[scan_].role == Role::kForeground) {
-    if (const auto added = pair_of_step().add(*series_, slice.index - 1, slice); !added) {
+    if (const auto added = scans_of_step().pair(plan_[scan_].reversed).add(*series_, slice.index - 1, slice); !added) {
       fail(added.error().message);
       return true;
     }
@@ -469,17 +481,24 @@ void Procedure::end_scan(std::int64_t now_ns) {
     if (!stack) {
       return fail("the phantom: " + stack.error());
     }
-    (role == Role::kPhantom ? phantom_ : phantom_again_) = std::move(*stack);
-    phantom_header_ = header_;
+    const bool reversed = plan_[scan_].reversed;
+    if (reversed && !are_opposed(movement_by_b0(phantom_header_), movement_by_b0(header_))) {
+      return fail("the scanner does not state opposed read-outs, with the same bandwidth, for the protocols phantom "
+                  "and phantom-reversed");
+    }
+    (role == Role::kPhantomAgain ? phantom_again_ : reversed ? phantom_reversed_ : phantom_) = std::move(*stack);
+    if (role == Role::kPhantom && !reversed) {
+      phantom_header_ = header_;
+    }
   } else if (role == Role::kBackground) {
-    if (!check(pair_of_step().set_background(*series_, header_))) {
+    if (!check(scans_of_step().set_background(plan_[scan_].reversed, *series_, header_))) {
       return;
     }
   } else {
-    if (!check(pair_of_step().finish(*series_))) {
+    if (!check(scans_of_step().pair(plan_[scan_].reversed).finish(*series_))) {
       return;
     }
-    if (step_ == bregma_wire_SCANNER_STEP_BOTTOM) {
+    if (step_ == bregma_wire_SCANNER_STEP_BOTTOM && bottom_->finished()) {
       estimate(now_ns);
     }
   }

@@ -40,6 +40,8 @@ struct ProcedureOptions {
   int field_days = 90;
   std::string top = "mid-top", bottom = "mid-bottom", verify = "tree"; // patterns; verify may be empty
   std::string verify_protocol = "tree-coronal";
+  // Phantom and coils are scanned with both read-outs: every protocol once more, under its name with this suffix.
+  bool opposed_read_outs = false;
   double current_mA = 75.0, hold_s = 900.0;
   double limit_mm = 3.0;
   Eigen::Vector3d target_mm = Eigen::Vector3d::Zero(); // in Base
@@ -118,7 +120,8 @@ private:
     Role role = Role::kScout;
     std::string protocol; // empty: only the coils
     std::uint32_t slices = 0;
-    std::string pattern; // empty: the coils stay as they are
+    std::string pattern;   // empty: the coils stay as they are
+    bool reversed = false; // the read-out
   };
   enum class Phase : std::uint8_t { kIdle, kSwitching, kWaiting, kReceiving, kComputing };
   struct Accepted {
@@ -169,10 +172,11 @@ private:
   struct CoilStep {
     std::string protocol;
     const std::string &pattern;
-    std::optional<CoilPair> &pair;
+    std::optional<CoilScans> &scans;
   };
   [[nodiscard]] CoilStep coil_step(wire::ScannerStep step);
-  [[nodiscard]] CoilPair &pair_of_step();
+  [[nodiscard]] CoilScans &scans_of_step() { return *coil_step(step_).scans; }
+  [[nodiscard]] std::vector<PlannedScan> plan_of(wire::ScannerStep step);
   [[nodiscard]] std::string retry_text() const;
 
   // procedure_results.cpp: field, registration, verification
@@ -180,7 +184,10 @@ private:
   void take_field();
   void estimate(std::int64_t now_ns);
   void check(std::int64_t now_ns);
-  [[nodiscard]] mri::RobotRegistrationOptions registration_options(std::int64_t now_ns) const;
+  // A field is there that holds for the scans of the coils.
+  [[nodiscard]] bool can_correct(std::int64_t now_ns) const;
+  // scans: those whose coils are corrected.
+  [[nodiscard]] mri::RobotRegistrationOptions registration_options(const CoilScans &scans, std::int64_t now_ns) const;
   void watch_table(const wire::ImageSlice &slice);
   void void_registration(wire::ScannerValidity validity, const std::string &text);
   void fill_coils(wire::ScannerRegistration &out) const;
@@ -208,13 +215,13 @@ private:
   std::optional<SliceStack> series_;
   wire::ImageSlice header_{}; // of the series under way, without pixels
 
-  std::optional<image::Image<float, 3>> phantom_, phantom_again_;
+  std::optional<image::Image<float, 3>> phantom_, phantom_again_, phantom_reversed_;
   wire::ImageSlice phantom_header_{};
   std::shared_ptr<JobResult<base::Result<ScannerField>>> measuring_;
   std::optional<ScannerField> field_;
   std::int64_t wall_lead_ns_ = 0;
 
-  std::optional<CoilPair> top_, bottom_, tree_;
+  std::optional<CoilScans> top_, bottom_, tree_;
   std::optional<mri::RobotRegistration> estimate_;
   std::uint32_t estimate_revision_ = 0;
   bool estimate_corrected_ = false;

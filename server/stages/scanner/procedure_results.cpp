@@ -15,6 +15,8 @@ namespace bregma::server {
 
 namespace {
 
+constexpr double kB0Changed_mm = 0.2; // at one coil; without any change 0.07 are found (./dev bench mri)
+
 wire::ScannerVerdict verdict_of(mri::RegistrationVerdict verdict) {
   return static_cast<wire::ScannerVerdict>(bregma_wire_SCANNER_VERDICT_FOUND + static_cast<int>(verdict));
 }
@@ -27,6 +29,8 @@ void Procedure::measure(std::int64_t now_ns) {
   input.again = std::move(phantom_again_);
   phantom_.reset();
   phantom_again_.reset();
+  input.reversed = std::exchange(phantom_reversed_, std::nullopt);
+  input.mm_per_Hz = movement_by_b0(phantom_header_);
   input.reference_mm = options_.phantom_mm;
   input.cell_mm = options_.cell_mm;
   input.bar_mm = options_.bar_mm;
@@ -69,18 +73,26 @@ void Procedure::take_field() {
                     "replace the phantom by the registration frame, then confirm swap");
 }
 
-mri::RobotRegistrationOptions Procedure::registration_options(std::int64_t now_ns) const {
+bool Procedure::can_correct(std::int64_t now_ns) const {
+  return field_is_valid(now_ns) && (!options_.opposed_read_outs || field_->scans->has_b0());
+}
+
+mri::RobotRegistrationOptions Procedure::registration_options(const CoilScans &scans, std::int64_t now_ns) const {
   mri::RobotRegistrationOptions out;
   out.limit_mm = options_.limit_mm;
   out.target_mm = options_.target_mm;
   out.uncorrected_sigma_mm = options_.uncorrected_sigma_mm;
-  if (field_is_valid(now_ns)) {
-    out.correction = mri::correction_by(field_->table, field_->position);
+  if (can_correct(now_ns)) {
+    const mri::ScanFields &fields = *field_->scans;
+    const Eigen::Vector3d mm_per_Hz = in_field(*field_, scans.mm_per_Hz());
+    out.correction = mri::correction_by(scans.opposed() ? fields.table() : fields.of_scan(mm_per_Hz), field_->position);
+    if (scans.opposed()) {
+      out.mapped_b0 = mri::mapped_b0(fields, field_->position, mm_per_Hz);
+    }
   }
-  const mri::PatientPosition position = top_ ? top_->position() : mri::PatientPosition::kHfs;
   if (options_.frame->R_patient_base) {
     const Eigen::Matrix3d R_device_base =
-        mri::T_device_patient(position).rotation_matrix() * *options_.frame->R_patient_base;
+        mri::T_device_patient(scans.position()).rotation_matrix() * *options_.frame->R_patient_base;
     out.expected_rotation = Eigen::Quaterniond(R_device_base.transpose());
   }
   return out;
@@ -89,17 +101,22 @@ mri::RobotRegistrationOptions Procedure::registration_options(std::int64_t now_n
 void Procedure::estimate(std::int64_t now_ns) {
   const auto began = std::chrono::steady_clock::now();
   ++estimate_revision_;
-  estimate_corrected_ = field_is_valid(now_ns);
+  estimate_corrected_ = can_correct(now_ns);
   mri::RobotRegistration result;
   if (table_moved(top_->table_mm(), bottom_->table_mm())) {
     result.reason = "the table moved between the scans of top and bottom";
   } else if (top_->position() != bottom_->position()) {
     result.reason = "top and bottom have different patient positions";
+  } else if ((top_->mm_per_Hz() - bottom_->mm_per_Hz()).norm() > 0.01 * top_->mm_per_Hz().norm()) {
+    result.reason = "top and bottom have different read-outs or bandwidths";
+  } else if (estimate_corrected_ && field_->scans->is_opposite(in_field(*field_, top_->mm_per_Hz()))) {
+    result.reason = "the distortion field was measured with the opposite read-out, so B0 would be doubled: measure it "
+                    "with the read-out of these scans, or set scanner.opposed_read_outs";
   }
   if (result.reason.empty()) {
     const std::array scans{top_->scan(), bottom_->scan()};
     const std::array artefacts{top_->artefacts(), bottom_->artefacts()};
-    result = mri::register_artefacts(*options_.frame, scans, artefacts, registration_options(now_ns));
+    result = mri::register_artefacts(*options_.frame, scans, artefacts, registration_options(*top_, now_ns));
   }
   estimate_ = std::move(result);
   fitted_covariance_ = estimate_->T_base_device.covariance;
@@ -113,8 +130,9 @@ void Procedure::check(std::int64_t now_ns) {
   auto &pose = of_accepted ? accepted_->T_base_device : estimate_->T_base_device;
   const geometry::Matrix6d &fitted = of_accepted ? accepted_->fitted_covariance : fitted_covariance_;
   const std::optional<double> table = of_accepted ? accepted_->table_mm : top_->table_mm();
-  VerifyingCoils result = verify(*options_.frame, *tree_, {pose.pose, fitted},
-                                 of_accepted ? accepted_->coils : estimate_->coils, registration_options(now_ns));
+  VerifyingCoils result =
+      verify(*options_.frame, *tree_, {pose.pose, fitted}, of_accepted ? accepted_->coils : estimate_->coils,
+             registration_options(*tree_, now_ns));
   std::string failure = std::move(result.found.failure);
   if (table_moved(table, tree_->table_mm())) {
     failure = "the table moved before the scan that verifies";
@@ -123,7 +141,8 @@ void Procedure::check(std::int64_t now_ns) {
   verified_mm_ = result.found.rms_mm;
   if (failure.empty()) { // each verification replaces what the one before found
     pose.covariance = fitted;
-    pose.covariance.bottomRightCorner<3, 3>() += result.found.unexplained;
+    // Slices are taken with one read-out: what B0 has become since it was mapped displaces what they show.
+    pose.covariance.bottomRightCorner<3, 3>() += result.found.unexplained + result.b0.second_moment;
     const double tre_95_mm = mri::predicted_95_mm(pose, options_.target_mm);
     (of_accepted ? accepted_->tre_95_mm : estimate_->tre_95_mm) = tre_95_mm;
     if (!(tre_95_mm <= options_.limit_mm)) {
@@ -140,11 +159,15 @@ void Procedure::check(std::int64_t now_ns) {
   if (!failure.empty()) {
     return fail(failure, "look for what moved or entered the bore, then confirm top to register anew");
   }
+  const std::string found =
+      mm(verified_mm_) + (result.b0.max_mm > kB0Changed_mm ? "; B0 has changed by up to " + mm(result.b0.max_mm) +
+                                                                 " since it was mapped, as images of one read-out show"
+                                                           : "");
   if (of_accepted) {
-    return wait_for_operator(bregma_wire_SCANNER_STEP_DONE, "verified: " + mm(verified_mm_),
+    return wait_for_operator(bregma_wire_SCANNER_STEP_DONE, "verified: " + found,
                              "confirm verify to check it again, or top to register anew");
   }
-  wait_for_operator(bregma_wire_SCANNER_STEP_ACCEPT, "the robot is found and verified: " + mm(verified_mm_),
+  wait_for_operator(bregma_wire_SCANNER_STEP_ACCEPT, "the robot is found and verified: " + found,
                     "accept the registration");
 }
 
@@ -263,9 +286,9 @@ void Procedure::fill_coils(wire::ScannerRegistration &out) const {
     put_unknown(coil.scanner_mm);
     coil.sigma_mm = coil.residual_mm = wire::kUnknown;
   }
-  const auto mark_on = [&](const std::optional<CoilPair> &pair) {
-    if (pair && pair->finished()) {
-      for (const int on : pair->scan().on) {
+  const auto mark_on = [&](const std::optional<CoilScans> &scans) {
+    if (scans && scans->finished()) {
+      for (const int on : scans->scan().on) {
         out.coils[on].outcome = bregma_wire_COIL_NOT_SEEN;
       }
     }

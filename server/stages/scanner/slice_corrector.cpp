@@ -15,6 +15,7 @@ namespace {
 constexpr std::size_t kMaxPlanes = 16; // a megabyte each at 256 x 256
 constexpr int kReach = 8;              // slices on either side: more than any through-plane distortion
 constexpr double kPlane_mm = 1e-3;     // planes that differ by less are the same
+constexpr double kSameMovement = 1e-3; // relative: read-outs that differ by less are the same
 constexpr double kComplete = 0.01;     // fraction of the pixels that may lack their neighbours
 
 } // namespace
@@ -73,8 +74,15 @@ base::Result<CorrectedPixels> SliceCorrector::correct(const OwnedSlice &slice, c
   if (!stated_position(header)) {
     return base::failure("the scanner does not state the patient position");
   }
-  if (table_ != field.table) {
-    table_ = field.table;
+  const Eigen::Vector3d mm_per_Hz = in_field(field, movement_by_b0(header));
+  if (field.scans->is_opposite(mm_per_Hz)) {
+    return base::failure("the distortion field was measured with the opposite read-out, so B0 would be doubled");
+  }
+  const bool other_field = scans_ != field.scans;
+  if (other_field || (field.scans->has_b0() && (mm_per_Hz - mm_per_Hz_).norm() > kSameMovement * mm_per_Hz.norm())) {
+    scans_ = field.scans;
+    mm_per_Hz_ = mm_per_Hz;
+    table_ = scans_->of_scan(mm_per_Hz);
     planes_.clear();
   }
   position_ = field.position;

@@ -68,7 +68,9 @@ private:
   [[nodiscard]] const mri::PlaneCorrection &plane(const mri::PlaneGeometry &geometry);
 
   bool jacobian_;
-  std::shared_ptr<const mri::FieldTable> table_; // of the planes
+  std::shared_ptr<const mri::ScanFields> scans_; // of the table
+  Eigen::Vector3d mm_per_Hz_ = Eigen::Vector3d::Zero();
+  std::shared_ptr<const mri::FieldTable> table_; // of the planes: that of the read-out of the series
   std::vector<Plane> planes_;                    // used last comes last
   std::uint32_t series_ = 0;
   std::vector<OwnedSlice> received_; // of the series, by index; without pixels: not received

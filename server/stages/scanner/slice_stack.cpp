@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "algorithms/mri/separation.hpp"
 #include "server/stages/scanner/slice_guard.hpp"
 
 namespace bregma::server {
@@ -12,6 +13,19 @@ namespace {
 constexpr double kSamePlace_mm = 0.05;
 
 } // namespace
+
+Eigen::Vector3d movement_by_b0(const wire::ImageSlice &slice) {
+  const bool along_row =
+      slice.read_out == bregma_wire_DIRECTION_ROW_POSITIVE || slice.read_out == bregma_wire_DIRECTION_ROW_NEGATIVE;
+  if (slice.read_out == bregma_wire_DIRECTION_UNKNOWN || !(slice.bandwidth_Hz_per_pixel > 0.0)) {
+    return Eigen::Vector3d::Zero();
+  }
+  const bool reversed =
+      slice.read_out == bregma_wire_DIRECTION_ROW_NEGATIVE || slice.read_out == bregma_wire_DIRECTION_COLUMN_NEGATIVE;
+  const Eigen::Vector3d axis = axes_of(slice).col(along_row ? 0 : 1);
+  return mri::b0_movement((reversed ? -1.0 : 1.0) * axis, slice.spacing_mm[along_row ? 0 : 1],
+                          slice.bandwidth_Hz_per_pixel);
+}
 
 SliceStack::SliceStack(const wire::ImageSlice &first)
     : series_(first.series), size_{static_cast<int>(first.columns), static_cast<int>(first.rows),

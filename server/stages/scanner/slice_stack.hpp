@@ -11,6 +11,10 @@
 
 namespace bregma::server {
 
+// Device, mm per Hz: by how much B0 displaces a spin in this slice (mri/separation.hpp). Zero where the slice does not
+// state its read-out and bandwidth.
+[[nodiscard]] Eigen::Vector3d movement_by_b0(const wire::ImageSlice &slice);
+
 class SliceStack {
 public:
   // An accepted slice, as are those of add(). The series is that of this slice.

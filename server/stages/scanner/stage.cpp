@@ -73,6 +73,7 @@ ProcedureOptions options_of(const ScannerParameters &p) {
   out.bottom = p.bottom;
   out.verify = p.verify;
   out.verify_protocol = p.verify_protocol;
+  out.opposed_read_outs = p.opposed_read_outs;
   out.current_mA = p.current_mA;
   out.hold_s = p.hold_s;
   out.limit_mm = p.limit_mm;
@@ -112,6 +113,9 @@ void declare(base::ParameterSet &set, ScannerParameters &p) {
   set.string("scanner.bottom", &p.bottom, "The same in the lower scan.");
   set.string("scanner.verify", &p.verify, "Groups or coils that verify; empty: none.");
   set.string("scanner.verify_protocol", &p.verify_protocol, "Protocol of the scan that verifies.");
+  set.flag("scanner.opposed_read_outs", &p.opposed_read_outs,
+           "Phantom and coils are scanned once more with the read-out reversed, by protocols with the suffix "
+           "-reversed: what B0 does to them cancels.");
   set.number("scanner.current_mA", &p.current_mA, "mA", 1, 1000, "Current of a coil.");
   set.number("scanner.hold_s", &p.hold_s, "s", 1, 3600, "The coil controller switches off by itself after this time.");
   set.number("scanner.limit_mm", &p.limit_mm, "mm", 0.01, 100,

@@ -36,6 +36,7 @@ struct ScannerParameters {
   double phantom_moved_mm = ProcedureOptions{}.max_phantom_moved_mm;
   std::string top = ProcedureOptions{}.top, bottom = ProcedureOptions{}.bottom, verify = ProcedureOptions{}.verify;
   std::string verify_protocol = ProcedureOptions{}.verify_protocol;
+  bool opposed_read_outs = ProcedureOptions{}.opposed_read_outs;
   double current_mA = ProcedureOptions{}.current_mA, hold_s = ProcedureOptions{}.hold_s;
   double limit_mm = ProcedureOptions{}.limit_mm;
   double target_x_mm = 0.0, target_y_mm = 0.0, target_z_mm = 0.0;

@@ -140,10 +140,14 @@ TEST(Separation, TheTableOfEveryReadOutFollowsFromBothParts) {
   }
   const Vector3d p(20.0, -30.0, 10.0);
   EXPECT_NEAR(fields.b0_Hz(p), b0_Hz(p), 2.0);
-  // A field of one read-out is the same for all scans.
-  const ScanFields one(fields.of_scan(d));
+  EXPECT_FALSE(fields.is_opposite(-d));
+  // A field of one read-out is the same for all scans, but not for the opposite read-out.
+  const ScanFields one(fields.of_scan(d), d);
   EXPECT_FALSE(one.has_b0());
   EXPECT_EQ(one.of_scan(-d), one.table());
+  EXPECT_TRUE(one.is_opposite(-2.0 * d));
+  EXPECT_FALSE(one.is_opposite(Vector3d::UnitZ()));
+  EXPECT_FALSE(one.is_opposite(Vector3d::Zero())) << "not stated";
   // Parts of two fields are not put together.
   const auto coarser = std::make_shared<const FieldTable>(field->gradients, 5.0);
   EXPECT_THROW(ScanFields(fields.table(), coarser, d), std::invalid_argument);

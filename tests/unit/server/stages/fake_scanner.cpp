@@ -98,14 +98,14 @@ void FakeScanner::take(const wire::Command &command) {
   protocols.push_back(protocol);
   series.command = command;
   std::uint32_t slices = kSlices;
-  if (protocol == "phantom") {
+  const bool phantom = protocol.starts_with("phantom"), reversed = protocol.ends_with("-reversed");
+  if (phantom) {
     slices = command.body._u.series.slices > 0 ? command.body._u.series.slices : kPhantomPixels;
-    series.pixels = phantom_stack(slices);
+    series.pixels = phantom_stack(slices, reversed);
   } else {
     slices = protocol == "scout" ? 3 : kSlices;
-    series.pixels = frame_stack(pattern_);
+    series.pixels = frame_stack(pattern_, reversed);
   }
-  const bool phantom = protocol == "phantom";
   wire::ImageSlice &header = series.header;
   (void)wire::set_name(header.protocol, protocol);
   header.series = ++number_;
@@ -113,6 +113,7 @@ void FakeScanner::take(const wire::Command &command) {
   header.columns = header.rows = phantom ? kPhantomPixels : kPixels;
   header.spacing_mm[0] = header.spacing_mm[1] = header.thickness_mm = phantom ? 1.0 : kPixel_mm;
   header.coil_state = pattern_ == "background" ? bregma_wire_COILS_OFF : bregma_wire_COILS_POSITIVE;
+  header.read_out = reversed ? bregma_wire_DIRECTION_ROW_NEGATIVE : bregma_wire_DIRECTION_ROW_POSITIVE;
   series_.push_back(std::move(series));
 }
 
@@ -126,6 +127,7 @@ void FakeScanner::send_live(const std::string &protocol, std::uint32_t count, st
   series.header.columns = series.header.rows = kPixels;
   series.header.spacing_mm[0] = series.header.spacing_mm[1] = series.header.thickness_mm = kPixel_mm;
   series.header.coil_state = bregma_wire_COILS_OFF;
+  series.header.read_out = bregma_wire_DIRECTION_ROW_POSITIVE;
   series_.push_back(std::move(series));
 }
 
@@ -176,7 +178,7 @@ void FakeScanner::advance(std::int64_t now_ns) {
                             one.thickness_mm * (series.sent - 0.5 * (slice.count - 1.0))}};
     one.pixels._buffer = const_cast<std::uint16_t *>(series.pixels->data() + series.sent * size);
     one.pixels._length = one.pixels._maximum = static_cast<std::uint32_t>(size);
-    one.read_out = bregma_wire_DIRECTION_ROW_POSITIVE;
+    one.bandwidth_Hz_per_pixel = b0_Hz ? kBandwidth_Hz : 0.0;
     one.phase_encoding = bregma_wire_DIRECTION_COLUMN_POSITIVE;
     one.patient_position = bregma_wire_POSITION_HFS;
     one.correction = bregma_wire_CORRECTION_NONE;
@@ -193,7 +195,13 @@ void FakeScanner::advance(std::int64_t now_ns) {
   }
 }
 
-std::shared_ptr<const FakeScanner::Pixels> FakeScanner::frame_stack(const std::string &pattern) {
+Eigen::Vector3d FakeScanner::displacement(const Eigen::Vector3d &p, double pixel_mm, bool reversed) const {
+  Eigen::Vector3d out = distorts ? test_distortion(p) : Eigen::Vector3d(Eigen::Vector3d::Zero());
+  out.x() += b0_Hz ? (reversed ? -1.0 : 1.0) * b0_Hz(p) * pixel_mm / kBandwidth_Hz : 0.0;
+  return out;
+}
+
+std::shared_ptr<const FakeScanner::Pixels> FakeScanner::frame_stack(const std::string &pattern, bool reversed) {
   static std::map<std::string, std::shared_ptr<const Pixels>> drawn; // drawing takes most of the time of a test
   const auto cable = cables.find(pattern);
   const mri::CoilFrame frame = test_frame();
@@ -203,7 +211,7 @@ std::shared_ptr<const FakeScanner::Pixels> FakeScanner::frame_stack(const std::s
   for (std::size_t i = 0; i < frame.coils.size(); ++i) {
     if ((mask >> i & 1U) != 0 && !dark.contains(static_cast<int>(i))) {
       const Eigen::Vector3d at = T_device_base * frame.coils[i].position_mm + frame_moved_mm;
-      balls.push_back(distorts ? Eigen::Vector3d(at + test_distortion(at)) : at);
+      balls.emplace_back(at + displacement(at, kPixel_mm, reversed));
       key +=
           " " + std::to_string(balls.back().x()) + std::to_string(balls.back().y()) + std::to_string(balls.back().z());
     }
@@ -232,7 +240,7 @@ std::shared_ptr<const FakeScanner::Pixels> FakeScanner::frame_stack(const std::s
   return kept;
 }
 
-std::shared_ptr<const FakeScanner::Pixels> FakeScanner::phantom_stack(std::uint32_t slices) const {
+std::shared_ptr<const FakeScanner::Pixels> FakeScanner::phantom_stack(std::uint32_t slices, bool reversed) const {
   const mri::Rigid3<mri::frame::Base, mri::frame::Device> T_phantom_device =
       mri::Rigid3<mri::frame::Device, mri::frame::Base>(geometry::rotation_exp(Eigen::Vector3d(0.03, -0.04, 0.05)),
                                                         Eigen::Vector3d(1.5, -1.0, 0.7) + phantom_moved_mm)
@@ -245,8 +253,8 @@ std::shared_ptr<const FakeScanner::Pixels> FakeScanner::phantom_stack(std::uint3
         const Eigen::Vector3d shown(i - 0.5 * (kPhantomPixels - 1), j - 0.5 * (kPhantomPixels - 1),
                                     k - 0.5 * (slices - 1.0));
         Eigen::Vector3d p = shown;
-        for (int step = 0; step < 4 && distorts; ++step) {
-          p = shown - test_distortion(p);
+        for (int step = 0; step < 4 && (distorts || b0_Hz); ++step) {
+          p = shown - displacement(p, 1.0, reversed);
         }
         double water = 0.0;
         for (int corner = 0; corner < 8; ++corner) {
@@ -261,7 +269,7 @@ std::shared_ptr<const FakeScanner::Pixels> FakeScanner::phantom_stack(std::uint3
   return out;
 }
 
-ScannerBench::ScannerBench(bool with_phantom) {
+ScannerBench::ScannerBench(bool with_phantom, bool opposed_read_outs) {
   topics.observe<wire::ScannerRegistration>([this](const wire::ScannerRegistration &sample) { state = sample; });
   topics.observe<wire::CorrectedSlice>([this](const wire::CorrectedSlice &sample) {
     corrected_pixels.assign(sample.slice.pixels._buffer, sample.slice.pixels._buffer + sample.slice.pixels._length);
@@ -274,6 +282,7 @@ ScannerBench::ScannerBench(bool with_phantom) {
   parameters.top = "top";
   parameters.bottom = "bottom";
   parameters.verify_protocol = "tree";
+  parameters.opposed_read_outs = opposed_read_outs;
   if (with_phantom) {
     parameters.phantom = (folder.path() / "ct.mrk.json").string();
     parameters.field = (folder.path() / "field.nrrd").string();

@@ -58,6 +58,10 @@ public:
   double table_mm = 0.0;
   double saturation = 65535.0; // of foregrounds
   bool distorts = false;
+  // Device; along x, by the pixel per kBandwidth_Hz, against it for protocols "-reversed". Empty: none, and no slice
+  // states its bandwidth.
+  std::function<double(const Eigen::Vector3d &)> b0_Hz;
+  static constexpr double kBandwidth_Hz = 100.0;
   bool answers = true;
   std::string refuse_coils; // pattern that the controller refuses
 
@@ -75,8 +79,10 @@ private:
   };
   void take(const wire::Command &command);
   void reply(const wire::Command &command, wire::CommandResult result, const std::string &text);
-  [[nodiscard]] std::shared_ptr<const Pixels> frame_stack(const std::string &pattern);
-  [[nodiscard]] std::shared_ptr<const Pixels> phantom_stack(std::uint32_t slices) const;
+  [[nodiscard]] std::shared_ptr<const Pixels> frame_stack(const std::string &pattern, bool reversed = false);
+  [[nodiscard]] std::shared_ptr<const Pixels> phantom_stack(std::uint32_t slices, bool reversed) const;
+  // By how much a point is shown too far, in pixels of this size.
+  [[nodiscard]] Eigen::Vector3d displacement(const Eigen::Vector3d &p, double pixel_mm, bool reversed) const;
 
   test::MemoryTopics &topics_;
   std::int64_t now_ns_ = kStart_ns;
@@ -93,7 +99,7 @@ private:
 // The stage with its inputs, and a fake scanner; steps in virtual time.
 class ScannerBench {
 public:
-  explicit ScannerBench(bool with_phantom = false);
+  explicit ScannerBench(bool with_phantom = false, bool opposed_read_outs = false);
 
   // Sends a command and returns the answer.
   StageAnswer command(wire::CommandKind kind, std::initializer_list<std::string_view> values);

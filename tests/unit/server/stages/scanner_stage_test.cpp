@@ -36,6 +36,11 @@ void expect_failed(ScannerBench &bench, wire::ScannerStep step, const std::strin
   EXPECT_FALSE(bench.stage->pose.load()->valid);
 }
 
+void accept(ScannerBench &bench) {
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+}
+
 TEST(ScannerProcedure, GuidesFromTheScoutToAnAcceptedRegistration) {
   ScannerBench bench;
   EXPECT_TRUE(says(bench.confirm("swap").text, "start the registration of the scanner first"));
@@ -376,6 +381,99 @@ TEST(ScannerProcedure, TheMeasuredFieldCorrectsCoilsAndLaterSlices) {
   EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_FIELD_EXPIRED);
 }
 
+// B0 displaces by up to 1.5 mm, and changes by 40 Hz after it was mapped.
+TEST(ScannerProcedure, OpposedReadOutsRegisterWhateverB0Is) {
+  ScannerBench bench(true, true);
+  bench.scanner.distorts = true;
+  double entered_Hz = 0.0;
+  bench.scanner.b0_Hz = [&](const Eigen::Vector3d &p) { return 40.0 + p.z() + entered_Hz; };
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  ASSERT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_SWAP) << bench.state.text;
+  EXPECT_GE(bench.state.field_points, 110U);
+  EXPECT_LT(bench.state.field_residual_mm, 0.3);
+  entered_Hz = 40.0;
+  EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  ASSERT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+  const std::vector<std::string> protocols = {
+      "scout",           "phantom", "phantom-reversed", "phantom", "scout",           "top",
+      "top-reversed",    "top",     "top-reversed",     "bottom",  "bottom-reversed", "bottom",
+      "bottom-reversed", "tree",    "tree-reversed",    "tree",    "tree-reversed"};
+  EXPECT_EQ(bench.scanner.protocols, protocols);
+  EXPECT_EQ(count_of(bench.state, bregma_wire_COIL_USED), 8);
+  EXPECT_EQ(count_of(bench.state, bregma_wire_COIL_VERIFIES), 3);
+  EXPECT_LT(bench.target_error_mm(bench.state.T_base_scanner), 0.4);
+  // 40 Hz are 0.6 mm of these images, which the stated error contains.
+  EXPECT_TRUE(says(bench.state.text, "B0 has changed by up to 0.6")) << bench.state.text;
+  EXPECT_GT(bench.state.tre_95_mm, 1.0);
+  accept(bench);
+
+  // Slices are corrected by B0 of their own read-out, as it was mapped.
+  entered_Hz = 0.0;
+  bench.scanner.send_live("live", 24, bench.now.utc_ns);
+  for (int i = 0; i < 20; ++i) {
+    bench.step();
+  }
+  ASSERT_FALSE(bench.corrected.empty()) << bench.state.refused_text;
+  EXPECT_GT(bench.corrected.back().max_shift_mm, 1.0);
+
+  // A daemon that is started again reads both parts, and needs no phantom.
+  const auto read = load_field(bench.folder.path() / "field.nrrd");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_TRUE(read->scans->has_b0());
+  EXPECT_NEAR(read->scans->b0_Hz(Eigen::Vector3d::Zero()), 40.0, 4.0);
+}
+
+TEST(ScannerProcedure, ReadOutsThatAreNotOpposedAsOrderedAreRefused) {
+  for (const char *protocol : {"phantom-reversed", "top-reversed"}) {
+    ScannerBench bench(true, true);
+    bench.scanner.b0_Hz = [](const Eigen::Vector3d &) { return 0.0; };
+    bench.scanner.change = [&](wire::ImageSlice &slice) {
+      if (wire::view(slice.protocol) == protocol) {
+        slice.read_out = bregma_wire_DIRECTION_ROW_POSITIVE;
+      }
+    };
+    bench.procedure();
+    EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
+    EXPECT_TRUE(says(bench.state.text, "does not state opposed read-outs")) << bench.state.text;
+    EXPECT_FALSE(bench.scanner.coils_on());
+  }
+}
+
+// A field of one read-out, and scans with the opposite one: B0 would be doubled.
+TEST(ScannerProcedure, AFieldOfTheOppositeReadOutIsNotUsed) {
+  ScannerBench bench(true);
+  bench.scanner.b0_Hz = [](const Eigen::Vector3d &) { return 60.0; };
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    if (wire::view(slice.protocol) != "phantom") {
+      slice.read_out = bregma_wire_DIRECTION_ROW_NEGATIVE;
+    }
+  };
+  bench.procedure();
+  EXPECT_EQ(bench.state.verdict, bregma_wire_SCANNER_VERDICT_REFUSED);
+  expect_failed(bench, bregma_wire_SCANNER_STEP_BOTTOM, "measured with the opposite read-out");
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  for (int i = 0; i < 25; ++i) {
+    bench.step();
+  }
+  EXPECT_TRUE(bench.corrected.empty());
+  EXPECT_TRUE(says(bench.state.refused_text, "measured with the opposite read-out")) << bench.state.refused_text;
+}
+
+TEST(ScannerProcedure, AForegroundWithAnotherReadOutThanItsBackgroundIsRefused) {
+  ScannerBench bench;
+  bench.scanner.b0_Hz = [](const Eigen::Vector3d &) { return 0.0; };
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    if (slice.coil_state != bregma_wire_COILS_OFF) {
+      slice.read_out = bregma_wire_DIRECTION_ROW_NEGATIVE;
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "another read-out or bandwidth than the background");
+}
+
 TEST(ScannerProcedure, APhantomThatMovedDuringItsScansRefusesTheField) {
   ScannerBench bench(true);
   int phantoms = 0;
@@ -396,11 +494,6 @@ TEST(ScannerProcedure, APhantomThatMovedDuringItsScansRefusesTheField) {
 void expect_refused(const StageAnswer &answer, const std::string &words) {
   EXPECT_EQ(answer.result, bregma_wire_COMMAND_REFUSED);
   EXPECT_TRUE(says(answer.text, words)) << answer.text;
-}
-
-void accept(ScannerBench &bench) {
-  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
-            bregma_wire_COMMAND_DONE);
 }
 
 TEST(ScannerProcedure, CoilsVerifyTheAcceptedRegistrationAndNoEstimateThatFailed) {
