@@ -3,6 +3,8 @@
 #include <chrono>
 #include <cmath>
 #include <cstdlib>
+#include <string_view>
+#include <utility>
 
 #include "base/text.hpp"
 #include "casefile/coil_frames.hpp"
@@ -18,7 +20,9 @@ constexpr std::int64_t kMs_ns = 1'000'000;
 constexpr std::int64_t kQuestion_ns = 100 * kMs_ns; // between questions
 constexpr std::int64_t kSilence_ns = 1'000 * kMs_ns;
 constexpr std::int64_t kAnswer_ns = 500 * kMs_ns; // until the current must have been measured
+constexpr std::int64_t kHoldMargin_ms = 500;      // of the two clocks, at the end of a hold
 constexpr std::size_t kMaxWaiting = 16;
+constexpr std::string_view kOffPattern = "background";
 
 std::string milliamperes(double value_mA) {
   std::string text = std::to_string(std::round(value_mA * 10.0) / 10.0);
@@ -57,11 +61,23 @@ driver::Outcome<void> CoilController::connect(driver::Io &io) {
   state_.reset();
   pending_.reset();
   waiting_.clear();
+  on_ = 0;
   auto opened = stream_.open(address_, io);
   if (!opened) {
     return opened;
   }
   io_ = &io;
+  // Orders of before: whoever gave them has taken them for failed. Off is carried out below.
+  take_commands(io);
+  for (const wire::Command &command : std::exchange(waiting_, {})) {
+    const bool off = wire::view(command.body._u.coils.pattern) == kOffPattern;
+    if (off) {
+      waiting_.push_back(command);
+    } else {
+      reply(command, bregma_wire_COMMAND_REFUSED, "the controller was not connected when the order came: order again",
+            io);
+    }
+  }
   last_heard_ns_ = io.now_ns();
   next_question_ns_ = 0;
   return send({Order::Kind::kOff}, io); // whatever was on before
@@ -117,6 +133,9 @@ driver::Outcome<driver::Progress> CoilController::read(driver::Io &io) {
     io.skipped(too_long, "line too long");
   }
   check_pending(io);
+  if (on_ != 0 && !pending_ && state_ && state_->coils != on_ && io.now_ns() < on_until_ns_) {
+    return driver::retry_later(address_ + ": the controller has switched the coils by itself");
+  }
   if (io.now_ns() - last_heard_ns_ > kSilence_ns) {
     return driver::retry_later(address_ + ": the controller does not answer");
   }
@@ -160,6 +179,7 @@ void CoilController::start(const wire::Command &command, driver::Io &io) {
     order = {Order::Kind::kSet, *coils, std::llround(body.current_mA * 1e3), std::llround(body.hold_s * 1e3)};
   }
   state_.reset(); // an older state is no answer
+  on_ = 0;
   pending_ = Pending{command, order, io.now_ns() + kAnswer_ns};
 }
 
@@ -171,23 +191,29 @@ void CoilController::check_pending(driver::Io &io) {
   const double target = static_cast<double>(std::abs(order.current_uA));
   const bool commanded =
       state_ && state_->coils == order.coils && (order.coils == 0 || state_->current_uA == order.current_uA);
+  const std::uint64_t dark = commanded ? state_->faults & order.coils : 0;
+  const bool late = io.now_ns() >= pending_->deadline_ns;
+  // The others carry the current. Coils without are waited for until the deadline.
   const bool measured =
       commanded &&
-      (order.coils == 0 ||
-       (state_->faults == 0 && std::abs(static_cast<double>(state_->lowest_uA) - target) <= tolerance_ * target &&
-        std::abs(static_cast<double>(state_->highest_uA) - target) <= tolerance_ * target));
+      (order.coils == 0 || ((dark == 0 || (late && dark != order.coils)) &&
+                            std::abs(static_cast<double>(state_->lowest_uA) - target) <= tolerance_ * target &&
+                            std::abs(static_cast<double>(state_->highest_uA) - target) <= tolerance_ * target));
   if (measured) {
     reply(pending_->command, bregma_wire_COMMAND_DONE,
-          order.coils == 0
-              ? "all coils off"
-              : names_of(order.coils) + " on, " + milliamperes(static_cast<double>(state_->lowest_uA) * 1e-3) + " to " +
-                    milliamperes(static_cast<double>(state_->highest_uA) * 1e-3) + " measured",
+          order.coils == 0 ? "all coils off"
+                           : (dark != 0 ? "no current in " + names_of(dark) + ": check the cables; " : "") +
+                                 names_of(order.coils & ~dark) + " on, " +
+                                 milliamperes(static_cast<double>(state_->lowest_uA) * 1e-3) + " to " +
+                                 milliamperes(static_cast<double>(state_->highest_uA) * 1e-3) + " measured",
           io);
+    on_ = order.coils;
+    on_until_ns_ = pending_->deadline_ns - kAnswer_ns + (order.hold_ms - kHoldMargin_ms) * kMs_ns;
     pending_.reset();
-  } else if (io.now_ns() >= pending_->deadline_ns) {
+  } else if (late) {
     std::string text = "the controller has not confirmed the order";
     if (commanded) {
-      text = state_->faults != 0 ? "no current in " + names_of(state_->faults) + ": check the cables"
+      text = dark == order.coils ? "no current in " + names_of(dark) + ": check the cables"
                                  : "measured " + milliamperes(static_cast<double>(state_->lowest_uA) * 1e-3) + " to " +
                                        milliamperes(static_cast<double>(state_->highest_uA) * 1e-3) + " instead of " +
                                        milliamperes(target * 1e-3);

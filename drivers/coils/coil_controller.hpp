@@ -2,10 +2,12 @@
 // serial line [Tuna 2022, V-A.2].
 //
 // It executes COMMAND_SET_COILS. The pattern is "background" (all off), or groups and coils of the frame's file joined
-// by
-// "+", as "mid-top+inner-top". The reply comes when the controller has measured the current, or has not within 0.5 s.
-// The controller itself switches off when hold_s has run out, and the driver switches off when it stops. Refused, with
-// the coils unchanged: unknown patterns, currents above the limit, holds above the limit. Off is always carried out.
+// by "+", as "mid-top+inner-top". The reply comes when the controller has measured the current, or has not within 0.5
+// s. A coil without current (an open cable) is named in it: the others are on. If none carries current, the order is
+// refused. The controller itself switches off when hold_s has run out, and the driver switches off when it stops. Coils
+// that go off before are a lost connection: DriverHealth counts it, and who ordered them on is to look at it.
+// Refused, with the coils unchanged: unknown patterns, currents above the limit, holds above the limit, and orders to
+// switch on that came while the controller was not connected. Off is always carried out.
 #pragma once
 
 #include <deque>
@@ -60,6 +62,8 @@ private:
   std::optional<Pending> pending_;
   std::deque<wire::Command> waiting_;
   std::optional<State> state_;
+  std::uint64_t on_ = 0;         // coils that were confirmed to be on
+  std::int64_t on_until_ns_ = 0; // the end of their hold
   std::int64_t last_heard_ns_ = 0;
   std::int64_t next_question_ns_ = 0;
   driver::Io *io_ = nullptr; // between connect and disconnect

@@ -390,6 +390,9 @@ void Procedure::on_reply(const wire::CommandReply &reply, std::int64_t now_ns) {
     next_scan(now_ns);
   } else {
     acquire(now_ns);
+    if (plan_[scan_].pattern != kOff) { // coils without current are named
+      text_ += ": " + text;
+    }
   }
 }
 

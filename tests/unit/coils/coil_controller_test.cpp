@@ -70,6 +70,7 @@ public:
   std::string address;
   std::atomic<std::uint64_t> on{0};
   std::atomic<bool> silent{false};
+  std::atomic<bool> resets{false}; // switches off by itself
 
 private:
   void serve() {
@@ -78,6 +79,9 @@ private:
       const std::string bytes = terminal_.read(std::chrono::milliseconds(5));
       const std::int64_t now_ms =
           std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now() - start).count();
+      if (resets.exchange(false)) {
+        (void)controller_.receive(line_of(Order{Order::Kind::kOff}), now_ms);
+      }
       const std::string answer = controller_.receive(bytes, now_ms);
       if (!silent) {
         terminal_.write(answer);
@@ -248,10 +252,33 @@ TEST_F(Controller, RefusesWhatItMustNotDoAndLeavesTheCoils) {
 }
 
 TEST_F(Controller, AnOpenCableIsNamed) {
-  start({.open = 0x2});
+  start({.open = 0xE});
   const auto reply = send("top", "75", "60");
-  EXPECT_EQ(reply.result, bregma_wire_COMMAND_REFUSED);
-  EXPECT_STREQ(reply.text, "no current in t2: check the cables");
+  EXPECT_EQ(reply.result, bregma_wire_COMMAND_DONE) << "the other coil is on";
+  EXPECT_EQ(std::string(reply.text).rfind("no current in t2: check the cables; t1 on, 7", 0), 0U) << reply.text;
+  run_ms(50);
+  EXPECT_EQ(terminal->on, 0x1U);
+  const auto none = send("bottom", "75", "60");
+  EXPECT_EQ(none.result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_STREQ(none.text, "no current in b1, b2: check the cables");
+}
+
+TEST_F(Controller, AnOrderOfBeforeTheConnectionSwitchesNothingOn) {
+  start();
+  device.disconnect();
+  for (const char *pattern : {"top", "background"}) {
+    wire::Command &command = bus.commands.emplace_back();
+    ASSERT_EQ(wire::fill_command(command, bregma_wire_COMMAND_SET_COILS, {"Coils", pattern, "75", "60"}), "");
+    ASSERT_TRUE(wire::set_name(command.receiver, "Coils"));
+    command.id = ++id;
+  }
+  ASSERT_TRUE(device.connect(io));
+  run_ms(200);
+  EXPECT_EQ(terminal->on, 0U);
+  ASSERT_EQ(bus.replies.size(), 2U);
+  EXPECT_EQ(bus.replies[0].result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_STREQ(bus.replies[0].text, "the controller was not connected when the order came: order again");
+  EXPECT_EQ(bus.replies[1].result, bregma_wire_COMMAND_DONE) << "off is always carried out";
 }
 
 TEST_F(Controller, ACurrentThatIsNotReachedIsNotConfirmed) {
@@ -274,6 +301,19 @@ TEST_F(Controller, TheHoldEndsAndDisconnectingSwitchesOff) {
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   EXPECT_EQ(terminal->on, 0U);
+}
+
+TEST_F(Controller, CoilsThatGoOffBeforeTheHoldHasRunOutAreAFailure) {
+  start();
+  ASSERT_EQ(send("top", "75", "60").result, bregma_wire_COMMAND_DONE);
+  run_ms(300);
+  terminal->resets = true;
+  driver::Outcome<driver::Progress> progress = driver::Progress::kContinue;
+  for (int i = 0; i < 500 && progress; ++i) {
+    progress = device.read(io);
+  }
+  ASSERT_FALSE(progress);
+  EXPECT_EQ(progress.error().message, terminal->address + ": the controller has switched the coils by itself");
 }
 
 TEST_F(Controller, ASilentControllerIsAFailure) {
