@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <optional>
 
 #include <Eigen/Geometry>
@@ -31,6 +32,7 @@ constexpr double kBarContrast = 0.3;    // of the image's contrast
 constexpr double kMinBars = 0.34;       // of the bars around a point that must be seen
 constexpr int kPasses = 3;              // that follow the bars as the crossings found before bend them
 constexpr std::size_t kMinProfiles = 2; // that show a bar across a coordinate; at the image's border there may be none
+constexpr double kSameCell = 0.05;      // of the stated cell: a lattice that differs by more is searched with its own
 constexpr double kNeighbour = 0.3;      // of a cell: how far a neighbour may lie from the lattice's step
 
 class Sampler {
@@ -286,29 +288,43 @@ Points3 as_points(const std::vector<Vector3d> &list) {
   return out;
 }
 
+std::string length_text(double mm) {
+  std::array<char, 32> text{};
+  std::snprintf(text.data(), text.size(), "%.4g mm", mm);
+  return text.data();
+}
+
 std::string check(const Volume &image, const GridOptions &options) {
-  if (!(options.cell_mm > 0.0) || !(options.bar_mm > 0.0) || !(2.0 * options.bar_mm < options.cell_mm) ||
-      options.axis < -1 || options.axis > 2) {
-    return "a cell of " + std::to_string(options.cell_mm) + " mm, bars of " + std::to_string(options.bar_mm) +
-           " mm or axis " + std::to_string(options.axis) + " is out of range";
+  if (!(options.cell_mm > 0.0) || !(options.bar_mm > 0.0) || !(2.0 * options.bar_mm < options.cell_mm)) {
+    return "a cell of " + length_text(options.cell_mm) + " with bars of " + length_text(options.bar_mm) +
+           " is out of range: a cell is wider than two bars";
+  }
+  if (options.axis < -1 || options.axis > 2) {
+    return "axis " + std::to_string(options.axis) + " is none of the image";
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double length = image.size[axis] * image.spacing_mm()[static_cast<Index>(axis)];
+    const double spacing = image.spacing_mm()[static_cast<Index>(axis)];
+    const double length = image.size[axis] * spacing;
     if (!(length > 2.0 * options.cell_mm)) {
-      return "the image is " + std::to_string(length) + " mm long along axis " + std::to_string(axis + 1) +
+      return "the image is " + length_text(length) + " long along axis " + std::to_string(axis + 1) +
              ", less than two cells";
+    }
+    if (spacing > 0.5 * options.cell_mm) {
+      return "the voxels are " + length_text(spacing) + " long along axis " + std::to_string(axis + 1) +
+             ", more than half a cell of " + length_text(options.cell_mm) + ": in which unit is the image?";
     }
   }
   const bool finite = std::all_of(image.voxels.begin(), image.voxels.end(), [](float v) { return std::isfinite(v); });
   return finite && image.voxels.size() == image.pixels() ? "" : "a voxel is missing or not finite";
 }
 
-} // namespace
+// Distance of neighbouring crossings, on average over the lattice's directions; 0 where it has fewer than three.
+double measured_cell(const Points3 &points) {
+  const Points3 steps = lattice_steps(points).steps_mm;
+  return steps.cols() == 3 ? steps.colwise().norm().mean() : 0.0;
+}
 
-tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, const GridOptions &options) {
-  if (const std::string problem = check(image, options); !problem.empty()) {
-    return tl::unexpected(problem);
-  }
+tl::expected<GridPoints, std::string> search(const Volume &image, const GridOptions &options) {
   GridPoints out;
   Candidates best;
   for (int axis = 0; axis < 3; ++axis) {
@@ -322,8 +338,10 @@ tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, cons
     }
   }
   const auto too_few = [&](std::size_t count) {
-    return tl::unexpected(std::to_string(count) + " crossings of bars are seen; a grid phantom with cells of " +
-                          std::to_string(options.cell_mm) + " mm has at least " + std::to_string(options.min_points));
+    return tl::unexpected(std::to_string(count) + " crossings of bars are seen, which are taken as " +
+                          (options.bright ? "brighter" : "darker") +
+                          " than what surrounds them; a grid phantom with cells of " + length_text(options.cell_mm) +
+                          " has at least " + std::to_string(options.min_points));
   };
   if (best.points.size() < static_cast<std::size_t>(options.min_points)) {
     return too_few(best.points.size());
@@ -406,6 +424,27 @@ tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, cons
   }
   out.points_mm = as_points(points);
   out.left_out_mm = as_points(left_out);
+  out.cell_mm = measured_cell(out.points_mm);
+  return out;
+}
+
+} // namespace
+
+tl::expected<GridPoints, std::string> find_grid_points(const Volume &image, const GridOptions &options) {
+  if (const std::string problem = check(image, options); !problem.empty()) {
+    return tl::unexpected(problem);
+  }
+  auto out = search(image, options);
+  // Neighbours are looked for at the stated distance: with another one, crossings would be missed without a word.
+  if (out && std::abs(out->cell_mm - options.cell_mm) > kSameCell * options.cell_mm) {
+    GridOptions measured = options;
+    measured.cell_mm = out->cell_mm;
+    if (check(image, measured).empty()) {
+      if (auto again = search(image, measured); again && again->points_mm.cols() >= out->points_mm.cols()) {
+        return again;
+      }
+    }
+  }
   return out;
 }
 

@@ -25,7 +25,7 @@
 namespace bregma::mri {
 
 struct GridOptions {
-  double cell_mm = 15.0; // distance of neighbouring bars
+  double cell_mm = 15.0; // distance of neighbouring bars, roughly: crossings show it, and are searched with it again
   double bar_mm = 2.0;   // width of a bar
   bool bright = false;   // the bars are brighter than what surrounds them (CT)
   int axis = -1;         // of the image, along which its slices follow; -1: each is tried
@@ -34,6 +34,7 @@ struct GridOptions {
 
 struct GridPoints {
   geometry::Points3 points_mm;
+  double cell_mm = 0.0;          // distance of neighbouring crossings, as found
   std::vector<double> bars;      // share of the bars at each point that agreed, 0 to 1
   int axis = 2;                  // slices followed along it
   int planes = 0;                // groups of slices
@@ -43,8 +44,8 @@ struct GridPoints {
   geometry::Points3 left_out_mm; // without neighbours in the lattice, or without bars
 };
 
-// Otherwise a sentence: options out of range, an image that is smaller than two cells or not finite, or fewer than
-// min_points (the image shows no such grid).
+// Otherwise a sentence: options out of range, an image that is smaller than two cells, has voxels larger than half a
+// cell or is not finite, or fewer than min_points (the image shows no such grid).
 [[nodiscard]] tl::expected<GridPoints, std::string> find_grid_points(const image::Image<float, 3> &image,
                                                                      const GridOptions &options = {});
 

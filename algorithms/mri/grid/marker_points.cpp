@@ -17,6 +17,7 @@ using geometry::Points3;
 using Volume = image::Image<float, 3>;
 
 constexpr double kSmoothing = 0.25;                     // standard deviation, of a marker's diameter
+constexpr float kCrowded = 0.5F;                        // of a marker's height: what is nearer is no part of it
 constexpr double kWindow = 0.75;                        // radius around a centre, of a marker's diameter
 constexpr double kWindowEdge_mm = 2.0;                  // over which the window falls to zero
 constexpr double kShellInner = 0.85, kShellOuter = 1.1; // radii around a centre where the background shows
@@ -29,7 +30,15 @@ float median(std::vector<float> values) {
   return *middle;
 }
 
-// One direction of a separable Gaussian; the border's value goes on outside.
+// The index within 0 to n - 1 that a mirror at each end shows at i.
+int mirrored(int i, int n) {
+  const int period = 2 * n;
+  const int at = ((i % period) + period) % period;
+  return at < n ? at : period - 1 - at;
+}
+
+// One direction of a separable Gaussian; the image goes on as its mirror, in which noise stays noise. One value of the
+// border that went on would be seen as a maximum.
 void smooth_along(Volume &image, std::size_t axis, double sigma_px) {
   const int reach = static_cast<int>(std::ceil(3.0 * sigma_px));
   if (reach < 1 || image.size[axis] < 2) {
@@ -58,7 +67,7 @@ void smooth_along(Volume &image, std::size_t axis, double sigma_px) {
         float value = 0.0F;
         int from = i - reach;
         for (const float weight : kernel) {
-          value += weight * line[static_cast<std::size_t>(std::clamp(from++, 0, n - 1))];
+          value += weight * line[static_cast<std::size_t>(mirrored(from++, n))];
         }
         image.voxels[place(i)] = value / sum;
       }
@@ -94,8 +103,13 @@ struct Maximum {
   float value = 0.0F;
 };
 
-// Maxima of the smoothed image, highest first; each is the highest within a marker's radius.
-std::vector<Maximum> maxima(const Volume &smooth, float lowest, double radius_mm) {
+struct Maxima {
+  std::vector<Maximum> kept; // highest first; each is the highest within a marker's diameter
+  std::vector<Vector3d> crowded_mm;
+};
+
+// Of the smoothed image, above the lowest value; heights count from the floor.
+Maxima maxima(const Volume &smooth, float floor, float lowest, double radius_mm) {
   std::vector<Maximum> out;
   for (int k = 0; k < smooth.size[2]; ++k) {
     for (int j = 0; j < smooth.size[1]; ++j) {
@@ -118,14 +132,17 @@ std::vector<Maximum> maxima(const Volume &smooth, float lowest, double radius_mm
     }
   }
   std::stable_sort(out.begin(), out.end(), [](const Maximum &a, const Maximum &b) { return a.value > b.value; });
-  std::vector<Maximum> kept;
+  Maxima found;
   for (const Maximum &m : out) {
-    if (std::none_of(kept.begin(), kept.end(),
-                     [&](const Maximum &k) { return (k.at_mm - m.at_mm).norm() < 2.0 * radius_mm; })) {
-      kept.push_back(m);
+    const auto near = std::find_if(found.kept.begin(), found.kept.end(),
+                                   [&](const Maximum &k) { return (k.at_mm - m.at_mm).norm() < 2.0 * radius_mm; });
+    if (near == found.kept.end()) {
+      found.kept.push_back(m);
+    } else if (m.value - floor > kCrowded * (near->value - floor) && (near->at_mm - m.at_mm).norm() > radius_mm) {
+      found.crowded_mm.push_back(m.at_mm);
     }
   }
-  return kept;
+  return found;
 }
 
 // Centroid of what rises above the background, in a window that follows it.
@@ -152,11 +169,14 @@ Vector3d centroid(const Volume &image, Vector3d centre_mm, float background, dou
   return centre_mm;
 }
 
-bool at_border(const Volume &image, const Vector3d &mm) {
+// Less than a marker's radius within the image: the border cuts what is there.
+bool at_border(const Volume &image, const Vector3d &mm, double radius_mm) {
   const Vector3d index = image.axes().inverse() * (mm - image.origin_mm());
+  const Vector3d spacing = image.spacing_mm();
   for (std::size_t d = 0; d < 3; ++d) {
-    const double x = index[static_cast<Index>(d)];
-    if (x < 0.5 || x > image.size[d] - 1.5) { // less than one voxel beyond the centre
+    const auto D = static_cast<Index>(d);
+    const double margin = std::max(0.5, radius_mm / spacing[D] - 0.5); // voxels reach half a voxel beyond their centre
+    if (index[D] < margin || index[D] > image.size[d] - 1.0 - margin) {
       return true;
     }
   }
@@ -198,8 +218,9 @@ tl::expected<MarkerPoints, std::string> find_marker_points(const Volume &image, 
   }
   const float noise = 1.4826F * median(std::move(deviations));
   std::vector<Vector3d> separate, others, cut_off;
-  for (const Maximum &m :
-       maxima(smooth, middle + static_cast<float>(options.min_height) * noise, 0.5 * options.marker_mm)) {
+  const Maxima found =
+      maxima(smooth, middle, middle + static_cast<float>(options.min_height) * noise, 0.5 * options.marker_mm);
+  for (const Maximum &m : found.kept) {
     std::vector<float> shell;
     int bright = 0;
     around(smooth, m.at_mm, kShellOuter * options.marker_mm, [&](const Vector3d &, float value, double distance) {
@@ -213,7 +234,7 @@ tl::expected<MarkerPoints, std::string> find_marker_points(const Volume &image, 
       continue;
     }
     const Vector3d centre = centroid(image, m.at_mm, median(std::move(shell)), kWindow * options.marker_mm);
-    (at_border(image, centre) ? cut_off : separate).push_back(centre);
+    (at_border(image, centre, 0.5 * options.marker_mm) ? cut_off : separate).push_back(centre);
   }
   if (separate.size() < static_cast<std::size_t>(std::max(0, options.min_points))) {
     return tl::unexpected(std::to_string(separate.size()) + " separate markers of " +
@@ -221,7 +242,7 @@ tl::expected<MarkerPoints, std::string> find_marker_points(const Volume &image, 
                           std::to_string(others.size()) + " larger bright places; a phantom has at least " +
                           std::to_string(options.min_points) + " markers");
   }
-  return MarkerPoints{as_columns(separate), as_columns(others), as_columns(cut_off)};
+  return MarkerPoints{as_columns(separate), as_columns(others), as_columns(found.crowded_mm), as_columns(cut_off)};
 }
 
 } // namespace bregma::mri

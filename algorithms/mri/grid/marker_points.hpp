@@ -26,6 +26,7 @@ struct MarkerOptions {
 struct MarkerPoints {
   geometry::Points3 points_mm;
   geometry::Points3 not_separate_mm; // bright beyond a marker's size
+  geometry::Points3 crowded_mm;      // as bright as a marker, and nearer to it than its diameter
   geometry::Points3 cut_off_mm;      // at the image's border: the centre is not known
 };
 

@@ -54,11 +54,12 @@ tl::expected<FoundPoints, std::string> grid_crossings(const casefile::Volume &im
   }
   return FoundPoints{found->points_mm,
                      {{"planes", found->planes},
+                      {"cell_mm", json_number(found->cell_mm)},
                       {"completed", found->completed},
                       {"merged", found->merged},
                       {"left_out", found->left_out_mm.cols()}},
-                     std::to_string(found->points_mm.cols()) + " control points in " + std::to_string(found->planes) +
-                         " planes; " + std::to_string(found->completed) + " of them only by the lattice, " +
+                     std::to_string(found->points_mm.cols()) + " control points, " + fixed(found->cell_mm, 2, "mm") +
+                         " apart; " + std::to_string(found->completed) + " of them only by the lattice, " +
                          std::to_string(found->merged) + " doubled ones merged\n" +
                          left_out_lines(found->left_out_mm, "does not fit the lattice")};
 }
@@ -70,9 +71,12 @@ tl::expected<FoundPoints, std::string> separate_markers(const casefile::Volume &
     return tl::unexpected(found.error());
   }
   return FoundPoints{found->points_mm,
-                     {{"not_separate", found->not_separate_mm.cols()}, {"cut_off", found->cut_off_mm.cols()}},
+                     {{"not_separate", found->not_separate_mm.cols()},
+                      {"cut_off", found->cut_off_mm.cols()},
+                      {"crowded", found->crowded_mm.cols()}},
                      std::to_string(found->points_mm.cols()) + " separate markers\n" +
                          left_out_lines(found->not_separate_mm, "is larger than a marker") +
+                         left_out_lines(found->crowded_mm, "is nearer to a marker than its width (--marker-mm)") +
                          left_out_lines(found->cut_off_mm, "is cut by the border of the image")};
 }
 

@@ -162,6 +162,21 @@ TEST(GridPoints, SlicesMayBeThickAndLieAlongAnyAxis) {
   EXPECT_EQ(score(first->points_mm, crossings(d)).wrong, 0);
 }
 
+TEST(GridPoints, TheCellIsMeasuredWhereItIsStatedRoughly) {
+  const Drawing d;
+  const auto image = draw(d);
+  for (const double stated : {13.0, 17.5}) {
+    GridOptions rough;
+    rough.cell_mm = stated;
+    const auto grid = find_grid_points(image, rough);
+    ASSERT_TRUE(grid) << grid.error();
+    EXPECT_NEAR(grid->cell_mm, kCell, 0.3) << stated;
+    const Score s = score(grid->points_mm, crossings(d));
+    EXPECT_GE(s.found, 122) << stated;
+    EXPECT_EQ(s.wrong, 0) << stated;
+  }
+}
+
 TEST(GridPoints, BubblesMoveNoPointFarAndAddNone) {
   Drawing d;
   d.noise = 20.0;
@@ -183,16 +198,23 @@ TEST(GridPoints, ImagesWithoutAGridAreRefusedByReason) {
     const auto grid = find_grid_points(image, o);
     return grid ? std::string("accepted") : grid.error();
   };
-  EXPECT_EQ(message(empty), "0 crossings of bars are seen; a grid phantom with cells of 15.000000 mm has at least 27");
+  EXPECT_EQ(message(empty), "0 crossings of bars are seen, which are taken as darker than what surrounds them; a grid "
+                            "phantom with cells of 15 mm has at least 27");
   std::mt19937 rng(3);
   std::normal_distribution<float> gauss(100.0F, 20.0F);
   std::generate(empty.voxels.begin(), empty.voxels.end(), [&] { return gauss(rng); });
   EXPECT_NE(message(empty).find("crossings of bars are seen"), std::string::npos) << message(empty);
   GridOptions wide;
   wide.cell_mm = 40.0;
-  EXPECT_EQ(message(empty, wide), "the image is 60.000000 mm long along axis 1, less than two cells");
+  EXPECT_EQ(message(empty, wide), "the image is 60 mm long along axis 1, less than two cells");
   wide.bar_mm = 30.0;
-  EXPECT_EQ(message(empty, wide), "a cell of 40.000000 mm, bars of 30.000000 mm or axis -1 is out of range");
+  EXPECT_EQ(message(empty, wide), "a cell of 40 mm with bars of 30 mm is out of range: a cell is wider than two bars");
+  wide.bar_mm = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_NE(message(empty, wide).find("bars of nan mm is out of range"), std::string::npos);
+  image::Image<float, 3> metres = empty;
+  metres.T_image_index.topLeftCorner<3, 3>() *= 1000.0;
+  EXPECT_EQ(message(metres), "the voxels are 1000 mm long along axis 1, more than half a cell of 15 mm: in which unit "
+                             "is the image?");
   empty.voxels[5] = std::numeric_limits<float>::quiet_NaN();
   EXPECT_EQ(message(empty), "a voxel is missing or not finite");
 }

@@ -78,12 +78,31 @@ TEST(MarkerPoints, PlatesAreNoMarkersAndABallAtTheBorderHasNoCentre) {
   EXPECT_LT(distance_from(found->cut_off_mm, {60.0, 60.0, -38.0}), 5.0);
 }
 
+TEST(MarkerPoints, MarkersNearerThanTheStatedDiameterAreListed) {
+  std::vector<Vector3d> balls;
+  for (int k = 0; k < 25; ++k) { // one plane
+    balls.emplace_back(19.0 * (k % 5) - 38.0, 19.0 * (k / 5) - 37.0, 0.6);
+  }
+  const Volume image = drawn_balls(balls);
+  EXPECT_EQ(mri::find_marker_points(image)->crowded_mm.cols(), 0);
+  mri::MarkerOptions wide;
+  wide.marker_mm = 20.0;
+  wide.min_points = 1;
+  const auto found = mri::find_marker_points(image, wide);
+  ASSERT_TRUE(found.has_value()) << found.error();
+  EXPECT_GT(found->crowded_mm.cols(), 0);
+}
+
 TEST(MarkerPoints, NoiseAndUnfitImagesAreRefusedByReason) {
   const auto reason = [](const Volume &image, const mri::MarkerOptions &options = {}) {
     const auto found = mri::find_marker_points(image, options);
     return found ? std::string("found") : found.error();
   };
   EXPECT_NE(reason(drawn_balls({})).find("0 separate markers of 10 mm are seen"), std::string::npos);
+  // Wide markers: the smoothing leaves little noise within the image, and more at its border.
+  mri::MarkerOptions wide;
+  wide.marker_mm = 22.0;
+  EXPECT_NE(reason(drawn_balls({}, {1.3, 1.3, 1.3}, 64), wide).find("0 separate markers of 22 mm"), std::string::npos);
   Volume broken = drawn_balls(some_balls());
   broken.voxels[7] = std::nanf("");
   EXPECT_NE(reason(broken).find("not finite"), std::string::npos);
