@@ -22,9 +22,10 @@ using geometry::Matrix3d;
 using geometry::Points3;
 using Pose = geometry::Rigid3<geometry::frame::Target, geometry::frame::Source>;
 
-constexpr Index kMinMatched = 12;
-constexpr double kIsolated = 1.6;   // of the spacing, to the nearest neighbour
-constexpr double kFirstGate = 0.35; // of the spacing: pairs of a map of the whole
+constexpr Index kMinMatched = kFewestMatched;
+constexpr double kIsolated = 1.6;     // of the spacing, to the nearest neighbour
+constexpr double kRepeated_mm = 0.01; // one point, written twice
+constexpr double kFirstGate = 0.35;   // of the spacing: pairs of a map of the whole
 constexpr int kFinalRounds = 4;
 constexpr double kResidualShare = 0.13;
 constexpr double kDoubled = 0.45;      // of the spacing, between two points of one set
@@ -165,14 +166,27 @@ std::vector<Matrix3d> lattice_turns(const Points3 &steps) {
   return out;
 }
 
-std::vector<Index> without_isolated(const Points3 &points, double spacing_mm, std::vector<UnmatchedPoint> &isolated) {
+// The points that may have a partner. Left out: repeated ones, which would be the nearest of each other, and isolated
+// ones.
+std::vector<Index> usable_points(const Points3 &points, std::vector<UnmatchedPoint> &left_out) {
+  std::vector<Index> single;
+  for (Index i = 0; i < points.cols(); ++i) {
+    const auto same = std::find_if(single.begin(), single.end(),
+                                   [&](Index j) { return (points.col(i) - points.col(j)).norm() < kRepeated_mm; });
+    if (same == single.end()) {
+      single.push_back(i);
+    } else {
+      left_out.push_back({i, UnmatchedReason::kDoubled, (points.col(i) - points.col(*same)).norm()});
+    }
+  }
   std::vector<Index> kept;
-  const std::vector<double> distances = nearest_distances(points);
+  const std::vector<double> distances = nearest_distances(points(Eigen::all, single));
+  const double spacing_mm = median(distances);
   for (std::size_t i = 0; i < distances.size(); ++i) {
     if (distances[i] > kIsolated * spacing_mm) {
-      isolated.push_back({static_cast<Index>(i), UnmatchedReason::kIsolated, distances[i]});
+      left_out.push_back({single[i], UnmatchedReason::kIsolated, distances[i]});
     } else {
-      kept.push_back(static_cast<Index>(i));
+      kept.push_back(single[i]);
     }
   }
   return kept;
@@ -364,11 +378,9 @@ MatchResult match_points(const Points3 &reference_mm, const Points3 &imaged_mm, 
   if (!usable(reference_mm, imaged_mm)) {
     return out;
   }
-  std::vector<UnmatchedPoint> reference_isolated, imaged_isolated;
-  const std::vector<Index> reference_kept =
-      without_isolated(reference_mm, median(nearest_distances(reference_mm)), reference_isolated);
-  const std::vector<Index> imaged_kept =
-      without_isolated(imaged_mm, median(nearest_distances(imaged_mm)), imaged_isolated);
+  std::vector<UnmatchedPoint> reference_left_out, imaged_left_out;
+  const std::vector<Index> reference_kept = usable_points(reference_mm, reference_left_out);
+  const std::vector<Index> imaged_kept = usable_points(imaged_mm, imaged_left_out);
   const Points3 reference = reference_mm(Eigen::all, reference_kept), imaged = imaged_mm(Eigen::all, imaged_kept);
   if (usable(reference, imaged)) {
     out = Matching(reference, imaged, options).run();
@@ -378,15 +390,15 @@ MatchResult match_points(const Points3 &reference_mm, const Points3 &imaged_mm, 
     pair.imaged = imaged_kept[static_cast<std::size_t>(pair.imaged)];
   }
   const auto restore = [](std::vector<UnmatchedPoint> &list, const std::vector<Index> &kept,
-                          const std::vector<UnmatchedPoint> &isolated) {
+                          const std::vector<UnmatchedPoint> &left_out) {
     for (UnmatchedPoint &point : list) {
       point.index = kept[static_cast<std::size_t>(point.index)];
     }
-    list.insert(list.end(), isolated.begin(), isolated.end());
+    list.insert(list.end(), left_out.begin(), left_out.end());
     std::sort(list.begin(), list.end(), [](const auto &a, const auto &b) { return a.index < b.index; });
   };
-  restore(out.reference_unmatched, reference_kept, reference_isolated);
-  restore(out.imaged_unmatched, imaged_kept, imaged_isolated);
+  restore(out.reference_unmatched, reference_kept, reference_left_out);
+  restore(out.imaged_unmatched, imaged_kept, imaged_left_out);
   return out;
 }
 

@@ -22,6 +22,8 @@
 
 namespace bregma::mri {
 
+inline constexpr int kFewestMatched = 12; // points of a list
+
 struct MatchOptions {
   bool same_orientation = true;   // the frames' axes are those of the phantom in both images, up to max_rotation_rad
   double max_rotation_rad = 0.70; // 40 degrees

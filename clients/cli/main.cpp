@@ -1,13 +1,18 @@
 // `bregma`: the operator's and engineer's command.
+#include <cmath>
 #include <cstdio>
 #include <exception>
 #include <string>
+#include <string_view>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <CLI/Option.hpp>
+#include <CLI/Validators.hpp>
 
 #include "base/standard_output.hpp"
+#include "base/text.hpp"
 #include "clients/cli/commands.hpp"
 #include "clients/cli/output.hpp"
 
@@ -46,6 +51,24 @@ std::string explain(const CLI::App &app, std::string what) {
   return what + " (see " + path + " --help)";
 }
 
+// "nan" passes every range, since no comparison with it holds.
+void require_finite_numbers(CLI::App &app) {
+  for (CLI::Option *option : app.get_options()) {
+    if (option->get_type_name().find("FLOAT") != std::string::npos) {
+      option->check(CLI::Validator(
+          [](const std::string &text) {
+            const std::size_t sign = text.starts_with('+') ? 1 : 0;
+            const auto value = bregma::base::parsed_number<double>(std::string_view(text).substr(sign));
+            return std::string(value && !std::isfinite(*value) ? text + " is not a finite number" : "");
+          },
+          ""));
+    }
+  }
+  for (CLI::App *command : app.get_subcommands({})) {
+    require_finite_numbers(*command);
+  }
+}
+
 int run(int argc, char **argv) {
   CLI::App app("Bregma: navigation in neurosurgery, from the command line", "bregma");
   app.set_version_flag("--version", "bregma " BREGMA_VERSION " (" BREGMA_BUILD ")");
@@ -56,6 +79,7 @@ int run(int argc, char **argv) {
   for (const auto add : kCommands) {
     add(app, context);
   }
+  require_finite_numbers(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success &help) {

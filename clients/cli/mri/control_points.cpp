@@ -1,8 +1,10 @@
 #include "clients/cli/mri/control_points.hpp"
 
 #include <array>
+#include <cmath>
 
 #include "algorithms/geometry/angles.hpp"
+#include "algorithms/mri/lattice.hpp"
 
 #include "clients/cli/output.hpp"
 #include "clients/cli/registration/point_file.hpp"
@@ -12,6 +14,8 @@ namespace bregma::cli {
 using nlohmann::json;
 
 namespace {
+
+constexpr double kSameSpacing = 1.15; // ratio of the spacings of one phantom in two images
 
 std::string unmatched_lines(const char *side, const std::vector<mri::UnmatchedPoint> &points) {
   std::string out;
@@ -48,6 +52,29 @@ base::Result<geometry::Points3> read_control_points(const std::string &file, std
     out.col(static_cast<Eigen::Index>(i)) = read->points[i].position_mm;
   }
   return out;
+}
+
+std::string why_not_matched(const mri::MatchResult &match, const geometry::Points3 &ct_mm,
+                            const geometry::Points3 &mr_mm) {
+  const double ct = mri::median(mri::nearest_distances(ct_mm)), mr = mri::median(mri::nearest_distances(mr_mm));
+  switch (match.outcome) {
+  case mri::MatchOutcome::kTooFewPoints:
+    return "no field: " + std::to_string(mri::kFewestMatched) + " points are needed in each list, there are " +
+           std::to_string(ct_mm.cols()) + " in CT and " + std::to_string(mr_mm.cols()) + " in MR";
+  case mri::MatchOutcome::kNoMatch:
+    if (ct > 0.0 && mr > 0.0 && std::abs(std::log(mr / ct)) > std::log(kSameSpacing)) {
+      return "no field: neighbouring points are " + fixed(ct, 2, "mm") + " apart in CT and " + fixed(mr, 2, "mm") +
+             " in MR: are both of one phantom, and in one unit?";
+    }
+    break;
+  case mri::MatchOutcome::kTurned:
+    return "no field: the points fit where the phantom is turned; if it lies otherwise in MR than in CT, say "
+           "--any-orientation";
+  case mri::MatchOutcome::kAmbiguous:
+  case mri::MatchOutcome::kMatched:
+    break;
+  }
+  return "no field: the correspondence must be matched";
 }
 
 std::string match_text(const mri::MatchResult &match, Eigen::Index reference_points, Eigen::Index imaged_points) {

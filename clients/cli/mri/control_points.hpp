@@ -20,6 +20,9 @@ namespace bregma::cli {
 // "matched 336 of 339 and 336 points ..." with every point that has no partner, numbered from 1 as in the file.
 [[nodiscard]] std::string match_text(const mri::MatchResult &match, Eigen::Index reference_points,
                                      Eigen::Index imaged_points);
+// The reason, where the outcome is not matched.
+[[nodiscard]] std::string why_not_matched(const mri::MatchResult &match, const geometry::Points3 &ct_mm,
+                                          const geometry::Points3 &mr_mm);
 [[nodiscard]] nlohmann::json match_json(const mri::MatchResult &match);
 
 // Table 3 of [Tuna 2022] in its layout.

@@ -150,7 +150,7 @@ int run_field(const FieldArguments &arguments, const Context &context) {
     if (!context.json) {
       print(text);
     }
-    return refuse(mri::name(match.outcome), "no field: the correspondence must be matched", context, std::move(out));
+    return refuse(mri::name(match.outcome), why_not_matched(match, *ct, *mr), context, std::move(out));
   }
   const Points3 truth = match.reference_points(*ct), imaged = match.imaged_points(*mr);
   const auto field = mri::DistortionField::fit(truth, imaged);

@@ -111,7 +111,8 @@ base::Result<FieldOfScans> field_of_scans(const Points3 &ct, const std::vector<P
     const mri::MatchResult match = mri::match_points(ct, scans[s], options);
     text += names[s] + "\n" + match_text(match, ct.cols(), scans[s].cols());
     if (match.outcome != mri::MatchOutcome::kMatched) {
-      return base::failure(names[s] + ": " + text + "No field: the correspondence must be matched");
+      return base::failure(names[s] + ": " + mri::name(match.outcome) + " (" + std::to_string(match.pairs.size()) +
+                           " pairs): " + why_not_matched(match, ct, scans[s]));
     }
     matched.push_back(mri::phantom_scan(match, ct.cols(), scans[s], *d));
   }

@@ -82,6 +82,8 @@ TEST(Usage, MistakesAreOneSentenceAndExitCode2) {
             "bregma: action: sideways not in {start,stop} (see bregma register trace --help)\n");
   EXPECT_EQ(error_of("calibrate pivot --live Stylus maybe"),
             "bregma: \"maybe\": with --live it must be start or finish\n");
+  EXPECT_EQ(error_of("mri register scans.toml --limit-mm nan"),
+            "bregma: --limit-mm: nan is not a finite number (see bregma mri register --help)\n");
   EXPECT_EQ(error_of("register start --domain 231"),
             "bregma: --domain: Value 231 not in range 0 to 230 (see bregma register start --help)\n");
 }

@@ -235,6 +235,29 @@ TEST(MriField, AnAmbiguousPhantomGivesNoField) {
   EXPECT_TRUE(json["output"].is_null() && json["residual"].is_null()) << json;
 }
 
+TEST(MriField, PointsThatDoNotBelongTogetherAreRefusedByReason) {
+  const TemporaryFolder folder;
+  const Points3 lattice = test::lattice(5, 17.0);
+  write_points(folder, "ct.csv", lattice);
+  write_points(folder, "mr.csv", test::SourceField(1, 1.0).image_of(lattice));
+  write_points(folder, "cm.csv", 0.1 * lattice);
+  write_points(folder, "few.csv", lattice.leftCols(11));
+  const auto reason = [&](const std::string &files) {
+    const auto run = run_bregma(folder, "mri field ct.csv " + files + " -o field.nrrd");
+    EXPECT_EQ(run.exit_code, 1) << run.out;
+    EXPECT_EQ(std::count(run.err.begin(), run.err.end(), '\n'), 1) << run.err;
+    EXPECT_FALSE(std::filesystem::exists(folder / "field.nrrd"));
+    return run.err;
+  };
+  const std::string units = "apart in CT and 1.70 mm in MR: are both of one phantom, and in one unit?";
+  EXPECT_NE(reason("cm.csv").find(units), std::string::npos) << reason("cm.csv");
+  EXPECT_NE(reason("few.csv").find("12 points are needed in each list, there are 125 in CT and 11 in MR"),
+            std::string::npos);
+  const std::string two = reason("mr.csv cm.csv --read-out R --read-out L --pixel-mm 1 --bandwidth-Hz 260");
+  EXPECT_NE(two.find("cm.csv: no match"), std::string::npos) << two;
+  EXPECT_NE(two.find(units), std::string::npos) << two;
+}
+
 Points3 columns(const std::vector<Vector3d> &points) {
   Points3 out(3, static_cast<Eigen::Index>(points.size()));
   for (std::size_t i = 0; i < points.size(); ++i) {

@@ -159,6 +159,21 @@ TEST(PointMatching, MissingDoubledAndForeignPointsAreListedByReason) {
   EXPECT_EQ(doubled_at->index, imaged.cols() - 1);
 }
 
+TEST(PointMatching, AListThatIsWrittenTwiceIsOneOfDoubledPoints) {
+  const TwoScans scans = scan(test::lattice(6, 17.0), 3);
+  Points3 twice(3, 2 * scans.mr.cols());
+  twice << scans.mr, scans.mr;
+  const MatchResult result = match_points(scans.ct, twice);
+  ASSERT_EQ(result.outcome, MatchOutcome::kMatched) << name(result.outcome);
+  EXPECT_EQ(result.pairs.size(), 216u);
+  EXPECT_EQ(wrong(result, scans.mr_of), 0);
+  ASSERT_EQ(result.imaged_unmatched.size(), 216u);
+  for (const UnmatchedPoint &u : result.imaged_unmatched) {
+    EXPECT_GE(u.index, 216);
+    EXPECT_EQ(u.reason, UnmatchedReason::kDoubled);
+  }
+}
+
 TEST(PointMatching, ALatticeThatIsCutOffOneCellMayLieElsewhere) {
   const Points3 phantom = test::lattice(8, 17.0);
   TwoScans scans = scan(phantom, 3);
