@@ -180,8 +180,9 @@ SliceGuard::Check SliceGuard::check_series(const wire::ImageSlice &s) const {
     return malformed("mixed spacings in " + series);
   }
   if (s.patient_position != first_.patient_position || s.correction != first_.correction ||
-      s.coil_state != first_.coil_state || s.coils_on != first_.coils_on || s.read_out != first_.read_out) {
-    return malformed("patient position, correction, read-out or coils change within " + series);
+      s.coil_state != first_.coil_state || s.coils_on != first_.coils_on || s.read_out != first_.read_out ||
+      std::abs(s.bandwidth_Hz_per_pixel - first_.bandwidth_Hz_per_pixel) > 1e-6 * first_.bandwidth_Hz_per_pixel) {
+    return malformed("patient position, correction, read-out, bandwidth or coils change within " + series);
   }
   return std::nullopt;
 }

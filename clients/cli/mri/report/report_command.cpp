@@ -38,6 +38,12 @@ constexpr int kKeptSlices = 256;
 
 volatile std::sig_atomic_t report_interrupted = 0;
 
+// The first signal ends the following, and the page is made of what came; the second ends the program.
+void interrupt_report(int signal) {
+  report_interrupted = 1;
+  std::signal(signal, SIG_DFL);
+}
+
 struct ReportArguments {
   std::string html, frame, phantom, truth;
   double cell_mm = mri_report::RunInputs().cell_mm, bar_mm = mri_report::RunInputs().bar_mm;
@@ -156,8 +162,8 @@ int run_mri_report(const ReportArguments &arguments, const Context &context) {
   if (!inputs) {
     return fail(inputs.error());
   }
-  std::signal(SIGINT, [](int) { report_interrupted = 1; });
-  std::signal(SIGTERM, [](int) { report_interrupted = 1; });
+  std::signal(SIGINT, interrupt_report);
+  std::signal(SIGTERM, interrupt_report);
   const auto record = follow(arguments, context);
   if (!record) {
     return fail(record.error());

@@ -474,6 +474,49 @@ TEST(ScannerProcedure, AForegroundWithAnotherReadOutThanItsBackgroundIsRefused) 
   expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "another read-out or bandwidth than the background");
 }
 
+TEST(ScannerProcedure, AFieldThatExpiresByTheWallClockIsNotUsed) {
+  ScannerBench bench(true);
+  bench.procedure();
+  ASSERT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+  constexpr std::int64_t kStep_ns = 91LL * 24 * 3600 * 1'000'000'000;
+  bench.now.wall_minus_boot_ns = kStep_ns;
+  const StageAnswer refused = bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"});
+  EXPECT_EQ(refused.result, bregma_wire_COMMAND_REFUSED);
+  EXPECT_TRUE(says(refused.text, "the distortion field has expired since the scans")) << refused.text;
+  EXPECT_EQ(bench.state.field_status, bregma_wire_FIELD_EXPIRED);
+  bench.now.wall_minus_boot_ns = 0;
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALID);
+  bench.now.wall_minus_boot_ns = kStep_ns;
+  bench.step();
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_FIELD_EXPIRED);
+  EXPECT_FALSE(bench.stage->pose.load()->valid);
+}
+
+// The slice that shows that the table moved is not shown with a tip of the registration that it voids.
+TEST(ScannerProcedure, TheSliceThatVoidsTheRegistrationHasNoTip) {
+  ScannerBench bench(true);
+  bench.procedure();
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_ACCEPT_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  RobotToolsView tools;
+  tools.count = 1;
+  wire::RobotTool &tool = tools.tools[0];
+  tool.status = tool.scanner_status = bregma_wire_POSE_LIVE;
+  tool.published_time_ns = bench.now.utc_ns;
+  tool.valid_for_ns = 10 * kTick_ns;
+  tool.T_scanner_tip = {{1, 0, 0, 0}, {0, 0, 0}};
+  bench.tools.store(tools);
+  bench.scanner.table_mm = 12.0;
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  bench.step();
+  bench.step();
+  ASSERT_EQ(bench.corrected.size(), 1U);
+  EXPECT_EQ(bench.corrected.back().tip_status, bregma_wire_POSE_NOT_REGISTERED);
+  EXPECT_TRUE(std::isnan(bench.corrected.back().tip_pixel[0]));
+}
+
 TEST(ScannerProcedure, APhantomThatMovedDuringItsScansRefusesTheField) {
   ScannerBench bench(true);
   int phantoms = 0;
@@ -565,6 +608,43 @@ TEST(ScannerProcedure, ScansOfBeforeTheFrameWasPlacedAreForgotten) {
   EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
   ASSERT_TRUE(bench.settle());
   EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
+}
+
+// As scanners do: all odd slices first, then the even ones backwards.
+TEST(ScannerProcedure, SlicesInAnyOrderGiveTheSameRegistration) {
+  ScannerBench in_order, mixed;
+  mixed.scanner.change = [](wire::ImageSlice &slice) {
+    const std::uint32_t odd = (slice.count + 1) / 2, n = slice.index;
+    const std::uint32_t index = n <= odd ? 2 * n - 1 : 2 * (slice.count - n + 1);
+    const auto moved = static_cast<std::ptrdiff_t>(index) - static_cast<std::ptrdiff_t>(n);
+    slice.pixels._buffer += moved * static_cast<std::ptrdiff_t>(slice.pixels._length);
+    slice.T_scanner_slice.translation_mm[2] += slice.thickness_mm * static_cast<double>(moved);
+    slice.index = index;
+  };
+  in_order.procedure();
+  mixed.procedure();
+  ASSERT_EQ(mixed.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << mixed.state.text;
+  for (int i = 0; i < 3; ++i) {
+    EXPECT_NEAR(mixed.state.T_base_scanner.translation_mm[i], in_order.state.T_base_scanner.translation_mm[i], 1e-9);
+  }
+  EXPECT_EQ(mixed.state.slices_refused, 0U);
+}
+
+// A slice of another orientation that hides behind a slice of another series.
+TEST(ScannerProcedure, MixedOrientationsAreFoundBehindAnotherSeries) {
+  ScannerBench bench;
+  bool other = false;
+  bench.scanner.change = [&](wire::ImageSlice &slice) {
+    if (wire::view(slice.protocol) == "top" && slice.index == 30) {
+      slice.series += 100;
+      other = true;
+    } else if (other && wire::view(slice.protocol) == "top" && slice.index == 31) {
+      const double h = std::sqrt(0.5);
+      slice.T_scanner_slice = {{h, h, 0, 0}, {-95, 0, -95}};
+    }
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "mixed orientations");
 }
 
 // ---- programs that end and come back ----

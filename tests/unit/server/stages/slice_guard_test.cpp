@@ -147,6 +147,7 @@ TEST(SliceGuard, RefusesSlicesOfAnotherKindWithinASeries) {
       [](auto &s) { s.spacing_mm[0] = 2.0; },
       [](auto &s) { s.coil_state = bregma_wire_COILS_POSITIVE; },
       [](auto &s) { s.patient_position = bregma_wire_POSITION_FFS; },
+      [](auto &s) { s.bandwidth_Hz_per_pixel = 260.0; },
       [](auto &s) { s.correction = bregma_wire_CORRECTION_VENDOR_2D; }};
   for (const auto &fault : faults) {
     Stream s;
