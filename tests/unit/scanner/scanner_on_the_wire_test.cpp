@@ -136,6 +136,21 @@ TEST_F(Wire, SeriesCarryTheStateOfTheCoilsAndMatchTheirFiles) {
   }
 }
 
+TEST_F(Wire, EveryProtocolHasItsReadOutReversed) {
+  start({"plays_coils=true", "slice_ms=0", "seed=5"});
+  for (const char *protocol : {"scout", "scout-reversed"}) {
+    ASSERT_EQ(send(bregma_wire_COMMAND_ACQUIRE_SERIES, {"Scanner", protocol, "2"}, "Scanner").result,
+              bregma_wire_COMMAND_DONE);
+  }
+  ASSERT_EQ(bus.slices.size(), 4U);
+  EXPECT_EQ(bus.slices[0].header.read_out, bregma_wire_DIRECTION_ROW_POSITIVE);
+  EXPECT_EQ(bus.slices[2].header.read_out, bregma_wire_DIRECTION_ROW_NEGATIVE);
+  EXPECT_EQ(bus.slices[2].header.bandwidth_Hz_per_pixel, bus.slices[0].header.bandwidth_Hz_per_pixel);
+  EXPECT_STREQ(bus.slices[2].header.protocol, "scout-reversed");
+  EXPECT_EQ(send(bregma_wire_COMMAND_ACQUIRE_SERIES, {"Scanner", "-reversed", "2"}, "Scanner").result,
+            bregma_wire_COMMAND_REFUSED);
+}
+
 TEST_F(Wire, WhatItCannotDoIsRefusedByName) {
   start({});
   EXPECT_STREQ(send(bregma_wire_COMMAND_ACQUIRE_SERIES, {"Scanner", "spine", "0"}, "Scanner").text,
