@@ -275,15 +275,9 @@ std::vector<Fault> faults() {
          run.bottom = session.scan(coil_protocol(60), pillar_plan(false), {"mid-bottom"});
          session.scanner().move_frame(before);
        }},
-      {"1 ppm after mapping",
-       [](MriSession &session) {
-         session.scanner().set_field(with_ball(session.scanner().field(), 1.0, kBall_mm, kBallRadius_mm));
-       },
+      {"1 ppm after mapping", [](MriSession &session) { session.scanner().enter_ball(1.0, kBall_mm, kBallRadius_mm); },
        leave},
-      {"3 ppm after mapping",
-       [](MriSession &session) {
-         session.scanner().set_field(with_ball(session.scanner().field(), 3.0, kBall_mm, kBallRadius_mm));
-       },
+      {"3 ppm after mapping", [](MriSession &session) { session.scanner().enter_ball(3.0, kBall_mm, kBallRadius_mm); },
        leave},
   };
 }

@@ -96,17 +96,4 @@ void write_picture(const MriBenchOptions &options, const std::string &name, cons
   }
 }
 
-ScannerField with_ball(const ScannerField &field, double ppm, const Vector3d &centre_mm, double radius_mm) {
-  constexpr double kMain_T = 3.0;
-  return field.with_b0([=](const Vector3d &r) {
-    const Vector3d d = r - centre_mm;
-    if (d.norm() < radius_mm) {
-      return 0.0;
-    }
-    const double cosine = d.z() / d.norm();
-    return kGamma_HzPerT * kMain_T * ppm * 1e-6 / 3.0 * std::pow(radius_mm / d.norm(), 3) *
-           (3.0 * cosine * cosine - 1.0);
-  });
-}
-
 } // namespace bregma::bench

@@ -54,8 +54,4 @@ void add_run(Study &study, const MriSession &session, const mri::RobotRegistrati
 // Writes a figure of the documentation, where --pictures names a folder.
 void write_picture(const MriBenchOptions &options, const std::string &name, const base::Plot &plot);
 
-// A ball of another susceptibility (ppm) at 3 T, which enters the bore: a dipole outside, nothing inside.
-[[nodiscard]] sim::scanner::ScannerField with_ball(const sim::scanner::ScannerField &field, double ppm,
-                                                   const Vector3d &centre_mm, double radius_mm);
-
 } // namespace bregma::bench

@@ -45,7 +45,7 @@ void one_run(Outcome &out, double ppm, ReadOuts read_outs, std::uint64_t seed) {
   const Vector3d centre(random.uniform(-70, 70), random.uniform(-70, 70), random.uniform(-70, 70));
   const double radius = random.uniform(30.0, 60.0);
   if (ppm != 0.0) {
-    session.scanner().set_field(with_ball(session.scanner().field(), ppm, centre, radius));
+    session.scanner().enter_ball(ppm, centre, radius);
   }
   ++out.runs;
   const PillarRun run(session, {"mid"}, small_protocol(36), 36, Images::kOurs);

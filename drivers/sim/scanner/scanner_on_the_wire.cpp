@@ -18,6 +18,10 @@ namespace {
 constexpr std::size_t kMaxWaiting = 16;
 constexpr std::string_view kReversed = "-reversed"; // of the read-out; every protocol has both
 
+// What enters the bore, between the coils.
+const Vector3d kBall_mm(20.0, 35.0, -30.0);
+constexpr double kBallRadius_mm = 45.0;
+
 struct Acquired {
   const char *name;
   Plane plane;
@@ -63,6 +67,9 @@ void ScannerOnTheWire::declare(base::ParameterSet &parameters) {
       .flag("plays_coils", &plays_coils_, "Also answer the commands to the coil controller")
       .flag("vendor", &vendor_, "Send images with the gradients corrected, as the scanner's vendor does")
       .number("snr", &options_.appearance.snr, "", 0.0, 1000.0, "Of water; 0: no noise")
+      .number(
+          "entered_ppm", &entered_ppm_, "ppm", 0.0, 10.0,
+          "Susceptibility of a ball that enters the bore with the registration frame, after the phantom was scanned")
       .number("distortion_mm", &options_.field.mean_mm, "mm", 0.0, 5.0, "Mean distortion of the phantom");
 }
 
@@ -93,6 +100,11 @@ driver::Outcome<driver::Progress> ScannerOnTheWire::read(driver::Io &io) {
     waiting_.pop_front();
     Series *series = &*current_; // stays where it is until its last slice is sent
     work_ = std::async(std::launch::async, [this, series] {
+      if (entered_ppm_ > 0.0 && !entered_ && !series->phantom && phantom_scanned_) {
+        entered_ = true;
+        scanner_->enter_ball(entered_ppm_, kBall_mm, kBallRadius_mm);
+      }
+      phantom_scanned_ = phantom_scanned_ || series->phantom;
       Stack stack = series->phantom ? scanner_->phantom(series->protocol, series->plan)
                     : series->on.empty()
                         ? scanner_->background(series->protocol, series->plan)

@@ -64,7 +64,9 @@ private:
 
   std::int64_t seed_ = 1;
   double slice_ms_ = 5.0; // between slices
-  double table_mm_ = 0.0; // position of the table, as stated with each slice
+  double entered_ppm_ = 0.0;
+  bool phantom_scanned_ = false, entered_ = false; // used by the worker
+  double table_mm_ = 0.0;                          // position of the table, as stated with each slice
   std::string folder_, coils_device_ = "Coils";
   bool plays_coils_ = false, vendor_ = false;
   ScannerOptions options_;

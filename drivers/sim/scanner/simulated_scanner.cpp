@@ -7,8 +7,8 @@ namespace bregma::sim::scanner {
 
 namespace {
 
-constexpr double kMain_T = 3.0;        // along Device's z
-constexpr double kAirInWater = 9.4e-6; // difference of susceptibility
+constexpr double kMain_T = 3.0;     // along Device's z
+constexpr double kAirInWater = 9.4; // ppm, difference of susceptibility
 
 BodyPose placed(const Eigen::Matrix3d &turn, const Vector3d &at_mm, const HiddenErrors &errors, Random &random) {
   const Eigen::Quaterniond tilt = geometry::rotation_exp(random.normal3(errors.placement_deg * M_PI / 180.0));
@@ -36,6 +36,12 @@ bool same(const StackPlan &a, const StackPlan &b) {
 const CoilField &field_of(const CoilDesign &coil) {
   static const CoilField pillar(shape_of(frame_design().front())), tree(shape_of(frame_design().back()));
   return coil.group == "tree" ? tree : pillar;
+}
+
+// A ball's field is that of a dipole; d: from its centre, outside it.
+double dipole_Hz(const Vector3d &d, double radius_mm, double ppm) {
+  const double distance = d.norm(), cosine = d.z() / distance;
+  return kGamma_HzPerT * kMain_T * ppm * 1e-6 / 3.0 * std::pow(radius_mm / distance, 3) * (3.0 * cosine * cosine - 1.0);
 }
 
 } // namespace
@@ -79,6 +85,13 @@ void SimulatedScanner::move_frame(const BodyPose &T_device_base) {
 void SimulatedScanner::set_field(ScannerField field) {
   scan_.reset(); // it refers to the former field
   field_ = std::make_shared<const ScannerField>(std::move(field));
+}
+
+void SimulatedScanner::enter_ball(double ppm, const Vector3d &centre_mm, double radius_mm) {
+  set_field(field_->with_b0([=](const Vector3d &r) {
+    const Vector3d d = r - centre_mm;
+    return d.norm() < radius_mm ? 0.0 : dipole_Hz(d, radius_mm, ppm);
+  }));
 }
 
 Stack SimulatedScanner::ct(double coarser) {
@@ -139,13 +152,10 @@ LocalField SimulatedScanner::bubbles() {
   }
   out.frequency_Hz = [list](const Vector3d &r) {
     double sum = 0.0;
-    for (const Bubble &b : list) { // a sphere's field is that of a dipole
+    for (const Bubble &b : list) {
       const Vector3d d = r - b.centre_mm;
-      const double distance = std::max(d.norm(), b.radius_mm);
-      if (distance < 30.0) {
-        const double cosine = d.z() / distance;
-        sum += kGamma_HzPerT * kMain_T * kAirInWater / 3.0 * std::pow(b.radius_mm / distance, 3) *
-               (3.0 * cosine * cosine - 1.0);
+      if (d.norm() < 30.0 && d.norm() > 0.0) {
+        sum += dipole_Hz(d * std::max(1.0, b.radius_mm / d.norm()), b.radius_mm, kAirInWater); // inside: no spins
       }
     }
     return sum;

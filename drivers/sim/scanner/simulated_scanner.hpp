@@ -67,6 +67,8 @@ public:
   void break_coil(std::size_t index) { broken_.at(index) = true; }
   void move_frame(const BodyPose &T_device_base);
   void set_field(ScannerField field);
+  // A ball of another susceptibility in the bore: a dipole's field outside, none inside.
+  void enter_ball(double ppm, const Vector3d &centre_mm, double radius_mm);
 
 private:
   struct Scan { // the frame without current, kept between background and foreground
