@@ -300,14 +300,20 @@ tl::expected<ArtefactSearch, std::string> find_artefacts(const Stack &background
 
 namespace {
 
-// Of both scans, where the other one shows this coil within the distance; nothing otherwise.
-std::optional<CoilArtefact> mean_with(const CoilArtefact &one, std::span<const CoilArtefact> others,
-                                      double distance_mm) {
-  const auto distance = [&](const CoilArtefact &other) { return (other.centre_mm - one.centre_mm).norm(); };
-  const auto other = std::min_element(others.begin(), others.end(), [&](const CoilArtefact &a, const CoilArtefact &b) {
+const CoilArtefact *nearest(std::span<const CoilArtefact> list, const CoilArtefact &to) {
+  const auto distance = [&](const CoilArtefact &a) { return (a.centre_mm - to.centre_mm).norm(); };
+  const auto found = std::min_element(list.begin(), list.end(), [&](const CoilArtefact &a, const CoilArtefact &b) {
     return distance(a) < distance(b);
   });
-  if (other == others.end() || distance(*other) > distance_mm) {
+  return found == list.end() ? nullptr : &*found;
+}
+
+// Of `one` and what the other scan shows of the same coil: each is the other's nearest, within the distance. Nothing
+// where there is no such artefact.
+std::optional<CoilArtefact> mean_with(const CoilArtefact &one, std::span<const CoilArtefact> ones,
+                                      std::span<const CoilArtefact> others, double distance_mm) {
+  const CoilArtefact *other = nearest(others, one);
+  if (other == nullptr || nearest(ones, *other) != &one || (other->centre_mm - one.centre_mm).norm() > distance_mm) {
     return std::nullopt;
   }
   CoilArtefact out = one;
@@ -323,7 +329,7 @@ std::vector<CoilArtefact> mean_of_polarities(std::span<const CoilArtefact> posit
                                              std::span<const CoilArtefact> negative, double window_mm) {
   std::vector<CoilArtefact> out;
   for (const CoilArtefact &one : positive) {
-    out.push_back(mean_with(one, negative, 0.5 * window_mm).value_or(one));
+    out.push_back(mean_with(one, positive, negative, 0.5 * window_mm).value_or(one));
   }
   return out;
 }
@@ -332,7 +338,7 @@ std::vector<CoilArtefact> mean_of_read_outs(std::span<const CoilArtefact> forwar
                                             std::span<const CoilArtefact> reversed, double window_mm) {
   std::vector<CoilArtefact> out;
   for (const CoilArtefact &one : forward) {
-    if (auto mean = mean_with(one, reversed, window_mm)) {
+    if (auto mean = mean_with(one, forward, reversed, window_mm)) {
       mean->b0_mm = one.centre_mm - mean->centre_mm;
       out.push_back(*mean);
     }

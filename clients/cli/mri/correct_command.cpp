@@ -3,6 +3,7 @@
 #include <array>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <system_error>
@@ -154,10 +155,13 @@ base::Result<std::shared_ptr<const mri::FieldTable>> table_for(const CorrectArgu
                                                                const mri::ScanFields &fields,
                                                                const image::Image<float, 3> &volume,
                                                                const Eigen::Matrix4d &T_field_image) {
-  if (arguments.read_out.empty()) {
-    if (fields.has_b0()) {
-      print_notes({arguments.field + ": the part of B0 is not corrected; state the image's --read-out to correct it"});
+  const auto note = [&](const std::optional<Eigen::Vector3d> &mm_per_Hz) {
+    if (const std::string text = b0_note(fields, mm_per_Hz, "--read-out"); !text.empty()) {
+      print_notes({arguments.field + ": " + text});
     }
+  };
+  if (arguments.read_out.empty()) {
+    note(std::nullopt);
     return fields.table();
   }
   double bandwidth_Hz = arguments.bandwidth_Hz;
@@ -174,6 +178,7 @@ base::Result<std::shared_ptr<const mri::FieldTable>> table_for(const CorrectArgu
     return base::failure(arguments.field + ": was measured with the opposite read-out, so B0 would be doubled; measure "
                                            "the phantom with both read-outs");
   }
+  note(mm_per_Hz);
   return fields.of_scan(mm_per_Hz);
 }
 

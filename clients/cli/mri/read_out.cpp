@@ -40,4 +40,21 @@ base::Result<Vector3d> movement_in(const Eigen::Matrix4d &T_ras_index, const std
   return mri::b0_movement(sign * nearest.normalized(), nearest.norm(), bandwidth_Hz);
 }
 
+std::string b0_note(const mri::ScanFields &fields, const std::optional<Vector3d> &mm_per_Hz, const std::string &where) {
+  constexpr double kSame = 0.05; // relative
+  if (!mm_per_Hz) {
+    return fields.has_b0() ? "the part of B0 is not corrected; state the read-out by " + where : "";
+  }
+  if (fields.has_b0()) {
+    return "";
+  }
+  if (fields.mm_per_Hz().isZero()) {
+    return "does not state the read-out that it was measured with: its B0 is taken for that of this one";
+  }
+  return (fields.mm_per_Hz() - *mm_per_Hz).norm() > kSame * mm_per_Hz->norm()
+             ? "was measured with another read-out, pixel or bandwidth, by which B0 is corrected; scans of the phantom "
+               "with both read-outs correct that of every scan"
+             : "";
+}
+
 } // namespace bregma::cli

@@ -1,10 +1,12 @@
 // How B0 displaces the spins of a scan, from what the operator and headers state.
 #pragma once
 
+#include <optional>
 #include <string>
 
 #include <Eigen/Core>
 
+#include "algorithms/mri/scan_fields.hpp"
 #include "base/result.hpp"
 
 namespace bregma::cli {
@@ -16,5 +18,10 @@ namespace bregma::cli {
 // pixel is the spacing of the image's axis nearest to it. T_ras_index: of the image.
 [[nodiscard]] base::Result<Eigen::Vector3d> movement_in(const Eigen::Matrix4d &T_ras_index, const std::string &read_out,
                                                         double bandwidth_Hz);
+
+// What a field leaves of B0 in scans with this mm_per_Hz (frame of the field; none: not stated): a note, or an empty
+// text. where: what states the read-out.
+[[nodiscard]] std::string b0_note(const mri::ScanFields &fields, const std::optional<Eigen::Vector3d> &mm_per_Hz,
+                                  const std::string &where);
 
 } // namespace bregma::cli

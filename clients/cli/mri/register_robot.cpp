@@ -13,6 +13,7 @@
 #include "casefile/volumes/scan_fields_file.hpp"
 #include "clients/cli/mri/field_use.hpp"
 #include "clients/cli/mri/mri_commands.hpp"
+#include "clients/cli/mri/read_out.hpp"
 #include "clients/cli/mri/register_watch.hpp"
 #include "clients/cli/mri/scan_list.hpp"
 #include "clients/cli/output.hpp"
@@ -153,9 +154,9 @@ base::Result<void> use_field(const RegisterArguments &arguments, const ScanList 
   if (mm_per_Hz && fields.is_opposite(*mm_per_Hz)) {
     return base::failure(arguments.field + ": was measured with the opposite read-out, so B0 would be doubled");
   }
-  if (!list.opposed() && fields.has_b0() && !mm_per_Hz) {
-    print_notes(
-        {arguments.field + ": the part of B0 is not corrected; state read_out and bandwidth_Hz in " + arguments.scans});
+  const std::string note = list.opposed() ? "" : b0_note(fields, mm_per_Hz, "read_out in " + arguments.scans);
+  if (!note.empty()) {
+    print_notes({arguments.field + ": " + note});
   }
   options.correction =
       mri::correction_by(list.opposed() || !mm_per_Hz ? fields.table() : fields.of_scan(*mm_per_Hz), *position);

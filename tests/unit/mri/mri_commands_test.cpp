@@ -367,6 +367,13 @@ TEST(MriCorrect, TheB0OfEveryReadOutIsCorrected) {
   EXPECT_LT(largest("whole.nrrd"), 0.15);
   EXPECT_GT(largest("plain.nrrd"), 2.0 * largest("whole.nrrd"));
 
+  // A field of one read-out says where it is not that of the image.
+  const auto other =
+      run_bregma(folder, "mri correct one.nrrd image.nrrd --not-corrected -o out.nrrd --read-out P --bandwidth-Hz 104");
+  EXPECT_EQ(other.exit_code, 0) << other.err;
+  EXPECT_NE(other.notes.find("measured with another read-out, pixel or bandwidth"), std::string::npos) << other.notes;
+  std::filesystem::remove(folder / "out.nrrd");
+
   // A bandwidth that nobody states; a field of the opposite read-out.
   const auto silent = run_bregma(folder, correct + "out.nrrd --read-out P");
   EXPECT_EQ(silent.exit_code, 2);
