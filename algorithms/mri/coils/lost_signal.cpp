@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 #include <opencv2/imgproc.hpp>
 
@@ -9,9 +10,12 @@ namespace bregma::mri {
 
 namespace {
 
-constexpr double kDark = 0.25;     // of the signal: below it a pixel shows nothing
-constexpr double kFloor = 0.15;    // losses below it are noise and movement
-constexpr double kFull = 0.55;     // losses above it count as whole
+constexpr double kDark = 0.25;      // of the signal: below it a pixel shows nothing
+constexpr double kFloor = 0.15;     // losses below it are noise and movement
+constexpr double kFull = 0.55;      // losses above it count as whole
+constexpr int kFewestPixels = 1000; // with signal, of a stack
+constexpr double kLeastGain = 0.1;
+constexpr double kOddSlice = 0.5;  // of the other slices' brightness
 constexpr double kHole_mm = 9.0;   // widest plastic inside a coil that is filled
 constexpr double kAround_mm = 8.0; // where the brightest pixel states the local signal
 
@@ -87,7 +91,7 @@ tl::expected<LostSignal, std::string> LostSignal::start(const Stack &background,
   const double dark = kDark * out.signal_;
   const auto with_signal = std::count_if(background.voxels.begin(), background.voxels.end(),
                                          [&](float v) { return static_cast<double>(v) > dark; });
-  if (!(out.signal_ > 0.0) || with_signal < 1000) {
+  if (!(out.signal_ > 0.0) || with_signal < kFewestPixels) {
     return tl::make_unexpected("the background shows no signal");
   }
   const float highest = *std::max_element(background.voxels.begin(), background.voxels.end());
@@ -99,6 +103,7 @@ tl::expected<LostSignal, std::string> LostSignal::start(const Stack &background,
   static_cast<image::Grid<3> &>(out.values_) = background;
   out.values_.voxels.assign(background.voxels.size(), 0.0F);
   out.volumes_mm3_.assign(static_cast<std::size_t>(background.size[2]), 0.0);
+  out.gains_.assign(static_cast<std::size_t>(background.size[2]), 0.0);
   out.added_.assign(static_cast<std::size_t>(background.size[2]), false);
   return out;
 }
@@ -116,13 +121,13 @@ void LostSignal::add(int k, std::span<const float> foreground) {
   }
   double gain = 1.0, noise = 0.0;
   if (ratios.size() > 50) { // otherwise a slice beside the water
-    gain = std::max(0.1, quantile(ratios, 0.5));
+    gain = std::max(kLeastGain, quantile(ratios, 0.5));
     const auto middle = static_cast<float>(quantile(differences, 0.5));
     for (float &d : differences) {
       d = std::abs(d - middle);
     }
     noise = 1.4826 * quantile(differences, 0.5);
-    gains_.push_back(gain);
+    gains_[static_cast<std::size_t>(k)] = gain;
     noises_.push_back(noise);
   }
   for (const float v : foreground) {
@@ -173,14 +178,28 @@ tl::expected<void, std::string> LostSignal::check() const {
     return tl::make_unexpected(std::to_string(missing) + " of " + std::to_string(added_.size()) +
                                " slices of the foreground are missing");
   }
-  if (gains_.empty()) {
+  std::vector<double> seen;
+  std::copy_if(gains_.begin(), gains_.end(), std::back_inserter(seen), [](double g) { return g > 0.0; });
+  if (seen.empty()) {
     return tl::make_unexpected("the background shows no signal");
   }
-  const double saturated = at_highest_ / std::max(1.0, shown_pixels_);
+  if (shown_pixels_ < kFewestPixels) {
+    return tl::make_unexpected("the foreground shows no signal");
+  }
+  const double saturated = at_highest_ / shown_pixels_;
   if (saturated > options_.max_saturated) {
     return tl::make_unexpected(saturation_text("foreground", saturated));
   }
-  const double gain = median(gains_);
+  const double gain = median(seen);
+  // No coil spoils half of a slice. At the ends of the water a slice may be dark by a small movement.
+  for (std::size_t k = 1; k + 1 < gains_.size(); ++k) {
+    if (gains_[k - 1] > 0.0 && gains_[k] > 0.0 && gains_[k + 1] > 0.0 &&
+        (gains_[k] < kOddSlice * gain || gain < kOddSlice * gains_[k])) {
+      return tl::make_unexpected("slice " + std::to_string(k + 1) + " of the foreground is " + percent(gains_[k]) +
+                                 " as bright as that of the background, the others " + percent(gain) +
+                                 ": it is missing, or of another scan");
+    }
+  }
   if (gain < 0.8 || gain > 1.25) {
     return tl::make_unexpected("the foreground is " + percent(gain) +
                                " as bright as the background: not the same protocol, or not the same scene");

@@ -37,7 +37,8 @@ private:
   ArtefactOptions options_;
   Stack values_;
   std::vector<double> volumes_mm3_;
-  std::vector<double> gains_, noises_; // of the slices with signal
+  std::vector<double> gains_;  // of each slice: foreground over background; 0 where the background shows too little
+  std::vector<double> noises_; // of the slices with signal
   std::vector<bool> added_;
   double signal_ = 1.0;
   double lost_mm3_ = 0.0, gained_mm3_ = 0.0, shown_mm3_ = 0.0;

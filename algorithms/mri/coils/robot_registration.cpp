@@ -16,6 +16,8 @@ namespace {
 
 using Artefacts = std::vector<CoilArtefact>;
 
+constexpr std::size_t kFewestCoils = 4;
+
 tl::expected<Artefacts, std::string> artefacts_of(const CoilScan &scan, const ArtefactOptions &options) {
   if (scan.background == nullptr || scan.foreground == nullptr) {
     return tl::make_unexpected(scan.name + ": background or foreground is missing");
@@ -203,6 +205,11 @@ private:
     for (const LocatedCoil &c : out_.coils) {
       pairs.push_back({c.position_mm, frame_.coils[static_cast<std::size_t>(c.coil)].position_mm, c.covariance,
                        build * Eigen::Matrix3d::Identity()});
+    }
+    if (pairs.size() < kFewestCoils) {
+      return refuse(RegistrationVerdict::kRefused, "only " + std::to_string(pairs.size()) +
+                                                       " of the coils that are seen register, the others verify: four "
+                                                       "are needed");
     }
     const registration::RobustFit robust = registration::fit_paired_robust(pairs);
     if (!robust.found) {

@@ -1,7 +1,11 @@
 #include "clients/cli/mri/scan_list.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <span>
+#include <string_view>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -39,6 +43,20 @@ std::vector<int> coils_named(base::TableReader &table, const char *key, const mr
   return out;
 }
 
+// The first slice whose pixels are those of the one before it, from 1; 0 if there is none. Empty ones may be alike.
+int repeated_slice(const mri::Stack &stack) {
+  const std::size_t pixels = stack.pixels() / static_cast<std::size_t>(stack.size[2]);
+  for (int k = 1; k < stack.size[2]; ++k) {
+    const auto before = std::span(stack.voxels).subspan(stack.offset(0, 0, k - 1), pixels);
+    const auto here = std::span(stack.voxels).subspan(stack.offset(0, 0, k), pixels);
+    const bool constant = std::all_of(here.begin(), here.end(), [&](float v) { return v == here.front(); });
+    if (!constant && std::equal(here.begin(), here.end(), before.begin())) {
+      return k + 1;
+    }
+  }
+  return 0;
+}
+
 base::Result<const mri::Stack *> load(const std::filesystem::path &file, const Eigen::Vector3d &normal, ScanList &list,
                                       std::vector<std::string> *notes) {
   const auto volume = casefile::read_volume(file, {}, notes);
@@ -48,6 +66,10 @@ base::Result<const mri::Stack *> load(const std::filesystem::path &file, const E
   auto stack = slices_of(*volume, normal, list.position, file.string());
   if (!stack) {
     return tl::unexpected(stack.error());
+  }
+  if (const int k = repeated_slice(*stack); k > 0) {
+    return base::failure(file.string() + ": slices " + std::to_string(k - 1) + " and " + std::to_string(k) +
+                         " have the same pixels: one was lost, and those behind it lie elsewhere");
   }
   list.files.push_back(file.string());
   return &list.images.emplace_back(std::move(*stack));
@@ -75,6 +97,11 @@ base::Result<std::vector<Entry>> read_entries(base::TableReader &root, const mri
     if (entry.on.empty()) {
       table.refuse("on", "names the groups or coils that carried current");
     }
+    for (const int coil : entry.verify) {
+      if (std::find(entry.on.begin(), entry.on.end(), coil) == entry.on.end()) {
+        table.refuse("verify", frame.coils[static_cast<std::size_t>(coil)].name + " is not on in this scan");
+      }
+    }
     if (const auto normal = mri::parse_orientation(entry.orientation); !normal) {
       table.refuse("orientation", normal.error());
     }
@@ -87,6 +114,17 @@ base::Result<std::vector<Entry>> read_entries(base::TableReader &root, const mri
     root.refuse("scans", "at least one is needed");
   }
   return out;
+}
+
+// The axis along which slices follow, where their distance differs from the side of their square pixels; otherwise -1.
+int across_square_pixels(const Eigen::Vector3d &spacing_mm) {
+  for (int d = 0; d < 3; ++d) {
+    const double a = spacing_mm[(d + 1) % 3], b = spacing_mm[(d + 2) % 3];
+    if (std::abs(a - b) < 1e-3 * a && std::abs(spacing_mm[d] - a) > 0.01 * a) {
+      return d;
+    }
+  }
+  return -1;
 }
 
 } // namespace
@@ -106,6 +144,12 @@ base::Result<mri::Stack> slices_of(const mri::Stack &ras, const Eigen::Vector3d 
     const Eigen::Vector3d k = mri::T_device_patient(position).rotation().inverse() * T_device_index.col(2).head<3>();
     return base::failure(what + ": its slices are not in the orientation " + mri::print_orientation(normal_patient) +
                          "; those along its third axis are " + mri::print_orientation(k.normalized()));
+  }
+  if (const int across = across_square_pixels(ras.spacing_mm()); across >= 0 && across != through) {
+    const Eigen::Vector3d k =
+        mri::T_device_patient(position).rotation().inverse() * T_device_index.col(across).head<3>();
+    return base::failure(what + ": its pixels are square in the orientation " + mri::print_orientation(k.normalized()) +
+                         ", so its slices are not in the orientation " + mri::print_orientation(normal_patient));
   }
   const std::array<int, 3> order{(through + 1) % 3, (through + 2) % 3, through};
   mri::Stack out;
@@ -128,6 +172,32 @@ base::Result<mri::Stack> slices_of(const mri::Stack &ras, const Eigen::Vector3d 
   return out;
 }
 
+namespace {
+
+struct ListedImage {
+  const mri::Stack *image;
+  std::string key; // scans[1].foreground
+  std::size_t scan;
+  bool background;
+};
+
+// An image that stands for two would be a coil without current, or a polarity or read-out that was not scanned. Scans
+// may have a background in common.
+base::Result<void> check_all_differ(const std::filesystem::path &list, const std::vector<ListedImage> &images) {
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    for (std::size_t j = i + 1; j < images.size(); ++j) {
+      const ListedImage &a = images[i], &b = images[j];
+      const bool common_background = a.background && b.background && a.scan != b.scan;
+      if (!common_background && a.image->voxels == b.image->voxels) {
+        return base::failure(list.string() + ": " + a.key + " and " + b.key + " are the same image");
+      }
+    }
+  }
+  return {};
+}
+
+} // namespace
+
 base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::vector<std::string> *notes) {
   const auto document = base::TomlDocument::read(file);
   if (!document) {
@@ -136,7 +206,12 @@ base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::ve
   base::TableReader root = document->root();
   const std::filesystem::path folder = file.parent_path();
   ScanList out;
-  auto frame = casefile::read_coil_frame(folder / root.require_string("frame"));
+  const std::string frame_file = root.require_string("frame");
+  if (frame_file.empty()) {
+    root.refuse("frame", "is needed: the file of the registration frame");
+    return tl::unexpected(root.finish().error());
+  }
+  auto frame = casefile::read_coil_frame(folder / frame_file);
   if (!frame) {
     return tl::unexpected(frame.error());
   }
@@ -156,16 +231,23 @@ base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::ve
   if (auto ok = root.finish(); !ok) {
     return tl::unexpected(ok.error());
   }
+  std::vector<ListedImage> images;
   for (const Entry &entry : *entries) {
     const Eigen::Vector3d normal = *mri::parse_orientation(entry.orientation);
     mri::CoilScan scan;
     scan.name = entry.name;
     scan.on = entry.on;
     scan.verify = entry.verify;
-    for (const auto &[path, to] :
-         {std::pair(entry.background, &scan.background), std::pair(entry.foreground, &scan.foreground),
-          std::pair(entry.opposite, &scan.opposite), std::pair(entry.background_opposed, &scan.reversed_background),
-          std::pair(entry.foreground_opposed, &scan.reversed_foreground)}) {
+    struct {
+      const char *key;
+      const std::string &path;
+      const mri::Stack *&to;
+    } const listed[] = {{"background", entry.background, scan.background},
+                        {"foreground", entry.foreground, scan.foreground},
+                        {"opposite", entry.opposite, scan.opposite},
+                        {"background_opposed", entry.background_opposed, scan.reversed_background},
+                        {"foreground_opposed", entry.foreground_opposed, scan.reversed_foreground}};
+    for (const auto &[key, path, to] : listed) {
       if (path.empty()) {
         continue;
       }
@@ -173,9 +255,14 @@ base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::ve
       if (!stack) {
         return tl::unexpected(stack.error());
       }
-      *to = *stack;
+      to = *stack;
+      images.push_back({to, "scans[" + std::to_string(out.scans.size()) + "]." + key, out.scans.size(),
+                        std::string_view(key).starts_with("background")});
     }
     out.scans.push_back(std::move(scan));
+  }
+  if (auto differ = check_all_differ(file, images); !differ) {
+    return tl::unexpected(differ.error());
   }
   if (!read_out.empty()) {
     const Eigen::Matrix4d T_ras_device =

@@ -43,7 +43,8 @@ struct ScanList {
 
 [[nodiscard]] base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::vector<std::string> *notes);
 
-// An image (RAS) as slices along its third axis, in Device. Refused where no axis of it is along the normal.
+// An image (RAS) as slices along its third axis, in Device. Refused where no axis of it is along the normal, or where
+// its pixels are square across another one.
 [[nodiscard]] base::Result<mri::Stack> slices_of(const mri::Stack &ras, const Eigen::Vector3d &normal_patient,
                                                  mri::PatientPosition position, const std::string &what);
 

@@ -167,6 +167,17 @@ TEST(Artefacts, PairsThatDoNotBelongTogetherAreRefused) {
   Stack dark = background;
   std::fill(dark.voxels.begin(), dark.voxels.end(), 0.0F);
   ASSERT_FALSE(find_artefacts(dark, dark).has_value());
+  const auto empty = find_artefacts(background, dark);
+  ASSERT_FALSE(empty.has_value());
+  EXPECT_EQ(empty.error(), "the foreground shows no signal");
+
+  // Some slices that were never filled.
+  Stack holes = foreground;
+  std::fill(holes.voxels.begin() + static_cast<std::ptrdiff_t>(holes.offset(0, 0, 50)),
+            holes.voxels.begin() + static_cast<std::ptrdiff_t>(holes.offset(0, 0, 53)), 0.0F);
+  const auto lacking = find_artefacts(background, holes);
+  ASSERT_FALSE(lacking.has_value());
+  EXPECT_NE(lacking.error().find("slice 51 of the foreground is 10 % as bright"), std::string::npos) << lacking.error();
 }
 
 TEST(Artefacts, SlicesMayComeOneByOneInAnyOrder) {

@@ -1,7 +1,9 @@
 // `bregma mri register` on files, and the files that it reads.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -203,6 +205,11 @@ TEST(MriRegister, RefusalsAreExitCode1AndSayWhy) {
   EXPECT_NE(reason().find("fewer than four"), std::string::npos);
   save(files.folder, "on.nrrd", drawn({}, 0, 2, 0.5));
   EXPECT_NE(reason().find("not the same protocol"), std::string::npos);
+  // No coil is left to register.
+  save(files.folder, "on.nrrd", drawn(places(files.frame, {0, 1, 2, 3, 4, 5}, kPlaced), 6.0, 2));
+  write(files.folder, "scans.toml", kScans + "verify = [\"a\", \"b\"]\n");
+  EXPECT_NE(reason().find("only 0 of the coils that are seen register"), std::string::npos);
+  write(files.folder, "scans.toml", kScans);
   // Mounted otherwise than its file states.
   save(files.folder, "on.nrrd", drawn(places(files.frame, {0, 1, 2, 3, 4, 5}, kPlaced), 6.0, 2));
   write(files.folder, "frame.toml",
@@ -222,6 +229,14 @@ TEST(MriRegister, WrongFilesAreExitCode2AndNameTheValue) {
   };
   write(files.folder, "scans.toml", kScans + "verify = [\"c\"]\n");
   EXPECT_NE(error().find("\"c\" is no coil and no group of the frame small"), std::string::npos);
+  write(files.folder, "scans.toml", kScans.substr(kScans.find('\n') + 1));
+  EXPECT_NE(error().find("frame: is"), std::string::npos);
+  std::string some = kScans;
+  some.replace(some.find("\"a\", \"b\""), 8, "\"a\"");
+  write(files.folder, "scans.toml", some + "verify = [\"b1\"]\n");
+  EXPECT_NE(error().find("b1 is not on in this scan"), std::string::npos);
+  write(files.folder, "scans.toml", kScans + "opposite = \"on.nrrd\"\n");
+  EXPECT_NE(error().find("scans[0].foreground and scans[0].opposite are the same image"), std::string::npos);
   std::string coronal = kScans;
   coronal.replace(coronal.find("\"T\""), 3, "\"X9\"");
   write(files.folder, "scans.toml", coronal);
@@ -229,6 +244,11 @@ TEST(MriRegister, WrongFilesAreExitCode2AndNameTheValue) {
   write(files.folder, "scans.toml", "frame = \"nothing.toml\"\n");
   EXPECT_NE(error().find("nothing.toml"), std::string::npos);
   write(files.folder, "scans.toml", kScans);
+  Stack lost = drawn(places(files.frame, {0, 1, 2, 3, 4, 5}, kPlaced), 6.0, 2);
+  const auto slice = static_cast<std::ptrdiff_t>(lost.offset(0, 0, 1));
+  std::copy_backward(lost.voxels.begin() + 50 * slice, lost.voxels.end() - slice, lost.voxels.end());
+  save(files.folder, "on.nrrd", lost);
+  EXPECT_NE(error().find("have the same pixels: one was lost"), std::string::npos) << error();
   std::filesystem::remove(files.folder.path() / "on.nrrd");
   EXPECT_NE(error().find("on.nrrd"), std::string::npos);
 }
@@ -242,6 +262,24 @@ TEST(MriRegister, ASeriesInAnotherOrientationThanListedIsAnError) {
   const auto run = files.run();
   EXPECT_EQ(run.exit_code, 2);
   EXPECT_NE(run.err.find("its slices are not in the orientation T"), std::string::npos) << run.err;
+}
+
+TEST(MriRegister, SlicesThatAreListedInAnotherOfTheirAxesAreAnError) {
+  const Files files;
+  for (const char *name : {"off.nrrd", "on.nrrd"}) {
+    auto stack = casefile::read_volume(files.folder.path() / name);
+    ASSERT_TRUE(stack.has_value());
+    stack->T_image_index.col(2) *= 1.1; // slices of 1.65 mm
+    ASSERT_TRUE(casefile::write_volume(files.folder.path() / name, *stack).has_value());
+  }
+  std::string sagittal = kScans;
+  sagittal.replace(sagittal.find("\"T\""), 3, "\"S\"");
+  write(files.folder, "scans.toml", sagittal);
+  const auto run = files.run();
+  EXPECT_EQ(run.exit_code, 2) << run.out;
+  EXPECT_NE(run.err.find("its pixels are square in the orientation T, so its slices are not in the orientation S"),
+            std::string::npos)
+      << run.err;
 }
 
 TEST(CoilFrames, ReadBackAsWrittenAndRefuseByName) {
