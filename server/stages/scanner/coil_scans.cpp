@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kSamePlane_mm = 0.05;
 constexpr double kSameReadOut = 0.01; // relative, of movements by B0
-constexpr double kTable_mm = 0.5;      // a larger change of the table's position is a movement
+constexpr double kTable_mm = 0.5;     // a larger change of the table's position is a movement
 
 } // namespace
 

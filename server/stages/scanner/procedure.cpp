@@ -425,7 +425,8 @@ void Procedure::poll_step(std::int64_t now_ns) {
                     " s, after which their controller switches them off, before the series was complete",
                 "take fewer slices or a longer hold (scanner.hold_s), then confirm " + name_of(step_));
   }
-  if (series && scanner_driver_.is_silent(now_ns)) {
+  const bool absent = no_writer_ns_ != 0 && now_ns - no_writer_ns_ >= options_.reply_timeout_ns;
+  if (series && (absent || scanner_driver_.is_silent(now_ns))) {
     return fail("the driver of " + options_.scanner + " has ended or is not reached: start it again");
   }
   if (series && scans(Role::kForeground) && coils_driver_.is_silent(now_ns)) {

@@ -78,6 +78,14 @@ public:
   // ---- what happens ----
   // Every accepted slice of the scanner. True if it belongs to the procedure.
   bool on_slice(const wire::ImageSlice &slice, std::int64_t now_ns);
+  // Number of programs that may send slices.
+  void on_writers(std::uint32_t alive, std::int64_t now_ns) {
+    if (alive > 0) {
+      no_writer_ns_ = 0;
+    } else if (no_writer_ns_ == 0) {
+      no_writer_ns_ = now_ns;
+    }
+  }
   // Slices come from another program than before: it counts its series anew, and knows of no order.
   void on_other_scanner();
   // A slice that was refused at the input; text: why.
@@ -205,6 +213,7 @@ private:
   std::int64_t hold_ends_ns_ = 0; // of the coils that were ordered on
   std::string coils_fault_;
   SeenDriver scanner_driver_, coils_driver_;
+  std::int64_t no_writer_ns_ = 0; // since when no program sends slices; 0: one does
 
   std::vector<PlannedScan> plan_;
   std::size_t scan_ = 0;

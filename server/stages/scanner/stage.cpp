@@ -258,7 +258,9 @@ void ScannerStage::take_slices(const Moment &now) {
     return true;
   });
   if (taken == 0) {
-    guard_.set_writers_alive(slices_.writers_alive());
+    const std::uint32_t alive = slices_.writers_alive();
+    guard_.set_writers_alive(alive);
+    procedure_.on_writers(alive, now.utc_ns);
   }
 }
 

@@ -687,6 +687,20 @@ TEST(ScannerProcedure, AScannerThatEndsWithinASeriesEndsTheStepSoon) {
   EXPECT_LT(bench.now.utc_ns - began_ns, 15'000'000'000);
 }
 
+TEST(ScannerProcedure, AScannerThatWasNeverStartedIsSaidSoon) {
+  ScannerBench bench;
+  bench.topics.set_writers_alive<wire::ImageSlice>(0);
+  bench.scanner.answers = false;
+  bench.scanner.change = [](wire::ImageSlice &slice) { (void)wire::set_name(slice.device, "Elsewhere"); };
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  const std::int64_t began_ns = bench.now.utc_ns;
+  EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_TRUE(says(bench.state.text, "the driver of Scanner has ended or is not reached")) << bench.state.text;
+  EXPECT_LT(bench.now.utc_ns - began_ns, 15'000'000'000);
+}
+
 TEST(ScannerProcedure, ACoilControllerThatIsLostWithinTheForegroundEndsTheStep) {
   ScannerBench bench;
   bench.scanner.health(1, 1, bregma_wire_DRIVER_CONNECTED, "Coils");
