@@ -349,8 +349,10 @@ bool Procedure::on_slice(const wire::ImageSlice &slice, std::int64_t now_ns) {
 
 void Procedure::on_other_scanner() {
   last_series_ = 0;
-  if (phase_ == Phase::kReceiving) {
-    fail("the scanner's program was started again within series " + std::to_string(series_->series()));
+  // Background and foreground are of one program: two scanners of one name may both have been ordered.
+  if (phase_ == Phase::kReceiving || (phase_ != Phase::kComputing && busy() && scan_ > 0)) {
+    fail("another program than before sends the slices of " + options_.scanner +
+         ": it was started again, or two have this name");
   }
 }
 

@@ -46,6 +46,8 @@ public:
   // What a driver states about itself, from now on once per step.
   void health(std::int64_t started_ns, std::uint64_t connections, wire::DriverState state,
               const char *device = "Scanner");
+  // Slices come from another program from now on.
+  void other_program() { ++writer_; }
   // Its program ends, with all orders, and another one begins to count.
   void restart();
 

@@ -687,6 +687,28 @@ TEST(ScannerProcedure, AScannerThatEndsWithinASeriesEndsTheStepSoon) {
   EXPECT_LT(bench.now.utc_ns - began_ns, 15'000'000'000);
 }
 
+// Both were ordered; the second one's slices come first after a pause.
+TEST(ScannerProcedure, BackgroundAndForegroundAreOfOneProgram) {
+  ScannerBench bench;
+  bool second = false;
+  bench.scanner.change = [&](wire::ImageSlice &slice) {
+    if (slice.coil_state == bregma_wire_COILS_OFF && wire::view(slice.protocol) == "top" && slice.index == 60) {
+      second = true;
+    }
+  };
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.confirm("top").result, bregma_wire_COMMAND_DONE);
+  while (!second) {
+    bench.step();
+  }
+  bench.let_pass(3'000'000'000);
+  bench.scanner.other_program();
+  ASSERT_TRUE(bench.settle());
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "another program than before sends the slices of Scanner");
+}
+
 TEST(ScannerProcedure, AScannerThatWasNeverStartedIsSaidSoon) {
   ScannerBench bench;
   bench.topics.set_writers_alive<wire::ImageSlice>(0);
