@@ -123,7 +123,13 @@ std::string scanner_text(const wire::ScannerRegistration &state) {
   }
   out += any ? "\n" + table.text() + "\n" : "";
   out += "Accepted: " + std::string(scanner_validity_label(state.validity)) +
-         (state.validity_text[0] != '\0' ? ", " + plain(state.validity_text) : "") + "\n";
+         (state.validity_text[0] != '\0' ? ", " + plain(state.validity_text) : "");
+  if (state.validity == bregma_wire_SCANNER_VALID) {
+    out += ", revision " + std::to_string(state.accepted_revision) + ", predicted error at the target " +
+           fixed(state.accepted_tre_95_mm, 2, "mm") + " (95 %)" +
+           (state.accepted_corrected ? "" : ", without a distortion field");
+  }
+  out += "\n";
   out += "Slices: " + std::to_string(state.slices_taken) + " taken, " + std::to_string(state.slices_refused) +
          " refused, " + std::to_string(state.slices_corrected) + " corrected" +
          (state.refused_text[0] != '\0' ? "; the last refused: " + plain(state.refused_text) : "") + "\n";

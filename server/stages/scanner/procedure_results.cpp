@@ -206,7 +206,7 @@ void Procedure::fill(wire::ScannerRegistration &out, std::int64_t now_ns) const 
   out.step = step_;
   out.activity = activity_;
   wire::set_text(out.text, text_);
-  wire::set_text(out.next, next_);
+  wire::set_text(out.next, coils_fault_.empty() ? next_ : coils_fault_ + "; then: " + next_);
   if (phase_ == Phase::kWaiting || phase_ == Phase::kReceiving) {
     (void)wire::set_name(out.protocol, plan_[scan_].protocol);
     out.slices = series_ ? series_->received() : 0;

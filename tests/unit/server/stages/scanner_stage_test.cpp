@@ -774,11 +774,13 @@ TEST(ScannerProcedure, TheCoilsAreOrderedOffUntilThatIsConfirmed) {
     bench.step();
   }
   EXPECT_TRUE(bench.alarms.contains("coils_on"));
+  EXPECT_TRUE(says(bench.state.next, "the coils may carry current; disconnect it; then: mend it")) << bench.state.next;
   bench.scanner.answers = true;
   for (int i = 0; i < 220; ++i) {
     bench.step();
   }
   EXPECT_TRUE(bench.alarms.empty());
+  EXPECT_TRUE(says(bench.state.next, "mend it")) << bench.state.next;
 }
 
 // The controller switches off by itself after the hold: the rest of the series would show no coil.
