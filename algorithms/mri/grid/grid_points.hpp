@@ -2,7 +2,8 @@
 //
 // Slice by slice, as in [Tuna 2022, section III-B, figure 3]: adaptive threshold, closing, dilation, skeleton, branch
 // points, their dilation and centroids. Slices that show one plane of bars are a group; their points are averaged with
-// the paper's weights, a slice's number of points over the largest number. What the paper mends by hand follows:
+// the paper's weights: a slice's number of points (over that of all intersections, which cancels). What the paper mends
+// by hand follows:
 //
 // - sub-voxel: across each bar that leaves the crossing, at some distance from it, the centroid of its profile; the
 //   median over the bars gives each coordinate. The bars are followed as their crossings bend them. A bubble or a

@@ -104,6 +104,10 @@ SliceGuard::Check SliceGuard::check_header(const wire::ImageSlice &s) {
     return malformed("it is slice " + std::to_string(s.index) + " of " + std::to_string(s.count) + " of series " +
                      std::to_string(s.series));
   }
+  if (std::uint64_t{s.columns} * s.rows * s.count > kMaxSeries) {
+    return malformed("its series of " + std::to_string(s.count) + " slices of " + std::to_string(s.columns) + " x " +
+                     std::to_string(s.rows) + " is too large");
+  }
   for (const std::int32_t constant : {s.phase_encoding, s.read_out, s.coil_state, s.patient_position, s.correction}) {
     if (constant < 0) {
       return malformed("a negative constant in its header");

@@ -30,6 +30,7 @@ class SliceGuard {
 public:
   static constexpr std::uint32_t kMaxPixels = 1U << 20U; // per slice
   static constexpr std::uint32_t kMaxSlices = 512;       // per series
+  static constexpr std::uint64_t kMaxSeries = 1U << 27U; // pixels of a series: a stage keeps two as numbers of 4 bytes
 
   explicit SliceGuard(const wire::Name &device);
 

@@ -81,6 +81,14 @@ TEST(SliceGuard, RefusesWhatNoScannerSends) {
       {"thickness", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.thickness_mm = -1.0; }},
       {"slice 4 of 3", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.index = 4; }},
       {"of series 0", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.series = 0; }},
+      {"is too large", bregma_wire_REJECT_MALFORMED,
+       [](auto &s) {
+         static std::vector<std::uint16_t> pixels(1U << 20U);
+         s.columns = s.rows = 1024;
+         s.count = 129;
+         s.pixels._buffer = pixels.data();
+         s.pixels._length = s.pixels._maximum = 1U << 20U;
+       }},
       {"negative constant", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.correction = -1; }},
       {"parallel", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.read_out = 1, s.phase_encoding = 2; }},
       {"no time", bregma_wire_REJECT_MALFORMED, [](auto &s) { s.device_time_ns = 0; }},
