@@ -1,7 +1,6 @@
 // A susceptibility that enters the bore after the field was mapped: does the predicted error cover what it does, and do
 // the coils that verify show it? docs/scanner.md.
 #include <algorithm>
-#include <cstdio>
 #include <string>
 #include <vector>
 
@@ -18,14 +17,13 @@ constexpr const char *kOffTheTree = "inner-top-1"; // a target away from the coi
 // Of one size of the susceptibility, over the runs.
 struct Outcome {
   int runs = 0, refused = 0, alarmed = 0;
-  int covered = 0;                                    // by the prediction of the registration alone
-  int answered[2] = {0, 0};                           // at each target: refused, alarmed, or covered after verification
-  int answered_one[2] = {0, 0};                       // in images of one read-out, after opposed ones
-  std::vector<double> error_mm, offset_mm;            // at the tree; of the coils that verify
-  std::vector<double> b0_change_mm;                   // largest at a coil
-  std::vector<base::PlotPoint> errors_over_offset[2]; // without, with an alarm
-  std::vector<double> accepted_mm, predicted_mm;      // error and its 95 % bound of what was not refused
-  std::vector<double> one_mm, one_predicted_mm;       // the same in images of one read-out
+  int covered = 0;                               // by the prediction of the registration alone
+  int answered[2] = {0, 0};                      // at each target: refused, alarmed, or covered after verification
+  int answered_one[2] = {0, 0};                  // in images of one read-out, after opposed ones
+  std::vector<double> error_mm, offset_mm;       // at the tree; of the coils that verify
+  std::vector<double> b0_change_mm;              // largest at a coil
+  std::vector<double> accepted_mm, predicted_mm; // error and its 95 % bound of what was not refused
+  std::vector<double> one_mm, one_predicted_mm;  // the same in images of one read-out
 
   void answer_all() {
     for (int *count : {&answered[0], &answered[1], &answered_one[0], &answered_one[1]}) {
@@ -68,8 +66,6 @@ void one_run(Outcome &out, double ppm, ReadOuts read_outs, std::uint64_t seed) {
   const mri::B0Change b0 =
       mri::b0_change(found.value_or(std::vector<mri::LocatedCoil>()), run.result.coils, T.pose, options.mapped_b0);
   out.b0_change_mm.push_back(b0.max_mm);
-  out.errors_over_offset[verification.failure.empty() ? 0 : 1].push_back(
-      {verification.offset_mm.norm(), alone.error_mm.norm()});
   if (!verification.failure.empty()) {
     ++out.alarmed;
     return out.answer_all();
@@ -128,12 +124,15 @@ void robot_susceptibility(Report &report, const MriBenchOptions &options) {
       "region of 95 % that is stated after verification. Opposed read-outs: phantom, coils and target are scanned "
       "twice, the second time with the read-out reversed, and their places averaged.");
   base::Plot plot;
-  plot.title = "Error at the target over the offset of the coils that verify";
-  plot.x = {"offset of the coils that verify, mm", false, 0.0, std::nullopt};
-  plot.y = {"true error at the target, mm", false, 0.0, std::nullopt};
-  plot.series = {{"accepted", base::colour::kBlue, base::Mark::kPoints, {}, 2.0, false, 1.0},
-                 {"alarm", base::colour::kOrange, base::Mark::kPoints, {}, 2.0, false, 1.0},
-                 {"opposed read-outs", base::colour::kGreen, base::Mark::kPoints, {}, 2.0, false, 1.0}};
+  plot.title = "Error at the target over the susceptibility that entered";
+  plot.x = {"susceptibility, ppm", false, 0.0, 3.2};
+  plot.y = {"mm", false, 0.0, std::nullopt};
+  const auto curve = [](const char *name, const char *colour, bool dashed) {
+    return base::Series{name, colour, base::Mark::kLine, {}, 2.0, dashed, 1.0};
+  };
+  plot.series = {
+      curve("one read-out, mean", base::colour::kOrange, false), curve("95 % of runs", base::colour::kOrange, true),
+      curve("opposed read-outs, mean", base::colour::kBlue, false), curve("95 % of runs", base::colour::kBlue, true)};
   Progress progress("susceptibility", 2 * static_cast<int>(sizes.size()) * runs);
   for (const ReadOuts read_outs : {ReadOuts::kOne, ReadOuts::kOpposed}) {
     for (const double ppm : sizes) {
@@ -142,10 +141,9 @@ void robot_susceptibility(Report &report, const MriBenchOptions &options) {
         one_run(out, ppm, read_outs,
                 700000 + static_cast<std::uint64_t>(options.first) + static_cast<std::uint64_t>(run));
       }
-      for (std::size_t i = 0; i < 2; ++i) {
-        auto &points = plot.series[read_outs == ReadOuts::kOne ? i : 2].points;
-        points.insert(points.end(), out.errors_over_offset[i].begin(), out.errors_over_offset[i].end());
-      }
+      const std::size_t first = read_outs == ReadOuts::kOne ? 0 : 2;
+      plot.series[first].points.push_back({ppm, average(out.error_mm)});
+      plot.series[first + 1].points.push_back({ppm, percentile(out.error_mm, 0.95)});
       const std::string name = std::to_string(static_cast<int>(ppm)) + " ppm after mapping" +
                                (read_outs == ReadOuts::kOne ? "" : ", opposed read-outs");
       add_figures(report, name, out, ppm, read_outs, options.quick ? 0.0 : 93.0);
