@@ -79,12 +79,16 @@ ProcedureAnswer Procedure::confirm(const std::string &device, const std::string 
     if (options_.phantom_mm.cols() == 0) {
       return {false, "no control points of the phantom are configured (scanner.phantom)"};
     }
+    placed_by_hand();
     begin(bregma_wire_SCANNER_STEP_SCOUT, now_ns);
     return {true, "the phantom is scanned"};
   }
   if (step == "swap" || step == "top") {
     if (step_ < bregma_wire_SCANNER_STEP_SWAP) {
       return {false, "the phantom is not measured: confirm phantom first"};
+    }
+    if (step == "swap") {
+      placed_by_hand();
     }
     begin(step == "swap" ? bregma_wire_SCANNER_STEP_FRAME_SCOUT : bregma_wire_SCANNER_STEP_TOP, now_ns);
     return {true, "the registration frame is scanned"};
@@ -160,6 +164,13 @@ void Procedure::forget_scans() {
   tree_.reset();
   estimate_.reset();
   verifying_.clear();
+}
+
+void Procedure::placed_by_hand() {
+  if (accepted_ && validity_ == bregma_wire_SCANNER_VALID) {
+    void_registration(bregma_wire_SCANNER_FRAME_MOVED,
+                      "phantom or frame were placed by hand since the registration: register again");
+  }
 }
 
 bool Procedure::found_anew() const {

@@ -165,7 +165,8 @@ private:
   void confirmed_off();
   void poll_step(std::int64_t now_ns);
   [[nodiscard]] std::uint64_t new_id(std::int64_t now_ns);
-  void forget_scans(); // of the coils, and the estimate by them
+  void placed_by_hand(); // the accepted registration is void
+  void forget_scans();   // of the coils, and the estimate by them
   void changed() { ++revision_; }
   [[nodiscard]] bool busy() const { return phase_ != Phase::kIdle; }
   [[nodiscard]] bool has_expired(std::int64_t expires_ns, std::int64_t now_ns) const { // 0: never

@@ -610,6 +610,25 @@ TEST(ScannerProcedure, ScansOfBeforeTheFrameWasPlacedAreForgotten) {
   EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_ACCEPT) << bench.state.text;
 }
 
+TEST(ScannerProcedure, AFrameThatWasPlacedAnewVoidsTheRegistration) {
+  ScannerBench bench;
+  bench.procedure();
+  accept(bench);
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALID) << "nothing was moved yet";
+  EXPECT_EQ(bench.confirm("swap").result, bregma_wire_COMMAND_DONE);
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_FRAME_MOVED);
+  EXPECT_FALSE(bench.stage->pose.load()->valid);
+  EXPECT_TRUE(bench.alarms.contains("scanner_moved"));
+  ASSERT_TRUE(bench.settle());
+  EXPECT_LT(bench.state.change_mm, 0.3) << "against the one that is void";
+  accept(bench);
+  bench.step();
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALID);
+  EXPECT_TRUE(bench.alarms.empty());
+}
+
 // As scanners do: all odd slices first, then the even ones backwards.
 TEST(ScannerProcedure, SlicesInAnyOrderGiveTheSameRegistration) {
   ScannerBench in_order, mixed;
