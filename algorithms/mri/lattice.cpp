@@ -6,6 +6,7 @@
 #include <limits>
 
 #include <Eigen/LU>
+#include <Eigen/QR>
 
 namespace bregma::mri {
 
@@ -115,6 +116,40 @@ LatticeSteps lattice_steps(const Points3 &points_mm, double spacing_mm) {
     out.steps_mm.col(static_cast<Index>(i)) = found[i];
   }
   return out;
+}
+
+std::optional<double> bend_mm(const Points3 &points_mm) {
+  constexpr int kRounds = 5;
+  constexpr double kBetween = 0.25; // of a step, along any of them
+  constexpr double kMaxBetween = 0.2;
+  const Points3 start = lattice_steps(points_mm).steps_mm;
+  if (start.cols() < 3) {
+    return std::nullopt;
+  }
+  Eigen::Matrix3d steps = start;
+  const Vector3d middle = points_mm.rowwise().mean();
+  Index centre = 0;
+  (points_mm.colwise() - middle).colwise().squaredNorm().minCoeff(&centre);
+  Vector3d origin = points_mm.col(centre);
+  double rms = 0.0;
+  Index between = 0;
+  for (int round = 0; round < kRounds; ++round) {
+    const Eigen::Matrix3d steps_of_mm = steps.inverse();
+    if (!steps_of_mm.allFinite()) {
+      return std::nullopt;
+    }
+    const Points3 at = steps_of_mm * (points_mm.colwise() - origin);
+    const Points3 place = at.array().round();
+    between = ((at - place).cwiseAbs().colwise().maxCoeff().array() > kBetween).count();
+    Eigen::Matrix<double, Eigen::Dynamic, 4> A(points_mm.cols(), 4);
+    A << place.transpose(), Eigen::VectorXd::Ones(points_mm.cols());
+    const Eigen::Matrix<double, 4, 3> fit = A.colPivHouseholderQr().solve(points_mm.transpose());
+    steps = fit.topRows<3>().transpose();
+    origin = fit.row(3).transpose();
+    rms = std::sqrt((A * fit - points_mm.transpose()).rowwise().squaredNorm().mean());
+  }
+  return static_cast<double>(between) <= kMaxBetween * static_cast<double>(points_mm.cols()) ? std::optional(rms)
+                                                                                             : std::nullopt;
 }
 
 Halves every_other(const Points3 &points_mm) {

@@ -4,6 +4,7 @@
 // up to the distortion. Units: mm. Pure functions, any thread; O(N^2) time.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include <Eigen/Core>
@@ -23,6 +24,11 @@ struct LatticeSteps {
 // Most frequent displacements between near neighbours, averaged over the points. spacing_mm: of a known lattice, where
 // points may be doubled; 0: the median distance of nearest neighbours.
 [[nodiscard]] LatticeSteps lattice_steps(const geometry::Points3 &points_mm, double spacing_mm = 0.0);
+
+// RMS distance of the points from the straight, evenly spaced lattice that fits them best, up to shear: how far
+// something has bent them. Nothing where they are no lattice, or bent so far that a fifth of them lies nearer to the
+// middle between places than to one.
+[[nodiscard]] std::optional<double> bend_mm(const geometry::Points3 &points_mm);
 
 // Every other point, as section VI-A of [Tuna 2022] holds points out "for each grid". On a lattice, neighbours along
 // its steps are in different halves, also where points are missing; without one, neighbours among the columns.

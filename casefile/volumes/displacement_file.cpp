@@ -93,6 +93,13 @@ public:
   NrrdReader(fs::path path, int components) : path_(std::move(path)), components_(components) {}
 
   base::Result<DisplacementNrrd> read() {
+    std::error_code ignored;
+    if (!fs::is_regular_file(path_, ignored)) {
+      return base::failure(problem(path_, fs::exists(path_, ignored) ? "is not a file" : "no such file"));
+    }
+    if (!read_file_head(path_, 4).bytes.starts_with("NRRD")) {
+      return base::failure(problem(path_, "is not an NRRD file"));
+    }
     const auto header = read_text_header(path_, [](std::string_view line) { return line.empty(); });
     if (!header) {
       return tl::unexpected(header.error());

@@ -1,7 +1,6 @@
 #include "casefile/volumes/scan_header.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <map>
 #include <optional>
 #include <set>
@@ -35,7 +34,8 @@ const std::vector<ScanField> &fields() {
       {{0x0018, 0x1312}, &ScanHeader::phase_encoding}, {{0x0008, 0x0022}, &ScanHeader::acquisition_date}};
   return table;
 }
-const gdcm::Tag kBandwidth(0x0018, 0x0095);
+const gdcm::Tag kBandwidth(0x0018, 0x0095), kAcquired(0x0018, 0x1310), kOrientation(0x0020, 0x0037),
+    kRows(0x0028, 0x0010), kColumns(0x0028, 0x0011), kSpacing(0x0028, 0x0030);
 
 // Without the padding of DICOM, and without control characters, which could reach a terminal.
 // Values are padded to an even length, with blanks or NUL.
@@ -48,7 +48,7 @@ base::Result<ScanHeader> read_file(const fs::path &file) {
   if (const auto whole = read_dicom_file(file); !whole) {
     return tl::unexpected(whole.error());
   }
-  std::set<gdcm::Tag> tags{kBandwidth};
+  std::set<gdcm::Tag> tags{kBandwidth, kAcquired, kOrientation, kRows, kColumns, kSpacing};
   for (const ScanField &field : fields()) {
     tags.insert(field.tag);
   }
@@ -63,8 +63,20 @@ base::Result<ScanHeader> read_file(const fs::path &file) {
   for (const ScanField &field : fields()) {
     out.*(field.value) = value_of_tag(filter.ToString(field.tag));
   }
-  const std::string bandwidth = value_of_tag(filter.ToString(kBandwidth));
-  std::from_chars(bandwidth.data(), bandwidth.data() + bandwidth.size(), out.bandwidth_Hz);
+  const auto numbers = [&](const gdcm::Tag &tag) { return decimal_numbers(value_of_tag(filter.ToString(tag))); };
+  const std::vector<double> bandwidth = numbers(kBandwidth), acquired = numbers(kAcquired),
+                            orientation = numbers(kOrientation), rows = numbers(kRows), columns = numbers(kColumns),
+                            spacing = numbers(kSpacing);
+  out.bandwidth_Hz = bandwidth.size() == 1 ? bandwidth.front() : 0.0;
+  const bool along_rows = out.phase_encoding.starts_with("COL");
+  if ((along_rows || out.phase_encoding == "ROW") && orientation.size() == 6) {
+    out.read_out = Eigen::Vector3d(orientation.data() + (along_rows ? 0 : 3));
+    // Samples of the read-out along rows or columns, then of the phase encoding; the others are 0.
+    const double samples = acquired.size() == 4 ? std::max(acquired[0], acquired[1]) : 0.0;
+    if (samples > 0.0 && rows.size() == 1 && columns.size() == 1 && spacing.size() == 2) {
+      out.read_out_pixel_mm = (along_rows ? columns[0] * spacing[1] : rows[0] * spacing[0]) / samples;
+    }
+  }
   return out;
 }
 

@@ -2,7 +2,10 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
+
+#include <Eigen/Core>
 
 #include "base/result.hpp"
 
@@ -25,7 +28,12 @@ struct ScanHeader {
   std::string patient_position;   // (0018,5100)
   std::string phase_encoding;     // (0018,1312): ROW or COL
   std::string acquisition_date;   // (0008,0022), YYYYMMDD
-  double bandwidth_Hz = 0.0;      // (0018,0095) per pixel; 0: not stated
+  double bandwidth_Hz = 0.0;      // (0018,0095) per acquired pixel; 0: not stated
+  // Along the rows or the columns, LPS, either sign; none where phase_encoding or the orientation is not stated.
+  std::optional<Eigen::Vector3d> read_out;
+  // Field of view along the read-out over the samples acquired there (0018,1310); 0: not stated. An image that the
+  // scanner has interpolated has smaller pixels.
+  double read_out_pixel_mm = 0.0;
 
   [[nodiscard]] std::string scanner() const; // manufacturer, model, serial number: those that are stated
   [[nodiscard]] VendorCorrection vendor_correction() const;

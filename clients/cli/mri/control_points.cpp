@@ -15,6 +15,7 @@ using nlohmann::json;
 
 namespace {
 
+constexpr double kBent_mm = 0.5;      // no CT bends a lattice so far
 constexpr double kSameSpacing = 1.15; // ratio of the spacings of one phantom in two images
 
 std::string unmatched_lines(const char *side, const std::vector<mri::UnmatchedPoint> &points) {
@@ -52,6 +53,31 @@ base::Result<geometry::Points3> read_control_points(const std::string &file, std
     out.col(static_cast<Eigen::Index>(i)) = read->points[i].position_mm;
   }
   return out;
+}
+
+base::Result<void> check_lists(const geometry::Points3 &ct_mm, const std::vector<geometry::Points3> &scans_mm,
+                               const std::vector<std::string> &names) {
+  std::vector<const geometry::Points3 *> lists{&ct_mm};
+  for (const geometry::Points3 &scan : scans_mm) {
+    lists.push_back(&scan);
+  }
+  for (std::size_t i = 0; i < lists.size(); ++i) {
+    for (std::size_t j = i + 1; j < lists.size(); ++j) {
+      if (lists[i]->cols() == lists[j]->cols() && *lists[i] == *lists[j]) {
+        return base::failure(names[i] + " and " + names[j] + " hold the same points: one of them is the wrong file");
+      }
+    }
+  }
+  const auto of_ct = mri::bend_mm(ct_mm);
+  for (std::size_t s = 0; s < scans_mm.size(); ++s) {
+    const auto of_mr = mri::bend_mm(scans_mm[s]);
+    if (of_ct && of_mr && *of_ct > kBent_mm && *of_ct > 2.0 * *of_mr) {
+      return base::failure("the points of " + names[0] + " are bent by " + fixed(*of_ct, 1, "mm") +
+                           " (RMS), those of " + names[s + 1] + " by " + fixed(*of_mr, 1, "mm") +
+                           ": CT does not distort, so the files are exchanged");
+    }
+  }
+  return {};
 }
 
 std::string why_not_matched(const mri::MatchResult &match, const geometry::Points3 &ct_mm,

@@ -164,14 +164,15 @@ base::Result<std::shared_ptr<const mri::FieldTable>> table_for(const CorrectArgu
     note(std::nullopt);
     return fields.table();
   }
-  double bandwidth_Hz = arguments.bandwidth_Hz;
-  if (bandwidth_Hz == 0.0) {
-    const auto header = casefile::read_scan_header(arguments.image, arguments.series);
-    bandwidth_Hz = header ? header->bandwidth_Hz : 0.0;
+  std::optional<casefile::ScanHeader> header;
+  if (casefile::is_dicom(arguments.image)) {
+    if (auto read = casefile::read_scan_header(arguments.image, arguments.series)) {
+      header = std::move(*read);
+    }
   }
-  const auto in_image = movement_in(volume.T_image_index, arguments.read_out, bandwidth_Hz);
+  const auto in_image = movement_in(volume.T_image_index, arguments.read_out, arguments.bandwidth_Hz, header);
   if (!in_image) {
-    return base::failure(arguments.image + ": " + in_image.error().message + "; state it by --bandwidth-Hz");
+    return base::failure(arguments.image + ": " + in_image.error().message);
   }
   const Eigen::Vector3d mm_per_Hz = T_field_image.topLeftCorner<3, 3>() * *in_image;
   if (fields.is_opposite(mm_per_Hz)) {
@@ -286,13 +287,17 @@ void add_mri_correct(CLI::App &mri, Context &context) {
         const auto position = mri::parse_patient_position(text);
         return position ? std::string() : position.error();
       });
-  command->add_option("--read-out", arguments->read_out,
-                      "Where the image's read-out shifts a spin of higher frequency to (R, L, A, P, S, I): its B0 is "
-                      "corrected where the field holds both parts");
+  auto *read_out =
+      command
+          ->add_option("--read-out", arguments->read_out,
+                       "Where the image's read-out shifts a spin of higher frequency to (R, L, A, P, S, I): its B0 is "
+                       "corrected where the field holds both parts")
+          ->check(CLI::IsMember({"R", "L", "A", "P", "S", "I"}));
   command
       ->add_option("--bandwidth-Hz", arguments->bandwidth_Hz,
                    "With --read-out: bandwidth per pixel, where the image does not state it")
-      ->check(CLI::Range(1.0, 100000.0));
+      ->check(CLI::Range(1.0, 100000.0))
+      ->needs(read_out);
   command->add_flag("--jacobian", arguments->jacobian, "Correct the brightness as well");
   command->add_flag("--not-corrected", arguments->not_corrected,
                     "States that the vendor has not corrected the image, where its file cannot say so");

@@ -125,6 +125,11 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   if (auto free = check_output("--output", arguments.output, inputs); !free) {
     return fail(free.error());
   }
+  if (const auto lists = check_lists(*ct, scans, inputs); !lists) {
+    json nothing;
+    withhold(nothing, {"output"});
+    return refuse("refused", lists.error().message, context, std::move(nothing));
+  }
   if (scans.size() > 1) {
     return run_several(arguments, *ct, scans, context);
   }
@@ -183,21 +188,26 @@ void add_mri_field(CLI::App &mri, Context &context) {
       ->add_option("mr", arguments->mr,
                    "Control points in MR; their origin is the isocentre. Several scans separate gradients and B0")
       ->required();
-  command
-      ->add_option("--read-out", arguments->scans.read_outs,
-                   "Once per scan: where its read-out shifts a spin of higher frequency to (R, L, A, "
-                   "P, S, I)")
-      ->expected(1)
-      ->take_all();
+  auto *read_out = command
+                       ->add_option("--read-out", arguments->scans.read_outs,
+                                    "Once per scan: where its read-out shifts a spin of higher frequency to (R, L, A, "
+                                    "P, S, I)")
+                       ->check(CLI::IsMember({"R", "L", "A", "P", "S", "I"}))
+                       ->expected(1)
+                       ->take_all();
   command
       ->add_option("--slice-shift", arguments->scans.slices,
                    "The same along the normal of its slices; without it slices are not shifted")
+      ->check(CLI::IsMember({"R", "L", "A", "P", "S", "I"}))
       ->expected(1)
-      ->take_all();
+      ->take_all()
+      ->needs(read_out);
   command->add_option("--pixel-mm", arguments->scans.pixel_mm, "Pixel along the read-out")
-      ->check(CLI::Range(0.05, 20.0));
+      ->check(CLI::Range(0.05, 20.0))
+      ->needs(read_out);
   command->add_option("--bandwidth-Hz", arguments->scans.bandwidth_Hz, "Bandwidth per pixel")
-      ->check(CLI::Range(1.0, 100000.0));
+      ->check(CLI::Range(1.0, 100000.0))
+      ->needs(read_out);
   command->add_option("--thickness-mm", arguments->scans.thickness_mm, "With --slice-shift: thickness of a slice")
       ->check(CLI::Range(0.05, 100.0));
   command->add_option("--pulse-Hz", arguments->scans.pulse_Hz, "With --slice-shift: bandwidth of the slice's pulse")

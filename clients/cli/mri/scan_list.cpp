@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -11,6 +12,7 @@
 
 #include "base/table_reader.hpp"
 #include "casefile/coil_frames.hpp"
+#include "casefile/volumes/scan_header.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "clients/cli/mri/read_out.hpp"
 
@@ -267,7 +269,13 @@ base::Result<ScanList> read_scan_list(const std::filesystem::path &file, std::ve
   if (!read_out.empty()) {
     const Eigen::Matrix4d T_ras_device =
         (mri::T_image_patient() * mri::T_device_patient(out.position).inverse()).matrix();
-    const auto movement = movement_in(T_ras_device * out.images.front().T_image_index, read_out, bandwidth_Hz);
+    std::optional<casefile::ScanHeader> header;
+    if (casefile::is_dicom(out.files.front())) {
+      if (auto stated = casefile::read_scan_header(out.files.front())) {
+        header = std::move(*stated);
+      }
+    }
+    const auto movement = movement_in(T_ras_device * out.images.front().T_image_index, read_out, bandwidth_Hz, header);
     if (!movement) {
       return base::failure(file.string() + ": read_out \"" + read_out + "\", bandwidth_Hz " +
                            std::to_string(bandwidth_Hz) + ": " + movement.error().message);

@@ -189,7 +189,8 @@ TEST(MriField, TheRealRepeatsSeparateGradientsAndB0) {
   };
   EXPECT_NE(refused("").find("2 scans need --read-out once per scan"), std::string::npos);
   EXPECT_NE(refused(" --read-out R --read-out L").find("--pixel-mm"), std::string::npos);
-  EXPECT_NE(refused(protocol + " --read-out R --read-out Q").find("not one of R, L, A, P, S, I"), std::string::npos);
+  EXPECT_EQ(run_bregma(folder, files + protocol + " --read-out R --read-out Q").exit_code, 2);
+  EXPECT_EQ(run_bregma(folder, files + protocol).exit_code, 2);
   EXPECT_NE(refused(protocol + " --read-out R --read-out R").find("alike"), std::string::npos);
 }
 
@@ -253,6 +254,15 @@ TEST(MriField, PointsThatDoNotBelongTogetherAreRefusedByReason) {
   EXPECT_NE(reason("cm.csv").find(units), std::string::npos) << reason("cm.csv");
   EXPECT_NE(reason("few.csv").find("12 points are needed in each list, there are 125 in CT and 11 in MR"),
             std::string::npos);
+  EXPECT_NE(reason("ct.csv").find("ct.csv and ct.csv hold the same points"), std::string::npos);
+  // Exchanged, the field would distort twice.
+  const Points3 wide = test::lattice(8, 17.0);
+  write_points(folder, "straight.csv", wide);
+  write_points(folder, "bent.csv", test::SourceField(5, 4.0).image_of(wide));
+  const auto exchanged = run_bregma(folder, "mri field bent.csv straight.csv -o field.nrrd --json");
+  EXPECT_EQ(exchanged.exit_code, 1) << exchanged.out;
+  EXPECT_NE(exchanged.out.find("so the files are exchanged"), std::string::npos) << exchanged.out;
+  EXPECT_EQ(run_bregma(folder, "mri field straight.csv bent.csv").exit_code, 0);
   const std::string two = reason("mr.csv cm.csv --read-out R --read-out L --pixel-mm 1 --bandwidth-Hz 260");
   EXPECT_NE(two.find("cm.csv: no match"), std::string::npos) << two;
   EXPECT_NE(two.find(units), std::string::npos) << two;

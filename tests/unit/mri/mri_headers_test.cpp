@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "casefile/volumes/displacement_file.hpp"
+#include "casefile/volumes/scan_header.hpp"
 #include "casefile/volumes/volume.hpp"
 #include "drivers/sim/scanner/dicom_slice.hpp"
 #include "tests/unit/casefile/files.hpp"
@@ -28,17 +29,18 @@ struct Series {
   std::string patient_position = "HFS";
   int mark_from = 0; // the first slice with that image type
   std::string uid = "1.2.3.4";
+  unsigned darkest = 100; // pixel
 };
 
 // Transverse slices of 8 x 8 pixels of 2 mm around the isocentre.
 void write_series(const std::filesystem::path &folder, const Series &series) {
   ASSERT_EQ(series.image_type.size(), kNotCorrected.size());
   std::filesystem::create_directories(folder);
-  std::vector<std::uint16_t> pixels(64);
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    pixels[i] = static_cast<std::uint16_t>(100 + 10 * i);
-  }
   for (int k = 0; k < kSlices; ++k) {
+    std::vector<std::uint16_t> pixels(64);
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      pixels[i] = static_cast<std::uint16_t>(series.darkest + 10 * i + static_cast<unsigned>(k));
+    }
     sim::scanner::DicomSlice slice;
     slice.columns = slice.rows = 8;
     slice.pixels = pixels;
@@ -151,6 +153,36 @@ TEST(MriHeaders, OfTwoSeriesOneIsChosen) {
   EXPECT_NE(points.err.find("control points are written as .mrk.json"), std::string::npos) << points.err;
 }
 
+// Acquired with half as many samples along the rows as the image has columns.
+TEST(MriHeaders, TheReadOutOfTheHeaderAndItsAcquiredPixelCount) {
+  const TemporaryFolder folder;
+  write_field(folder / "field.nrrd");
+  write_series(folder / "images", {});
+  for (int k = 0; k < kSlices; ++k) {
+    const auto file = folder / ("images/IM" + std::to_string(k) + ".dcm");
+    std::string bytes = tests::read_file(file);
+    const std::string phase("\x18\x00\x12\x13", 4); // (0018,1312); the acquisition matrix comes before it
+    bytes.insert(bytes.find(phase), std::string("\x18\x00\x10\x13US\x08\x00\x04\x00\x00\x00\x00\x00\x08\x00", 16));
+    std::ofstream(file, std::ios::binary) << bytes;
+  }
+  const auto header = casefile::read_scan_header(folder / "images");
+  ASSERT_TRUE(header) << header.error().message;
+  EXPECT_EQ(header->bandwidth_Hz, 260.0);
+  ASSERT_TRUE(header->read_out.has_value());
+  EXPECT_EQ(*header->read_out, Eigen::Vector3d(1, 0, 0));
+  EXPECT_DOUBLE_EQ(header->read_out_pixel_mm, 4.0);
+
+  const auto run = [&](const std::string &more) {
+    return run_bregma(folder, "mri correct field.nrrd images -o out.nrrd " + more);
+  };
+  EXPECT_EQ(run("--read-out L").exit_code, 0) << run("--read-out L").err;
+  const auto across = run("--read-out A");
+  EXPECT_EQ(across.exit_code, 2);
+  EXPECT_NE(across.err.find("across that of its header, which runs along R and L"), std::string::npos) << across.err;
+  EXPECT_EQ(run("--read-out X").exit_code, 2);
+  EXPECT_EQ(run("--bandwidth-Hz 260").exit_code, 2);
+}
+
 TEST(MriHeaders, TheErrorsOfAFieldAreAnInputAsWell) {
   const TemporaryFolder folder;
   write_field(folder / "field.nrrd");
@@ -179,9 +211,10 @@ TEST(MriHeaders, ImagesOfOneRegistrationAreOfOnePositionAndOneCorrection) {
     EXPECT_EQ(run.exit_code, 2) << run.out;
     return run.err;
   };
-  EXPECT_NE(reason({kNotCorrected, "FFS"}).find("has the patient position FFS, the list states HFS"),
+  EXPECT_NE(reason({kNotCorrected, "FFS", 0, "1.2.3.4", 90}).find("has the patient position FFS, the list states HFS"),
             std::string::npos);
-  EXPECT_NE(reason({"ORIGINAL\\PRI\\M\\DIS3D  "}).find("the vendor has corrected one of them"), std::string::npos);
+  EXPECT_NE(reason({"ORIGINAL\\PRI\\M\\DIS3D  ", "HFS", 0, "1.2.3.4", 90}).find("the vendor has corrected one of them"),
+            std::string::npos);
 }
 
 } // namespace

@@ -76,6 +76,28 @@ TEST(Lattice, StepsOfATiltedLatticeAreFound) {
   EXPECT_LT((gram - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff(), 0.02);
 }
 
+TEST(Lattice, ItsBendIsTheDistanceFromAStraightOne) {
+  const Points3 straight = test::lattice(7, 15.0);
+  Points3 bent = straight;
+  for (auto p : bent.colwise()) { // an even function has no affine part
+    p.x() += 0.8 * std::cos(0.2 * p.y());
+  }
+  ASSERT_TRUE(bend_mm(straight) && bend_mm(bent));
+  EXPECT_LT(*bend_mm(straight), 1e-9);
+  const Eigen::VectorXd shift = (bent - straight).row(0);
+  EXPECT_NEAR(*bend_mm(bent), std::sqrt((shift.array() - shift.mean()).square().mean()), 0.02);
+  Points3 stretched = straight;
+  stretched.row(2) *= 1.03; // is not bent
+  EXPECT_LT(*bend_mm(stretched), 1e-9);
+  std::mt19937 rng(7);
+  std::uniform_real_distribution<double> place(-80.0, 80.0);
+  Points3 cloud(3, 201);
+  for (auto &coordinate : cloud.reshaped()) {
+    coordinate = place(rng);
+  }
+  EXPECT_FALSE(bend_mm(cloud));
+}
+
 TEST(Lattice, NeighboursAreInDifferentHalvesAlsoInAnotherOrderAndWithPointsMissing) {
   Points3 points = without(scan(test::lattice(7, 15.0), 5).ct, {3, 4, 50, 113, 114, 115, 200});
   std::vector<Index> order(static_cast<std::size_t>(points.cols()));
