@@ -161,6 +161,7 @@ void ScannerOnTheWire::set_coils(const wire::Command &command, driver::Io &io) {
   }
   groups_on_ = groups;
   current_mA_ = groups.empty() ? 0.0 : body.current_mA;
+  off_ns_ = io.now_ns() + std::llround(1e9 * std::clamp(body.hold_s, 0.0, 3600.0)); // as the controller does
   if (plays_coils_) {
     reply(command, bregma_wire_COMMAND_DONE, groups.empty() ? "all coils off" : pattern + " on", io);
   }
@@ -188,7 +189,7 @@ void ScannerOnTheWire::acquire(const wire::Command &command, driver::Io &io) {
   series.plan = plan_of(known->plane, Vector3d(0, known->centre_mm, 0), slices);
   series.plan.read_reversed = reversed;
   series.phantom = known->phantom;
-  if (!known->phantom && std::abs(current_mA_) > 0.0) {
+  if (!known->phantom && std::abs(current_mA_) > 0.0 && io.now_ns() < off_ns_) {
     series.on = groups_on_;
     series.polarity = current_mA_ > 0.0 ? 1 : -1;
     series.current_mA = current_mA_;

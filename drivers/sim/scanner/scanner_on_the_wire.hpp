@@ -4,7 +4,7 @@
 // COMMAND_ACQUIRE_SERIES names a protocol: scout, phantom, top, bottom, tree-coronal, tree-sagittal, tree-transverse,
 // tree-oblique. The coils follow COMMAND_SET_COILS to the device `coils`, as the simulated frame hangs on that
 // controller; with plays_coils the scanner also answers these commands. A series shows the coils as they were when it
-// began. Truth is not published: `--write` of bregma-sim-scanner writes it for the same seed.
+// began, off after their hold. Truth is not published: `--write` of bregma-sim-scanner writes it for the same seed.
 //
 // Images are computed on a thread of their own, one series at a time, so that read() never waits for them.
 #pragma once
@@ -75,6 +75,7 @@ private:
   std::unique_ptr<SimulatedScanner> scanner_; // used by the worker while work_ is valid
   std::vector<std::string> groups_on_;
   double current_mA_ = 0.0;
+  std::int64_t off_ns_ = 0; // the end of the coils' hold
   std::deque<Series> waiting_;
   std::optional<Series> current_;
   std::future<Stack> work_;

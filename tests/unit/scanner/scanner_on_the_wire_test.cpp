@@ -136,6 +136,17 @@ TEST_F(Wire, SeriesCarryTheStateOfTheCoilsAndMatchTheirFiles) {
   }
 }
 
+TEST_F(Wire, CoilsAreOffAfterTheirHold) {
+  start({"plays_coils=true", "slice_ms=0", "seed=5"});
+  ASSERT_EQ(send(bregma_wire_COMMAND_SET_COILS, {"Coils", "mid-top", "75", "0.000001"}, "Coils").result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_EQ(send(bregma_wire_COMMAND_ACQUIRE_SERIES, {"Scanner", "top", "1"}, "Scanner").result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_EQ(bus.slices.size(), 1U);
+  EXPECT_EQ(bus.slices[0].header.coil_state, bregma_wire_COILS_OFF);
+  EXPECT_EQ(bus.slices[0].header.coils_on, 0U);
+}
+
 TEST_F(Wire, EveryProtocolHasItsReadOutReversed) {
   start({"plays_coils=true", "slice_ms=0", "seed=5"});
   for (const char *protocol : {"scout", "scout-reversed"}) {
