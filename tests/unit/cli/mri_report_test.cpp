@@ -72,6 +72,28 @@ TEST(MriReport, SeriesAreCollectedAndWhatIsMalformedIsCounted) {
   EXPECT_EQ(record.largest("phantom"), nullptr);
 }
 
+TEST(MriReport, AScannerThatIsStartedAgainBeginsASeries) {
+  Slices make;
+  RunRecord record;
+  wire::ImageSlice last = make.slice("top", 1, 1, 2);
+  last.frame = 7;
+  record.add(last);
+  for (std::uint32_t k = 1; k <= 2; ++k) {
+    wire::ImageSlice again = make.slice("top", 1, k, 2);
+    again.frame = k;
+    record.add(again);
+  }
+  ASSERT_EQ(record.series().size(), 2U);
+  EXPECT_TRUE(record.series().back().complete());
+  EXPECT_EQ(record.left_out(), 0U);
+  record.add(last);
+  record.add(last);
+  EXPECT_EQ(record.left_out(), 2U);
+  const auto page = html_page(record, {}, {});
+  ASSERT_TRUE(page) << page.error().message;
+  EXPECT_NE(page->find("2 left out"), std::string::npos);
+}
+
 TEST(MriReport, ASliceThatIsPublishedAgainReplacesTheFormer) {
   Slices make;
   RunRecord record;

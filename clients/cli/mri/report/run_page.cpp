@@ -14,6 +14,12 @@ namespace bregma::cli::mri_report {
 
 namespace {
 
+std::string left_out_text(const RunRecord &record) {
+  return record.left_out() > 0
+             ? ", " + std::to_string(record.left_out()) + " left out: malformed, doubled, or more than are kept"
+             : "";
+}
+
 using report::HtmlTable;
 using report::Judgement;
 using report::section;
@@ -44,7 +50,8 @@ std::string header(const RunRecord &record, const std::vector<Judgement> &judgem
     slices += series.received();
   }
   const std::string sub = std::to_string(record.series().size()) + " series, " + std::to_string(slices) +
-                          " slices received, " + std::to_string(record.corrected().size()) + " corrected";
+                          " slices received, " + std::to_string(record.corrected().size()) + " corrected" +
+                          left_out_text(record);
   return "<header><h1>Robot to scanner: distortion and registration</h1><span class='badge " +
          std::string(good ? "good'>all checks hold" : "bad'>a check fails") + "</span><p class='sub'>" +
          base::escape(sub) + "</p></header>";
@@ -153,6 +160,7 @@ std::string summary_text(const RunRecord &record, const RunAnalysis &analysis,
   if (record.state()) {
     out += scanner_text(*record.state()) + "\n";
   }
+  out += record.left_out() > 0 ? "Received" + left_out_text(record) + "\n" : "";
   Table table({"Check", "Value", "Wanted", ""});
   for (const Judgement &one : judgements) {
     table.row({one.text, value_text(one), limit_text(one), one.holds ? "holds" : "FAILS"});

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -63,7 +64,9 @@ void RunRecord::add(const wire::ImageSlice &slice) {
     ++left_out_;
     return;
   }
-  if (series_.empty() || series_.back().header.series != slice.series) {
+  // A scanner that is started again counts slices and series anew.
+  const bool restarted = slice.frame < std::exchange(frame_, slice.frame);
+  if (series_.empty() || restarted || series_.back().header.series != slice.series) {
     ReceivedSeries series;
     series.header = slice;
     series.header.pixels = {};
@@ -105,7 +108,11 @@ void RunRecord::add(const wire::CorrectedSlice &slice) {
   });
   if (same != corrected_.end()) {
     *same = std::move(picture);
-  } else if (corrected_.size() < kMaxCorrected) {
+  } else {
+    if (corrected_.size() >= kMaxCorrected) {
+      corrected_.erase(corrected_.begin());
+      ++left_out_;
+    }
     corrected_.push_back(std::move(picture));
   }
 }

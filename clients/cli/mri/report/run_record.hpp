@@ -56,7 +56,7 @@ public:
   [[nodiscard]] const std::optional<wire::ScannerRegistration> &state() const { return state_; } // the latest
   [[nodiscard]] const std::vector<CorrectedPicture> &corrected() const { return corrected_; }
   [[nodiscard]] const std::optional<wire::RobotTool> &tool() const { return tool_; }
-  [[nodiscard]] std::size_t left_out() const { return left_out_; } // slices
+  [[nodiscard]] std::size_t left_out() const { return left_out_; } // slices: malformed, doubled, too many
 
   // The complete series of this protocol with most slices; none: nullptr.
   [[nodiscard]] const ReceivedSeries *largest(const std::string &protocol) const;
@@ -73,6 +73,7 @@ private:
   std::vector<CorrectedPicture> corrected_;
   std::optional<wire::RobotTool> tool_;
   std::size_t pixels_ = 0, left_out_ = 0;
+  std::uint64_t frame_ = 0; // of the last slice
 };
 
 } // namespace bregma::cli::mri_report
