@@ -1,9 +1,11 @@
 #include "casefile/coil_frames.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <optional>
 #include <string_view>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -14,6 +16,7 @@ namespace bregma::casefile {
 
 namespace {
 
+constexpr std::string_view kAllOff = "background";
 constexpr std::string_view kDirections[] = {"L", "R", "P", "A", "H", "F"};
 
 // Unit vectors of Patient (LPS).
@@ -51,6 +54,19 @@ std::optional<Eigen::Matrix3d> read_mount(base::TableReader &root) {
   return out;
 }
 
+// Why no pattern of a controller and no list of scans could name it; empty if one can.
+std::string word_problem(const std::string &word) {
+  if (word == kAllOff) {
+    return "stands for all coils off";
+  }
+  const bool plain = std::none_of(word.begin(), word.end(), [](char c) {
+    return static_cast<unsigned char>(c) < 0x20 || c == '+' || c == '"' || c == '\\';
+  });
+  return word.empty() || word != base::trimmed(word) || !plain
+             ? "must be a word without + \" \\ and without blanks at its ends"
+             : std::string();
+}
+
 } // namespace
 
 base::Result<mri::CoilFrame> read_coil_frame(const std::filesystem::path &file) {
@@ -68,8 +84,20 @@ base::Result<mri::CoilFrame> read_coil_frame(const std::filesystem::path &file) 
     coil.name = table.require_string("name");
     coil.group = table.string("group", coil.name);
     coil.position_mm = table.require_vector3("position_mm");
+    for (const auto &[key, word] : {std::pair("name", coil.name), std::pair("group", coil.group)}) {
+      if (const std::string problem = word_problem(word); !problem.empty()) {
+        table.refuse(key, problem);
+      }
+    }
     if (out.find(coil.name) >= 0) {
       table.refuse("name", "appears twice");
+    }
+    for (const mri::FrameCoil &other : out.coils) {
+      if (other.group == coil.name) {
+        table.refuse("name", "is the group of " + other.name + ": a pattern that names it would mean both");
+      } else if (other.name == coil.group) {
+        table.refuse("group", "is the coil " + other.name + " as well: a pattern that names it would mean both");
+      }
     }
     for (const mri::FrameCoil &other : out.coils) {
       if ((other.position_mm - coil.position_mm).norm() < 1.0) {
@@ -111,7 +139,7 @@ std::string coil_frame_text(const mri::CoilFrame &frame) {
 
 tl::expected<std::uint64_t, std::string> coils_of(const mri::CoilFrame &frame, const std::string &pattern) {
   std::uint64_t out = 0;
-  if (pattern == "background") {
+  if (pattern == kAllOff) {
     return out;
   }
   for (const std::string_view word : base::cells(pattern, '+')) {

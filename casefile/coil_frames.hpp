@@ -24,8 +24,8 @@
 
 namespace bregma::casefile {
 
-// Refused: fewer than four coils, names that repeat, two coils in the same place, directions that are not
-// perpendicular.
+// Refused: fewer than four coils, names that repeat, that are the group of another coil or that no pattern can hold,
+// two coils in the same place, directions that are not perpendicular.
 [[nodiscard]] base::Result<mri::CoilFrame> read_coil_frame(const std::filesystem::path &file);
 
 // Reads back to the same frame.

@@ -310,6 +310,18 @@ TEST(CoilFrames, ReadBackAsWrittenAndRefuseByName) {
             std::string::npos);
   EXPECT_NE(refused(good + "[[coils]]\nname = \"z\"\nposition_mm = [-50, -45, 30]\n").find("is the place of a1"),
             std::string::npos);
+  // Words that a pattern could not name, or that would name more.
+  for (const char *word : {"background", "a+b", "", " z"}) {
+    EXPECT_NE(
+        refused(good + "[[coils]]\nname = \"" + word + "\"\ngroup = \"g\"\nposition_mm = [0, 0, 99]\n").find("name"),
+        std::string::npos)
+        << word;
+  }
+  EXPECT_NE(refused(good + "[[coils]]\nname = \"a\"\nposition_mm = [0, 0, 99]\n").find("is the group of a1"),
+            std::string::npos);
+  EXPECT_NE(
+      refused(good + "[[coils]]\nname = \"z\"\ngroup = \"a1\"\nposition_mm = [0, 0, 99]\n").find("is the coil a1"),
+      std::string::npos);
   EXPECT_NE(refused("name = \"x\"\nx_points_to = \"L\"\n").find("belong together"), std::string::npos);
   EXPECT_NE(refused("name = \"x\"\n").find("at least four"), std::string::npos);
 }
