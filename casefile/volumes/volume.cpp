@@ -206,15 +206,19 @@ base::Result<void> write_checked(const fs::path &path,
   fs::path fresh = place;
   // The format is known by the extension, so that the name has something before it: what no file of a user has.
   fresh.replace_filename("." + std::to_string(::getpid()) + "-" + place.filename().string());
+  const fs::path folder = fresh.has_parent_path() ? fresh.parent_path() : fs::path(".");
+  if (!fs::is_directory(folder, error)) {
+    return base::failure(file_error(path, "cannot be written: its folder does not exist"));
+  }
   auto done = write(fresh);
   if (done) {
-    const auto whole = read_image_header(fresh, image_format_of(fresh), std::nullopt);
-    const fs::path folder = fresh.parent_path();
-    if (!whole && fs::space(folder.empty() ? fs::path(".") : folder, error).available == 0) {
-      done = base::failure(file_error(path, "cannot be written: the disk is full"));
-    } else if (!whole) {
+    if (const auto whole = read_image_header(fresh, image_format_of(fresh), std::nullopt); !whole) {
       done = base::failure(file_error(path, "cannot be written as a whole file: " + whole.error().message));
     }
+  }
+  // Before the new file is removed.
+  if (const auto space = fs::space(folder, error); !done && !error && space.available == 0) {
+    done = base::failure(file_error(path, "cannot be written: the disk is full"));
   }
   if (done) {
     fs::rename(fresh, place, error);

@@ -401,6 +401,9 @@ TEST(WriteVolume, RefusesFormatsThatItDoesNotKnow) {
   ASSERT_FALSE(written);
   EXPECT_EQ("/tmp/a.png: cannot be written: the extension is none of .nii, .nii.gz, .nrrd, .mha",
             written.error().message);
+  const auto nowhere = write_volume("/nonexistent/a.nrrd", pattern(Eigen::Matrix3d::Identity()));
+  ASSERT_FALSE(nowhere);
+  EXPECT_EQ("/nonexistent/a.nrrd: cannot be written: its folder does not exist", nowhere.error().message);
 }
 
 } // namespace
