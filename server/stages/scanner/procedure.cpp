@@ -85,7 +85,9 @@ ProcedureAnswer Procedure::confirm(const std::string &device, const std::string 
   }
   if (step == "swap" || step == "top") {
     if (step_ < bregma_wire_SCANNER_STEP_SWAP) {
-      return {false, "the phantom is not measured: confirm phantom first"};
+      return {
+          false,
+          "the phantom is not measured: confirm phantom first; or start again, to go on with the field that is there"};
     }
     if (step == "swap") {
       placed_by_hand();
@@ -144,7 +146,9 @@ ProcedureAnswer Procedure::reset(const std::string &device, std::int64_t /*now_n
   if (const auto wrong = refuse_device(device)) {
     return {false, *wrong};
   }
-  switch_off();
+  if (options_.frame) {
+    switch_off();
+  }
   phase_ = Phase::kIdle;
   measuring_.reset();
   series_.reset();
@@ -155,7 +159,7 @@ ProcedureAnswer Procedure::reset(const std::string &device, std::int64_t /*now_n
   text_ = "reset";
   next_ = "start the registration of the scanner";
   changed();
-  return {true, "the coils are ordered off; the registration is void"};
+  return {true, std::string(options_.frame ? "the coils are ordered off; " : "") + "the registration is void"};
 }
 
 void Procedure::forget_scans() {
@@ -335,6 +339,10 @@ bool Procedure::on_slice(const wire::ImageSlice &slice, std::int64_t now_ns) {
     last_series_ = slice.series;
     text_ = "receives series " + std::to_string(slice.series) + ", " + plan_[scan_].protocol;
   } else if (phase_ == Phase::kReceiving && slice.series == series_->series()) {
+    if (table_moved(stated_table(header_), stated_table(slice))) {
+      fail("the table moved within series " + std::to_string(slice.series));
+      return true;
+    }
     if (const auto added = series_->add(slice); !added) {
       fail("slice " + std::to_string(slice.index) + " of series " + std::to_string(slice.series) + ": " +
            added.error());

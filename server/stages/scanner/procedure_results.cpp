@@ -127,6 +127,9 @@ void Procedure::estimate(std::int64_t now_ns) {
 
 void Procedure::check(std::int64_t now_ns) {
   const bool of_accepted = !found_anew();
+  if (of_accepted && validity_ != bregma_wire_SCANNER_VALID) { // since the coils were ordered
+    return fail("the registration is void, " + validity_text_, "confirm top to register anew");
+  }
   auto &pose = of_accepted ? accepted_->T_base_device : estimate_->T_base_device;
   const geometry::Matrix6d &fitted = of_accepted ? accepted_->fitted_covariance : fitted_covariance_;
   const std::optional<double> table = of_accepted ? accepted_->table_mm : top_->table_mm();

@@ -584,6 +584,30 @@ TEST(ScannerProcedure, AVoidRegistrationIsNotVerified) {
   EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_DONE);
 }
 
+TEST(ScannerProcedure, ARegistrationThatIsVoidedWhileItIsVerifiedIsNotVerified) {
+  ScannerBench bench;
+  bench.procedure();
+  accept(bench);
+  EXPECT_EQ(bench.confirm("verify").result, bregma_wire_COMMAND_DONE);
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    slice.table_mm = wire::view(slice.protocol) == "live" ? 12.0 : 0.0;
+  };
+  bench.scanner.send_live("live", 1, bench.now.utc_ns);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED) << bench.state.text;
+  EXPECT_TRUE(says(bench.state.text, "the registration is void, the table moved by")) << bench.state.text;
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_TABLE_MOVED);
+}
+
+TEST(ScannerProcedure, ATableThatMovesWithinASeriesEndsTheStep) {
+  ScannerBench bench;
+  bench.scanner.change = [](wire::ImageSlice &slice) {
+    slice.table_mm = slice.index > 30 && slice.coil_state == bregma_wire_COILS_OFF ? 12.0 : 0.0;
+  };
+  bench.procedure();
+  expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "the table moved within series");
+}
+
 TEST(ScannerProcedure, ATableThatMovesBeforeTheOperatorAcceptsIsNoticed) {
   ScannerBench bench;
   bench.procedure();
