@@ -231,6 +231,9 @@ base::Result<ScannerField> measure_field(const FieldMeasurement &input) {
   out.initial_mm = fields->initial.overall.mean_mm;
   out.residual_mm = fields->residual.overall.mean_mm;
   out.residual_max_mm = fields->residual.overall.max_mm;
+  if (input.unwanted && input.unwanted->load()) {
+    return base::failure("the measurement was reset");
+  }
   if (!input.file.empty()) {
     if (auto saved = save(input, out); !saved) {
       return tl::unexpected(saved.error());

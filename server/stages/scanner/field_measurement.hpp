@@ -4,6 +4,7 @@
 // seconds to a minute, so it runs on a thread of its own.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -47,6 +48,7 @@ struct FieldMeasurement {
   std::filesystem::path file; // empty: the field is not saved
   int days = 90;              // until it expires; 0: never
   std::int64_t utc_ns = 0;
+  std::shared_ptr<const std::atomic<bool>> unwanted; // set: nothing is saved. May be null
 };
 
 // Refused with a sentence: no grid, no certain correspondence, a phantom that moved, a file that cannot be written.

@@ -150,7 +150,10 @@ ProcedureAnswer Procedure::reset(const std::string &device, std::int64_t /*now_n
     switch_off();
   }
   phase_ = Phase::kIdle;
-  measuring_.reset();
+  if (measuring_) {
+    unwanted_->store(true);
+    measuring_.reset();
+  }
   series_.reset();
   forget_scans();
   accepted_.reset();

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -228,6 +229,7 @@ private:
   std::optional<image::Image<float, 3>> phantom_, phantom_again_, phantom_reversed_;
   wire::ImageSlice phantom_header_{};
   std::shared_ptr<JobResult<base::Result<ScannerField>>> measuring_;
+  std::shared_ptr<std::atomic<bool>> unwanted_; // the measurement under way was reset
   std::optional<ScannerField> field_;
   std::int64_t wall_lead_ns_ = 0;
 

@@ -41,6 +41,8 @@ void Procedure::measure(std::int64_t now_ns) {
   input.file = options_.field_file;
   input.days = options_.field_days;
   input.utc_ns = now_ns + wall_lead_ns_;
+  unwanted_ = std::make_shared<std::atomic<bool>>(false);
+  input.unwanted = unwanted_;
   measuring_ = std::make_shared<JobResult<base::Result<ScannerField>>>();
   phase_ = Phase::kComputing;
   activity_ = bregma_wire_SCANNER_COMPUTES;

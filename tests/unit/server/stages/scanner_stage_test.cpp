@@ -2,6 +2,7 @@
 // with a fake scanner, coil controller and registration frame.
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <map>
 #include <string>
 #include <utility>
@@ -472,6 +473,24 @@ TEST(ScannerProcedure, AForegroundWithAnotherReadOutThanItsBackgroundIsRefused) 
   };
   bench.procedure();
   expect_failed(bench, bregma_wire_SCANNER_STEP_TOP, "another read-out or bandwidth than the background");
+}
+
+TEST(ScannerProcedure, AFieldWhoseMeasurementWasResetIsNotSaved) {
+  ScannerBench bench(true);
+  bench.host.later = true;
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_START_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  while (bench.host.jobs.empty()) {
+    bench.step();
+    ASSERT_NE(bench.state.activity, bregma_wire_SCANNER_FAILED) << bench.state.text;
+  }
+  EXPECT_EQ(bench.command(bregma_wire_COMMAND_RESET_SCANNER_REGISTRATION, {"Scanner"}).result,
+            bregma_wire_COMMAND_DONE);
+  bench.host.jobs.front()();
+  bench.step();
+  EXPECT_EQ(bench.state.field_status, bregma_wire_FIELD_NONE);
+  EXPECT_EQ(bench.state.step, bregma_wire_SCANNER_STEP_IDLE);
+  EXPECT_FALSE(std::filesystem::exists(bench.folder.path() / "field.nrrd"));
 }
 
 TEST(ScannerProcedure, AFieldThatExpiresByTheWallClockIsNotUsed) {
