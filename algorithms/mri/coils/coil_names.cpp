@@ -21,6 +21,9 @@ bool better(const Hypothesis &a, const Hypothesis &b) {
   return a.named != b.named ? a.named > b.named : a.rms_mm < b.rms_mm;
 }
 
+constexpr int kMaxProposals = 10000;   // 16 coils in as many artefacts need 600, 24 in 16 need 3,200
+constexpr std::size_t kMaxPerCoil = 4; // artefacts
+
 class Search {
 public:
   Search(const CoilFrame &coils, std::span<const std::vector<int>> on, std::span<const Sighting> sightings,
@@ -29,7 +32,7 @@ public:
 
   std::vector<Hypothesis> run() {
     const int n = static_cast<int>(sightings_.size());
-    for (int a = 0; a < n; ++a) {
+    for (int a = 0; a < n && !exhausted(); ++a) {
       for (int b = a + 1; b < n; ++b) {
         for (const int i : allowed(a)) {
           for (const int j : allowed(b)) {
@@ -43,6 +46,8 @@ public:
     std::stable_sort(found_.begin(), found_.end(), better);
     return found_;
   }
+
+  [[nodiscard]] bool exhausted() const { return proposals_ > kMaxProposals; }
 
 private:
   [[nodiscard]] const std::vector<int> &allowed(int sighting) const {
@@ -63,7 +68,7 @@ private:
   }
 
   void third(int a, int b, int i, int j) {
-    for (int c = b + 1; c < static_cast<int>(sightings_.size()); ++c) {
+    for (int c = b + 1; c < static_cast<int>(sightings_.size()) && !exhausted(); ++c) {
       for (const int k : allowed(c)) {
         if (k == i || k == j || !agree(a, c, i, k) || !agree(b, c, j, k) || known(a, b, c, i, j, k)) {
           continue;
@@ -76,6 +81,7 @@ private:
         start[static_cast<std::size_t>(a)] = i;
         start[static_cast<std::size_t>(b)] = j;
         start[static_cast<std::size_t>(c)] = k;
+        ++proposals_;
         if (auto h = grow(start)) {
           const bool repeated =
               std::any_of(found_.begin(), found_.end(), [&](const Hypothesis &other) { return other.coil == h->coil; });
@@ -157,6 +163,7 @@ private:
   std::span<const Sighting> sightings_;
   const NamingOptions &options_;
   std::vector<Hypothesis> found_;
+  int proposals_ = 0;
 };
 
 } // namespace
@@ -165,7 +172,20 @@ Naming name_coils(const CoilFrame &coils, std::span<const std::vector<int>> on, 
                   const NamingOptions &options) {
   Naming out;
   out.coil.assign(sightings.size(), -1);
-  const std::vector<Hypothesis> found = Search(coils, on, sightings, options).run();
+  std::size_t switched = 0;
+  for (const std::vector<int> &scan : on) {
+    switched += scan.size();
+  }
+  if (sightings.size() > kMaxPerCoil * switched) {
+    out.status = Naming::Status::kTooMany;
+    return out;
+  }
+  Search search(coils, on, sightings, options);
+  const std::vector<Hypothesis> found = search.run();
+  if (search.exhausted()) {
+    out.status = Naming::Status::kTooMany;
+    return out;
+  }
   if (!found.empty()) {
     const Hypothesis &best = found.front();
     out.coil = best.coil;

@@ -29,7 +29,7 @@ struct NamingOptions {
 };
 
 struct Naming {
-  enum class Status { kNamed, kAmbiguous, kTooFew } status = Status::kTooFew;
+  enum class Status { kNamed, kAmbiguous, kTooFew, kTooMany } status = Status::kTooFew;
   std::vector<int> coil;                            // of each sighting; -1: no coil that should carry current
   std::vector<int> missing;                         // coils that should have been seen in some scan
   Rigid3<frame::Base, frame::Device> T_base_device; // least squares over the named ones
@@ -38,7 +38,8 @@ struct Naming {
   double rival_rms_mm = 0.0; // of the best other pattern with as many coils; 0: none
 };
 
-// on[s]: coils (indices into the frame) that carried current in scan s. At least four must be named.
+// on[s]: coils (indices into the frame) that carried current in scan s. At least four must be named. Far more artefacts
+// than coils propose poses without end: kTooMany, within seconds.
 [[nodiscard]] Naming name_coils(const CoilFrame &coils, std::span<const std::vector<int>> on,
                                 std::span<const Sighting> sightings, const NamingOptions &options = {});
 

@@ -146,6 +146,11 @@ private:
                                                        " artefacts fewer than four fit the frame's pattern: check "
                                                        "the frame's file, the cables, and which coils carried current");
     }
+    if (naming.status == Naming::Status::kTooMany) {
+      return refuse(RegistrationVerdict::kRefused, std::to_string(sightings.size()) +
+                                                       " artefacts are seen, too many to be named: background and "
+                                                       "foreground do not show the same scene");
+    }
     if (naming.status == Naming::Status::kAmbiguous) {
       return refuse(RegistrationVerdict::kAmbiguous, "the coils fit the frame in two ways (RMS " +
                                                          text(naming.rms_mm, "mm") + " and " +

@@ -265,6 +265,25 @@ TEST(Names, ASymmetricPatternIsAmbiguous) {
   EXPECT_EQ(name_coils(frame, on, seen).status, Naming::Status::kAmbiguous);
 }
 
+TEST(Names, FarMoreArtefactsThanCoilsEndTheSearch) {
+  CoilFrame frame;
+  std::vector<int> all;
+  sim::Random random(5, "places");
+  for (int i = 0; i < 24; ++i) {
+    const Vector3d at(random.uniform(-100, 100), random.uniform(-100, 100), random.uniform(-100, 100));
+    frame.coils.push_back({"c" + std::to_string(i), "c", at});
+    all.push_back(i);
+  }
+  std::vector<Sighting> sightings;
+  for (int i = 0; i < 60; ++i) {
+    sightings.push_back({Vector3d(random.uniform(-90, 90), random.uniform(-90, 90), random.uniform(-90, 90)), 0});
+  }
+  const std::vector<std::vector<int>> on{all};
+  EXPECT_EQ(name_coils(frame, on, sightings).status, Naming::Status::kTooMany);
+  sightings.resize(400);
+  EXPECT_EQ(name_coils(frame, on, sightings).status, Naming::Status::kTooMany);
+}
+
 TEST(Names, MissingAndForeignArtefactsAreLeftOut) {
   const CoilFrame frame = small_frame();
   const std::vector<std::vector<int>> on{{0, 1, 2, 3, 4, 5}};
