@@ -15,8 +15,9 @@ using nlohmann::json;
 
 namespace {
 
-constexpr double kBent_mm = 0.5;      // no CT bends a lattice so far
-constexpr double kSameSpacing = 1.15; // ratio of the spacings of one phantom in two images
+constexpr Eigen::Index kMostPoints = 10000; // their correspondence takes minutes
+constexpr double kBent_mm = 0.5;            // no CT bends a lattice so far
+constexpr double kSameSpacing = 1.15;       // ratio of the spacings of one phantom in two images
 
 std::string unmatched_lines(const char *side, const std::vector<mri::UnmatchedPoint> &points) {
   std::string out;
@@ -60,6 +61,12 @@ base::Result<void> check_lists(const geometry::Points3 &ct_mm, const std::vector
   std::vector<const geometry::Points3 *> lists{&ct_mm};
   for (const geometry::Points3 &scan : scans_mm) {
     lists.push_back(&scan);
+  }
+  for (std::size_t i = 0; i < lists.size(); ++i) {
+    if (lists[i]->cols() > kMostPoints) {
+      return base::failure(names[i] + " holds " + std::to_string(lists[i]->cols()) +
+                           " points, control points of a phantom are at most " + std::to_string(kMostPoints));
+    }
   }
   for (std::size_t i = 0; i < lists.size(); ++i) {
     for (std::size_t j = i + 1; j < lists.size(); ++j) {

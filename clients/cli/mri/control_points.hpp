@@ -20,8 +20,8 @@ namespace bregma::cli {
 // "matched 336 of 339 and 336 points ..." with every point that has no partner, numbered from 1 as in the file.
 [[nodiscard]] std::string match_text(const mri::MatchResult &match, Eigen::Index reference_points,
                                      Eigen::Index imaged_points);
-// Refused: a list that is another one as well, and lists of which that of CT is bent and that of MR is straight, so
-// that they are exchanged. names: of CT, then of each scan.
+// Refused: a list of more points than a phantom has, a list that is another one as well, and lists of which that of CT
+// is bent and that of MR is straight, so that they are exchanged. names: of CT, then of each scan.
 [[nodiscard]] base::Result<void> check_lists(const geometry::Points3 &ct_mm,
                                              const std::vector<geometry::Points3> &scans_mm,
                                              const std::vector<std::string> &names);

@@ -169,6 +169,11 @@ int run_field(const FieldArguments &arguments, const Context &context) {
   const mri::ErrorSummary before = mri::summarise(imaged - truth);
   text += "\nDistortion before and after correction; the residual is that of every other point, held out\n" +
           distortion_table(before, *after) + "Local spline: " + (field->has_spline() ? "used" : "not needed") + "\n";
+  if (!(after->overall.mean_mm < before.overall.mean_mm)) {
+    print_notes({arguments.mr.front() + ": at points held out the field is no better than none (" +
+                 fixed(after->overall.mean_mm, 2, "mm") + " in place of " + fixed(before.overall.mean_mm, 2, "mm") +
+                 "): the points' own errors are larger than the distortion"});
+  }
   out["initial"] = summary_json(before);
   out["residual"] = summary_json(*after);
   out["local_spline"] = field->has_spline();

@@ -255,6 +255,9 @@ TEST(MriField, PointsThatDoNotBelongTogetherAreRefusedByReason) {
   EXPECT_NE(reason("few.csv").find("12 points are needed in each list, there are 125 in CT and 11 in MR"),
             std::string::npos);
   EXPECT_NE(reason("ct.csv").find("ct.csv and ct.csv hold the same points"), std::string::npos);
+  write_points(folder, "many.csv", test::lattice(22, 17.0));
+  EXPECT_NE(reason("many.csv").find("many.csv holds 10648 points, control points of a phantom are at most 10000"),
+            std::string::npos);
   // Exchanged, the field would distort twice.
   const Points3 wide = test::lattice(8, 17.0);
   write_points(folder, "straight.csv", wide);
