@@ -49,12 +49,12 @@ public:
   base::Result<void> read(const casefile::SessionReader &reader, Tools &tools) {
     return reader
         .each<wire::SimulatedTruth>([&](const wire::SimulatedTruth &truth, std::int64_t) {
-          seed_ = truth.seeded ? std::optional<std::uint64_t>(truth.seed) : seed_;
           const auto T_image_reference = wire::from_wire<frame::Image, frame::Reference>(truth.T_image_reference);
           for (std::size_t i = 0; i < std::min<std::size_t>(truth.tool_count, std::size(truth.tools)); ++i) {
             const auto &tool = truth.tools[i];
             const Vector3d tip(tool.T_image_tip.translation_mm);
-            if (tip.allFinite()) {
+            if (tip.allFinite()) { // that of a scanner has none
+              seed_ = truth.seeded ? std::optional<std::uint64_t>(truth.seed) : seed_;
               tips_.emplace(truth.frame, TrueTip{truth.time_ns, tools.index(tool.tool), tip, T_image_reference});
             }
           }

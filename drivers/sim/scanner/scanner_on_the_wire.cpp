@@ -209,6 +209,7 @@ void ScannerOnTheWire::acquire(const wire::Command &command, driver::Io &io) {
 void ScannerOnTheWire::send_due_slices(driver::Io &io) {
   while (current_ && !current_->stack.voxels.empty() && io.now_ns() >= current_->due_ns && !io.stopping()) {
     send_slice(*current_, io);
+    send_truth(*current_, io);
     current_->due_ns += std::llround(slice_ms_ * 1e6);
     if (!folder_.empty()) {
       if (const auto written = write_file(*current_); !written) {
@@ -263,6 +264,26 @@ void ScannerOnTheWire::send_slice(Series &series, driver::Io &io) {
   slice.table_mm = table_mm_;
   slice.correction = vendor_ ? bregma_wire_CORRECTION_VENDOR_3D : bregma_wire_CORRECTION_NONE;
   (void)io.publish(slice); // publish() counts dropped samples
+}
+
+void ScannerOnTheWire::send_truth(const Series &series, driver::Io &io) const {
+  wire::SimulatedTruth out{};
+  (void)wire::set_name(out.device, device_);
+  (void)wire::set_name(out.step, series.name);
+  out.frame = frame_;
+  out.time_ns = io.now_ns();
+  out.seeded = true;
+  out.seed = static_cast<std::uint64_t>(seed_);
+  out.T_image_reference = wire::unknown_pose();
+  const auto add = [&](const char *body, const BodyPose &T_device_body) {
+    wire::TrueTool &tool = out.tools[out.tool_count++];
+    (void)wire::set_name(tool.tool, body);
+    tool.T_image_tip = wire::unknown_pose();
+    tool.T_tracker_tool = wire::to_wire(T_device_body);
+  };
+  add("Registration frame", scanner_->truth().T_device_base);
+  add("Phantom", scanner_->truth().T_device_phantom);
+  (void)io.publish(out);
 }
 
 base::Result<void> ScannerOnTheWire::write_file(const Series &series) const {

@@ -26,7 +26,7 @@ namespace bregma::sim::scanner {
 
 class ScannerOnTheWire final : public driver::Device {
 public:
-  using Writes = driver::Topics<wire::ImageSlice, wire::CommandReply>;
+  using Writes = driver::Topics<wire::ImageSlice, wire::CommandReply, wire::SimulatedTruth>;
   using Reads = driver::Topics<wire::Command>;
 
   void declare(base::ParameterSet &parameters) override;
@@ -59,6 +59,7 @@ private:
   void acquire(const wire::Command &command, driver::Io &io);
   void send_due_slices(driver::Io &io);
   void send_slice(Series &series, driver::Io &io);
+  void send_truth(const Series &series, driver::Io &io) const; // of the slice before
   [[nodiscard]] base::Result<void> write_file(const Series &series) const;
   void reply(const wire::Command &command, wire::CommandResult result, const std::string &text, driver::Io &io) const;
 

@@ -196,6 +196,7 @@ private:
   void check(std::int64_t now_ns);
   // A field is there that holds for the scans of the coils.
   [[nodiscard]] bool can_correct(std::int64_t now_ns) const;
+  [[nodiscard]] bool is_opposite_to_field(const CoilScans &scans, std::int64_t now_ns) const;
   // scans: those whose coils are corrected.
   [[nodiscard]] mri::RobotRegistrationOptions registration_options(const CoilScans &scans, std::int64_t now_ns) const;
   void watch_table(const wire::ImageSlice &slice);

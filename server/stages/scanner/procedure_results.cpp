@@ -17,6 +17,10 @@ namespace {
 
 constexpr double kB0Changed_mm = 0.2; // at one coil; without any change 0.07 are found (./dev bench mri)
 
+constexpr const char *kOppositeReadOut =
+    "the distortion field was measured with the opposite read-out, so B0 would be doubled: measure it with the "
+    "read-out of these scans, or set scanner.opposed_read_outs";
+
 wire::ScannerVerdict verdict_of(mri::RegistrationVerdict verdict) {
   return static_cast<wire::ScannerVerdict>(bregma_wire_SCANNER_VERDICT_FOUND + static_cast<int>(verdict));
 }
@@ -79,6 +83,10 @@ bool Procedure::can_correct(std::int64_t now_ns) const {
   return field_is_valid(now_ns) && (!options_.opposed_read_outs || field_->scans->has_b0());
 }
 
+bool Procedure::is_opposite_to_field(const CoilScans &scans, std::int64_t now_ns) const {
+  return can_correct(now_ns) && field_->scans->is_opposite(in_field(*field_, scans.mm_per_Hz()));
+}
+
 mri::RobotRegistrationOptions Procedure::registration_options(const CoilScans &scans, std::int64_t now_ns) const {
   mri::RobotRegistrationOptions out;
   out.limit_mm = options_.limit_mm;
@@ -111,9 +119,8 @@ void Procedure::estimate(std::int64_t now_ns) {
     result.reason = "top and bottom have different patient positions";
   } else if ((top_->mm_per_Hz() - bottom_->mm_per_Hz()).norm() > 0.01 * top_->mm_per_Hz().norm()) {
     result.reason = "top and bottom have different read-outs or bandwidths";
-  } else if (estimate_corrected_ && field_->scans->is_opposite(in_field(*field_, top_->mm_per_Hz()))) {
-    result.reason = "the distortion field was measured with the opposite read-out, so B0 would be doubled: measure it "
-                    "with the read-out of these scans, or set scanner.opposed_read_outs";
+  } else if (is_opposite_to_field(*top_, now_ns)) {
+    result.reason = kOppositeReadOut;
   }
   if (result.reason.empty()) {
     const std::array scans{top_->scan(), bottom_->scan()};
@@ -135,6 +142,9 @@ void Procedure::check(std::int64_t now_ns) {
   auto &pose = of_accepted ? accepted_->T_base_device : estimate_->T_base_device;
   const geometry::Matrix6d &fitted = of_accepted ? accepted_->fitted_covariance : fitted_covariance_;
   const std::optional<double> table = of_accepted ? accepted_->table_mm : top_->table_mm();
+  if (is_opposite_to_field(*tree_, now_ns)) { // says nothing about the registration
+    return fail(kOppositeReadOut);
+  }
   VerifyingCoils result =
       verify(*options_.frame, *tree_, {pose.pose, fitted}, of_accepted ? accepted_->coils : estimate_->coils,
              registration_options(*tree_, now_ns));

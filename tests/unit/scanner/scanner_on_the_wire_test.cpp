@@ -1,6 +1,7 @@
 // The simulated scanner as a device: series on command, the coils' state in them, and the DICOM files beside them.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <functional>
 #include <set>
@@ -29,6 +30,8 @@ public:
       slices.push_back({slice, {slice.pixels._buffer, slice.pixels._buffer + slice.pixels._length}});
     } else if (topic == wire::Topic<wire::CommandReply>::kName) {
       replies.push_back(*static_cast<const wire::CommandReply *>(sample));
+    } else if (topic == wire::Topic<wire::SimulatedTruth>::kName) {
+      truths.push_back(*static_cast<const wire::SimulatedTruth *>(sample));
     }
     return true;
   }
@@ -42,6 +45,7 @@ public:
   std::vector<wire::Command> commands;
   std::vector<wire::CommandReply> replies;
   std::vector<Received> slices;
+  std::vector<wire::SimulatedTruth> truths;
 };
 
 class Wire : public testing::Test {
@@ -145,6 +149,26 @@ TEST_F(Wire, CoilsAreOffAfterTheirHold) {
   ASSERT_EQ(bus.slices.size(), 1U);
   EXPECT_EQ(bus.slices[0].header.coil_state, bregma_wire_COILS_OFF);
   EXPECT_EQ(bus.slices[0].header.coils_on, 0U);
+}
+
+TEST_F(Wire, TheTruthOfEachSliceIsOnTheTruthTopicAlone) {
+  start({"slice_ms=0", "seed=5"});
+  ASSERT_EQ(send(bregma_wire_COMMAND_ACQUIRE_SERIES, {"Scanner", "scout", "2"}, "Scanner").result,
+            bregma_wire_COMMAND_DONE);
+  ASSERT_EQ(bus.truths.size(), 2U);
+  const SimulatedScanner same({}, 5);
+  for (std::size_t i = 0; i < 2; ++i) {
+    const wire::SimulatedTruth &truth = bus.truths[i];
+    EXPECT_STREQ(truth.device, "Scanner");
+    EXPECT_EQ(truth.frame, bus.slices[i].header.frame);
+    EXPECT_EQ(truth.seed, 5U);
+    EXPECT_TRUE(std::isnan(truth.T_image_reference.translation_mm[0]));
+    ASSERT_EQ(truth.tool_count, 2U);
+    EXPECT_STREQ(truth.tools[0].tool, "Registration frame");
+    const auto T = wire::from_wire<frame::Device, frame::Body>(truth.tools[0].T_tracker_tool);
+    EXPECT_LT((T.translation() - same.truth().T_device_base.translation()).norm(), 1e-9);
+    EXPECT_STREQ(truth.tools[1].tool, "Phantom");
+  }
 }
 
 TEST_F(Wire, EveryProtocolHasItsReadOutReversed) {

@@ -463,6 +463,19 @@ TEST(ScannerProcedure, AFieldOfTheOppositeReadOutIsNotUsed) {
   EXPECT_TRUE(says(bench.state.refused_text, "measured with the opposite read-out")) << bench.state.refused_text;
 }
 
+TEST(ScannerProcedure, AVerificationWithTheOppositeReadOutSaysNothingAboutTheRegistration) {
+  ScannerBench bench(true);
+  bench.scanner.b0_Hz = [](const Eigen::Vector3d &) { return 60.0; };
+  bench.procedure();
+  accept(bench);
+  bench.scanner.change = [](wire::ImageSlice &slice) { slice.read_out = bregma_wire_DIRECTION_ROW_NEGATIVE; };
+  EXPECT_EQ(bench.confirm("verify").result, bregma_wire_COMMAND_DONE);
+  ASSERT_TRUE(bench.settle());
+  EXPECT_EQ(bench.state.activity, bregma_wire_SCANNER_FAILED);
+  EXPECT_TRUE(says(bench.state.text, "measured with the opposite read-out")) << bench.state.text;
+  EXPECT_EQ(bench.state.validity, bregma_wire_SCANNER_VALID);
+}
+
 TEST(ScannerProcedure, AForegroundWithAnotherReadOutThanItsBackgroundIsRefused) {
   ScannerBench bench;
   bench.scanner.b0_Hz = [](const Eigen::Vector3d &) { return 0.0; };
