@@ -124,6 +124,10 @@ public:
   [[nodiscard]] const std::string &validity_text() const { return validity_text_; }
 
 private:
+  static constexpr std::int64_t kStragglers_ns = 3'000'000'000; // for slices that come after the reply to their order
+  static constexpr const char *kOff = "background";             // pattern
+  [[nodiscard]] static std::string name_of(wire::ScannerStep step);
+
   enum class Role : std::uint8_t { kScout, kPhantom, kPhantomAgain, kBackground, kForeground, kOff };
   struct PlannedScan {
     Role role = Role::kScout;
@@ -155,17 +159,11 @@ private:
 
   // procedure.cpp: steps
   void begin(wire::ScannerStep step, std::int64_t now_ns);
-  void start_scan(std::int64_t now_ns);
-  void acquire(std::int64_t now_ns);
   void end_scan(std::int64_t now_ns);
   void next_scan(std::int64_t now_ns);
   void end_step(std::int64_t now_ns);
   void wait_for_operator(wire::ScannerStep step, const std::string &text, const std::string &next);
   void fail(const std::string &text, const std::string &next = {});
-  void order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values, std::int64_t now_ns);
-  void confirmed_off();
-  void poll_step(std::int64_t now_ns);
-  [[nodiscard]] std::uint64_t new_id(std::int64_t now_ns);
   void placed_by_hand(); // the accepted registration is void
   void forget_scans();   // of the coils, and the estimate by them
   void changed() { ++revision_; }
@@ -188,6 +186,14 @@ private:
   [[nodiscard]] CoilScans &scans_of_step() { return *coil_step(step_).scans; }
   [[nodiscard]] std::vector<PlannedScan> plan_of(wire::ScannerStep step);
   [[nodiscard]] std::string retry_text() const;
+
+  // procedure_devices.cpp: orders and replies
+  void start_scan(std::int64_t now_ns);
+  void acquire(std::int64_t now_ns);
+  void order(const std::string &device, wire::CommandKind kind, std::vector<std::string> values, std::int64_t now_ns);
+  void confirmed_off();
+  void poll_step(std::int64_t now_ns);
+  [[nodiscard]] std::uint64_t new_id(std::int64_t now_ns);
 
   // procedure_results.cpp: field, registration, verification
   void measure(std::int64_t now_ns);
