@@ -60,7 +60,7 @@ base::Result<ScanFieldsFile> read_scan_fields(const fs::path &path) {
   if (!file) {
     return tl::unexpected(file.error());
   }
-  const FieldHeader header = *file;
+  const FieldHeader header = static_cast<const FieldHeader &>(*file);
   if (file->part == FieldPart::kB0) {
     return base::failure(path.string() + ": holds the part of B0 alone; name the file of the gradients beside it");
   }

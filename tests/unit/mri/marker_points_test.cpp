@@ -80,8 +80,10 @@ TEST(MarkerPoints, PlatesAreNoMarkersAndABallAtTheBorderHasNoCentre) {
 
 TEST(MarkerPoints, MarkersNearerThanTheStatedDiameterAreListed) {
   std::vector<Vector3d> balls;
-  for (int k = 0; k < 25; ++k) { // one plane
-    balls.emplace_back(19.0 * (k % 5) - 38.0, 19.0 * (k / 5) - 37.0, 0.6);
+  for (int row = 0; row < 5; ++row) { // one plane
+    for (int column = 0; column < 5; ++column) {
+      balls.emplace_back(19.0 * column - 38.0, 19.0 * row - 37.0, 0.6);
+    }
   }
   const Volume image = drawn_balls(balls);
   EXPECT_EQ(mri::find_marker_points(image)->crowded_mm.cols(), 0);

@@ -142,16 +142,16 @@ TEST(MriRegister, OpposedReadOutsAreFreeOfB0) {
   save(files.folder, "on.nrrd", shifted(1.5, 2));
   save(files.folder, "off_opposed.nrrd", drawn({}, 0, 3));
   save(files.folder, "on_opposed.nrrd", shifted(-1.5, 4));
-  casefile::DisplacementField empty;
-  empty.displacement_mm.size = empty.signed_error_95_mm.size = {2, 2, 2};
-  for (auto *grid : {static_cast<image::Grid<3> *>(&empty.displacement_mm),
-                     static_cast<image::Grid<3> *>(&empty.signed_error_95_mm)}) {
+  image::Image<Eigen::Vector3f, 3> none;
+  image::Image<float, 3> stated;
+  for (auto *grid : {static_cast<image::Grid<3> *>(&none), static_cast<image::Grid<3> *>(&stated)}) {
+    grid->size = {2, 2, 2};
     grid->T_image_index.diagonal().head<3>().setConstant(240.0);
     grid->T_image_index.topRightCorner<3, 1>().setConstant(-120.0);
   }
-  const auto table = std::make_shared<const FieldTable>(
-      image::Image<Eigen::Vector3f, 3>{empty.displacement_mm, std::vector<Eigen::Vector3f>(8, Eigen::Vector3f::Zero())},
-      image::Image<float, 3>{empty.signed_error_95_mm, std::vector<float>(8, 0.2F)}, 2.0);
+  none.voxels.assign(8, Eigen::Vector3f::Zero());
+  stated.voxels.assign(8, 0.2F);
+  const auto table = std::make_shared<const FieldTable>(none, stated, 2.0);
   casefile::FieldHeader header;
   header.made = "2026-01-01";
   ASSERT_TRUE(casefile::write_scan_fields(files.folder.path() / "both.nrrd",
