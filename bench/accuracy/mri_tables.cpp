@@ -197,7 +197,11 @@ void robot_tables(Report &report, const MriBenchOptions &options) {
   std::map<std::pair<Images, std::size_t>, std::vector<double>> pure;
   Progress progress("tables", seeds);
   for (int seed = 1; seed <= seeds; ++seed) {
-    MriSession session({}, static_cast<std::uint64_t>(seed));
+    sim::scanner::ScannerOptions scanner;
+    if (options.quick) { // what is far from the coils is drawn coarsely
+      scanner.fine_groups = {"mid-top", "mid-bottom", "inner-top", "inner-bottom", "tree"};
+    }
+    MriSession session(scanner, static_cast<std::uint64_t>(seed));
     if (session.map_field()) {
       run(session, tables, pure);
     }
